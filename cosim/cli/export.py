@@ -24,7 +24,8 @@ def export(
     to: Annotated[
         Path | None,
         typer.Option(
-            metavar="FILE", help="Write a run: .csv, .parquet, .mat (MATLAB), .mcap (Foxglove)."
+            metavar="FILE",
+            help="Write a run: .csv, .parquet, .mat (MATLAB), .mcap (Foxglove), .gif.",
         ),
     ] = None,
     signal: Annotated[

@@ -7,9 +7,14 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from cosim.base.component import Drawing
 from cosim.base.errors import CosimError, ScenarioError
 from cosim.record import Run
+
+Array = NDArray[np.float64]
 
 
 class DrawnArm(NamedTuple):
@@ -50,3 +55,15 @@ def drawing_of(model: str, options: Mapping[str, Any], folder: Path) -> Drawing 
     except (CosimError, ImportError, OSError):  # the file of the robot may be elsewhere by now
         return None
     return found if isinstance(found, Drawing) else None
+
+
+def link_frames(drawing: Drawing, q: Array) -> Iterator[tuple[Array, Array]]:
+    """Of each link: rotation (3, 3) and origin (3,), m, of its frame in its parent's, at `q`."""
+    shapes = zip(drawing.prismatic, drawing.rotations, drawing.origins, q, strict=True)
+    for prismatic, rotation, origin, x in shapes:
+        R, r = np.reshape(rotation, (3, 3)), np.asarray(origin, dtype=np.float64)
+        if prismatic:
+            yield R, r + R[:, 2] * x
+        else:
+            c, s = np.cos(x), np.sin(x)
+            yield R @ np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]), r

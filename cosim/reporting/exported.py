@@ -1,4 +1,4 @@
-"""Runs for other tools: CSV, Parquet, MATLAB's ``.mat``, and MCAP with moving arms."""
+"""Runs for other tools: CSV, Parquet, MATLAB's ``.mat``, and MCAP and GIF with moving arms."""
 
 from __future__ import annotations
 
@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from cosim.base.component import Drawing
 from cosim.base.errors import RunError, ScenarioError
 from cosim.record import Run
-from cosim.reporting.arms import DrawnArm, drawn_arms, recorded
+from cosim.reporting.arms import DrawnArm, drawn_arms, link_frames, recorded
+from cosim.reporting.moving import write_gif
 from cosim.scenario.exposed import matching
 
 Array = NDArray[np.float64]
@@ -220,18 +221,6 @@ def _moving(run: Run, arm: DrawnArm, context: Any) -> Log:
     return log
 
 
-def link_frames(drawing: Drawing, q: Array) -> Iterator[tuple[Array, Array]]:
-    """Of each link: rotation (3, 3) and origin (3,), m, of its frame in its parent's, at `q`."""
-    shapes = zip(drawing.prismatic, drawing.rotations, drawing.origins, q, strict=True)
-    for prismatic, rotation, origin, x in shapes:
-        R, r = np.reshape(rotation, (3, 3)), np.asarray(origin, dtype=np.float64)
-        if prismatic:
-            yield R, r + R[:, 2] * x
-        else:
-            c, s = np.cos(x), np.sin(x)
-            yield R @ np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]), r
-
-
 def _transforms(name: str, drawing: Drawing, q: Array, stamp: Any) -> list[Any]:
     from foxglove import messages
 
@@ -288,6 +277,11 @@ def _lines(arm: DrawnArm, stamp: Any) -> list[Any]:
     return found
 
 
+def _gif(run: Run, path: Path, names: Sequence[str]) -> None:
+    """The arms of the run in motion; `names` are not shown."""
+    write_gif(run, path)
+
+
 FORMATS: Mapping[str, Callable[[Run, Path, Sequence[str]], None]] = {
-    ".csv": _csv, ".parquet": _parquet, ".mat": _mat, ".mcap": _mcap,
+    ".csv": _csv, ".parquet": _parquet, ".mat": _mat, ".mcap": _mcap, ".gif": _gif,
 }  # fmt: skip

@@ -14,11 +14,14 @@ from scipy.io import loadmat
 
 from cosim.base.errors import ScenarioError
 from cosim.record import Run
-from cosim.reporting.arms import drawn_arms
-from cosim.reporting.exported import export_run, link_frames, quaternion
+from cosim.reporting.arms import drawn_arms, link_frames
+from cosim.reporting.exported import export_run, quaternion
+from cosim.reporting.moving import RATE, SIZE, pixels, points
 from fmus.robots.serial import serial
 from tests.cli.command import Command
 from tests.cli.conftest import cosim as cosim  # the command as a fixture
+from tests.system.runs import run as simulated
+from tests.system.runs import teleoperation
 
 ROOT = Path(__file__).parents[3]
 URDF = ROOT / "configs" / "robots" / "openarm_right.urdf"
@@ -118,3 +121,34 @@ def test_the_command_writes_what_is_asked_for(cosim: Command, run: Run) -> None:
     assert done.code == 0 and f"{len(run)} rows" in done.out
     refused = cosim("export", folder, "--signal", "master.q")
     assert refused.code == 2 and "expected --to FILE" in refused.err
+
+
+def test_a_gif_has_the_arms_where_they_are(run: Run, tmp_path: Path) -> None:
+    """Two planar arms of 1 m links: the tip of the master in the first and the last picture."""
+    from PIL import Image
+
+    planar = simulated(teleoperation(stop=2.0), tmp_path / "run")
+    path = export_run(planar, tmp_path / "a.gif")
+    with Image.open(path) as found:
+        count = getattr(found, "n_frames", 1)
+        assert count == round(2.0 * RATE) + 1 and found.size == (SIZE, SIZE)
+        q = planar.array("master.q")
+        for frame, row in ((0, 0), (count - 1, len(q) - 1)):
+            found.seek(frame)
+            picture = np.asarray(found.convert("RGB")).astype(int)
+            a, b = q[row, 0], q[row].sum()
+            tip = np.array([[np.cos(a) + np.cos(b), np.sin(a) + np.sin(b)]])
+            reach = max(np.abs(tracks(planar)).max(), 1e-6)
+            x, y = np.rint(pixels(tip, 0.45 * SIZE / reach))[0].astype(int)
+            near = picture[y - 3 : y + 4, x - 3 : x + 4] - (0x00, 0x72, 0xB2)
+            assert (np.abs(near).max(axis=-1) < 60).any(), frame
+    assert export_run(run, tmp_path / "b.gif").stat().st_size > 2000  # seven joints, in space
+
+
+def tracks(run: Run) -> np.ndarray:
+    """All points of the planar arms at the times of the pictures."""
+    rows = np.unique(np.searchsorted(run.t, np.arange(0.0, run.t[-1] + 1e-9, 1 / RATE)))
+    arms = list(drawn_arms(run))
+    return np.stack(
+        [points(a.drawing, run.array(f"{a.name}.q")[k])[:, :2] for a in arms for k in rows]
+    )

@@ -1,0 +1,108 @@
+"""The arms of a run as an animated GIF, drawn as in the report: planar ones from above."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cosim.base.component import Drawing
+from cosim.base.errors import RunError, ScenarioError
+from cosim.record import Run
+from cosim.reporting.arms import drawn_arms, link_frames
+
+Array = NDArray[np.float64]
+#: Pictures a second, how many at the most, and their size in pixels.
+RATE, MOST, SIZE = 15.0, 600, 400
+#: Directions from which arms in space are seen, rad: about the vertical, and above the horizon.
+_YAW, _PITCH = -0.6, 0.45
+_COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#b58900", "#56b4e9")
+
+
+def write_gif(run: Run, path: Path) -> Path:
+    """Draw the arms of a run, RATE pictures a second; of a long run fewer, at its speed.
+
+    Raises ScenarioError where no arm can be drawn or Pillow is missing, RunError if the file cannot
+    be written.
+    """
+    try:
+        from PIL import Image, ImageDraw
+    except ImportError:
+        raise ScenarioError("Pillow is not installed; expected pip install pillow") from None
+    arms = [
+        (a.name, a.drawing, run.array(f"{a.name}.{a.drawing.position}")) for a in drawn_arms(run)
+    ]
+    if not arms:
+        raise ScenarioError("no arm of this run can be drawn", str(run.path))
+    period = max(1.0 / RATE, float(run.t[-1]) / MOST)
+    rows = np.unique(np.searchsorted(run.t, np.arange(0.0, run.t[-1] + 1e-9, period)))
+    tracks = [np.stack([_seen(d, points(d, q[k])) for k in rows]) for _, d, q in arms]
+    places, scale = _layout(tracks, flat=all(d.planar for _, d, _ in arms))
+    pictures = []
+    for i, k in enumerate(rows):
+        picture = Image.new("RGB", (SIZE, SIZE), "white")
+        pen = ImageDraw.Draw(picture)
+        pen.text((8, SIZE - 18), f"{run.t[k]:.2f} s", fill="#555555")
+        for j, ((name, _, _), track) in enumerate(zip(arms, tracks, strict=True)):
+            colour = _COLOURS[j % len(_COLOURS)]
+            line = [tuple(p) for p in pixels(track[i] - places[j], scale)]
+            pen.line(line, fill=colour, width=5 if j % 2 == 0 else 3, joint="curve")
+            for x, y in line[:-1]:
+                pen.ellipse((x - 4, y - 4, x + 4, y + 4), fill="white", outline=colour, width=2)
+            pen.text((8, 6 + 14 * j), name, fill=colour)
+        pictures.append(picture.quantize(32))
+    try:
+        pictures[0].save(
+            path, save_all=True, append_images=pictures[1:], duration=round(1e3 * period), loop=0
+        )
+    except OSError as error:
+        raise RunError(f"cannot write {path}: {error.strerror or error}") from error
+    return path
+
+
+def points(drawing: Drawing, q: Array) -> Array:
+    """The base, the origin of each link's frame, and the tip, in the base's frame, (n + 2, 3) m."""
+    R, p = np.eye(3), np.zeros(3)
+    found = [p]
+    for rotation, origin in link_frames(drawing, q):
+        p = p + R @ origin
+        R = R @ rotation
+        found.append(p)
+    return np.array([*found, p + R @ np.asarray(drawing.tip)])
+
+
+def pixels(seen: Array, scale: float) -> Array:
+    """Places (m, 2) m in pixels, y down."""
+    return SIZE / 2 + np.array([1.0, -1.0]) * seen * scale
+
+
+def _seen(drawing: Drawing, where: Array) -> Array:
+    """Points (m, 3) as seen, (m, 2) m: planar arms from above."""
+    if drawing.planar:
+        return where[:, :2]
+    x = np.cos(_YAW) * where[:, 0] - np.sin(_YAW) * where[:, 1]
+    y = np.sin(_YAW) * where[:, 0] + np.cos(_YAW) * where[:, 1]
+    return np.stack([x, np.cos(_PITCH) * where[:, 2] + np.sin(_PITCH) * y], axis=1)
+
+
+def _layout(tracks: list[Array], *, flat: bool) -> tuple[list[Array], float]:
+    """Where the middle of each arm is, m, and pixels per m: planar arms over each other."""
+    if flat:
+        reach = max(float(np.abs(track).max()) for track in tracks)
+        return [np.zeros(2)] * len(tracks), 0.45 * SIZE / max(reach, 1e-6)
+    boxes = [(track.min(axis=(0, 1)), track.max(axis=(0, 1))) for track in tracks]
+    widths = [high - low for low, high in boxes]
+    across = 1.15 * float(sum(width[0] for width in widths))
+    scale = 0.9 * SIZE / max(across, *(float(width[1]) for width in widths), 1e-6)
+    return list(_side_by_side(boxes, across)), scale
+
+
+def _side_by_side(boxes: list[tuple[Array, Array]], across: float) -> Iterator[Array]:
+    """What to subtract from the points of each arm, (2,) m, so that they stand in a row."""
+    left = -across / 2
+    for low, high in boxes:
+        width = 1.15 * (high[0] - low[0])
+        yield (low + high) / 2 - np.array([left + width / 2, 0.0])
+        left += width

@@ -312,7 +312,7 @@ def test_an_arm_under_its_recorded_torque_moves_as_it_did(tmp_path: Path) -> Non
         ("t,m.f\n", "no rows"),
         ("t,m.f\n0,1\n0,2\n", "not increasing"),
         ("t,m.f\n0,1\n1,nan\n", "m.f is not finite in row 1"),
-        ("t,m.g\n0,1\n", "no signal 'm.f'; there are: m.g"),
+        ("t,m.g\n0,1\n", "no signal 'm.f'; did you mean 'm.g'"),
         ("t,m.f[0],m.f[2]\n0,1,2\n", r"m.f lacks its entry \[1\]"),
     ],
 )

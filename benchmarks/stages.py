@@ -56,7 +56,7 @@ def main() -> None:
     import cosim.cli.commands
 
     stages.mark("import the command line")
-    from cosim.cli.summary import figures, summary
+    from cosim.cli.summary import pictures, summary
     from cosim.engine.simulate import simulate
     from cosim.loading.files import load
     from cosim.record import Run
@@ -73,13 +73,8 @@ def main() -> None:
     run = Run.open(sys.argv[3])
     summary(scenario, run, outcome)
     stages.mark("metrics")
-    if scenario.figures:
-        from cosim.reporting.figures import load as load_matplotlib
-
-        load_matplotlib()
-        stages.mark("import matplotlib")
-        figures(scenario, run, Path(sys.argv[3]))
-        stages.mark("draw")
+    list(pictures(scenario, run, report=len(sys.argv) == 4))
+    stages.mark("write the report")
     import json
 
     facts = {"stages": stages.found, "peak_mb": memory, "seconds": outcome.seconds}

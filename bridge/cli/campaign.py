@@ -203,7 +203,10 @@ def _rehearsed(
 
     announce_run_folder(folder)
     claim_folder(folder, force=False)
-    facts = {"settings": list(settings.changes), "faults": settings.script, "real": False}
+    facts = {
+        "settings": list(settings.changes), "faults": settings.script, "real": False,
+        "command": this_command(),
+    }  # fmt: skip
     begin(system, folder, facts)
     settings = replace(settings, events=injector.events(script, system))
     with Rehearsal(system, settings, folder) as rehearsal:
@@ -213,7 +216,7 @@ def _rehearsed(
             outcome = complete(
                 system, folder, rehearsal.ended, facts, with_twin=False, script=script
             )
-            describe(system, outcome, this_command())
+            describe(system, outcome)
             seal(folder)
         except RunError as error:
             return judgement.failed_run(spec.script, error)

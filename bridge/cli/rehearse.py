@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -140,7 +140,7 @@ def rehearse(
     refuse_in_simulated_time(
         system.deployment, faults=faults is not None, nodes=nodes is not None, hardware=hardware
     )
-    report_findings(deployment.check(system), strict=strict, quiet=quiet)
+    found = report_findings(deployment.check(system), strict=strict, quiet=quiet)
     if hardware and not yes:
         with allow_terminal_input():
             typer.confirm("Frames of this run may move real drives. Go on?", abort=True)
@@ -158,6 +158,7 @@ def rehearse(
         twin,
         tuple(log or ("log",)),
         {"report": plot, "png": png, "pdf": pdf},
+        found,
         quiet,
         json,
     )
@@ -191,6 +192,7 @@ def _run(
     twin: bool,
     formats: tuple[str, ...],
     drawn: Mapping[str, bool],
+    found: list[dict[str, Any]],
     quiet: bool,
     json: Path | None,
 ) -> None:
@@ -205,7 +207,7 @@ def _run(
     from cosim.base.errors import Interrupted
     from cosim.base.interrupts import exit_code
     from cosim.cli.json_file import write_json
-    from cosim.cli.summary import progress_bar
+    from cosim.cli.summary import progress_bar, this_command
     from cosim.record import claim_folder
 
     host.check(system, settings.nodes)
@@ -218,7 +220,10 @@ def _run(
     claim_folder(folder, force=force)
     if not quiet:
         typer.echo(header(system))
-    facts = {"settings": list(settings.changes), "faults": settings.script, "real": settings.real}
+    facts = {
+        "settings": list(settings.changes), "faults": settings.script, "real": settings.real,
+        "command": this_command(), "findings": found,
+    }  # fmt: skip
     begin(system, folder, facts)
     interrupted = False
     with Rehearsal(system, settings, folder) as rehearsal:
@@ -241,8 +246,8 @@ def _run(
         raise typer.Exit(verdict.exit_code)
 
 
-def report_findings(findings: object, *, strict: bool, quiet: bool) -> None:
-    """Print the warnings of a check, unless `quiet`.
+def report_findings(findings: object, *, strict: bool, quiet: bool) -> list[dict[str, Any]]:
+    """Print the warnings of a check, unless `quiet`; return them as data, for ``run.json``.
 
     Raises ScenarioError if there is an error, or with `strict` a warning.
     """
@@ -260,6 +265,17 @@ def report_findings(findings: object, *, strict: bool, quiet: bool) -> None:
             typer.echo(f"check: {f.line}", err=True)
     if errors:
         raise ScenarioError("; ".join(f.line for f in errors))
+    return [f.as_data() for f in found if f.severity == "warning"]
+
+
+def rewrite_report(folder: Path) -> Path:
+    """Write the report of a rehearsal again, from its files. Raises CosimError."""
+    from bridge.cli.replay import recorded_system
+    from bridge.results.outcome import reopen
+    from bridge.results.page import describe
+
+    system = recorded_system(folder)
+    return describe(system, reopen(system, folder))
 
 
 def header(system: System) -> str:
@@ -283,14 +299,14 @@ def _say(
     from bridge.results.outcome import lines, metric_lines
     from bridge.results.page import write_page
     from bridge.results.report import line
-    from cosim.cli.summary import pictures, this_command
+    from cosim.cli.summary import pictures
     from cosim.record import Run, seal
 
     run = Run.open(outcome.folder)
     said = [*metric_lines(system, outcome, run), *lines(system, outcome)]
     found = verdicts.judge(system, outcome)
     if drawn["report"]:
-        said.append(line("report", str(write_page(run, outcome, found, said, this_command()))))
+        said.append(line("report", str(write_page(system, run, outcome, found, said))))
     figures = pictures(system.scenario, run, **{**drawn, "report": False})
     said += [line(what, str(path)) for what, path in figures]
     if drawn["png"]:

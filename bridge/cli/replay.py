@@ -60,7 +60,7 @@ def replay(
         return
     if check:
         verify(run)
-    system = _system(run, scenario, deploy)
+    system = recorded_system(run, scenario, deploy)
     rows = again.load(run / NODES)
     if offline:
         _offline(system, run, rows)
@@ -98,7 +98,11 @@ def _data(found: ReplayReport) -> dict[str, Any]:
     }
 
 
-def _system(run: Path, scenario: Path | None, deploy: str | None) -> System:
+def recorded_system(run: Path, scenario: Path | None = None, deploy: str | None = None) -> System:
+    """The scenario and deployment of a run folder, by their recorded paths unless given.
+
+    Raises ScenarioError.
+    """
     from bridge.deployment.system import load_system
     from cosim.base.errors import ScenarioError
     from cosim.record.folder import read_metadata

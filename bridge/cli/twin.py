@@ -109,7 +109,7 @@ def run(
     from cosim.base.clock import stamp, stopwatch
     from cosim.base.interrupts import exit_code
     from cosim.cli.json_file import write_json
-    from cosim.cli.summary import metrics_as_data, pictures
+    from cosim.cli.summary import metrics_as_data, pictures, this_command
     from cosim.record import Run, claim_folder, seal
 
     if clock != "simulated":
@@ -117,14 +117,15 @@ def run(
             f"--clock {clock}: expected simulated; for wall time use cosim rehearse"
         )
     system = load_system(scenario, deploy, settings)
-    report_findings(deployment.check(system), strict=strict, quiet=quiet)
+    findings = report_findings(deployment.check(system), strict=strict, quiet=quiet)
     name = f"{system.scenario.name}-{system.deployment.name}-twin-{stamp()}"
     folder = out or unused_folder(Path("runs") / name)
     announce_run_folder(folder)
     claim_folder(folder, force=force)
     watch = stopwatch()
     try:
-        run_twin(system, folder, settings)
+        further = {"command": this_command(), "findings": findings}
+        run_twin(system, folder, settings, further)
     except Interrupted as stop:
         typer.echo(f"{stop}; recorded until then: {stop.saved}", err=True)
         raise typer.Exit(exit_code()) from None

@@ -48,6 +48,11 @@ class Record(msgspec.Struct, frozen=True, kw_only=True):
         found: dict[str, Any] = msgspec.to_builtins(self)
         return found
 
+    @classmethod
+    def of(cls, facts: Mapping[str, Any]) -> Self:
+        """From plain data, as :meth:`facts` gives it; other keys are ignored."""
+        return msgspec.convert(facts, cls)
+
 
 class Statement(Record, frozen=True, kw_only=True):
     """The report of a life at its end: the file ``LIFE.json``.
@@ -209,6 +214,12 @@ class Deaf(_Note, frozen=True, kw_only=True, tag="deaf"):
 
 
 Note: TypeAlias = Done | Remark | Gone | Missed | Refused | Deaf
+
+
+def note_of(facts: Mapping[str, Any]) -> Note:
+    """A note from plain data, as its ``facts()`` gives it."""
+    note: Note = msgspec.convert(facts, Note)
+    return note
 
 
 def record_note(what: str | FaultEvent, t: float) -> Note:

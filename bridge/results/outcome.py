@@ -14,9 +14,11 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
+from math import nan
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -27,6 +29,7 @@ from bridge.deployment.system import System
 from bridge.faults.script import FaultScript
 from bridge.recording import run_folder
 from bridge.records.lives import Life
+from bridge.records.records import note_of
 from bridge.rehearsal.supervisor import STARTED, RehearsalRecord
 from bridge.replay import replay, twin
 from bridge.results import detection, report, verdict
@@ -38,12 +41,14 @@ from bridge.wiring.wiring import Rows
 from cosim.analysis import declared_metrics
 from cosim.analysis.metrics import Metric, MetricResult
 from cosim.base.clock import realtime_offset_ns
-from cosim.base.errors import CosimError, Interrupted, RunError
+from cosim.base.errors import CosimError, Interrupted, RunError, ScenarioError
 from cosim.engine.simulate import metadata, stop_metadata
 from cosim.record import Run, seal, write_metadata
-from cosim.record.folder import FINISHED, NODES, STOPPED
+from cosim.record.folder import FINISHED, NODES, STOPPED, read_metadata
 
 TWIN = "twin"
+#: Entries of ``run.json`` that every run has: the command that was typed, what the check found.
+OF_ANY_RUN = ("command", "findings")
 
 
 def clear(folder: Path) -> None:
@@ -96,12 +101,34 @@ def complete(
         shown = FinishedRun(system, rows, reports, nodes, ended.notes, altered)
         faults = detection.find(script, shown, network)
     outcome = RehearsalOutcome(
-        folder, found.ticks, rows, reports, found.ages, replayed, error, rms,
+        folder, found.ticks, rows, reports, replayed, error, rms,
         report.bus_reports(system, found.logs, ended.start_ns), ended.notes, faults,
     )  # fmt: skip
     write_metadata(folder, _metadata(system, outcome, facts))
     seal(folder)
     return outcome
+
+
+def reopen(system: System, folder: Path) -> RehearsalOutcome:
+    """The outcome of a rehearsal whose run folder is complete, computed from its files again.
+
+    Nothing is written. Raises ScenarioError for a folder of something else.
+    """
+    nodes, known = folder / NODES, read_metadata(folder)
+    facts = known.get("rehearsal")
+    rows, heard = replay.load(nodes), replay.received_by_life(nodes)
+    if not facts or not rows:
+        raise ScenarioError("no complete rehearsal", str(folder))
+    replayed, error = _replay_run(system, rows, heard)
+    started = folder / STARTED
+    start_ns = json.loads(started.read_text("utf-8"))["start_ns"] if started.exists() else 0
+    reports = report.node_reports(system, rows, nodes)
+    return RehearsalOutcome(
+        folder, len(Run.open(folder)), rows, reports, replayed, error,
+        nan if facts["twin_rms"] is None else facts["twin_rms"],
+        report.bus_reports(system, run_folder.bus_logs(system, nodes), start_ns),
+        [note_of(x) for x in facts["notes"]], [Evidence.of(x) for x in facts["faults"]],
+    )  # fmt: skip
 
 
 def begin(system: System, folder: Path, facts: Mapping[str, Any]) -> dict[str, Any]:
@@ -121,15 +148,21 @@ def _replay_run(
             return None, str(error)
 
 
-def run_twin(system: System, folder: Path, settings: Sequence[str] = ()) -> Path:
+def run_twin(
+    system: System,
+    folder: Path,
+    settings: Sequence[str] = (),
+    further: Mapping[str, Any] | None = None,
+) -> Path:
     """The twin's run folder; its journals are kept only where it had to stop.
 
-    `settings`: those that `system` was made with, for ``run.json``. Raises RunError where a
-    component fails, Interrupted for Ctrl-C; what was recorded until then is in the folder.
+    `settings`: those that `system` was made with, and `further` entries, for ``run.json``. Raises
+    RunError where a component fails, Interrupted for Ctrl-C; what was recorded until then is in the
+    folder.
     """
     nodes = folder / NODES
     nodes.mkdir(parents=True, exist_ok=True)
-    facts = begin(system, folder, {"settings": list(settings)})
+    facts = begin(system, folder, {"settings": list(settings), **(further or {})})
     error: RunError | KeyboardInterrupt | None = None
     try:
         twin.simulate(system, nodes)
@@ -172,15 +205,19 @@ def positions_rms(system: System, a: Path, b: Path, ticks: int) -> float:
 
 
 def deployment_facts(system: System, facts: Mapping[str, Any]) -> dict[str, Any]:
-    """The entries of ``run.json`` about the deployment, sufficient for a replay."""
+    """The entries of ``run.json`` about the deployment, sufficient for a replay.
+
+    `facts` are about the deployment, except those of any run (`OF_ANY_RUN`).
+    """
     return {
         "deployment": {
             "path": str(system.deployment.path.resolve()),
             "scenario": str(system.scenario.path.resolve()),
             "nodes": {n: list(s.components) for n, s in system.deployment.nodes.items()},
             "latency": system.deployment.latency,
-            **facts,
-        }
+            **{key: value for key, value in facts.items() if key not in OF_ANY_RUN},
+        },
+        **{key: facts[key] for key in OF_ANY_RUN if key in facts},
     }
 
 

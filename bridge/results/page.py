@@ -10,7 +10,7 @@ import numpy as np
 from bridge.deployment.system import System
 from bridge.results.outcome import lines, metric_lines
 from bridge.results.rehearsal_outcome import RehearsalOutcome
-from bridge.results.report import NodeReport
+from bridge.results.report import NodeReport, signal_ages
 from bridge.results.timeline import lanes
 from bridge.results.verdict import Verdict, judge
 from bridge.wiring.wiring import Rows
@@ -27,18 +27,18 @@ from cosim.reporting.html import (
 from cosim.reporting.run_report import CHOSEN, write_report
 
 
-def describe(system: System, outcome: RehearsalOutcome, repeat: str) -> Path:
+def describe(system: System, outcome: RehearsalOutcome) -> Path:
     """Write the report of a rehearsal with its verdict and all lines of its summary.
 
-    `repeat`: the command that ran it. Raises CosimError if it cannot be written.
+    Raises CosimError if it cannot be written.
     """
     run = Run.open(outcome.folder)
     said = [*metric_lines(system, outcome, run), *lines(system, outcome)]
-    return write_page(run, outcome, judge(system, outcome), said, repeat)
+    return write_page(system, run, outcome, judge(system, outcome), said)
 
 
 def write_page(
-    run: Run, outcome: RehearsalOutcome, found: Verdict, said: Sequence[str], repeat: str
+    system: System, run: Run, outcome: RehearsalOutcome, found: Verdict, said: Sequence[str]
 ) -> Path:
     """Write the report of a rehearsal into its folder. `said`: what the command printed of it.
 
@@ -56,6 +56,7 @@ def write_page(
         _loads(outcome, data)
         return (
             f"<h2>Nodes</h2>{lanes(outcome, data.end)}{nodes}"
+            f"{_configured(system, outcome)}"
             f'<section id="load"></section><section id="late"></section>'
             f'<div class="charts">{"".join(_lateness(outcome, data))}</div>'
             + (f"<h2>Faults</h2>{faults}" if outcome.faults else "")
@@ -63,7 +64,36 @@ def write_page(
         )
 
     reason = "; ".join(found.reasons) or "every check of the run and of its replay"
-    return write_report(run, repeat, Badge(found.word.value, reason), extend)
+    return write_report(run, Badge(found.word.value, reason), extend)
+
+
+def _configured(system: System, outcome: RehearsalOutcome) -> str:
+    """Periods of nodes and ages of signals: what was configured, and what was measured."""
+    periods = [
+        (str(r.life), f"{r.lateness.period_ns / 1e6:g} ms", *_period_parts(r))
+        for r in outcome.reports
+    ]
+    head = ["node", "period configured", "measured", "standard deviation"]
+    ages = [
+        (a.signal, *(_ms(x) for x in (a.configured, a.p50, a.p99, a.greatest, a.total)))
+        for a in signal_ages(system, outcome.rows)
+    ]
+    names = ["signal", "delay configured", "network p50", "p99", "greatest", "total mean"]
+    return (
+        f"<h2>Configured and measured</h2>{table(head, periods, 3)}"
+        f"{table(names, ages, 5) if ages else ''}"
+    )
+
+
+def _period_parts(report: NodeReport) -> tuple[str, str]:
+    period = report.lateness.period
+    if period is None:
+        return "–", "–"
+    return f"{period.mean / 1e6:.4f} ms", f"{period.std / 1e3:.0f} µs"
+
+
+def _ms(value: float) -> str:
+    return "–" if value != value else f"{value:.4g} ms"
 
 
 def _lateness(outcome: RehearsalOutcome, data: PageData) -> Iterator[str]:

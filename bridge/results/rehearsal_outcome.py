@@ -12,7 +12,6 @@ from bridge.replay import replay
 from bridge.results.findings import Evidence
 from bridge.results.report import BusReport, NodeReport
 from bridge.wiring.wiring import Rows
-from cosim.links.statistics import LinkStatistics
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,7 +22,6 @@ class RehearsalOutcome:
     ticks: int
     rows: Mapping[Life, Rows]
     reports: Sequence[NodeReport]
-    ages: Mapping[str, LinkStatistics]
     replayed: replay.ReplayReport | None
     replay_error: str
     twin_rms: float

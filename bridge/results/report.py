@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from math import nan
 from pathlib import Path
 from typing import Any
 
@@ -108,17 +109,50 @@ def age_lines(system: System, rows: Mapping[Life, Rows]) -> list[str]:
 
     `rows`: the rows (slots,) of each life.
     """
-    lines = []
+    return [
+        line(
+            "age", f"{age.text}  {age.signal}" if age.received else f"never anything  {age.signal}"
+        )
+        for age in signal_ages(system, rows)
+    ]
+
+
+@dataclass(frozen=True, slots=True)
+class SignalAge:
+    """Ages of a signal that crosses a cut, ms; without a sample `received`, all are NaN.
+
+    `configured`: mean delay that a node added, NaN: the signal has no link; `p50`, `p99`,
+    `greatest`: of what the network took; `total`: mean of both and of the wait for the next step.
+    """
+
+    signal: str
+    received: bool
+    configured: float = nan
+    p50: float = nan
+    p99: float = nan
+    greatest: float = nan
+    total: float = nan
+
+    @property
+    def text(self) -> str:
+        """In one line, without the signal."""
+        added = "none" if self.configured != self.configured else f"{self.configured:.0f} ms"
+        return (
+            f"configured {added}, real p50 {self.p50:.2f} p99 {self.p99:.2f} max "
+            f"{self.greatest:.2f} ms, total mean {self.total:.1f} ms"
+        )
+
+
+def signal_ages(system: System, rows: Mapping[Life, Rows]) -> Iterator[SignalAge]:
+    """Ages of every signal that crosses a cut; `rows`: the rows (slots,) of each life."""
     for name, plan in system.nodes.items():
         lives = lives_of(rows, name)
         for (source, target), at in _by_ports(plan.inlets).items() if lives else ():
             heard = np.concatenate([rows[life]["inlets"][:, at].ravel() for life in lives])
             heard = heard[heard["held"] >= 0]
             link = system.deployment.latency and plan.inlets[at[0]].link is not None
-            said = _ages(heard, link) if len(heard) else "never anything"
             messages = f" ({len(at)} messages)" if len(at) > 1 else ""
-            lines.append(line("age", f"{said}  {source} -> {target}{messages}"))
-    return lines
+            yield _age(f"{source} -> {target}{messages}", heard, link)
 
 
 def _by_ports(inlets: Sequence[Inlet]) -> dict[tuple[str, str], list[int]]:
@@ -133,15 +167,15 @@ def _by_ports(inlets: Sequence[Inlet]) -> dict[tuple[str, str], list[int]]:
     }
 
 
-def _ages(heard: Rows, link: bool) -> str:
-    """Configured, real and total age of received samples (n,); `link`: with a configured delay."""
+def _age(signal: str, heard: Rows, link: bool) -> SignalAge:
+    """Of received samples (n,); `link`: with a configured delay."""
+    if not len(heard):
+        return SignalAge(signal, received=False)
     real, total = heard["transit_ns"] / 1e6, heard["age_ns"] / 1e6
-    p50, p99, worst = np.median(real), np.percentile(real, 99), real.max()
-    configured = f"{(total - real).mean():.0f} ms" if link else "none"
-    return (
-        f"configured {configured}, real p50 {p50:.2f} p99 {p99:.2f} max {worst:.2f} "
-        f"ms, total mean {total.mean():.1f} ms"
-    )
+    return SignalAge(
+        signal, True, float((total - real).mean()) if link else nan, float(np.median(real)),
+        float(np.percentile(real, 99)), float(real.max()), float(total.mean()),
+    )  # fmt: skip
 
 
 # ---- buses ----------------------------------------------------------------------------------

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -106,19 +106,24 @@ def paragraph(finding: Finding) -> list[str]:
     return [*lines, f"    -> {finding.advice}"] if finding.advice else lines
 
 
-def print_warnings(scenario: Scenario, plan: Plan, *, strict: bool, quiet: bool) -> None:
+def print_warnings(
+    scenario: Scenario, plan: Plan, *, strict: bool, quiet: bool
+) -> list[dict[str, Any]]:
     """Print errors and warnings of the check before a run to standard error, one line each.
 
-    A check that fails is also a line: it does not prevent a run. Raises ScenarioError for all of
-    these if `strict`.
+    Return them as data, for ``run.json``. A check that fails is also a line: it does not prevent a
+    run. Raises ScenarioError for all of these if `strict`.
     """
     from cosim.checks import check as findings
 
+    found: Sequence[Finding] = ()
     try:
-        lines = [f.line for f in findings(scenario, plan, notes=False)]
+        found = findings(scenario, plan, notes=False)
+        lines = [f.line for f in found]
     except Exception as error:  # whatever a check comes across, the run goes on
         lines = [f"failed: {type(error).__name__}: {error}"]
     _print_findings(lines, strict=strict, quiet=quiet)
+    return [f.as_data() for f in found]
 
 
 def report_unconnected_inputs(plans: Iterable[Plan], *, strict: bool, quiet: bool) -> None:

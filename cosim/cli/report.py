@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import importlib
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from cosim.cli.options import Pdf, Png, Quiet
+
+#: Writes the reports of rehearsals; this package does not know it.
+REHEARSALS = "bridge.cli.rehearse"
 
 
 def report(
@@ -25,7 +29,10 @@ def report(
 
     result = Run.open(run)
     folder = result.path.parent
-    found = [("report", write_report(result))]
+    if "rehearsal" in result.metadata:
+        found = [("report", importlib.import_module(REHEARSALS).rewrite_report(folder))]
+    else:
+        found = [("report", write_report(result))]
     if png or pdf:
         found += draw_figures(recorded_scenario(result), result, png=png, pdf=pdf)
     if (folder / SUMS).exists():

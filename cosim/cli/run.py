@@ -108,6 +108,7 @@ def run(
         pictures,
         progress_bar,
         summary,
+        this_command,
     )
     from cosim.cli.supervise import announce_run_folder
     from cosim.engine.simulate import columns, simulate
@@ -149,10 +150,11 @@ def run(
 
     announce_run_folder(folder)
     say(header(loaded, plan))
-    print_warnings(loaded, plan, strict=strict, quiet=quiet)
+    found = print_warnings(loaded, plan, strict=strict, quiet=quiet)
+    further = {"command": this_command(), "findings": found}
     try:
         with progress_bar(quiet) as progress:
-            outcome = simulate(loaded, folder, progress, plan, force=force)
+            outcome = simulate(loaded, folder, progress, plan, force=force, further=further)
     except Interrupted as stop:
         typer.echo(f"{stop}; recorded until then: {stop.saved}", err=True)
         raise typer.Exit(exit_code()) from None

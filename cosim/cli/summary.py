@@ -188,7 +188,7 @@ def pictures(
     if report:
         from cosim.reporting.run_report import write_report
 
-        yield "report", write_report(run, this_command())
+        yield "report", write_report(run)
     if png or pdf:
         yield from draw_figures(scenario, run, png=png, pdf=pdf)
 

@@ -96,12 +96,14 @@ def simulate(
     plan: Plan | None = None,
     *,
     force: bool = False,
+    further: Mapping[str, Any] | None = None,
 ) -> RunOutcome:
     """Run a scenario from start to stop, recording into `folder` (see :func:`claim_folder`).
 
     The folder is made once all components have started: what cannot start leaves nothing behind.
     From then on it can be read at any moment, also after the process was killed. `progress` is
-    called with (ticks done, ticks in all) between chunks. Raises CosimError; a RunError leaves what
+    called with (ticks done, ticks in all) between chunks; `further`: more entries of ``run.json``.
+    Raises CosimError; a RunError leaves what
     was recorded, and the last ticks of every signal, in the folder. Ctrl-C (and the engine's
     `stop`) becomes Interrupted, and leaves what was recorded.
     """
@@ -121,7 +123,7 @@ def simulate(
         engine.initialize()
         stack.enter_context(stop_on_signal(engine.stop))  # what is opened from here on is closed
         claim_folder(folder, force=force)
-        facts = metadata(scenario, plan)
+        facts = {**metadata(scenario, plan), **(further or {})}
         stack.enter_context(_completed(folder, facts))
         stack.callback(engine.save_logs, folder)
         for x in plan.links:

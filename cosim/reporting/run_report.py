@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Callable, Iterator, Mapping
 from math import isfinite, nan
 from pathlib import Path
@@ -16,6 +17,7 @@ from cosim.base.errors import CosimError
 from cosim.links.storage import read_facts, table_groups
 from cosim.record import Run
 from cosim.reporting.arms import drawn_arms, recorded
+from cosim.reporting.diagnostics import configured_delay, controllers, findings, transit
 from cosim.reporting.html import (
     Array,
     Badge,
@@ -44,11 +46,10 @@ PANELS = 6
 
 def write_report(
     run: Run,
-    repeat: str = "",
     judged: Badge | None = None,
     extend: Callable[[PageData], str] = lambda data: "",
 ) -> Path:
-    """Write the report of a run into its folder. `repeat`: the command that ran it.
+    """Write the report of a run into its folder.
 
     `judged`: its verdict, by default whether its errors settled; `extend` adds to what is drawn,
     and returns HTML that stands below the diagrams. Raises CosimError if it cannot be written.
@@ -66,7 +67,9 @@ def write_report(
     return write_page(
         folder / REPORT, title, subtitle, judged or verdict(facts, scenario, results),
         cards(_numbers(facts, results)), data,
-        extend(data) + _links(run, data) + _details(run, facts, results, repeat),
+        "".join([
+            findings(facts), extend(data), _links(run, facts, data), _details(run, facts, results)
+        ]),
     )  # fmt: skip
 
 
@@ -171,7 +174,7 @@ def _frames(run: Run, signal: str, t: Array) -> list[str]:
 # ---- links ------------------------------------------------------------------------------------
 
 
-def _links(run: Run, data: PageData) -> str:
+def _links(run: Run, facts: Mapping[str, Any], data: PageData) -> str:
     rows, pictures = [], []
     for name, path in run.link_tables.items():
         age, dt, sent = _ages(path)
@@ -179,10 +182,13 @@ def _links(run: Run, data: PageData) -> str:
         if not held.size:
             continue
         marks = {f"p{p}": float(np.percentile(held, p)) for p in (50, 95, 99)}
+        law = facts.get("links", {}).get(name, {}).get("delay") or {}
+        delays = transit(age, sent) * 1e3
         used = np.unique(sent[sent >= 0]).size
         lost = 1.0 - used / (int(sent.max()) + 1)
         rows.append(
-            [name, f"{held.mean() * 1e3:.4g} ms", *(f"{v * 1e3:.4g} ms" for v in marks.values()),
+            [name, configured_delay(law), f"{delays.min():.4g} to {delays.max():.4g} ms",
+             f"{held.mean() * 1e3:.4g} ms", *(f"{v * 1e3:.4g} ms" for v in marks.values()),
              f"{held.max() * 1e3:.4g} ms", f"{100 * lost:.3g} %"]
         )  # fmt: skip
         data.add(f"age of {name}", "s", age, dt, CHOSEN)
@@ -191,9 +197,19 @@ def _links(run: Run, data: PageData) -> str:
         data.panels.append(PlottedPanel(title, "s", ((f"age of {name}", "age"),), (), "ages"))
     if not rows:
         return ""
-    head = ["link", "mean age", "p50", "p95", "p99", "greatest", "samples never used"]
+    head = [
+        "link",
+        "configured delay",
+        "delays of used samples",
+        "mean age",
+        "p50",
+        "p95",
+        "p99",
+        "greatest",
+        "samples never used",
+    ]
     return (
-        f'<h2>Links</h2>{table(head, rows, 6)}<section id="ages"></section>'
+        f'<h2>Links</h2>{table(head, rows, 7)}<section id="ages"></section>'
         f'<div class="charts">{"".join(pictures)}</div>'
     )
 
@@ -210,19 +226,29 @@ def _ages(path: Path) -> tuple[Array, float, np.ndarray[Any, Any]]:
 # ---- details ----------------------------------------------------------------------------------
 
 
-def _details(
-    run: Run, facts: Mapping[str, Any], results: tuple[MetricResult, ...], repeat: str
-) -> str:
+def _details(run: Run, facts: Mapping[str, Any], results: tuple[MetricResult, ...]) -> str:
     scenario = facts.get("scenario", {})
-    again = repeat or f"cosim replay --offline {run.path.parent}"
     parts = [
         folded("Results", table(["metric", "value"], [(r.label, r.text) for r in results]),
                opened=bool(results)) if results else "",
+        controllers(run, facts),
         folded("Components", table(["component", "model", "every", "values"],
                                    list(_components(scenario, facts)))),
         folded("Versions, seed, files", table(["", ""], list(_origin(facts)))),
     ]  # fmt: skip
-    return f"<h2>Repeat it</h2>{command('repeat', again)}<h2>Details</h2>{''.join(parts)}"
+    again = _again(run, facts)
+    repeat = f"<h2>Repeat it</h2>{command('repeat', again)}" if again else ""
+    return f"{repeat}<h2>Details</h2>{''.join(parts)}"
+
+
+def _again(run: Run, facts: Mapping[str, Any]) -> str:
+    """The command that repeats a run: as it was typed, or one that gives the same result."""
+    if facts.get("command"):
+        return str(facts["command"])
+    if "deployment" in facts:
+        return shlex.join(["cosim", "replay", str(run.path.parent)])
+    path = facts.get("scenario", {}).get("path")
+    return shlex.join(["cosim", "run", path, "--seed", str(facts.get("seed"))]) if path else ""
 
 
 def _components(

@@ -50,10 +50,10 @@ def test_a_run_and_its_twin(said: Any, tmp_path: Path) -> None:
     assert f"{twin['metrics']['effort']['value']:.4g}" in text
 
 
-def test_a_rehearsal_and_its_replay(said: Any, tmp_path: Path) -> None:
+def test_a_rehearsal_its_replay_and_its_report(said: Any, cosim: Command, tmp_path: Path) -> None:
     found, text = said(
         "rehearse", CONFIG, "--deploy", "can", "-i", "cosim", "--clock", "simulated", "--set",
-        "run.stop=0.5", "--no-twin", "--no-plot", "--out", tmp_path / "run",
+        "run.stop=0.5", "--no-twin", "--out", tmp_path / "run",
     )  # fmt: skip
     assert f"verdict          {found['verdict']}" in text and found["exit_code"] == 0
     assert found["replay"] == {"exact": True, "greatest": 0.0, "first": None}
@@ -62,6 +62,11 @@ def test_a_rehearsal_and_its_replay(said: Any, tmp_path: Path) -> None:
     }  # fmt: skip
     again, text = said("replay", tmp_path / "run")
     assert again["exact"] and again["slots"]["master"] == 500 and "exactly 0" in text
+    page = tmp_path / "run" / "report.html"
+    first = page.read_bytes()
+    page.unlink()
+    assert cosim("report", tmp_path / "run").code == 0
+    assert page.read_bytes() == first and b"Configured and measured" in first
 
 
 def test_a_sweep_and_a_comparison(said: Any, tmp_path: Path) -> None:

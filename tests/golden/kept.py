@@ -25,7 +25,17 @@ Kept: TypeAlias = "str | list[float | str]"
 RELATIVE, ABSOLUTE = 1e-9, 1e-12  # of numbers that depend on the order of a sum
 
 #: Keys of JSON files that differ from run to run or from machine to machine.
-VOLATILE = {"versions", "wall", "sha256", "started", "host", "kernel", "file_bytes", "machine"}
+VOLATILE = {
+    "command",
+    "versions",
+    "wall",
+    "sha256",
+    "started",
+    "host",
+    "kernel",
+    "file_bytes",
+    "machine",
+}
 #: Rates, durations and dates in what commands print.
 MOVING = (
     (re.compile(r"\d[\d.e+-]* s for (\d[\d.]*) s: [\d.e+]+ x real time"), r"<time> for \1 s"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tomllib
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -56,9 +57,11 @@ def plan(document: Document, path: Path = CONFIG) -> Plan:
     return assemble(scenario(document, path))
 
 
-def run(document: Document, folder: Path, path: Path = CONFIG) -> Run:
-    """Run a document into `folder` and open it."""
-    return Run.open(simulate(scenario(document, path), folder).folder)
+def run(
+    document: Document, folder: Path, further: Mapping[str, Any] | None = None, path: Path = CONFIG
+) -> Run:
+    """Run a document into `folder`, with `further` entries of ``run.json``, and open it."""
+    return Run.open(simulate(scenario(document, path), folder, further=further).folder)
 
 
 def signals(made: Plan) -> np.ndarray:

@@ -12,7 +12,10 @@ import time
 import numpy as np
 import pytest
 
+from bridge.cli.rehearse import rewrite_report
+from bridge.cli.replay import recorded_system
 from bridge.native.safety import LifeState, Why
+from bridge.results.outcome import reopen
 from cosim.record import Run
 from tests.bridge.rehearsing import (
     NAMESPACE,
@@ -58,6 +61,12 @@ def test_a_controller_that_is_killed_and_an_emergency_stop_of_the_others(tmp_pat
     assert left.exact()
     alone = left.rows["slave_control"]
     assert alone["state"][before_the_stop(alone)] == LifeState.ACTIVE
+    found = reopen(recorded_system(tmp_path / "run"), tmp_path / "run")
+    facts = json.loads((tmp_path / "run" / "run.json").read_text())["rehearsal"]
+    for name, records in (("notes", found.notes), ("faults", found.faults)):
+        assert json.loads(json.dumps([r.facts() for r in records])) == facts[name] != []
+    page = rewrite_report(tmp_path / "run").read_text("utf-8")
+    assert "kill on master_control" in page and 'class="verdict failed"' in page
     master = left.rows["master"]
     last = before_the_stop(master)
     assert master["state"][last] == LifeState.FAULT

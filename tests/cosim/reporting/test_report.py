@@ -15,7 +15,7 @@ import pytest
 from cosim.analysis.metric_result import MetricResult
 from cosim.base.errors import CosimError
 from cosim.record import Run
-from cosim.reporting import html
+from cosim.reporting import diagnostics, html
 from cosim.reporting.html import Badge, PageData, PlottedPanel, TimedEvent, histogram
 from cosim.reporting.run_report import verdict, write_report
 from cosim.reporting.thinning import thin
@@ -26,6 +26,11 @@ from tests.system.runs import run as simulated
 from tests.system.runs import teleoperation
 
 URDF = Path(__file__).parents[3] / "configs" / "robots" / "openarm_right.urdf"
+#: As ``run.json`` has a finding.
+FOUND = {
+    "rule": "no-integral", "severity": "warning", "where": "master_control", "number": 0.5,
+    "unit": "1", "reason": "alpha < 1 & late", "advice": "set alpha",
+}  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -34,8 +39,9 @@ def page(tmp_path_factory: pytest.TempPathFactory) -> tuple[Run, str]:
     document = teleoperation(stop=2.0) | {"title": "Master & slave </script><b>"}
     positions = {"y": ["master.q[0]", "slave.q[0]"], "labels": ["master", "slave"]}
     document["figures"] = {"positions": {"panels": [{**positions, "reference": [3.5]}]}}
-    run = simulated(document, tmp_path_factory.mktemp("run") / "run")
-    path = write_report(run, "cosim run 'x & y.toml'")
+    further = {"command": "cosim run 'x & y.toml'", "findings": [FOUND]}
+    run = simulated(document, tmp_path_factory.mktemp("run") / "run", further)
+    path = write_report(run)
     assert path.name == "report.html"
     return run, path.read_text(encoding="utf-8")
 
@@ -72,6 +78,49 @@ def test_signals_are_those_of_the_run(page: tuple[Run, str]) -> None:
         assert y.tolist() == column[np.round(t * 1000).astype(int)].astype(np.float32).tolist()
         assert (y.min(), y.max()) == (np.float32(column.min()), np.float32(column.max()))
         assert found["signals"][name]["unit"] == run.unit(name)
+
+
+def test_it_has_what_the_check_before_the_run_found(page: tuple[Run, str]) -> None:
+    run, text = page
+    row = [FOUND[k] for k in ("severity", "where", "reason", "advice", "rule")]
+    assert "".join(f"<td>{escape(str(cell))}</td>" for cell in row) in text
+    nothing = diagnostics.findings({**run.metadata, "findings": []})
+    assert "no error and no warning" in nothing and diagnostics.findings({}) == ""
+
+
+def test_controllers_have_a_row_for_each_recorded_signal(page: tuple[Run, str]) -> None:
+    run, text = page
+    part = text[text.index("Controllers</summary>") :]
+    x = run.column("slave_control.theta_hat[1]")
+    cells = re.search(r"<td>slave_control.theta_hat\[1\]</td>(.*?)</tr>", part)
+    assert cells is not None
+    numbers = re.findall(r"<td[^>]*>(.*?)</td>", cells[1])
+    last = np.ptp(x[int(len(x) * 0.9) :])
+    rms = np.sqrt(np.mean(x**2))
+    assert numbers[:-1] == [
+        "kg.m2",
+        *(f"{v:.4g}" for v in (x[0], x[-1], x.min(), x.max(), rms, last)),
+    ]
+    assert "<td>master.q[0]</td>" not in part  # a plant's
+
+
+def test_a_signal_that_a_limit_cuts_off_is_seen_at_it() -> None:
+    *_, share = diagnostics._numbers(np.clip(np.linspace(-1.0, 1.0, 201), -0.25, 0.25))
+    assert share == f"{152 / 201:.2%}"
+    assert [*diagnostics._numbers(np.zeros(5))][-1] == "–"
+
+
+def test_delays_of_used_samples_stand_beside_the_configured_law(page: tuple[Run, str]) -> None:
+    text = page[1]
+    name = "master_control.xi->slave_control.xi_in[0]"
+    row = re.search(
+        rf"<td>{re.escape(escape(name))}</td><td>(.*?)</td><td[^>]*>(.*?) to (.*?) ms<", text
+    )
+    assert row is not None and row[1] == "uniform, high = 1.2, low = 0.3"
+    assert 300 <= float(row[2]) < float(row[3]) <= 1200
+    sent = np.array([-1, -1, 0, 0, 2, 2, 2])
+    ages = np.array([np.nan, np.nan, 0.2, 0.3, 0.2, 0.3, 0.4])
+    assert diagnostics.transit(ages, sent).tolist() == [0.2, 0.2]
 
 
 def test_diagrams_are_those_that_the_scenario_declares(page: tuple[Run, str]) -> None:

@@ -27,7 +27,13 @@ complete -c cosim -n __fish_use_subcommand -f -a "{commands}"
 complete -c cosim -n 'not __fish_use_subcommand' -a '(cosim (commandline -opc)[2] --help \
 2>/dev/null | string match -rag -- "(--[a-z][a-z-]*)")'
 """
-_ZSH = "autoload -U +X bashcompinit && bashcompinit\n" + _BASH
+_ZSH = (
+    """\
+(( $+functions[compdef] )) || {{ autoload -Uz compinit && compinit; }}
+autoload -Uz bashcompinit && bashcompinit
+"""
+    + _BASH
+)
 
 
 def completion(

@@ -1,4 +1,4 @@
-"""``cosim info``: properties, capabilities and requirements of an FMU or a scene of MuJoCo."""
+"""``cosim info``: properties, signals and requirements of an FMU, a model or a scene of MuJoCo."""
 
 from __future__ import annotations
 
@@ -8,15 +8,26 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from cosim.cli.options import Json
+
 if TYPE_CHECKING:
-    from cosim.base.component import Parameter, Port
+    from cosim.base.component import Component, Parameter, Port
     from cosim.fmi.component import FmuComponent
     from cosim.fmi.variables import FmuVariable
 
 
+#: Columns of the table of variables of an FMU, and of ports of anything else.
+VARIABLES = ("signal", "causality", "type", "unit", "start", "description")
+PORTS = ("signal", "causality", "unit", "start", "description")
+
+
 def info(
     model: Annotated[
-        str, typer.Argument(help="FMU file (.fmu), or mujoco:FILE for a scene of MuJoCo.")
+        str,
+        typer.Argument(
+            help="FMU file (.fmu), model as in a scenario (fmus.models.planar2r, module:Class), or "
+            "mujoco:FILE for a scene of MuJoCo."
+        ),
     ],
     validate: Annotated[
         bool, typer.Option("--validate/--no-validate", help="Validate an FMU with FMPy as well.")
@@ -24,44 +35,66 @@ def info(
     strict: Annotated[
         bool, typer.Option("--strict", help="Exit with 1 if validation finds a problem.")
     ] = False,
+    json: Json = None,
 ) -> None:
-    """Print the ports and units of an FMU or of a scene of MuJoCo; validate an FMU."""
+    """Print the ports and units of an FMU, a model or a scene of MuJoCo; validate an FMU."""
+    from cosim.cli.json_file import write_json
     from cosim.cli.show import aligned
-    from cosim.fmi import FmuComponent
-    from cosim.mujoco.options import PREFIX
 
-    if model.startswith(PREFIX):
-        _scene(model)
-        return
-    fmu = Path(model)
-    component = FmuComponent(fmu)
-    for line in aligned(_facts(component)):
+    component = _component(model)
+    facts, columns, rows = _contents(component)
+    for line in aligned([list(fact) for fact in facts]):
         typer.echo(line[2:])
     typer.echo("")
-    for line in aligned(_signals(component)):
+    for line in aligned([columns, *rows]):
         typer.echo(line)
-    if validate and _findings(fmu) and strict:
+    found = _problems(component) if validate else None
+    if json is not None:
+        signals = [dict(zip(columns, row, strict=True)) for row in rows]
+        write_json(json, {**dict(facts), "signals": signals, "problems": found})
+    if found and strict:
         raise typer.Exit(1)
 
 
-def _scene(model: str) -> None:
-    from cosim.cli.show import aligned
+def _component(model: str) -> Component:
+    """The component that a scenario would make of a model. Raises CosimError."""
+    from cosim.fmi import FmuComponent
     from cosim.mujoco import MujocoComponent, scene_path
+    from cosim.mujoco.options import PREFIX
+    from cosim.scenario.models import load_component
+    from cosim.scenario.spec import ComponentSpec
 
-    component = MujocoComponent(scene_path(model, Path()))
-    facts = [["kind", component.kind], *(list(fact) for fact in component.scene.facts())]
-    for line in aligned([*facts, *(list(fact) for fact in component.scene.counts())]):
-        typer.echo(line[2:])
-    rows = [["signal", "causality", "unit", "start", "description"]]
-    for causality, ports in (("input", component.inputs), ("output", component.outputs)):
-        rows += [[_name(p), causality, p.unit, "", p.description] for p in ports]
+    if model.startswith(PREFIX):
+        return MujocoComponent(scene_path(model, Path()))
+    if model.endswith(".fmu") or "/" in model or Path(model).exists():
+        return FmuComponent(Path(model))
+    return load_component("component", ComponentSpec(model=model), Path(), "argument")[0]
+
+
+Contents = tuple[list[tuple[str, str]], tuple[str, ...], list[list[str]]]
+
+
+def _contents(component: Component) -> Contents:
+    """Facts of a component, and the columns and rows of the table of its signals."""
+    from cosim.fmi.components import fmu_of
+    from cosim.mujoco import MujocoComponent
+
+    fmu = fmu_of(component)
+    if fmu is not None:
+        return _facts(fmu), VARIABLES, _signals(fmu)
+    facts: list[tuple[str, str]] = [("kind", component.kind)]
+    if isinstance(component, MujocoComponent):
+        facts += [*component.scene.facts(), *component.scene.counts()]
+    rows = [
+        [_name(p), causality, p.unit, "", p.description]
+        for causality, ports in (("input", component.inputs), ("output", component.outputs))
+        for p in ports
+    ]
     rows += [
         [_name(p), "start", p.unit, " ".join(f"{x:g}" for x in p.default), p.description]
         for p in component.parameters
     ]
-    typer.echo("")
-    for line in aligned(rows):
-        typer.echo(line)
+    return facts, PORTS, rows
 
 
 def _name(port: Port | Parameter) -> str:
@@ -69,7 +102,7 @@ def _name(port: Port | Parameter) -> str:
 
 
 def _signals(component: FmuComponent) -> list[list[str]]:
-    rows = [["signal", "causality", "type", "unit", "start", "description"]]
+    rows = []
     clocks = {v.reference: v.name for v in component.description.variables if v.type == "Clock"}
     for group in component.groups.values():
         v = group.first
@@ -96,7 +129,7 @@ def _is_number(text: str) -> bool:
     return True
 
 
-def _facts(component: FmuComponent) -> list[list[str]]:
+def _facts(component: FmuComponent) -> list[tuple[str, str]]:
     from cosim.fmi.binaries import has_sources
 
     d = component.description
@@ -104,18 +137,18 @@ def _facts(component: FmuComponent) -> list[list[str]]:
     platforms = sorted(p.name for p in binaries.glob("*") if p.is_dir())
     flags = sorted(name for name, on in d.flags.items() if on)
     return [
-        ["model", f"{d.name} - {d.description}" if d.description else d.name],
-        ["FMI", f"{d.fmi} {_interfaces(component)}"],
-        ["kind", component.kind + ("" if d.kind else " (assumed; set `kind` in the scenario)")],
-        ["token", d.token],
-        ["made by", d.tool or "unknown"],
-        ["sha256", component.archive.sha256],
-        ["platforms", ", ".join(platforms) or "none"],
-        ["sources", "yes, built with build = true" if has_sources(component.archive) else "none"],
-        ["step", _stated(d.default_step, " s")],
-        ["stop", _stated(d.default_stop, " s")],
-        ["tolerance", _stated(d.tolerance)],
-        ["capabilities", ", ".join(flags) or "none"],
+        ("model", f"{d.name} - {d.description}" if d.description else d.name),
+        ("FMI", f"{d.fmi} {_interfaces(component)}"),
+        ("kind", component.kind + ("" if d.kind else " (assumed; set `kind` in the scenario)")),
+        ("token", d.token),
+        ("made by", d.tool or "unknown"),
+        ("sha256", component.archive.sha256),
+        ("platforms", ", ".join(platforms) or "none"),
+        ("sources", "yes, built with build = true" if has_sources(component.archive) else "none"),
+        ("step", _stated(d.default_step, " s")),
+        ("stop", _stated(d.default_stop, " s")),
+        ("tolerance", _stated(d.tolerance)),
+        ("capabilities", ", ".join(flags) or "none"),
         *_terminals(component),
     ]
 
@@ -140,23 +173,27 @@ def _stated(value: float | None, unit: str = "") -> str:
     return "not stated" if value is None else f"{value:g}{unit}"
 
 
-def _terminals(component: FmuComponent) -> list[list[str]]:
+def _terminals(component: FmuComponent) -> list[tuple[str, str]]:
     from cosim.lsbus.terminals import read_terminals
 
     found = [
         f"{t.name}: Tx clock {t.tx_clock.attributes.get('intervalVariability', '')}"
         for t in read_terminals(component).values()
     ]
-    return [["CAN terminals", ", ".join(found)]] if found else []
+    return [("CAN terminals", ", ".join(found))] if found else []
 
 
-def _findings(fmu: Path) -> int:
-    """Print what validation finds; how much that is. An FMU may run all the same."""
+def _problems(component: Component) -> list[str] | None:
+    """Print and return what validation finds in an FMU, which may run all the same."""
+    from cosim.fmi.components import fmu_of
     from cosim.fmi.validation import problems
 
-    found = problems(fmu)
+    fmu = fmu_of(component)
+    if fmu is None:
+        return None
+    found = problems(fmu.archive.path)
     many = f"{len(found)} problem{'s' if len(found) > 1 else ''}" if found else "no problems"
     typer.echo(f"\nvalidation: FMPy found {many}{':' if found else ''}")
     for problem in found:
         typer.echo(f"  - {problem}")
-    return len(found)
+    return list(found)

@@ -23,7 +23,7 @@ GROUPS: dict[str, dict[str, tuple[str, str]]] = {
         ),
         "info": (
             "cosim.cli.info",
-            "Print the ports and units of an FMU or of a scene of MuJoCo; validate an FMU.",
+            "Print the ports and units of an FMU, a model or a scene of MuJoCo; validate an FMU.",
         ),
         "export": (
             "cosim.cli.export",

@@ -4,18 +4,29 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from cosim.cli.json_file import write_json
 from cosim.cli.numbers import finite
-from cosim.cli.options import Set, Strict, Verify
+from cosim.cli.options import Json, Set, Strict, Verify
 
 if TYPE_CHECKING:
     from cosim.bus.accounting import BusHistory
     from cosim.scenario.spec import Scenario
     from cosim.schedule.parts import Link, Slot, Step, Wire
     from cosim.schedule.plan import Plan
+
+
+#: Sections of a scenario with the names of their columns.
+SECTIONS = {
+    "components": ("name", "kind", "every", "ports", "model"),
+    "order within tick k": ("number", "component", "action", "due", "reason"),
+    "what each input samples": ("input", "", "source", "value"),
+    "links": ("name", "semantics", "law", "least age"),
+    "links as tc netem would have them": ("name", "arguments"),
+}
 
 
 def show(
@@ -51,6 +62,7 @@ def show(
             help="With --bus: write the frames of the interval as candump does, in nanoseconds."
         ),
     ] = None,
+    json: Json = None,
 ) -> None:
     """Print how a scenario runs: components, rates, order, and what every input samples.
 
@@ -65,10 +77,15 @@ def show(
     if scenario.is_dir():
         if set_:
             raise ScenarioError("--set applies to a scenario, not to a recorded run", str(scenario))
-        for line in recorded_run(scenario, check=check):
+        facts = recorded_run(scenario, check=check)
+        for line in aligned([list(fact) for fact in facts]):
             typer.echo(line)
+        if json is not None:
+            write_json(json, dict(facts))
         return
     loaded = load(scenario, set_ or [])
+    if bus and json is not None:
+        raise ScenarioError("found --json with --bus, expected --log FILE, which has every frame")
     if bus:
         for line in bus_account(loaded, bus, (from_, for_), picture, log):
             typer.echo(line)
@@ -80,16 +97,28 @@ def show(
         f"base step {plan.h:g} s, {plan.ticks} ticks ({plan.ticks * plan.h:g} s), "
         f"algorithm {plan.algorithm}, seed {loaded.run.seed}"
     )
-    for title, rows in (
-        ("components", _components(plan)),
-        ("order within tick k", _order(plan)),
-        ("what each input samples", _inputs(plan)),
-        ("links", _links(plan)),
-        ("links as tc netem would have them", _emulated(plan)),
-    ):
+    made = (_components(plan), _order(plan), _inputs(plan), _links(plan), _emulated(plan))
+    sections = dict(zip(SECTIONS, made, strict=True))
+    for title, rows in sections.items():
         if rows:
             typer.echo(f"\n{title}")
             typer.echo("\n".join(aligned(rows)))
+    if json is not None:
+        write_json(json, _as_data(loaded, plan, sections))
+
+
+def _as_data(
+    scenario: Scenario, plan: Plan, sections: Mapping[str, Sequence[Sequence[str]]]
+) -> dict[str, Any]:
+    """What is printed, as data: a section as a list of rows, columns by name."""
+    return {
+        "title": scenario.title, "step_s": plan.h, "ticks": plan.ticks,
+        "algorithm": plan.algorithm, "seed": scenario.run.seed,
+        **{
+            title: [{k: v for k, v in zip(SECTIONS[title], row, strict=True) if k} for row in rows]
+            for title, rows in sections.items()
+        },
+    }  # fmt: skip
 
 
 def bus_account(
@@ -142,8 +171,11 @@ def _write_log(h: BusHistory, name: str, path: Path, first: int, last: int) -> s
     return f"{path}: {len(frames)} frames"
 
 
-def recorded_run(folder: Path, *, check: bool) -> list[str]:
-    """What a run folder holds. Raises ScenarioError where a file was altered, and `check` asks."""
+def recorded_run(folder: Path, *, check: bool) -> list[tuple[str, str]]:
+    """What a run folder holds, as (what, value).
+
+    Raises ScenarioError where a file was altered, and `check` asks.
+    """
     from cosim.record import Run, verify
     from cosim.record.folder import SUMS
 
@@ -152,17 +184,17 @@ def recorded_run(folder: Path, *, check: bool) -> list[str]:
     run = Run.open(folder)
     facts = run.metadata
     rows = [
-        ["scenario", str(facts.get("scenario", {}).get("title", "unknown"))],
-        ["status", str(facts.get("status", "unknown"))],
-        ["recorded", f"{len(run)} rows to t = {run.t[-1] if len(run) else 0:.6g} s"],
-        ["signals", str(len(run.names))],
-        ["link tables", str(len(run.link_tables))],
+        ("scenario", str(facts.get("scenario", {}).get("title", "unknown"))),
+        ("status", str(facts.get("status", "unknown"))),
+        ("recorded", f"{len(run)} rows to t = {run.t[-1] if len(run) else 0:.6g} s"),
+        ("signals", str(len(run.names))),
+        ("link tables", str(len(run.link_tables))),
     ]
     if error := facts.get("error"):
-        rows.append(["error", str(error)])
+        rows.append(("error", str(error)))
     if check and (folder / SUMS).exists():
-        rows.append(["files", f"as they were written ({SUMS})"])
-    return aligned(rows)
+        rows.append(("files", f"as they were written ({SUMS})"))
+    return rows
 
 
 def aligned(rows: Sequence[Sequence[str]]) -> list[str]:

@@ -14,6 +14,8 @@ from typing import Any, Self
 
 #: s that an answer may take.
 PATIENCE = 30.0
+#: Keys with their codes and the text that they type.
+KEYS = {"Tab": (9, ""), "ArrowRight": (39, ""), "Enter": (13, "\r")}
 
 
 class Browser:
@@ -67,9 +69,36 @@ class Browser:
         return value
 
     def shot(self, path: Path) -> None:
-        """A picture of the page, PNG."""
-        found = self._call("Page.captureScreenshot", {}, self._session)
-        path.write_bytes(base64.b64decode(found["data"]))
+        """Write a picture of the page, PNG."""
+        path.write_bytes(self.picture())
+
+    def picture(self) -> bytes:
+        """A picture of what the window shows, PNG."""
+        return base64.b64decode(self._call("Page.captureScreenshot", {}, self._session)["data"])
+
+    def pdf(self) -> bytes:
+        """The page as it is printed."""
+        given = {"printBackground": True}
+        return base64.b64decode(self._call("Page.printToPDF", given, self._session)["data"])
+
+    def size(self, width: int, height: int) -> None:
+        """Show the page in a window of this size, pixels."""
+        given = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": False}
+        self._call("Emulation.setDeviceMetricsOverride", given, self._session)
+
+    def emulate(self, media: str = "", features: Mapping[str, str] | None = None) -> None:
+        """Show the page as for a medium ("print"), and with these CSS media features."""
+        pairs = [{"name": name, "value": value} for name, value in (features or {}).items()]
+        given = {"media": media, "features": pairs}
+        self._call("Emulation.setEmulatedMedia", given, self._session)
+
+    def key(self, name: str) -> None:
+        """Press and release a key of `KEYS`."""
+        code, text = KEYS[name]
+        key = {"key": name, "code": name, "windowsVirtualKeyCode": code}
+        down = {"type": "keyDown", **key, **({"text": text} if text else {})}
+        self._call("Input.dispatchKeyEvent", down, self._session)
+        self._call("Input.dispatchKeyEvent", {"type": "keyUp", **key}, self._session)
 
     def _call(
         self, method: str, parameters: Mapping[str, Any], session: str | None = None

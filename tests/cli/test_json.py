@@ -11,6 +11,7 @@ import pytest
 
 from cosim.base.errors import RunError
 from cosim.cli.json_file import write_json
+from fmus.models import planar2r
 from tests.cli.command import ROOT, Command
 from tests.cli.conftest import cosim as cosim  # the command as a fixture
 from tests.cosim.sweeps.studies import STUDY, written
@@ -37,6 +38,37 @@ def said(cosim: Command, tmp_path: Path) -> Any:
         return json.loads(path.read_text("utf-8")), done.out
 
     return call
+
+
+def test_how_a_scenario_runs_and_what_a_run_folder_holds(said: Any, tmp_path: Path) -> None:
+    found, text = said("show", CONFIG)
+    assert (found["step_s"], found["ticks"], found["algorithm"]) == (0.001, 60000, "sampled")
+    assert [c["name"] for c in found["components"]][:2] == ["master", "master_control"]
+    for entry in found["what each input samples"]:
+        assert set(entry) == {"input", "source", "value"} and entry["value"] in text
+    assert found["links"][0]["least age"] == "at least 300 ticks old"
+    said("run", CONFIG, "--set", "run.stop=0.01", "--no-plot", "--out", tmp_path / "run")
+    found, text = said("show", tmp_path / "run")
+    assert found["status"] == "finished" and found["recorded"] == "11 rows to t = 0.01 s"
+    assert found["recorded"] in text
+
+
+@pytest.mark.parametrize("form", ["module", "file"])
+def test_what_an_fmu_is(said: Any, form: str) -> None:
+    file = str(planar2r.fmu())
+    found, text = said("info", "fmus.models.planar2r" if form == "module" else file)
+    assert found["FMI"] == "2.0 co-simulation" and found["kind"] == "continuous"
+    assert found["problems"] == [] and "FMPy found no problems" in text
+    signals = {s["signal"]: s for s in found["signals"]}
+    assert (signals["tau[2]"]["unit"], signals["q[2]"]["causality"]) == ("N.m", "output")
+
+
+def test_what_a_python_component_is(said: Any) -> None:
+    found, _ = said("info", "tests.cli.components:Half")
+    assert found["problems"] is None and found["kind"] == "sampled"
+    assert [(s["signal"], s["causality"]) for s in found["signals"]] == [
+        ("u[2]", "input"), ("y[2]", "output"), ("fails", "start"),
+    ]  # fmt: skip
 
 
 def test_a_run_and_its_twin(said: Any, tmp_path: Path) -> None:

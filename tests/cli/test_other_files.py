@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import os
+import shutil
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -61,3 +64,36 @@ def test_bash_completes_commands_options_and_files(cosim: Command, tmp_path: Pat
     assert completed("cosim", "run", "sce") == ["scenario.toml"]
     assert "compinit" in cosim("completion", "zsh").out
     assert "__fish_use_subcommand" in cosim("completion", "fish").out
+
+
+#: An interactive zsh completes ``cosim rep`` and an option on a pseudo-terminal.
+ZSH = r"""
+zmodload zsh/zpty; zpty z 'zsh -f -i'
+zpty -w z 'PS1="%% "; eval "$(cosim completion zsh)"; bindkey "^I" complete-word; echo REA""DY'
+zpty -r -m z x '*READY*'
+zpty -w -n z $'cosim rep\t\t'; zpty -r -m z x '*reproduce*'; print -r -- $x
+zpty -w -n z $'\x15cosim run --st\t\t'; zpty -r -m z x '*--strict*'; print -r -- $x
+zpty -d z
+"""
+FISH = 'cosim completion fish | source; complete -C "cosim rep"; complete -C "cosim run --st"'
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("shell", "script"), [("zsh", ZSH), ("fish", FISH)])
+def test_other_shells_complete_commands_and_options(
+    tmp_path: Path, shell: str, script: str
+) -> None:
+    if shutil.which(shell) is None:
+        assert not os.environ.get("CI"), f"no {shell}"
+        pytest.skip(f"no {shell} on this machine")
+    command = tmp_path / "cosim"
+    command.write_text(f'#!/bin/sh\nexec {sys.executable} -m cosim "$@"\n')
+    command.chmod(0o755)
+    env = {**os.environ, "PATH": f"{tmp_path}:{os.environ['PATH']}", "HOME": str(tmp_path),
+           "PYTHONPATH": str(ROOT)}  # fmt: skip
+    done = subprocess.run(
+        [shell, "-c", script], capture_output=True, text=True, env=env, timeout=120, check=True
+    )
+    for word in ("replay", "report", "reproduce", "--stop", "--strict"):
+        assert word in done.stdout, done
+    assert "recover" not in done.stdout and "--set" not in done.stdout

@@ -16,6 +16,10 @@ const page = (() => {
   };
   /** The bytes of a text in base64. */
   const bytes = (text) => Uint8Array.from(atob(text), (c) => c.charCodeAt(0)).buffer;
+  /** Call what paints with colours of the style sheet when these change: in the dark, on paper. */
+  const repaint = (paint) => {
+    for (const query of ["(prefers-color-scheme: dark)", "print"]) matchMedia(query).addEventListener("change", paint);
+  };
   /** A number with five digits; a dash where there is none. */
   const short = (v) => (v === null || v === undefined ? "–" : Math.abs(v) >= 1e5 || (v !== 0 && Math.abs(v) < 1e-3)
     ? v.toExponential(3) : Number(v.toPrecision(5)).toString());
@@ -27,5 +31,5 @@ const page = (() => {
       catch { getSelection().selectAllChildren(text); }
     });
   }
-  return { find, css, make, svg, bytes, short };
+  return { find, css, make, svg, bytes, short, repaint };
 })();

@@ -375,6 +375,6 @@
     drawMap();
     drawFan();
   }).observe(map.parentElement);
-  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => { drawMap(); drawFan(); });
+  page.repaint(() => { drawMap(); drawFan(); });
   document.body.dataset.ready = "yes";
 })();

@@ -328,7 +328,7 @@
       for (const label of list.children) label.hidden = !label.title.toLowerCase().includes(e.target.value.toLowerCase());
     });
   }
-  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => { for (const u of plots) u.redraw(false, true); arms(time); });
+  page.repaint(() => { for (const u of plots) u.redraw(false, true); arms(time); });
   for (const panel of data.panels) figure(panel, find(panel.place || "panels"));
   // ---- values that come while a run goes on --------------------------------------------------------
 

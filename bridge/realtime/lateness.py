@@ -192,7 +192,9 @@ def _joined(bins: tuple[tuple[int, int], ...]) -> list[tuple[int, int]]:
 
 
 def draw(reports: Mapping[str, Lateness], path: str | Path) -> Path:
-    """Histograms as cyclictest's are drawn, number of slots (log) over us, into the PNG `path`.
+    """How many slots (log) were at least so late (us), drawn into the PNG `path`.
+
+    Unlike a histogram, such a line has no gaps where slots are rare, which is what matters here.
 
     One line a report, by its label. Above 1 ms the axis of the lateness is logarithmic too.
     Raises CosimError for no reports, RunError with the path if it cannot be written.
@@ -230,7 +232,8 @@ def _plot(ax: Axes, reports: Mapping[str, Lateness]) -> None:
         p50, p99, worst = (f"{ns * 1e-3:.0f}" for ns in (late.p50, late.p99, late.maximum))
         label = f"{name}: p50 {p50}, p99 {p99}, max {worst} us"
         last = int(np.searchsorted(limits, most, side="right"))
-        ax.stairs(counts[:last], limits[: last + 1], label=label, lw=0.9,
+        later = counts[::-1].cumsum()[::-1]
+        ax.stairs(later[:last], limits[: last + 1], label=label, lw=0.9,
                   color=_COLOURS[i % len(_COLOURS)], baseline=None)  # fmt: skip
     ax.set_yscale("log")
     ax.set_ylim(bottom=0.5)
@@ -240,6 +243,6 @@ def _plot(ax: Axes, reports: Mapping[str, Lateness]) -> None:
     else:
         ax.set_xlim(left=0)
     ax.set_xlabel("lateness [us]")
-    ax.set_ylabel("slots")
+    ax.set_ylabel("slots at least so late")
     ax.grid(color="0.9", linewidth=0.5)
     ax.legend(loc="upper right", frameon=False)

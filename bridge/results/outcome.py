@@ -32,7 +32,7 @@ from bridge.records.lives import Life
 from bridge.records.records import note_of
 from bridge.rehearsal.supervisor import STARTED, RehearsalRecord
 from bridge.replay import replay, twin
-from bridge.results import detection, report, verdict
+from bridge.results import detection, report, timeline, verdict
 from bridge.results.detection_links import RecordedNetwork
 from bridge.results.findings import Evidence
 from bridge.results.rehearsal_outcome import RehearsalOutcome
@@ -229,6 +229,7 @@ def _metadata(
         **metadata(system.scenario, system.plan),
         **deployment_facts(system, facts),
         "status": FINISHED if outcome.finished else STOPPED,
+        "marks": timeline.marks(outcome),
         "rehearsal": {
             "finished": outcome.finished,
             "verdict": str(judged.word),

@@ -11,7 +11,7 @@ from bridge.deployment.system import System
 from bridge.results.outcome import lines, metric_lines
 from bridge.results.rehearsal_outcome import RehearsalOutcome
 from bridge.results.report import NodeReport, signal_ages
-from bridge.results.timeline import lanes
+from bridge.results.timeline import frame_lanes, lanes
 from bridge.results.verdict import Verdict, judge
 from bridge.wiring.wiring import Rows
 from cosim.record import Run
@@ -19,7 +19,6 @@ from cosim.reporting.html import (
     Badge,
     PageData,
     PlottedPanel,
-    TimedEvent,
     folded,
     histogram,
     table,
@@ -46,9 +45,6 @@ def write_page(
     """
 
     def extend(data: PageData) -> str:
-        data.events += [
-            TimedEvent(f.t0, f.text(), f.t1 if f.t1 > f.t0 else None) for f in outcome.faults
-        ]
         nodes = table(
             ["node", "lateness and end"], [(str(r.life), r.text()) for r in outcome.reports]
         )
@@ -57,7 +53,8 @@ def write_page(
         return (
             f"<h2>Nodes</h2>{lanes(outcome, data.end)}{nodes}"
             f"{_configured(system, outcome)}"
-            f'<section id="load"></section><section id="late"></section>'
+            + (f"<h2>Buses</h2>{frame_lanes(outcome, data.end)}" if outcome.buses else "")
+            + f'<section id="load"></section><section id="late"></section>'
             f'<div class="charts">{"".join(_lateness(outcome, data))}</div>'
             + (f"<h2>Faults</h2>{faults}" if outcome.faults else "")
             + folded("Summary", table(["", ""], [_pair(line) for line in said]))

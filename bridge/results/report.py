@@ -185,12 +185,14 @@ def _age(signal: str, heard: Rows, link: bool) -> SignalAge:
 class BusReport:
     """A CAN bus: its line of a summary, and its load over time.
 
-    `load`: of windows of 0.1 s, (n,), 1 = always busy, from `start` on (s of the run).
+    `load`: of windows of 0.1 s, (n,), 1 = always busy, from `start` on (s of the run). `frames`:
+    when the frames of each message ended, (n,), s of the run, by the message's name.
     """
 
     text: str
     start: float
     load: NDArray[np.float64]
+    frames: Mapping[str, NDArray[np.float64]]
 
 
 def bus_reports(
@@ -213,7 +215,22 @@ def bus_reports(
         text = f"{len(log.rows)} frames, load {load.mean:.1%} (busiest second {load.peak:.1%}) of "
         begun = (int((log.rows["t_ns"] - taken).min()) - start_ns) * 1e-9
         parts = measured_load(log.rows["t_ns"], taken).windows
-        found[name] = BusReport(line(f"bus {name}", f"{text}{rate} Mbit/s"), begun, parts)
+        frames = _frames(system, name, log.rows, start_ns)
+        found[name] = BusReport(line(f"bus {name}", f"{text}{rate} Mbit/s"), begun, parts, frames)
+    return found
+
+
+def _frames(
+    system: System, bus: str, rows: NDArray[np.void], start_ns: int
+) -> dict[str, NDArray[np.float64]]:
+    """When the frames of each message ended, s of the run; without a name: by its identifier."""
+    named = {int(e.message.id): name for name, e in system.services[bus].named().items()}
+    named |= {int(m.encoding.message.id): m.name for m in system.messages.values() if m.bus == bus}
+    found: dict[str, NDArray[np.float64]] = {}
+    for number in np.unique(rows["id"]).tolist():
+        t = (rows["t_ns"][rows["id"] == number] - start_ns) * 1e-9
+        name = named.get(number, f"0x{number:X}")
+        found[name] = np.concatenate([found.get(name, np.empty(0)), t])
     return found
 
 

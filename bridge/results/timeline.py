@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from html import escape
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bridge.native.safety import LifeState
 from bridge.records.lives import Life
@@ -15,6 +17,8 @@ from bridge.wiring.wiring import Rows
 
 #: Sizes of the drawing: names of lanes, lanes, and the whole width; columns in which slots count.
 _LEFT, _LANE, _WIDTH, _COLUMNS = 150, 26, 1100, 400
+#: Frames: the height of a lane, the most lanes, and how many shades there are.
+_THIN, _MESSAGES, _SHADES = 18, 40, 4
 _COLOURS = {
     LifeState.ACTIVE: "var(--s2)",
     LifeState.STOPPING: "var(--s4)",
@@ -45,18 +49,75 @@ def lanes(outcome: RehearsalOutcome, end: float) -> str:
     )
 
 
+def frame_lanes(outcome: RehearsalOutcome, end: float) -> str:
+    """A lane for each message on each CAN bus, until `end` (s): darker where there are more frames.
+
+    Nothing is drawn where no frame of the message was on the bus.
+    """
+    messages = [
+        (f"{bus} {name}" if len(outcome.buses) > 1 else name, t)
+        for bus, found in outcome.buses.items()
+        for name, t in found.frames.items()
+    ][:_MESSAGES]
+    if not messages or end <= 0:
+        return ""
+    drawn = [x for k, (name, t) in enumerate(messages) for x in _frame_lane(name, t, k, end)]
+    height = len(messages) * _THIN
+    return (
+        "<figure><figcaption>Frames on the buses (darker: more in that time; none: no frame)"
+        f'</figcaption><svg viewBox="0 0 {_WIDTH} {height + 22}" role="img" aria-label="Frames of '
+        f'each message over time">{"".join(drawn)}{_axis(height, end)}</svg></figure>'
+    )
+
+
+def _frame_lane(name: str, t: NDArray[np.float64], lane: int, end: float) -> Iterator[str]:
+    y = lane * _THIN
+    yield f'<text x="0" y="{y + 12}">{escape(name[:22])}</text>'
+    counts, at = np.histogram(t, bins=_COLUMNS, range=(0.0, end))
+    shades = np.ceil(_SHADES * counts / max(1, counts.max())).astype(int)
+    edges = np.flatnonzero(np.diff(shades)) + 1
+    for first, last in zip([0, *edges], [*edges, len(shades)], strict=True):
+        if shades[first]:
+            x, total = _x(at[first], end), int(counts[first:last].sum())
+            said = f"{name}: {total} frames from {at[first]:.2f} s to {at[last]:.2f} s"
+            yield (
+                f'<rect x="{x:.1f}" y="{y + 3}" width="{_x(at[last], end) - x:.1f}" height="12" '
+                f'fill="var(--s0)" fill-opacity="{shades[first] / _SHADES:.2f}"><title>'
+                f"{escape(said)}</title></rect>"
+            )
+
+
+def marks(outcome: RehearsalOutcome) -> list[dict[str, Any]]:
+    """Injected faults and fault states of nodes, as ``marks`` of ``run.json``: t, label, to (s)."""
+    found = [
+        {"t": f.t0, "label": f.text(), "to": f.t1 if f.t1 > f.t0 else None} for f in outcome.faults
+    ]
+    for report in outcome.reports:
+        for kind, t0, t1 in _states(outcome.rows[report.life], report.lateness.period_ns):
+            if kind is LifeState.FAULT:
+                found.append({"t": t0, "label": f"{report.life}: FAULT", "to": t1})
+    return found
+
+
+def _states(rows: Rows, period_ns: int) -> Iterator[tuple[LifeState, float, float]]:
+    """The states of a life one after the other: from when to when, s."""
+    if not len(rows):
+        return
+    state, h = np.asarray(rows["state"]), period_ns * 1e-9
+    edges = np.flatnonzero(np.diff(state)) + 1
+    for first, last in zip([0, *edges], [*edges, len(state)], strict=True):
+        start, end = int(rows["slot"][first]), int(rows["slot"][last - 1]) + 1
+        yield LifeState(int(state[first])), start * h, end * h
+
+
 def _x(t: float, end: float) -> float:
     return _LEFT + (_WIDTH - _LEFT - 10) * min(max(t / end, 0.0), 1.0)
 
 
 def _lane(life: Life, rows: Rows, period_ns: int, y: int, end: float) -> Iterator[str]:
     yield f'<text x="0" y="{y + 17}">{escape(str(life))}</text>'
-    state = np.asarray(rows["state"])
-    edges = np.flatnonzero(np.diff(state)) + 1
     h = period_ns * 1e-9
-    for first, last in zip([0, *edges], [*edges, len(state)], strict=True):
-        t0, t1 = rows["slot"][first] * h, (rows["slot"][last - 1] + 1) * h
-        kind = LifeState(int(state[first]))
+    for kind, t0, t1 in _states(rows, period_ns):
         yield _bar(
             t0, t1, y, end, _COLOURS.get(kind, "var(--line)"), f"{life}: {kind.name.lower()}"
         )

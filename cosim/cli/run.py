@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -12,6 +13,7 @@ from cosim.cli.numbers import finite
 from cosim.cli.options import Force, Json, Pdf, Png, Quiet, Report, Strict
 
 if TYPE_CHECKING:
+    from cosim.base.errors import RunError
     from cosim.scenario.spec import Scenario
 
 #: Who runs a deployment on a simulated clock; this package does not know it.
@@ -95,7 +97,7 @@ def run(
 ) -> None:
     """Run a scenario; write trajectories, metadata, link tables and a report to a folder."""
     from cosim.base.clock import stamp
-    from cosim.base.errors import Interrupted, ScenarioError
+    from cosim.base.errors import Interrupted, RunError, ScenarioError
     from cosim.base.interrupts import exit_code
     from cosim.base.settings import as_toml
     from cosim.cli.check import print_warnings
@@ -158,6 +160,9 @@ def run(
     except Interrupted as stop:
         typer.echo(f"{stop}; recorded until then: {stop.saved}", err=True)
         raise typer.Exit(exit_code()) from None
+    except RunError as error:
+        _picture_failure(error, loaded, report=plot, png=png, pdf=pdf)
+        raise
     for line in late_ticks(outcome) if not quiet else ():
         typer.echo(line, err=True)
     if outcome.ended is not None:
@@ -175,6 +180,19 @@ def run(
     if json is not None:
         write_json(json, as_data(loaded, result, outcome))
     say(f"{'run folder':<16} {folder}")
+
+
+def _picture_failure(error: RunError, scenario: Scenario, **drawn: bool) -> None:
+    """Write report and figures of a run that failed, as far as it was recorded."""
+    from cosim.base.errors import CosimError
+    from cosim.cli.summary import pictures
+    from cosim.record import Run, seal
+
+    if error.saved:
+        with suppress(CosimError):
+            folder = Path(error.saved)
+            found = [path for _, path in pictures(scenario, Run.open(folder), **drawn)]
+            seal(folder, changed=[path.name for path in found])
 
 
 def _errors(scenario: Scenario, tolerance: float, folder: Path) -> list[str]:

@@ -201,7 +201,7 @@ def draw_figures(
     from cosim.reporting.figures import draw
 
     for form in [f for f, wanted in (("png", png), ("pdf", pdf)) if wanted]:
-        for name, figure in figure_specs(scenario).items():
+        for name, figure in figure_specs(scenario, run.metadata).items():
             yield "figure", draw(figure, run, run.path.parent / f"{name}.{form}")
 
 

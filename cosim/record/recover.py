@@ -63,7 +63,7 @@ def _collected(folder: Path) -> Path:
     stamps = frozenset((path.resolve(), found.st_ino, found.st_mtime_ns) for path, found in there)
     key = object() if is_recording(folder) else stamps
     if key not in _collections:
-        scratch = TemporaryDirectory(prefix="cosim-")
+        scratch = TemporaryDirectory(prefix="cosim-", ignore_cleanup_errors=True)
         importlib.import_module(COLLECTOR).collect(folder, Path(scratch.name))
         _collections[key] = scratch
     return Path(_collections[key].name)

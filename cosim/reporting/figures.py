@@ -11,7 +11,7 @@ import io
 import os
 import re
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -20,6 +20,7 @@ import numpy as np
 
 from cosim.analysis.signals import Array, Signals
 from cosim.base.errors import CosimError, RunError, ScenarioError
+from cosim.reporting.html import TimedEvent
 from cosim.reporting.thinning import thin
 
 if TYPE_CHECKING:
@@ -31,6 +32,12 @@ DPI = 150
 #: Colours that people with any colour vision tell apart (Okabe and Ito).
 _COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 _DASHES = ("-", (0, (6, 1.5, 1, 1.5)), (0, (1, 1)))
+_FAILED, _EVENT = "#B00020", "#E69F00"
+#: Of a line that hides an earlier one: its gaps show the line below it. The share of the range of
+#: a panel that two lines may be apart and still be one to the eye.
+_GAPS, _HIDING = (0, (4, 4)), 0.004
+#: Names of events: at the most so many letters, so many over the width of a panel, and rows.
+_NAME, _LETTERS, _ROWS = 28, 90, 3
 
 _STYLE: dict[Any, Any] = {
     "font.family": "DejaVu Sans",  # comes with matplotlib
@@ -80,11 +87,17 @@ class Panel:
 
 @dataclass(frozen=True, slots=True)
 class Figure:
-    """Panels from top to bottom over one time axis; `size` (width, height) in inches."""
+    """Panels from top to bottom over one time axis; `size` (width, height) in inches.
+
+    `events`: marked in every panel, named in the first. `failure`: how the run failed, below the
+    title.
+    """
 
     panels: tuple[Panel, ...]
     title: str = ""
     size: tuple[float, float] | None = None
+    events: tuple[TimedEvent, ...] = ()
+    failure: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -216,7 +229,7 @@ def _render(spec: Figure, run: Signals, content: list[tuple[list[_Line], list[_L
     from matplotlib.figure import Figure as Sheet
 
     count = len(spec.panels)
-    width, height = spec.size or (7.2, _TOP + _BOTTOM + 2.0 * count + _GAP * (count - 1) + _TITLE)
+    width, height = spec.size or (7.2, _height(count) + _TITLE * bool(spec.failure))
     figure = Sheet(figsize=(width, height), dpi=DPI)
     canvas: Any = FigureCanvasAgg(figure)  # partly untyped
     axes: list[Axes] = []
@@ -228,16 +241,23 @@ def _render(spec: Figure, run: Signals, content: list[tuple[list[_Line], list[_L
         if panel.title:
             ax.set_title(panel.title, loc="left", pad=4)
         ax.tick_params(labelbottom=len(axes) == count)
+        _mark(ax, spec.events, named=len(axes) == 1)
     axes[-1].set_xlabel("time [s]")
     legend = max(_legend_width(ax, canvas) for ax in axes)
     _arrange(figure, axes, spec, legend)
     return figure
 
 
+def _height(panels: int) -> float:
+    return _TOP + _BOTTOM + 2.0 * panels + _GAP * (panels - 1) + _TITLE
+
+
 def _plot(ax: Axes, t: Array, lines: list[_Line], references: list[_Line]) -> None:
+    hiding = _hiding([line.y for line in lines])
     for i, line in enumerate(lines):
         index = thin(line.y)
-        colour, dash = _COLOURS[i % len(_COLOURS)], _DASHES[i // len(_COLOURS) % len(_DASHES)]
+        colour = _COLOURS[i % len(_COLOURS)]
+        dash = _GAPS if hiding[i] else _DASHES[i // len(_COLOURS) % len(_DASHES)]
         ax.plot(t[index], line.y[index], color=colour, linestyle=dash, label=line.label)
     dashed: dict[str, Any] = {"color": "0.25", "linestyle": (0, (5, 3)), "linewidth": 0.9}
     for line in references:
@@ -249,6 +269,40 @@ def _plot(ax: Axes, t: Array, lines: list[_Line], references: list[_Line]) -> No
             ax.plot(t[index], line.y[index], label=label, zorder=1.5, **dashed)
     if len(t) > 1:
         ax.set_xlim(t[0], t[-1])
+
+
+def _hiding(lines: Sequence[Array]) -> list[bool]:
+    """Which of the lines (n,) of a panel would hide an earlier one."""
+    finite = [y[np.isfinite(y)] for y in lines]
+    ends = [value for y in finite if y.size for value in (y.min(), y.max())]
+    near = _HIDING * (max(ends) - min(ends)) if ends else 0.0
+
+    def same(a: Array, b: Array) -> bool:
+        both = np.isfinite(a) & np.isfinite(b)
+        return bool(both.any()) and float(np.abs(a[both] - b[both]).max()) <= near
+
+    return [any(same(y, earlier) for earlier in lines[:i]) for i, y in enumerate(lines)]
+
+
+def _mark(ax: Axes, events: Sequence[TimedEvent], *, named: bool) -> None:
+    """Mark events as lines and bands; names stand in the first row that is free."""
+    low, high = ax.get_xlim()
+    free = [low] * _ROWS
+    for event in sorted(events, key=lambda event: event.t):
+        to = event.t if event.to is None else event.to
+        if to < low or event.t > high:
+            continue
+        start = max(event.t, low)
+        ax.axvspan(start, min(to, high), color=_EVENT, alpha=0.18, linewidth=0, zorder=0.5)
+        ax.axvline(start, color=_EVENT, linewidth=0.8, zorder=0.6)
+        name = event.label if len(event.label) <= _NAME else f"{event.label[: _NAME - 1]}…"
+        row = next((k for k in range(_ROWS) if start >= free[k]), None)
+        if named and row is not None:
+            ax.annotate(
+                f" {name}", (start, 1.0 - 0.08 * row), xycoords=("data", "axes fraction"), va="top",
+                size=6.5, color="0.3", annotation_clip=True,
+            )  # fmt: skip
+            free[row] = start + (len(name) + 2) * (high - low) / _LETTERS
 
 
 def _legend_width(ax: Axes, canvas: Any) -> float:
@@ -264,7 +318,7 @@ def _arrange(figure: Sheet, axes: list[Axes], spec: Figure, legend: float) -> No
     """Place axes, legends and titles; all lengths in inches until the last step."""
     width, height = figure.get_size_inches()
     inner = max(width - _LEFT - _LEGEND_GAP - legend - _RIGHT, 0.3 * width)
-    title = _TITLE if spec.title else 0.0
+    title = (_TITLE if spec.title else 0.0) + (_TITLE if spec.failure else 0.0)
     gap = _GAP if any(panel.title for panel in spec.panels[1:]) else _GAP / 2
     top = _TOP + title + (_PANEL_TITLE if spec.panels[0].title else 0.0)
     panel = (height - top - _BOTTOM - gap * (len(axes) - 1)) / len(axes)
@@ -275,9 +329,17 @@ def _arrange(figure: Sheet, axes: list[Axes], spec: Figure, legend: float) -> No
         legend_box = ax.get_legend()
         if legend_box is not None:
             legend_box.set_bbox_to_anchor((1.0 + _LEGEND_GAP / inner, 1.0), ax.transAxes)
-    if spec.title:
-        y = 1 - (_TOP + title / 2) / height
-        figure.text((_LEFT + inner / 2) / width, y, spec.title, ha="center", va="center", size=10)
+    texts = [(spec.title, 10, "black"), (_cut(spec.failure, width), 8, _FAILED)]
+    for row, (text, size, colour) in enumerate(x for x in texts if x[0]):
+        figure.text((_LEFT + inner / 2) / width, 1 - (_TOP + _TITLE * (row + 0.5)) / height, text,
+                    ha="center", va="center", size=size, color=colour)  # fmt: skip
+
+
+def _cut(failure: str, width: float) -> str:
+    """A failure as one line that fits a figure `width` inches wide."""
+    text = f"FAILED: {' '.join(failure.split())}" if failure else ""
+    most = int(width * 14)
+    return text if len(text) <= most else f"{text[: most - 1]}…"
 
 
 def _write(image: bytes, path: Path) -> Path:

@@ -31,6 +31,7 @@ from cosim.reporting.html import (
     table,
     write_page,
 )
+from cosim.reporting.marks import failure, marks
 from cosim.reporting.recorded import recorded_scenario
 from cosim.scenario.spec import PanelSpec, Scenario
 
@@ -80,8 +81,9 @@ def verdict(
     facts: Mapping[str, Any], scenario: Scenario | None, results: tuple[MetricResult, ...]
 ) -> Badge:
     """Of a run: whether it came to its end, and its errors settled within what is declared."""
-    if facts.get("status") != "finished":
-        return Badge("error", str(facts.get("error") or f"the run is {facts.get('status')}"))
+    failed = failure(facts)
+    if failed:
+        return Badge("error", failed)
     if facts.get("ended"):
         return Badge("finished", f"{facts['ended']['component']} ended it")
     judged = [r for r in results if "settle_s" in r.parts]
@@ -115,7 +117,7 @@ def _data(run: Run, scenario: Scenario | None, facts: Mapping[str, Any]) -> Page
         return PageData(0.0)
     every = facts.get("scenario", {}).get("run", {}).get("record", {}).get("every", 1)
     dt = float(facts.get("step") or (run.t[1] if len(run) > 1 else 1.0)) * every
-    data = PageData(float(run.t[-1]))
+    data = PageData(float(run.t[-1]), events=marks(facts))
     data.panels += list(_panels(run, scenario))
     shown = {name for panel in data.panels for name, _ in panel.series}
     for name in run.names:

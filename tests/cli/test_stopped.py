@@ -92,6 +92,8 @@ def test_an_unstable_gain_drives_an_fmu_out_of_the_numbers(cosim: Command, tmp_p
     assert np.abs(last.column("master.dq[0]")).max() > 1e3
     assert "master_control.w[0]" in last.names
     assert not list((tmp_path / "here").glob("*.png"))
+    report = (tmp_path / "here" / "report.html").read_text(encoding="utf-8")
+    assert "error</span> master: doStep returned discard" in report
 
 
 def test_what_a_component_raises_is_named_with_its_line(cosim: Command) -> None:

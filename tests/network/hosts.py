@@ -204,14 +204,14 @@ def _place(running: Rehearsal, network: RelayNetwork, ahead: Mapping[str, int]) 
 
     def start_node(name: str) -> NodeHandle:
         process = start(name)
-        shift, tell = ahead.get(name, 0), process.tell
+        shift, tell = ahead.get(name, 0), process.send_command
 
         def told(command: str, **values: int) -> None:
             if "start_ns" in values:
                 values["start_ns"] -= shift
             tell(command, **values)
 
-        process.tell = told  # type: ignore[method-assign]
+        process.send_command = told  # type: ignore[method-assign]
         return process
 
     running.start_node = start_node  # type: ignore[method-assign]

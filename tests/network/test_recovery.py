@@ -78,8 +78,9 @@ CASES = {
     "router": Case(18.0, away(3.0, 4.0), NEAR, router=True),
 }
 
-#: A life that begins in the middle of a run is none of an offline run.
-WHOLE = [name for name in CASES if name != "killed"]
+#: What an offline run has not: a life that begins in the middle of a run, and a node in FAULT,
+#: whose guard puts the torque of its arm to 0.
+WHOLE = [name for name in CASES if name not in ("killed", "too long")]
 
 
 @pytest.fixture(scope="module")
@@ -93,7 +94,8 @@ def test_arms_end_where_the_hand_wants_them_and_everything_replays(
 ):
     found = runs[case]
     exact(found)
-    settled(found, within=0.1)
+    if case != "too long":  # its slave ends in FAULT, and swings
+        settled(found, within=0.1)
     bounded(found)
     in_order(found)
     for node in ARMS:

@@ -30,6 +30,8 @@ ENDINGS = (
     ".fmu",
     "_built/built.json",
     "py.typed",
+    ".css",
+    ".js",
     "/init.sh",
     ENGINE,
     BUS,

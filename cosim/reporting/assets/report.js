@@ -29,6 +29,11 @@
   let time = 0, moving = false, zooming = false;
 
   function bands(u) {
+    const free = [0, 0, 0]; // names of events stand in the first of three rows that is free
+    u.ctx.save();
+    u.ctx.font = `${10 * devicePixelRatio}px system-ui, sans-serif`;
+    u.ctx.textAlign = "left";
+    u.ctx.textBaseline = "top";
     for (const event of data.events) {
       const left = u.valToPos(event.t, "x", true);
       const right = u.valToPos(event.to === undefined ? event.t : event.to, "x", true);
@@ -36,7 +41,15 @@
       const from = Math.max(left, u.bbox.left), to = Math.min(right, u.bbox.left + u.bbox.width);
       u.ctx.fillStyle = css("--fault");
       u.ctx.fillRect(from, u.bbox.top, Math.max(to - from, 2 * devicePixelRatio), u.bbox.height);
+      const name = event.label.length > 28 ? `${event.label.slice(0, 27)}…` : event.label;
+      const end = from + u.ctx.measureText(name).width + 4 * devicePixelRatio;
+      const row = free.findIndex((x) => from >= x);
+      if (row < 0 || end > u.bbox.left + u.bbox.width) continue;
+      u.ctx.fillStyle = css("--faint");
+      u.ctx.fillText(name, from + 3 * devicePixelRatio, u.bbox.top + (2 + 12 * row) * devicePixelRatio);
+      free[row] = end;
     }
+    u.ctx.restore();
   }
   function references(u, values) {
     u.ctx.save();

@@ -13,6 +13,8 @@ from PIL import Image
 from cosim.base.errors import RunError, ScenarioError
 from cosim.record import Column, Recorder, Run
 from cosim.reporting.figures import Figure, Panel, axis_label, draw
+from cosim.reporting.html import TimedEvent
+from cosim.reporting.marks import failure, marks
 
 BLUE, VERMILLION, WHITE = (0x00, 0x72, 0xB2), (0xD5, 0x5E, 0x00), (255, 255, 255)
 NAMES = {
@@ -103,6 +105,54 @@ def test_values_that_are_not_finite_are_gaps(run: Run, tmp_path: Path) -> None:
     left, middle, right = np.split(image[:, 110:860], 3, axis=1)
     assert count(left, BLUE) > 100 and count(right, BLUE) > 100
     assert count(middle[:, 60:-60], BLUE) == 0
+
+
+def test_a_line_that_another_one_hides_shows_in_its_gaps(run: Run, tmp_path: Path) -> None:
+    """m.q[0] and s.q[1] are the same values."""
+    image = pixels(draw(Figure((Panel(("m.q[0]", "s.q[1]")),)), run, tmp_path / "a.png"))
+    axes = image[:, 110:860]
+    assert count(axes, BLUE) > 150 and count(axes, VERMILLION) > 150
+    apart = pixels(draw(Figure((Panel(("m.q[0]", "s.q[0]")),)), run, tmp_path / "b.png"))
+    assert count(apart[:, 110:860], VERMILLION) > 1.5 * count(axes, VERMILLION)
+
+
+def test_events_are_marked_in_every_panel_from_their_start_to_their_end(
+    run: Run, tmp_path: Path
+) -> None:
+    events = (TimedEvent(3.0, "slave: FAULT", 6.0), TimedEvent(99.0, "after the run"))
+    marked = Figure(FIGURE.panels, FIGURE.title, events=events)
+    plain = pixels(draw(FIGURE, run, tmp_path / "plain.png"))
+    image = pixels(draw(marked, run, tmp_path / "marked.png"))
+    height = image.shape[0]
+    for half in (slice(0, height // 2), slice(height // 2, height)):
+        changed = np.flatnonzero((image[half] != plain[half]).any(axis=(0, 2)))
+        inner = changed[(changed > 110) & (changed < 800)]
+        assert (inner[0] - 108) / (inner[-1] - 108) == pytest.approx(3 / 6, abs=0.02)
+    one_panel = Figure(FIGURE.panels[:1], events=events[1:])
+    bare = draw(Figure(FIGURE.panels[:1]), run, tmp_path / "a.png").read_bytes()
+    assert draw(one_panel, run, tmp_path / "b.png").read_bytes() == bare  # outside what is shown
+
+
+def test_a_failed_run_says_so_in_red(run: Run, tmp_path: Path) -> None:
+    failed = Figure(FIGURE.panels, FIGURE.title, failure="master: diverged " + 30 * "very ")
+    image = pixels(draw(failed, run, tmp_path / "a.png"))
+    red = image[:, :, 0] - image[:, :, 2] > 120
+    assert red[:90].sum() > 300 and not red[:90, :40].any() and not red[:90, -20:].any()
+
+
+def test_what_is_marked_is_said_by_the_run_folder() -> None:
+    facts = {
+        "status": "stopped",
+        "error": "RunError: master: diverged",
+        "scenario": {"events": [{"at": "2 s", "over": 0.5, "for": "1 s", "set": {"m.tau": 3.0}}]},
+        "marks": [{"t": 1.0, "label": "slave: FAULT", "to": 4.0}],
+    }
+    assert marks(facts) == [
+        TimedEvent(1.0, "slave: FAULT", 4.0), TimedEvent(2.0, "m.tau = 3.0", 3.5)
+    ]  # fmt: skip
+    assert failure(facts) == "master: diverged"
+    assert failure(facts | {"rehearsal": {"verdict": "failed", "reasons": ["a", "b"]}}) == "a; b"
+    assert failure({"status": "finished", "rehearsal": {"verdict": "passed"}}) == ""
 
 
 def test_many_lines_and_mathematics(run: Run, tmp_path: Path) -> None:

@@ -190,7 +190,7 @@ NEVER = MetricResult("e", "error", 0.1, "rad", parts={"settle_s": float("inf")})
         ({"status": "finished"}, (), "finished", "no bound to judge by"),
         ({"status": "finished"}, (SETTLED,), "passed", "within it from 3.25 s on"),
         ({"status": "finished"}, (SETTLED, NEVER), "failed", "error: never within its bound"),
-        ({"status": "stopped", "error": "RunError: x"}, (SETTLED,), "error", "RunError: x"),
+        ({"status": "stopped", "error": "RunError: x"}, (SETTLED,), "error", "x"),
         ({"status": "running"}, (), "error", "the run is running"),
     ],
 )

@@ -12,21 +12,36 @@ from cosim.cli.options import Pdf, Png, Quiet
 
 #: Writes the reports of rehearsals; this package does not know it.
 REHEARSALS = "bridge.cli.rehearse"
+#: How wide figures may be, m.
+LEAST, MOST = 0.05, 1.0
 
 
 def report(
     run: Annotated[Path, typer.Argument(help="Run folder.")],
     png: Png = False,
     pdf: Pdf = False,
+    width: Annotated[
+        str | None,
+        typer.Option(
+            metavar="LENGTH",
+            help='Width of the figures of --png and --pdf, such as "88 mm", a column of a paper. '
+            "Default: 183 mm.",
+        ),
+    ] = None,
     quiet: Quiet = False,
 ) -> None:
     """Write the report of a run again: a page with diagrams, arms that move, and results."""
+    from cosim.base.convert import number
+    from cosim.base.errors import ScenarioError
     from cosim.cli.summary import draw_figures
     from cosim.record import Run, seal
     from cosim.record.folder import SUMS
     from cosim.reporting.recorded import recorded_scenario
     from cosim.reporting.run_report import write_report
 
+    wide = None if width is None else number(width, "m", "--width")
+    if wide is not None and not LEAST <= wide <= MOST:
+        raise ScenarioError(f"found {wide:g} m, expected {LEAST:g} m to {MOST:g} m", "--width")
     result = Run.open(run)
     folder = result.path.parent
     if "rehearsal" in result.metadata:
@@ -34,7 +49,7 @@ def report(
     else:
         found = [("report", write_report(result))]
     if png or pdf:
-        found += draw_figures(recorded_scenario(result), result, png=png, pdf=pdf)
+        found += draw_figures(recorded_scenario(result), result, png=png, pdf=pdf, width=wide)
     if (folder / SUMS).exists():
         seal(folder, changed=[path.name for _, path in found])
     for what, path in found if not quiet else ():

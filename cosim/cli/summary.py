@@ -6,6 +6,7 @@ import shlex
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -194,14 +195,19 @@ def pictures(
 
 
 def draw_figures(
-    scenario: Scenario, run: Run, *, png: bool, pdf: bool
+    scenario: Scenario, run: Run, *, png: bool, pdf: bool, width: float | None = None
 ) -> Iterator[tuple[str, Path]]:
-    """Draw the scenario's figures into the run folder: what it is, and its file."""
+    """Draw the scenario's figures into the run folder: what it is, and its file.
+
+    `width`: of the figures, m.
+    """
     from cosim.reporting.declared import figure_specs
     from cosim.reporting.figures import draw
 
     for form in [f for f, wanted in (("png", png), ("pdf", pdf)) if wanted]:
         for name, figure in figure_specs(scenario, run.metadata).items():
+            if width is not None:
+                figure = replace(figure, width=width / 0.0254)
             yield "figure", draw(figure, run, run.path.parent / f"{name}.{form}")
 
 

@@ -64,6 +64,7 @@ _STYLE: dict[Any, Any] = {
 }
 
 # Margins and distances, inches.
+_NARROW = 5.0
 _LEFT, _RIGHT, _TOP, _BOTTOM, _GAP, _TITLE = 0.72, 0.15, 0.12, 0.5, 0.42, 0.26
 _PANEL_TITLE, _LABEL_AT, _LEGEND_GAP = 0.2, 0.5, 0.08
 
@@ -90,12 +91,14 @@ class Figure:
     """Panels from top to bottom over one time axis; `size` (width, height) in inches.
 
     `events`: marked in every panel, named in the first. `failure`: how the run failed, below the
-    title.
+    title. `width`, inches, without a `size`: the height follows; a narrow figure (below 5 inches,
+    such as a column of a paper) has its legends inside the panels.
     """
 
     panels: tuple[Panel, ...]
     title: str = ""
     size: tuple[float, float] | None = None
+    width: float = 7.2
     events: tuple[TimedEvent, ...] = ()
     failure: str = ""
 
@@ -229,7 +232,7 @@ def _render(spec: Figure, run: Signals, content: list[tuple[list[_Line], list[_L
     from matplotlib.figure import Figure as Sheet
 
     count = len(spec.panels)
-    width, height = spec.size or (7.2, _height(count) + _TITLE * bool(spec.failure))
+    width, height = spec.size or (spec.width, _height(spec))
     figure = Sheet(figsize=(width, height), dpi=DPI)
     canvas: Any = FigureCanvasAgg(figure)  # partly untyped
     axes: list[Axes] = []
@@ -241,15 +244,24 @@ def _render(spec: Figure, run: Signals, content: list[tuple[list[_Line], list[_L
         if panel.title:
             ax.set_title(panel.title, loc="left", pad=4)
         ax.tick_params(labelbottom=len(axes) == count)
-        _mark(ax, spec.events, named=len(axes) == 1)
+        _mark(ax, spec.events, width, named=len(axes) == 1)
     axes[-1].set_xlabel("time [s]")
-    legend = max(_legend_width(ax, canvas) for ax in axes)
+    if width < _NARROW:
+        for ax in axes:
+            ax.legend(loc="best", handlelength=1.6, labelspacing=0.3, borderpad=0.2)
+        legend = 0.0
+    else:
+        legend = max(_legend_width(ax, canvas) for ax in axes)
     _arrange(figure, axes, spec, legend)
     return figure
 
 
-def _height(panels: int) -> float:
-    return _TOP + _BOTTOM + 2.0 * panels + _GAP * (panels - 1) + _TITLE
+def _height(spec: Figure) -> float:
+    """Of a figure that is as wide as it says, inches."""
+    panels = len(spec.panels)
+    each = min(2.0, 0.4 * spec.width)
+    titles = _TITLE * (1 + bool(spec.failure))
+    return _TOP + _BOTTOM + each * panels + _GAP * (panels - 1) + titles
 
 
 def _plot(ax: Axes, t: Array, lines: list[_Line], references: list[_Line]) -> None:
@@ -284,10 +296,11 @@ def _hiding(lines: Sequence[Array]) -> list[bool]:
     return [any(same(y, earlier) for earlier in lines[:i]) for i, y in enumerate(lines)]
 
 
-def _mark(ax: Axes, events: Sequence[TimedEvent], *, named: bool) -> None:
+def _mark(ax: Axes, events: Sequence[TimedEvent], width: float, *, named: bool) -> None:
     """Mark events as lines and bands; names stand in the first row that is free."""
     low, high = ax.get_xlim()
     free = [low] * _ROWS
+    letters = _LETTERS * width / 7.2
     for event in sorted(events, key=lambda event: event.t):
         to = event.t if event.to is None else event.to
         if to < low or event.t > high:
@@ -302,7 +315,7 @@ def _mark(ax: Axes, events: Sequence[TimedEvent], *, named: bool) -> None:
                 f" {name}", (start, 1.0 - 0.08 * row), xycoords=("data", "axes fraction"), va="top",
                 size=6.5, color="0.3", annotation_clip=True,
             )  # fmt: skip
-            free[row] = start + (len(name) + 2) * (high - low) / _LETTERS
+            free[row] = start + (len(name) + 2) * (high - low) / letters
 
 
 def _legend_width(ax: Axes, canvas: Any) -> float:
@@ -327,9 +340,12 @@ def _arrange(figure: Sheet, axes: list[Axes], spec: Figure, legend: float) -> No
         ax.set_position((_LEFT / width, bottom / height, inner / width, panel / height))
         ax.yaxis.set_label_coords(-_LABEL_AT / inner, 0.5)
         legend_box = ax.get_legend()
-        if legend_box is not None:
+        if legend_box is not None and legend > 0.0:
             legend_box.set_bbox_to_anchor((1.0 + _LEGEND_GAP / inner, 1.0), ax.transAxes)
-    texts = [(spec.title, 10, "black"), (_cut(spec.failure, width), 8, _FAILED)]
+    texts = [
+        (spec.title, 10 if width >= _NARROW else 8.5, "black"),
+        (_cut(spec.failure, width), 8, _FAILED),
+    ]
     for row, (text, size, colour) in enumerate(x for x in texts if x[0]):
         figure.text((_LEFT + inner / 2) / width, 1 - (_TOP + _TITLE * (row + 0.5)) / height, text,
                     ha="center", va="center", size=size, color=colour)  # fmt: skip

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ import pytest
 from PIL import Image
 
 from cosim.base.errors import RunError, ScenarioError
+from cosim.cli.report import report
 from cosim.record import Column, Recorder, Run
 from cosim.reporting.figures import Figure, Panel, axis_label, draw
 from cosim.reporting.html import TimedEvent
@@ -98,6 +100,15 @@ def test_the_legend_takes_the_room_it_needs(run: Run, tmp_path: Path) -> None:
 def test_size_in_inches(run: Run, tmp_path: Path) -> None:
     figure = Figure(FIGURE.panels, size=(5.0, 4.0))
     assert pixels(draw(figure, run, tmp_path / "a.png")).shape[:2] == (600, 750)
+
+
+def test_a_figure_for_a_column_has_its_legends_inside(run: Run, tmp_path: Path) -> None:
+    narrow = pixels(draw(replace(FIGURE, width=3.5), run, tmp_path / "a.png"))
+    assert narrow.shape[1] == 525 and narrow.shape[0] < 700
+    frame = np.flatnonzero((narrow[:, -60:] < 40).all(axis=2).any(axis=0))
+    assert frame.size and frame[-1] > 20  # the panels reach the right edge
+    with pytest.raises(ScenarioError, match=r"--width: found 0\.01 m, expected 0\.05 m to 1 m"):
+        report(tmp_path, png=True, width="1 cm")
 
 
 def test_values_that_are_not_finite_are_gaps(run: Run, tmp_path: Path) -> None:

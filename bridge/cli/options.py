@@ -4,12 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
+
+import typer
 
 from cosim.base.errors import ScenarioError
+from cosim.cli.numbers import finite
 
 if TYPE_CHECKING:
     from bridge.deployment.spec import Deployment
+
+#: Options that both ends of a measured path have.
+ZenohConfig = Annotated[
+    Path | None, typer.Option(help="zenoh: session configuration (JSON5), for TLS.")
+]
+CanInterface = Annotated[
+    str, typer.Option("--interface", "-i", help="can: interface of python-can.")
+]
+CanBitrate = Annotated[
+    float | None, typer.Option(callback=finite, min=1, help="can: bit rate, bit/s.")
+]
 
 
 def bus_settings(

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from bridge.cli.options import CanBitrate, CanInterface, ZenohConfig
 from cosim.cli.numbers import finite
 
 if TYPE_CHECKING:
@@ -35,15 +36,9 @@ def ping(
     tos: Annotated[
         int, typer.Option(min=0, max=255, help="udp: byte of service of IPv4 (DSCP * 4).")
     ] = 0,
-    config: Annotated[
-        Path | None, typer.Option(help="zenoh: session configuration (JSON5), for TLS.")
-    ] = None,
-    interface: Annotated[
-        str, typer.Option("--interface", "-i", help="can: interface of python-can.")
-    ] = "socketcan",
-    bitrate: Annotated[
-        float | None, typer.Option(callback=finite, min=1, help="can: bit rate, bit/s.")
-    ] = None,
+    config: ZenohConfig = None,
+    interface: CanInterface = "socketcan",
+    bitrate: CanBitrate = None,
     ask: Annotated[
         str, typer.Option(metavar="ID#DATA", help="can: frame that a drive answers; ID#R: remote.")
     ] = "",

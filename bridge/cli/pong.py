@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from bridge.cli.options import CanBitrate, CanInterface, ZenohConfig
 from cosim.cli.numbers import finite
 
 if TYPE_CHECKING:
@@ -26,15 +27,9 @@ def pong(
     connect: Annotated[
         bool, typer.Option("--connect", help="zenoh: connect to a router instead of listening.")
     ] = False,
-    config: Annotated[
-        Path | None, typer.Option(help="zenoh: session configuration (JSON5), for TLS.")
-    ] = None,
-    interface: Annotated[
-        str, typer.Option("--interface", "-i", help="can: interface of python-can.")
-    ] = "socketcan",
-    bitrate: Annotated[
-        float | None, typer.Option(callback=finite, min=1, help="can: bit rate, bit/s.")
-    ] = None,
+    config: ZenohConfig = None,
+    interface: CanInterface = "socketcan",
+    bitrate: CanBitrate = None,
     for_: Annotated[
         float | None,
         typer.Option("--for", callback=finite, min=0.001, help="End after this time, s."),

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from bridge.can.link_dbc import MOST_JOINTS
-from bridge.scaffold.files import check_name, dbc, write_files
+from bridge.scaffold.files import bus, check_name, dbc, write_files
 from cosim.base.errors import ScenarioError
 from fmus.models import chain
 from fmus.numeric import Array
@@ -102,14 +102,7 @@ _DEPLOYMENT = """\
 title = "Two arms of {file} on a CAN FD bus"
 sync = "master"
 
-[buses.bench]
-interface = "cosim"
-channel = "bench"
-bitrate = 1_000_000
-data_bitrate = 5_000_000
-fd = true
-dbc = "../can/{name}.dbc"
-{nodes}
+{bus}{nodes}
 [messages.STATE_1]
 bus = "bench"
 carries = ["master.q", "master.dq"]
@@ -193,7 +186,9 @@ def write_arm(
     if not missing:
         sides = (("master", 1, 2), ("slave", 3, 4))
         nodes = (_NODES.format(side=s, drive=d, control=c, **words) for s, d, c in sides)
-        files[f"deploy/{name}.toml"] = _DEPLOYMENT.format(nodes="".join(nodes), **words)
+        files[f"deploy/{name}.toml"] = _DEPLOYMENT.format(
+            nodes="".join(nodes), bus=bus(name), **words
+        )
         files[f"can/{name}.dbc"] = dbc(robot.table.joints, 4)
     return write_files(folder, files), missing
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from bridge.scaffold.files import check_name, dbc, write_files
+from bridge.scaffold.files import bus, check_name, dbc, write_files
 
 _COMPONENT = '''\
 """A controller of your own: see docs/own-component.md."""
@@ -79,14 +79,7 @@ _DEPLOYMENT = """\
 title = "{cls} and its arm on a CAN FD bus"
 sync = "arm"
 
-[buses.bench]
-interface = "cosim"
-channel = "bench"
-bitrate = 1_000_000
-data_bitrate = 5_000_000
-fd = true
-dbc = "../can/{name}.dbc"
-
+{bus}
 [nodes.arm]
 components = ["arm"]
 number = 1
@@ -156,5 +149,7 @@ def write_controller(name: str, folder: Path) -> list[Path]:
         f"deploy/{name}.toml": _DEPLOYMENT,
         f"test_{name}.py": _TEST,
     }
-    contents = {path: text.format(name=name, cls=cls) for path, text in templates.items()}
+    contents = {
+        path: text.format(name=name, cls=cls, bus=bus(name)) for path, text in templates.items()
+    }
     return write_files(folder, {**contents, f"can/{name}.dbc": dbc(2, 2)})

@@ -35,6 +35,18 @@ def check_name(name: str, what: str, example: str) -> None:
         raise ScenarioError(f"{name!r} is not a valid name of {what}; expected e.g. {example}")
 
 
+def bus(name: str) -> str:
+    """The table of the CAN FD bus of a template's deployment, with the DBC file `name`."""
+    return f"""[buses.bench]
+interface = "cosim"
+channel = "bench"
+bitrate = 1_000_000
+data_bitrate = 5_000_000
+fd = true
+dbc = "../can/{name}.dbc"
+"""
+
+
 def dbc(joints: int, nodes: int) -> str:
     """A DBC file for CAN FD: services, and LINK and STATE of so many joints for nodes 1, 2, ..."""
     numbers = range(1, nodes + 1)

@@ -142,9 +142,6 @@ static inline void give(Model *x, const Law *y) {
     }
 }
 
-static const char DIVERGED[] =
-    "the law left the range of numbers (|q| <= 1e6 rad): the motion or the estimate diverged";
-
 /* Values that no single minimum or maximum says. */
 static inline const char *check(const Model *x) {
     if (x->K_off != 0.0 && !(x->K[0] > 0.0 && x->K[0] * x->K[1] > x->K_off * x->K_off))
@@ -170,7 +167,7 @@ const char *model_initial(Model *x) {
     const char *why = check(x);
     if (why != NULL) return why;
     law(x, x->z, x->theta_hat, &y);
-    if (!finite_law(&y)) return DIVERGED;
+    if (!finite_law(&y)) return LAW_DIVERGED;
     give(x, &y);
     for (int i = 0; i < 2; i++) x->z_next[i] = x->z[i];
     for (int i = 0; i < P; i++) x->theta_hat_next[i] = x->theta_hat[i];
@@ -181,7 +178,7 @@ const char *model_step(Model *x, double t, double h) {
     Law y;
     (void)t; /* the law does not depend on time */
     law(x, x->z_next, x->theta_hat_next, &y);
-    if (!finite_law(&y)) return DIVERGED;
+    if (!finite_law(&y)) return LAW_DIVERGED;
     give(x, &y);
     const double advance = y.saturated ? 0.0 : h; /* anti-windup */
     const double adapt = y.stale ? 0.0 : advance;

@@ -61,9 +61,6 @@ static inline void give(Model *x, const Law *y) {
     }
 }
 
-static const char DIVERGED[] =
-    "the law left the range of numbers (|q| <= 1e6 rad): the motion or the estimate diverged";
-
 /* Values that no single minimum or maximum says. */
 static inline const char *check(const Model *x) {
     const Chain chain = CHAIN_OF(x);
@@ -90,7 +87,7 @@ const char *model_initial(Model *x) {
     const char *why = check(x);
     if (why != NULL) return why;
     law(x, x->z, x->theta_hat[0], &y);
-    if (!finite_law(&y)) return DIVERGED;
+    if (!finite_law(&y)) return LAW_DIVERGED;
     give(x, &y);
     for (int i = 0; i < JOINTS; i++) {
         x->z_next[i] = x->z[i];
@@ -117,7 +114,7 @@ const char *model_step(Model *x, double t, double h) {
     Law y;
     (void)t; /* the law does not depend on time */
     law(x, x->z_next, x->theta_hat_next[0], &y);
-    if (!finite_law(&y)) return DIVERGED;
+    if (!finite_law(&y)) return LAW_DIVERGED;
     give(x, &y);
     const double advance = y.saturated ? 0.0 : h; /* anti-windup */
     const double adapt = y.stale ? 0.0 : advance;

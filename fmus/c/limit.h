@@ -7,4 +7,8 @@ static inline double limited(double tau, double limit) {
     return tau > limit ? limit : tau < -limit ? -limit : tau;
 }
 
+/* What a law reports whose values are no finite numbers any more. */
+#define LAW_DIVERGED \
+    "the law left the range of numbers (|q| <= 1e6 rad): the motion or the estimate diverged"
+
 #endif

@@ -12,12 +12,4 @@ static void give(Model *x, double t, double h) {
     x->f = on * x->f_p;
 }
 
-const char *model_initial(Model *x) {
-    give(x, 0.0, 0.0);
-    return NULL;
-}
-
-const char *model_step(Model *x, double t, double h) {
-    give(x, t, h);
-    return NULL;
-}
+GIVEN_AT_EACH_STEP

@@ -1,4 +1,4 @@
-"""Commands of all pages that need nothing but the project: each ends with the exit status it should have."""
+"""Commands of all pages that need nothing but the project end as they should."""
 
 from __future__ import annotations
 

@@ -6,7 +6,7 @@ import sys
 
 #: New objects between two collections of garbage. Nearly all that an import makes stays, so that
 #: Python's 700 let a command search the same objects for garbage dozens of times.
-_COLLECTED = 50_000
+_COLLECTED = 200_000
 
 
 def main() -> None:

@@ -62,14 +62,15 @@ def plan_that(path: Path, how: int, status: int = 0, when: float = 1e9, *, isola
 # ---- parameters and start values ----------------------------------------------------------------
 
 
-@ALL
 @ISOLATE
-@pytest.mark.parametrize("how", [NORMAL, RESETS, LATER])
+@pytest.mark.parametrize(
+    ("fmi", "how"),
+    [(fmi, how) for fmi in ("2.0", "3.0", "3.0 events") for how in (NORMAL, LATER)]
+    + [("2.0", RESETS)],  # FMI 3.0 has no fmi2SetupExperiment
+)
 def test_parameters_that_an_exporter_resets_are_set_all_the_same(
     fmus: dict[str, Path], fmi: str, how: int, isolate: bool
 ) -> None:
-    if how == RESETS and fmi != "2.0":
-        pytest.skip("FMI 3.0 has no fmi2SetupExperiment")
     plan = plan_that(fmus[fmi], how, gain=5.0, isolate=isolate)
     rows, engine = run(plan)
     engine.close()

@@ -4,9 +4,10 @@
  *     tau = -K s + Y(q, dq, z, dz) theta_hat,   dtheta_hat = -Gamma Y^T s,   s = dq - z
  *     dz  = -alpha dq + lambda_M (dq - z) - lambda sum_j w_j (xi - xi_in_j)
  *
- * Sampled: outputs as of t_k; the state of t_k + h waits in z_next, theta_hat_next.
+ * The law is sampled: the outputs are those of t_k. The state for t_k + h is kept in z_next and
+ * theta_hat_next until the next step.
  *
- * Included once a model, after it said what its variables are:
+ * A model includes this file once, after it has defined which variables it has:
  *     NETWORKED  1: neighbours (xi_in, w, age, lambda, age_max, age_fade), 0: one arm alone
  *     GRAVITY    1: two parameters of gravity in theta_hat (theta_g, gravity), 0: none
  */
@@ -58,7 +59,7 @@ static inline void add_gravity(const Model *x, const double theta_hat[P], const 
 
 /* --- gains that are matrices ---------------------------------------------------------------- */
 
-/* The entry (i, j) of Gamma: the rows right of the diagonal stand in Gamma_off. */
+/* Entry (i, j) of Gamma. Gamma_off holds the entries right of the diagonal, row by row. */
 static inline double gamma_entry(const Model *x, int i, int j) {
     const int row = i < j ? i : j, column = i < j ? j : i;
     if (i == j) return x->Gamma[i];
@@ -142,7 +143,7 @@ static inline void give(Model *x, const Law *y) {
     }
 }
 
-/* Values that no single minimum or maximum says. */
+/* Checks of values that depend on several variables, which a minimum or maximum cannot express. */
 static inline const char *check(const Model *x) {
     if (x->K_off != 0.0 && !(x->K[0] > 0.0 && x->K[0] * x->K[1] > x->K_off * x->K_off))
         return "K with K_off is not positive definite";

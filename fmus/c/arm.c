@@ -2,7 +2,8 @@
  *
  *     (M(q) + diag J) ddq + C(q, dq) dq + g(q) = tau + tau_ext + tau_h - tau_e - tau_f + tau_s
  *
- * Runge-Kutta of order 4, `substeps` times a communication step; everything at every stage.
+ * Integrated with the Runge-Kutta method of order 4, `substeps` steps per communication step. All torques
+ * are evaluated at every stage.
  */
 #include <stddef.h>
 

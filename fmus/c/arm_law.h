@@ -4,9 +4,10 @@
  *     tau = -K s + Y(q, dq, z, dz) theta_hat + J dz,  dtheta_hat = -Gamma Y^T s,  s = dq - z
  *     dz  = -alpha dq + lambda_M (dq - z) - lambda sum_j w_j (xi - xi_in_j)
  *
- * Sampled: outputs as of t_k; the state of t_k + h waits in z_next, theta_hat_next.
+ * The law is sampled: the outputs are those of t_k. The state for t_k + h is kept in z_next and
+ * theta_hat_next until the next step.
  *
- * Included once a model, after NETWORKED is defined (neighbours.h).
+ * A model includes this file once, after it has defined NETWORKED (neighbours.h).
  */
 #ifndef ARM_LAW_H
 #define ARM_LAW_H
@@ -61,7 +62,7 @@ static inline void give(Model *x, const Law *y) {
     }
 }
 
-/* Values that no single minimum or maximum says. */
+/* Checks of values that depend on several variables, which a minimum or maximum cannot express. */
 static inline const char *check(const Model *x) {
     const Chain chain = CHAIN_OF(x);
     const char *problem = chain_problem(&chain);
@@ -96,7 +97,7 @@ const char *model_initial(Model *x) {
     return NULL;
 }
 
-/* theta_hat of link i becomes that of t_k, and the one of t_k + h waits. */
+/* Take over theta_hat of link i for t_k, and compute the one for t_k + h. */
 static inline void adapt_link(Model *x, int i, const double *Ys, double h) {
     double *next = x->theta_hat_next[i];
     for (int k = 0; k < 10; k++) {

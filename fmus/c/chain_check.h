@@ -1,10 +1,10 @@
-/* chain_check.h - whether an arm with a table can exist; sentences name the link. */
+/* chain_check.h - whether the table of an arm is physically possible; messages name the link. */
 #ifndef CHAIN_CHECK_H
 #define CHAIN_CHECK_H
 
 #include "chain.h"
 
-/* One text for each link, since a sentence cannot be composed without memory to put it in. */
+/* One message per link: a kernel has no memory to compose a message in. */
 #define OF_EACH_LINK(text)                                                                     \
     {                                                                                          \
         "link 0: " text, "link 1: " text, "link 2: " text, "link 3: " text, "link 4: " text,   \
@@ -53,7 +53,7 @@ static inline int is_body(const double theta[10]) {
            determinant(yy, yz, yz, zz) >= rounding && minors >= rounding;
 }
 
-/* NULL, or which link of the table cannot be. */
+/* NULL, or a message that names the first link of the table that is physically impossible. */
 static inline const char *chain_problem(const Chain *chain) {
     static const char *const no_rotation[CHAIN_MOST] =
         OF_EACH_LINK("`rotation` is not a rotation matrix");

@@ -126,7 +126,7 @@ static inline void add_inertia(const Pose *pose, const Articulated *link, Articu
     UNROLLED for (int k = 0; k < 6; k++) parent->M[k] += M[k];
 }
 
-/* What the algorithm keeps of a joint between its passes. */
+/* Quantities of a joint that a later pass of the algorithm needs. */
 typedef struct {
     Articulated inertia;
     double v[6], c[6], p[6]; /* twist; acceleration by rotation; wrench of the links after it */

@@ -21,7 +21,8 @@
 
 #include "chain.h"
 
-/* What moves link i: twists by dq, z and s, acceleration by dz with the symmetric products. */
+/* Motion of link i: its twists due to dq, z and s, and its acceleration due to dz with the symmetric
+ * products. */
 typedef struct {
     double v[6], w[6], a[6], sigma[6];
 } LinkMotion;

@@ -1,9 +1,9 @@
 /* clock.c - the model as the partition of a periodic input clock.
  *
- * Tick k is at start + k clock_interval. A step of the model belongs to the tick it starts at: its
- * outputs hold to the next. Where the importer ticks (FMI 3.0, Event Mode) a tick is calculated when
- * a value is asked for, again after inputs were set again, and taken for good when the discrete
- * states are updated. Where it does not, `step_clocked` makes the ticks of a communication step.
+ * Tick k is at start + k clock_interval. A step of the model belongs to the tick at which it starts, and
+ * its outputs hold until the next tick. If the importer activates the clock (FMI 3.0, Event Mode), a
+ * tick is computed when a value is read, computed again if inputs are set again, and made permanent when
+ * the discrete states are updated. Otherwise `step_clocked` makes the ticks of a communication step.
  */
 #include <math.h>
 #include <string.h>
@@ -14,7 +14,7 @@ static double tick_time(const Instance *x) {
     return x->start_time + x->clock.count * declared.clock_interval;
 }
 
-/* Two times closer than this (s) are one: importers may have rounded. */
+/* Times that differ by less than this, in s, count as equal, because importers may round them. */
 static double close_to(double t) { return 1e-6 * declared.clock_interval + 1e-12 * fabs(t); }
 
 Status clock_activate(Instance *x, const char *function) {
@@ -29,7 +29,7 @@ Status clock_activate(Instance *x, const char *function) {
     return STATUS_OK;
 }
 
-/* Everything but the inputs as it was before the tick. */
+/* Restore all values except the inputs to those before the tick. */
 static void rewind_states(Instance *x) {
     unsigned from = 0; /* the first that is not rewound yet */
     for (unsigned i = 0; i <= declared.n_input_ranges; i++) {
@@ -61,7 +61,7 @@ Status clock_update(Instance *x, const char *function) {
     return STATUS_OK;
 }
 
-/* The importer's step from t to `end`, between two ticks that it has to give. */
+/* The importer's step from t to `end`, which must lie between two ticks that the importer activates. */
 static Status step_between(const Instance *x, double t, double end, const char *function) {
     const double tick = tick_time(x);
     if (tick >= end - close_to(end)) return STATUS_OK;

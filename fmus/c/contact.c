@@ -1,4 +1,4 @@
-/* contact.c - what Hunt and Crossley's law of contact takes besides products. */
+/* contact.c - the square root that Hunt and Crossley's contact law needs. */
 #include "contact.h"
 
 #include <stdint.h>

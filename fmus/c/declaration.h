@@ -1,4 +1,4 @@
-/* declaration.h - what the FMI layer knows of a model: its functions and its tables.
+/* declaration.h - the interface between a model and the FMI layer: functions and tables.
  *
  * The layer is the same for every model. `variables.c`, generated from a model's declaration,
  * defines the tables below; their sizes stand in `declared`.
@@ -19,10 +19,11 @@
 typedef struct Model Model;
 
 /* Calculate what follows from start values, parameters and inputs; may be called repeatedly.
- * NULL, or a sentence why the values cannot be. */
+ * NULL, or a message that says why the values are not possible. */
 const char *model_initial(Model *x);
 
-/* Go from time t by one step h (s), h > 0. NULL, or a sentence why not; then nothing changed. */
+/* Advance from time t by one step h > 0, in s. NULL, or a message that says why this failed; then no
+ * value has changed. */
 const char *model_step(Model *x, double t, double h);
 
 /* The FMI type of a variable and what may be done with it; bits of `Variable.access`. */
@@ -71,7 +72,7 @@ static inline int all_finite(const double *values, unsigned n) {
     return finite;
 }
 
-/* Gives n torques if all are numbers; else what went wrong. */
+/* Write n torques if all are finite; otherwise return a message. */
 static inline const char *give_torques(const double *tau, double *given, unsigned n) {
     if (!all_finite(tau, n)) return "the torque left the range of numbers";
     for (unsigned i = 0; i < n; i++) given[i] = tau[i];

@@ -1,4 +1,4 @@
-/* delay.c - a link: every sample is kept, and a table says which of them is there.
+/* delay.c - a link: all samples are stored, and a table says which one has arrived at each step.
  *
  *     y_(k+1) = u_(held_(k+1)), or y_0 as long as held_(k+1) = -1
  */
@@ -8,7 +8,7 @@
 
 #include "delay_table.h"
 
-/* The sample held at step k: from the table; after its end its age stays. */
+/* Index of the sample held at step k, from the table. After the end of the table the age stays constant. */
 static long held_at(long k) {
     if (DELAY > 0) return k >= DELAY ? k - DELAY : -1;
     if (k < ROWS) return held[k];

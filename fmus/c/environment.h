@@ -1,5 +1,5 @@
-/* environment.h - what the plants of arms share: the operator's grip and the wall inside them, and the
- * state that they arrive at. Equations in fmus/models/environment.py.
+/* environment.h - parts that all plants of arms share: the operator's grip, the wall, and the state at the
+ * end of a step. Equations in fmus/models/environment.py.
  */
 #ifndef ENVIRONMENT_H
 #define ENVIRONMENT_H
@@ -24,14 +24,14 @@ static inline double wall(const Model *x, int i, double q, double dq) {
     return contact((int)x->contact, q - x->q_w[i], dq, x->k_w[i], x->b_w[i]);
 }
 
-/* Why substeps or contact cannot be, or NULL. */
+/* NULL, or a message that says why the values of substeps or contact are not possible. */
 static inline const char *environment_problem(const Model *x) {
     if (!(x->substeps >= 1.0)) return "substeps must be at least 1";
     if (!(x->contact >= 0.0 && x->contact <= 2.0)) return "contact must be 0, 1 or 2";
     return NULL;
 }
 
-/* Take q, dq and what follows from them, or give a sentence and change nothing. */
+/* Set q, dq and the values that follow from them; or return a message and change nothing. */
 static inline const char *arrive(Model *x, const double *q, const double *dq) {
     double tau_h[JOINTS], tau_e[JOINTS];
     for (int i = 0; i < JOINTS; i++) {

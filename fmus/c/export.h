@@ -1,4 +1,4 @@
-/* export.h - what a shared library shows; everything else is hidden. */
+/* export.h - marks the functions that a shared library exports; all others are hidden. */
 #ifndef EXPORT_H
 #define EXPORT_H
 

@@ -1,7 +1,7 @@
 /* fmi2.c - FMI 2.0.5 for co-simulation: the entry points.
  *
- * In which state what may be called: the table of clause 4.2.4. A value reference is the place of
- * a scalar in Model, declared.n_scalars is the time.
+ * The table of clause 4.2.4 says which function may be called in which state. A value reference is the
+ * index of a scalar in Model; declared.n_scalars is the time.
  */
 #include "fmi2.h"
 

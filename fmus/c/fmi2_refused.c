@@ -1,7 +1,7 @@
-/* fmi2_refused.c - functions of FMI 2.0.5 this FMU has, but not what they are for.
+/* fmi2_refused.c - functions of FMI 2.0.5 that this FMU exports but does not support.
  *
  * No strings, no derivatives, no asynchronous steps, no model exchange: the model description says
- * so, and a call is refused in every mode with a sentence.
+ * so, and a call is refused in every mode with a message.
  */
 #include "fmi2.h"
 #include "instance.h"
@@ -16,7 +16,7 @@ static fmi2Status refused(const Instance *x, const char *function, const char *w
     return (fmi2Status)refuse(x, function, "%s", why);
 }
 
-/* Nothing asked of nothing is fine. */
+/* A call without value references is allowed. */
 static fmi2Status no_strings(const Instance *x, unsigned modes, size_t n, const char *function) {
     if (!legal(x, modes, function)) return fmi2Error;
     return n == 0 ? fmi2OK : refused(x, function, "this FMU has no variable of type String");

@@ -1,6 +1,6 @@
 /* fmi3.c - FMI 3.0.2 for co-simulation: the entry points.
  *
- * In which state what may be called: clauses 2.3 and 4.2.1. There is no configuration mode and no
+ * Clauses 2.3 and 4.2.1 say which function may be called in which state. There is no configuration mode and no
  * intermediate update; Event Mode and the clock are in fmi3_events.c. A value reference is the
  * place of a variable in the declaration, declared.n_variables is the time; arrays are row-major.
  */
@@ -29,7 +29,7 @@ fmi3Status fmi3SetDebugLogging(fmi3Instance x, fmi3Boolean loggingOn, size_t n,
     return (fmi3Status)set_logging(x, loggingOn, n, categories, "fmi3SetDebugLogging");
 }
 
-/* An instance, or NULL after logging `impossible` if there is such a sentence. */
+/* An instance; or, if `impossible` is a message, NULL after logging it. */
 static fmi3Instance instantiate(fmi3String name, fmi3String token, fmi3Boolean loggingOn,
                                 fmi3InstanceEnvironment environment, fmi3LogMessageCallback log,
                                 const char *impossible, const char *function) {
@@ -134,7 +134,7 @@ static int refuse_reference(const Instance *x, const char *function, fmi3ValueRe
     return 0;
 }
 
-/* Pointers, references that are all that `need` says, and as many values as they have. */
+/* Check the pointers, that all references have the access `need`, and the number of values. */
 static inline int fit(const Instance *x, const fmi3ValueReference vr[], size_t n,
                       const void *values, size_t nValues, unsigned need, const char *function) {
     size_t size = 0;

@@ -73,7 +73,7 @@ fmi3Status fmi3UpdateDiscreteStates(fmi3Instance x, fmi3Boolean *discreteStatesN
 
 /* --- the clock ---------------------------------------------------------------------------- */
 
-/* Whether the n references are all the clock, and none of the pointers null. */
+/* Whether all n references are the clock and no pointer is null. */
 static int is_clock(const Instance *x, const fmi3ValueReference vr[], size_t n, const void *values,
                     const char *function) {
     if (n > 0 && (vr == NULL || values == NULL)) {

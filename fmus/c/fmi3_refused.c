@@ -1,8 +1,8 @@
-/* fmi3_refused.c - functions of FMI 3.0.2 this FMU has, but not what they are for.
+/* fmi3_refused.c - functions of FMI 3.0.2 that this FMU exports but does not support.
  *
  * No types but Float64, Int32 and Boolean (and Clock, see fmi3_events.c), no configuration or
  * derivatives, neither model exchange nor scheduled execution: the model description says so, and a
- * call is refused in every mode with a sentence.
+ * call is refused in every mode with a message.
  */
 #include "fmi3.h"
 #include "instance.h"
@@ -15,7 +15,7 @@ static fmi3Status refused(const Instance *x, const char *function, const char *w
     return (fmi3Status)refuse(x, function, "%s", why);
 }
 
-/* --- values of types no variable has: nothing asked of nothing is fine ---------------------- */
+/* --- values of types that no variable has; a call without references is allowed -------------- */
 
 static fmi3Status none(const Instance *x, unsigned modes, size_t n, const char *type,
                        const char *function) {

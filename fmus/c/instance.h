@@ -1,8 +1,8 @@
-/* instance.h - one instance of a model, as FMI 2.0 and FMI 3.0 both need it.
+/* instance.h - one instance of a model: the parts that FMI 2.0 and FMI 3.0 share.
  *
- * Knows modes, logging, values, saved states and steps; knows neither version of the API. The
- * entry points in fmi2.c and fmi3.c check what is theirs and call the functions here, giving
- * their own name for the messages.
+ * These are modes, logging, values, saved states and steps, independent of the version of the API. The
+ * entry points in fmi2.c and fmi3.c check what is specific to their version, and call the functions
+ * here with their own name, which messages contain.
  *
  * A call that is refused (STATUS_ERROR) or discarded changes nothing.
  */
@@ -36,7 +36,7 @@ enum { LOG_EVENTS = 1, LOG_WARNING = 2, LOG_DISCARD = 4, LOG_ERROR = 8, LOG_ALL 
 
 /* The clock of a model that has one, see clock.c. */
 typedef struct {
-    unsigned used;   /* the importer ticks, in Event Mode; else steps do */
+    unsigned used;   /* 1: the importer activates the clock in Event Mode; 0: steps do */
     unsigned active; /* between its tick and the update of the discrete states */
     double count;    /* ticks until now */
     double *before;  /* N_STORED values before the tick that is active; NULL without a clock */
@@ -48,7 +48,7 @@ typedef void Forward(const Instance *x, Status status, const char *category, con
 
 struct Instance {
     unsigned mode;
-    int stale;           /* calculated variables do not follow from the rest yet */
+    int stale;           /* calculated variables are out of date */
     unsigned categories; /* that are logged */
     double start_time, stop_time; /* s; stop_time is infinite where none is defined */
     Forward *forward;             /* knows the type of `callback` */
@@ -63,16 +63,16 @@ typedef struct Snapshot Snapshot;
 
 /* --- instance.c --------------------------------------------------------------------------- */
 
-/* NULL after a logged sentence where name or token do not fit, or without memory. */
+/* NULL, after logging a message, if name or token do not match or there is no memory. */
 Instance *instance_new(const char *name, const char *token, int logging, Forward *forward,
                        AnyFunction *callback, void *environment, const char *function);
 void instance_free(Instance *x);
 
-/* Log a sentence "function: ..." and return STATUS_ERROR. `x` may be NULL: nothing is logged. */
+/* Log the message "function: ..." and return STATUS_ERROR. `x` may be NULL: nothing is logged. */
 Status refuse(const Instance *x, const char *function, const char *format, ...);
 /* The same for STATUS_DISCARD. */
 Status discard(const Instance *x, const char *function, const char *format, ...);
-/* Say why a variable of `access` cannot be used as `need` says; `type` is its type's name. */
+/* Describe why a variable with this `access` does not allow `need`; `type` is the name of its type. */
 Status refuse_access(const Instance *x, const char *function, const char *name, const char *type,
                      unsigned access, unsigned need);
 int refuse_mode(const Instance *x, unsigned allowed, const char *function);
@@ -96,23 +96,23 @@ Status settle(Instance *x, const char *function);
 /* One communication step h (s) from t (s). */
 Status do_step(Instance *x, double t, double h, const char *function);
 
-/* STATUS_DISCARD after a logged sentence where an input is not finite at t (s). */
+/* STATUS_DISCARD, after logging a message, if an input is not finite at time t, in s. */
 Status check_inputs(const Instance *x, double t, const char *function);
 
 /* --- clock.c: models with a clock ---------------------------------------------------------- */
 
-/* Tick: now, or after a logged sentence not at all. */
+/* Activate the clock; or log a message and leave everything as it was. */
 Status clock_activate(Instance *x, const char *function);
-/* What follows from the inputs at the tick that is active; may be called repeatedly. */
+/* Compute the values of the active tick from the inputs; may be called repeatedly. */
 Status clock_evaluate(Instance *x, const char *function);
-/* The tick is over: what was evaluated stays. */
+/* End the active tick: its values become permanent. */
 Status clock_update(Instance *x, const char *function);
 /* A communication step h (s) from t (s): its ticks, or whether the importer has given them. */
 Status step_clocked(Instance *x, double t, double h, const char *function);
 
 /* --- state.c ------------------------------------------------------------------------------ */
 
-/* `*state` is reused, or made where it is NULL. */
+/* `*state` is reused; if it is NULL, memory is allocated. */
 Status state_save(const Instance *x, void **state, const char *function);
 Status state_restore(Instance *x, const Snapshot *state, const char *function);
 Status state_free(const Instance *x, void **state, const char *function);

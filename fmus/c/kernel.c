@@ -1,7 +1,7 @@
-/* kernel.c - the model without FMI: the same machine code for whoever steps the struct itself.
+/* kernel.c - the model without FMI: the same machine code, for callers that step the struct directly.
  *
  * `x` points to kernel_size() doubles in the order of the declaration. The functions return NULL
- * or a sentence; they hold nothing and allocate nothing.
+ * or a message; they have no state of their own and allocate no memory.
  */
 #include <string.h>
 
@@ -18,7 +18,7 @@ EXPORT void kernel_reset(double *x) {
 /* Outputs at the start, from parameters, start values and inputs; may be called repeatedly. */
 EXPORT const char *kernel_initial(double *x) { return model_initial((Model *)x); }
 
-/* One step h > 0 (s) from t (s); after a sentence nothing has changed. */
+/* One step h > 0 from t, both in s; if a message is returned, nothing has changed. */
 EXPORT const char *kernel_step(double *x, double t, double h) {
     if (!(h > 0.0 && h - h == 0.0)) return "the step is not a positive finite number";
     for (unsigned i = 0; i < declared.n_input_ranges; i++)

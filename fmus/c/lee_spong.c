@@ -1,4 +1,4 @@
-/* lee_spong.c - a spring and a damper to the other arm as it was, dissipation for the delay.
+/* lee_spong.c - a spring and a damper to the delayed position of the other arm, and dissipation for the delay.
  *
  *     tau = -K_v (dq - dq_j) - (K_d + P_eps) dq - K_p (q - q_j)
  */

@@ -1,4 +1,4 @@
-/* limit.h - a torque within what a drive gives. */
+/* limit.h - limits a torque to what a drive can deliver. */
 #ifndef LIMIT_H
 #define LIMIT_H
 
@@ -7,7 +7,7 @@ static inline double limited(double tau, double limit) {
     return tau > limit ? limit : tau < -limit ? -limit : tau;
 }
 
-/* What a law reports whose values are no finite numbers any more. */
+/* The message of a law whose values are not finite. */
 #define LAW_DIVERGED \
     "the law left the range of numbers (|q| <= 1e6 rad): the motion or the estimate diverged"
 

@@ -1,7 +1,7 @@
 /* model.h - what the C file of a model includes: its variables, and the functions it provides.
  *
  * A model's variables lie in one struct of doubles, `Model`, generated with `variables.h` from the
- * model's declaration. A model knows no FMI.
+ * model's declaration. A model does not depend on FMI.
  */
 #ifndef MODEL_H
 #define MODEL_H

@@ -1,4 +1,4 @@
-/* natural.h - adaptation that keeps the estimate of a link the inertia of a body; equations in
+/* natural.h - adaptation that keeps the estimate of a link physically consistent; equations in
  * fmus/models/natural.py.
  *
  *     dP = -rate P L P,      P = [Sigma mc; mc^T m],   Sigma = tr(I) / 2 - I,   tr(P L) = ell^T theta

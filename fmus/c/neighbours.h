@@ -13,7 +13,7 @@
 #if NETWORKED
 enum { NEIGHBOURS = ENTRIES(w) };
 
-/* Whether an active edge brings nothing younger than age_max. */
+/* Whether the value received over an active edge is older than age_max. */
 static inline int is_stale(const Model *x, int j) {
     return x->w[j] > 0.0 && x->age[j] > x->age_max;
 }
@@ -24,7 +24,7 @@ static inline int any_stale(const Model *x) {
     return stale;
 }
 
-/* w_j; of a stale edge falling to 0 within age_fade. */
+/* The weight w_j; for an edge that is too old it falls to 0 within age_fade. */
 static inline double weight(const Model *x, int j) {
     if (!is_stale(x, j)) return x->w[j];
     const double late = x->age[j] - x->age_max;

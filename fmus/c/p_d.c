@@ -1,4 +1,4 @@
-/* p_d.c - a spring to the other arm as it was, a damper to the ground.
+/* p_d.c - a spring to the delayed position of the other arm, and a damper to the ground.
  *
  *     tau = -K (q - q_j) - B dq
  */

@@ -1,4 +1,4 @@
-/* pd.c - a spring and a damper to the other arm as it was.
+/* pd.c - a spring and a damper to the delayed motion of the other arm.
  *
  *     tau = -K_p (q - q_j) - K_d (dq - dq_j)
  */

@@ -2,7 +2,8 @@
  *
  *     M(q) ddq + C(q, dq) dq + g(q) = tau + tau_ext + tau_h - tau_e
  *
- * Runge-Kutta of order 4, `substeps` times a communication step; hand and wall at every stage.
+ * Integrated with the Runge-Kutta method of order 4, `substeps` steps per communication step. The torques
+ * of hand and wall are evaluated at every stage.
  */
 #include <stddef.h>
 

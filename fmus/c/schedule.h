@@ -1,9 +1,9 @@
-/* schedule.h - moments of a plan met at sampling instants. */
+/* schedule.h - whether a given time has been reached at a sampling instant. */
 #ifndef SCHEDULE_H
 #define SCHEDULE_H
 
-/* Whether at t (s) a moment has come; t may be a millionth of the step h (s) short of it, since
- * t = k h is rounded. */
+/* Whether the time is reached at t, in s. It also counts as reached if t is less than a millionth of the
+ * step h earlier, because t = k h is rounded. */
 static inline int reached(double t, double h, double moment) { return t + 1e-6 * h >= moment; }
 
 /* The functions of a model whose outputs `give(x, t, h)` computes at each sampling instant. */

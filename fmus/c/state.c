@@ -84,7 +84,7 @@ static int known(const Instance *x, const void *state, const char *function) {
     return 0;
 }
 
-/* `*state`, or new memory where that is NULL; NULL after a logged sentence. */
+/* `*state`, or new memory if that is NULL. Returns NULL after logging a message if there is no memory. */
 static Snapshot *room(const Instance *x, void **state, const char *function) {
     if (state == NULL) {
         refuse(x, function, "the pointer to the state is null");

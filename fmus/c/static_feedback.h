@@ -1,10 +1,10 @@
-/* static_feedback.h - what adaptive laws with static feedback share: those whose reference velocity
- * z follows from the inputs alone.
+/* static_feedback.h - shared by the adaptive laws with static feedback, whose reference velocity z is a
+ * function of the inputs alone.
  *
  *     tau = Y(q, dq, z, dz) theta_hat + feedback,   dtheta_hat = -Gamma Y^T s,   s = dq - z
  *
- * The estimate of t_k + h waits in theta_hat_next; while a torque is at its limit it stands still.
- * A model includes this once, and says `refer` and `sliding`; its step is here. The arm is planar,
+ * The estimate for t_k + h is kept in theta_hat_next; it is not adapted while a torque is at its limit.
+ * A model includes this file once and defines `refer` and `sliding`; the step is defined here. The arm is planar,
  * or with SERIAL_ARM one with a table (chain.h), whose known gravity and rotors belong to tau. With
  * DYNAMIC_REFERENCE the reference z is a state: `refer` takes it from z_next, and the step advances
  * it by dz, or leaves it as well while a torque is at its limit.
@@ -50,7 +50,7 @@ static inline void feedforward(const Model *x, const double *theta_hat, Law *y, 
     transposed_times(&Y, y->s, y->Ys);
 }
 
-/* Why the arm cannot be; NULL. */
+/* NULL, or a message that says why the arm is physically impossible. */
 static const char *problem(const Model *x) { return (void)x, NULL; }
 #endif
 
@@ -68,12 +68,12 @@ static inline double disagreement(double own, const double *received, int neighb
     disagreement((own), (const double *)x->port, NEIGHBOURS(port), (i))
 #define MEAN_DISAGREEMENT(own, port, i) (DISAGREEMENT(own, port, i) / NEIGHBOURS(port))
 
-/* By the model: z, dz and feedback, from inputs and parameters. */
+/* Defined by the model: z, dz and feedback, from inputs and parameters. */
 static void refer(const Model *x, Law *y);
-/* By the model: the output (n,) that is s, whatever it is called there. */
+/* Defined by the model: its output (n,) that contains s. */
 static double *sliding(Model *x);
 
-/* Everything that follows from z, dz and feedback; NULL, or a sentence why it is no number. */
+/* Compute all outputs from z, dz and feedback. NULL, or a message if a value is not finite. */
 static const char *complete(const Model *x, const double *theta_hat, Law *y) {
     double tau[JOINTS];
     refer(x, y);
@@ -114,7 +114,7 @@ const char *model_initial(Model *x) {
     return NULL;
 }
 
-/* The estimate of t_k becomes the output, that of t_k + h waits. */
+/* Output the estimate for t_k, and keep the one for t_k + h. */
 const char *model_step(Model *x, double t, double h) {
     Law y;
     const double *Gamma = (const double *)x->Gamma;

@@ -1,11 +1,12 @@
 /* tdpa_admittance.c - the end of a line that takes torque and gives motion, kept passive in the time
  * domain; equations in fmus/models/tdpa_admittance.py.
  *
- *     w = v_j + k_c (q_j - q_d)                         what the line wants
- *     tau = f = K_p (q_d - q) + K_d (dq_d - dq)         what the arm gets for the dq_d let through:
+ *     w = v_j + k_c (q_j - q_d)                         velocity that the line demands
+ *     tau = f = K_p (q_d - q) + K_d (dq_d - dq)         torque on the arm for the passed dq_d:
  *     dq_d = w, or as much of it that h f dq_d <= W
  *
- * Sampled: outputs as of t_k; q_d and the energies of t_k + h wait in the locals.
+ * The law is sampled: the outputs are those of t_k. The q_d and the energies for t_k + h are local
+ * variables of the model until the next step.
  */
 #include <stddef.h>
 
@@ -29,7 +30,7 @@ static inline double affordable(double most, double a, double room) {
     return f > most ? most : positive(f);
 }
 
-/* The port as of t_k, with the state of then; a step h > 0 is ahead. */
+/* The port at t_k, with the state at t_k; the next step takes h > 0. */
 static void port(const Model *x, double h, Port *y) {
     for (int i = 0; i < JOINTS; i++) {
         const double K_d = x->K_d[i], q_d = x->q_d_next[i];

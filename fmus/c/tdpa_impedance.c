@@ -3,7 +3,8 @@
  *
  *     W = max E_j - E_out + E_pc,   f = f_j + a dq with a = -W / (h dq^2) while W < 0,   tau = -f
  *
- * Energies are those up to t_k, of torques held and angles passed: no rate enters them.
+ * The energies are those up to t_k. They are computed from held torques and differences of angles, not from
+ * velocities.
  */
 #include <stddef.h>
 
@@ -16,7 +17,7 @@ typedef struct {
     double E[JOINTS], E_seen[JOINTS], E_out[JOINTS], E_pc[JOINTS], W[JOINTS], tau[JOINTS];
 } Port;
 
-/* Count what the last step did, with tau and f_last still those of its start. */
+/* Add the energy of the last step; tau and f_last still have the values of its start. */
 static void observe(const Model *x, Port *y) {
     for (int i = 0; i < JOINTS; i++) {
         const double passed = x->q[i] - x->q_last[i];
@@ -29,7 +30,7 @@ static void observe(const Model *x, Port *y) {
     }
 }
 
-/* What has been given too much is taken back by damping, within one step if a_max allows it. */
+/* Dissipate excess energy by damping, within one step if a_max allows it. */
 static void control(const Model *x, double h, Port *y) {
     for (int i = 0; i < JOINTS; i++) {
         const double dq = x->dq[i], owed = -y->W[i], room = h * dq * dq;
@@ -39,7 +40,7 @@ static void control(const Model *x, double h, Port *y) {
     }
 }
 
-/* Take the port as it is, or give a sentence and change nothing. */
+/* Update the port; or return a message and change nothing. */
 static const char *take(Model *x, const Port *y) {
     if (!all_finite(y->E, JOINTS) || !all_finite(y->W, JOINTS) || !all_finite(y->tau, JOINTS))
         return "the energy left the range of numbers";

@@ -3,7 +3,7 @@
  *
  *     tau = F = K_p (q_d - q) + K_d (dq_d - dq),   b dq_d = u - F,   v = b dq_d - F
  *
- * Sampled: outputs as of t_k; the q_d of t_k + h waits in q_d_next.
+ * The law is sampled: the outputs are those of t_k. The q_d for t_k + h is kept in q_d_next.
  */
 #include <stddef.h>
 
@@ -16,7 +16,7 @@ typedef struct {
     double F[JOINTS], v[JOINTS], dq_d[JOINTS];
 } Port;
 
-/* Torque, returning wave and velocity as of t_k, with the state q_d; NULL or a sentence. */
+/* Torque, returning wave and velocity at t_k, with the state q_d. NULL, or a message. */
 static const char *port(const Model *x, const double q_d[JOINTS], Port *y) {
     for (int i = 0; i < JOINTS; i++) {
         const double b = x->b[i], K_p = x->K_p[i], K_d = x->K_d[i];

@@ -3,7 +3,7 @@
  *
  *     tau = F = K_p (q_d - q) + K_d (dq_d - dq),   b dq_d = w - F,   v = b dq_d - F
  *
- * Sampled: outputs as of t_k; the q_d of t_k + h waits in q_d_next.
+ * The law is sampled: the outputs are those of t_k. The q_d for t_k + h is kept in q_d_next.
  */
 #include <stddef.h>
 

@@ -1,7 +1,7 @@
 /* lsbus.h - an FMU of FMI 3.0 for co-simulation with CAN terminals, by FMI-LS-BUS 1.0.
  *
- * lsbus_fmi3.c and lsbus_refused.c are the functions of FMI. What the FMU does is its core: it defines
- * `struct fmu` in core.h, which begins with LSBUS_MEMBERS, and the functions core_... below. Each
+ * lsbus_fmi3.c and lsbus_refused.c contain the functions of FMI. The behaviour of the FMU is its core, which
+ * defines `struct fmu` in core.h, beginning with LSBUS_MEMBERS, and the functions core_... below. Each
  * terminal has four variables (see `variable`). What arrives in Rx_Data is carried out by core_settle;
  * what is to be sent is in `tx` until the Tx_Clock ticks at the time that core_schedule has announced.
  */
@@ -86,7 +86,7 @@ static inline bool put_head(port_t *p, uint32_t code, size_t length) {
     return true;
 }
 
-/* Log a sentence and return fmi3Error. */
+/* Log a message and return fmi3Error. */
 fmi3Status lsbus_refuse(fmu_t *x, const char *format, ...);
 /* Empty all ports; time 0. */
 void lsbus_begin(fmu_t *x);

@@ -1,4 +1,4 @@
-/* lsbus_refused.c - functions of FMI 3.0.2 that every binary has, also without what they are for. */
+/* lsbus_refused.c - functions of FMI 3.0.2 that every binary must export and this one does not support. */
 #include "core.h"
 
 #ifdef __GNUC__
@@ -13,7 +13,7 @@
     fmi3Status fmi3##function(fmi3Instance x) {                                              \
         return lsbus_refuse(x, "fmi3" #function ": not in this FMU, see its model description"); \
     }
-/* Nothing asked of nothing is fine. */
+/* A call without value references is allowed. */
 #define GET(T)                                                                               \
     fmi3Status fmi3Get##T(fmi3Instance x, const fmi3ValueReference vr[], size_t n,           \
                           fmi3##T values[], size_t nValues) {                                \

@@ -227,12 +227,17 @@ def _losses(record: Exchanges, t1: Floats, t4: Floats) -> LossFigures:
 
 
 def _shares(record: Exchanges) -> tuple[float, float]:
-    """Shares lost there and back, from the count of the other end up to the last answer."""
+    """Shares lost there and back, from the counts of the other end in all answers.
+
+    The largest and the least count are used, not those of the last and the first question: where
+    questions overtake each other, the last one may be counted before others.
+    """
     heard = record.stamp("heard")
     answered = np.flatnonzero(heard != NONE)
     if not answered.size:
         return np.nan, np.nan
     first, last = int(answered[0]), int(answered[-1])
     asked = last - first + 1
-    arrived = int(heard[last] - heard[first]) + 1
+    counts = heard[answered]
+    arrived = int(counts.max() - counts.min()) + 1
     return max(0.0, 1 - arrived / asked), max(0.0, (arrived - answered.size) / asked)

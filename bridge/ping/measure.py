@@ -135,7 +135,7 @@ class PingResponder:
                 return
 
     def _reply(self, question: PingPacket, arrival: Arrival) -> None:
-        heard = self._count((arrival.sender, question.host), question.k)
+        heard = self._count((arrival.sender, question.host), question)
         date = realtime_offset_ns()
         t3 = monotonic_ns()
         answer = question.answered(
@@ -148,12 +148,12 @@ class PingResponder:
             return
         self.answered += 1
 
-    def _count(self, who: object, k: int) -> int:
-        """Questions heard from a sender since its last question 0."""
-        last, heard = self._heard.pop(who, (0, 0))
-        if k == 0 and last > 0:
+    def _count(self, who: object, question: PingPacket) -> int:
+        """Questions heard from a sender since its last question 0; that one may be overtaken."""
+        newest, heard = self._heard.pop(who, (question.t1, 0))
+        if question.k == 0 and question.t1 > newest:  # another measurement
             heard = 0
         if len(self._heard) >= SENDERS:
             self._heard.clear()
-        self._heard[who] = k, heard + 1
+        self._heard[who] = max(newest, question.t1), heard + 1
         return heard + 1

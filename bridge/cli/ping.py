@@ -31,8 +31,30 @@ def ping(
     ] = 200.0,
     size: Annotated[int, typer.Option(min=80, max=65_000, help="Payload, bytes.")] = 128,
     duration: Annotated[
-        float, typer.Option(callback=finite, min=0, help="Length, s; 0: until Ctrl-C.")
-    ] = 10.0,
+        float | None,
+        typer.Option(
+            callback=finite,
+            min=0,
+            show_default="10; with --watch 0",
+            help="Length, s; 0: until Ctrl-C.",
+        ),
+    ] = None,
+    watch: Annotated[
+        float,
+        typer.Option(
+            callback=finite,
+            min=0,
+            show_default="none",
+            help="Print a line for every window of this length, s, and append it to watch.jsonl.",
+        ),
+    ] = 0.0,
+    alarm: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="'p99 > 20 ms'",
+            help="With --watch: tell when a window is beyond this, and exit with 1 in the end.",
+        ),
+    ] = None,
     tos: Annotated[
         int, typer.Option(min=0, max=255, help="udp: byte of service of IPv4 (DSCP * 4).")
     ] = 0,
@@ -79,7 +101,7 @@ def ping(
         float,
         typer.Option(callback=finite, min=0.0005, help="Time between two pings of nodes, s."),
     ] = 0.005,
-    out: Annotated[Path, typer.Option(help="Folder for the traces.")] = Path("ping"),
+    out: Annotated[Path, typer.Option(help="Folder for traces and report.")] = Path("ping"),
     predict: Annotated[
         bool,
         typer.Option(
@@ -99,19 +121,21 @@ def ping(
     """
     if not path.endswith(".toml"):
         from bridge.cli.ping_listen import ping_listen
-        from bridge.cli.ping_path import EndOptions, PredictionOptions, ping_path
+        from bridge.cli.ping_path import EndOptions, PredictionOptions, WatchOptions, ping_path
 
+        length = (0.0 if watch else 10.0) if duration is None else duration
         end = EndOptions(tos, config, interface, bitrate, ask, answer)
         if path == "listen":
             ping_listen(
-                target or [], identifier=id_, connect=connect, duration=duration, json_=json_,
+                target or [], identifier=id_, connect=connect, duration=length, json_=json_,
                 end=end,
             )  # fmt: skip
             return
         ping_path(
-            path, target or [], rate=rate, size=size, duration=duration,
+            path, target or [], rate=rate, size=size, duration=length,
             end=end, json_=json_, out=out,
             prediction=PredictionOptions(scenario, link, compare, tuple(set_ or ())),
+            watch=WatchOptions(watch, tuple(alarm or ())),
         )  # fmt: skip
         return
     _nodes(Path(path), deploy, as_, to, echo, local, count, period, out, predict, set_ or [])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 import sys
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
     from bridge.can.interface import CanBusSpec
     from bridge.ping.exchanges import Exchanges, PingCodec, PingPath
     from bridge.ping.figures import PathResult
+    from bridge.ping.measure import PingPlan
     from bridge.ping.prediction import PathTrace
 
 PATHS = ("udp", "zenoh", "can")
@@ -59,18 +61,28 @@ class PredictionOptions:
     settings: tuple[str, ...] = ()
 
 
+@dataclass(frozen=True, slots=True)
+class WatchOptions:
+    """Windows of `every` s with `alarms` (``p99 > 20 ms``); 0: no windows."""
+
+    every: float = 0.0
+    alarms: tuple[str, ...] = ()
+
+
 def ping_path(
     kind: str, target: Sequence[str], *, rate: float, size: int, duration: float, json_: bool,
     out: Path, end: EndOptions = EndOptions(), prediction: PredictionOptions = PredictionOptions(),
+    watch: WatchOptions = WatchOptions(),
 ) -> None:  # fmt: skip
-    """Measure one path, print its figures, and write its traces.
+    """Measure one path, print its figures, and write its traces and a report.
 
     `rate`: questions a second; `size`: bytes; `duration`: s, 0: until Ctrl-C. Raises ScenarioError
-    for what is no path, RunError or BusError where nothing answers.
+    for what is no path, RunError or BusError where nothing answers; exits with 1 after an alarm.
     """
     from bridge.ping.exchanges import CAPACITY, Exchanges
     from bridge.ping.figures import evaluate
-    from bridge.ping.measure import PingPlan, measure
+    from bridge.ping.measure import PingPlan
+    from bridge.ping.page import PingNotes, write_ping_page
     from bridge.ping.report import text, values
     from cosim.base.errors import ScenarioError
 
@@ -82,25 +94,74 @@ def ping_path(
         )
     if (prediction.link or prediction.compare) and prediction.scenario is None:
         raise ScenarioError("found --link or --compare; expected --scenario FILE", "cosim ping")
+    if watch.alarms and not watch.every:
+        raise ScenarioError("found --alarm; expected --watch SECONDS with it", "cosim ping")
     count = max(1, round(rate * duration)) if duration else None
-    period_ns = round(1e9 / rate)
+    plan = PingPlan(round(1e9 / rate), count)
     path = _open(kind, target[0] if target else "", size, end)
-    record = Exchanges(path.name, CAPACITY if count is None else count, path.size, period_ns)
-    with path.opened as opened:
-        measure(opened, path.codec, PingPlan(period_ns, count), record, _live)
-    _live_end()
+    record = Exchanges(path.name, CAPACITY if count is None else count, path.size, plan.period_ns)
+    sounded = _watched(path, plan, record, watch, out, quiet=json_)
     result = evaluate(record)
     link = _links(kind, result, out)
+    below = path.below(result)
+    if not json_:
+        for line in [*text(result), *below]:
+            typer.echo(line)
+        for name, lines in link.items():
+            typer.echo(f"{name}, as a link:")
+            typer.echo(indent("\n".join(lines.values()), "  "))
+    predicted = _predicted(kind, result, prediction, out)
+    notes = PingNotes(link, _command(), below, predicted.scenario, predicted.controllers)
+    page = write_ping_page(out / "report.html", result, notes)
     if json_:
-        data = {**values(result), "links": link, "prediction": _predicted(kind, result, prediction)}
+        data = {**values(result), "links": link, "prediction": predicted.data, "alarms": sounded}
         typer.echo(json.dumps(data, indent=1))
-        return
-    for line in [*text(result), *path.below(result)]:
-        typer.echo(line)
-    for name, lines in link.items():
-        typer.echo(f"{name}, as a link:")
-        typer.echo(indent("\n".join(lines.values()), "  "))
-    _print_prediction(kind, result, prediction, out)
+    else:
+        for line in predicted.text(prediction, out):
+            typer.echo(line)
+        typer.echo(f"report: {page}")
+    if sounded:
+        raise typer.Exit(1)
+
+
+def _watched(
+    path: OpenedPath, plan: PingPlan, record: Exchanges, watch: WatchOptions, out: Path, *,
+    quiet: bool,
+) -> list[str]:  # fmt: skip
+    """Measure, in windows if they are wanted; which alarms sounded."""
+    from bridge.ping.measure import measure
+
+    if not watch.every:
+        with path.opened as opened:
+            measure(opened, path.codec, plan, record, _live)
+        _live_end()
+        return []
+    from bridge.ping.watch import PingAlarm, PingWatch, append
+
+    alarms = [PingAlarm.parse(text) for text in watch.alarms]
+
+    def say(line: str) -> None:
+        _live_end()
+        typer.echo(line, err=quiet)
+
+    with (
+        append(out / "watch.jsonl") as file,
+        PingWatch(watch.every, plan.period_ns, alarms, file, say) as watching,
+        path.opened as opened,
+    ):
+
+        def show(record: Exchanges) -> None:
+            watching.show(record)
+            _live(record)
+
+        measure(opened, path.codec, plan, record, show)
+        _live_end()
+        watching.finish(record)
+        return sorted(watching.sounded)
+
+
+def _command() -> str:
+    return shlex.join(["cosim", *sys.argv[1:]])
 
 
 def _path_trace(kind: str, result: PathResult) -> PathTrace:
@@ -114,41 +175,50 @@ def _path_trace(kind: str, result: PathResult) -> PathTrace:
     return PathTrace(result.sent, there, back, semantics_of(kind, result))
 
 
-def _predicted(kind: str, result: PathResult, wanted: PredictionOptions) -> dict[str, Any] | None:
-    """The numbers of a scenario for JSON, None without one; no number: None."""
-    if wanted.scenario is None:
-        return None
-    from bridge.ping.prediction import predict
+@dataclass(frozen=True, slots=True)
+class ShownPrediction:
+    """What was predicted: `data` for JSON; `scenario` and `controllers` in lines."""
 
-    found = asdict(
-        predict(wanted.scenario, _path_trace(kind, result), wanted.link, wanted.settings)
-    )
-    for number in found["numbers"]:
-        for key in ("value", "least", "most", "ideal"):
-            number[key] = number[key] if isfinite(number[key]) else None
-    return found
+    data: dict[str, Any] | None = None
+    scenario: tuple[str, ...] = ()
+    controllers: tuple[str, ...] = ()
+
+    def text(self, wanted: PredictionOptions, out: Path) -> list[str]:
+        """All in lines, with headings."""
+        lines = []
+        if self.scenario:
+            lines += [f"{wanted.scenario} on this path:", *(f"  {x}" for x in self.scenario)]
+        if self.controllers:
+            lines += [
+                "controllers of cosim compare on this path, with every operator:",
+                *(f"  {x}" for x in self.controllers),
+                f"in numbers: cosim compare {wanted.scenario} --variants {out}/compare.toml "
+                "--links measured",
+            ]
+        return lines
 
 
-def _print_prediction(kind: str, result: PathResult, wanted: PredictionOptions, out: Path) -> None:
+def _predicted(
+    kind: str, result: PathResult, wanted: PredictionOptions, out: Path
+) -> ShownPrediction:
     """The scenario on this path, and the controllers that come to rest on it."""
     if wanted.scenario is None:
-        return
+        return ShownPrediction()
     from bridge.ping.prediction import predict, survivors
     from cosim.comparison.variants_file import variants_path
 
     trace = _path_trace(kind, result)
-    typer.echo(f"{wanted.scenario} on this path:")
-    for line in predict(wanted.scenario, trace, wanted.link, wanted.settings).lines():
-        typer.echo(f"  {line}")
-    if wanted.compare:
-        typer.echo("controllers of cosim compare on this path, with every operator:")
-        variants = variants_path(wanted.scenario)
-        for one in survivors(wanted.scenario, variants, trace, out, wanted.settings, jobs=2):
-            typer.echo(f"  {one.text}")
-        typer.echo(
-            f"in numbers: cosim compare {wanted.scenario} --variants {out}/compare.toml "
-            "--links measured"
-        )
+    found = predict(wanted.scenario, trace, wanted.link, wanted.settings)
+    data = asdict(found)
+    for number in data["numbers"]:
+        for key in ("value", "least", "most", "ideal"):
+            number[key] = number[key] if isfinite(number[key]) else None
+    if not wanted.compare:
+        return ShownPrediction(data, tuple(found.lines()))
+    variants = variants_path(wanted.scenario)
+    each = survivors(wanted.scenario, variants, trace, out, wanted.settings, jobs=2)
+    data["controllers"] = {one.name: dict(one.verdicts) for one in each}
+    return ShownPrediction(data, tuple(found.lines()), tuple(one.text for one in each))
 
 
 def _open(kind: str, where: str, size: int, end: EndOptions) -> OpenedPath:

@@ -128,3 +128,13 @@ class Exchanges:
         if self.sent <= self._capacity:
             return np.array(column[: self.sent])
         return np.roll(column, -start)
+
+    def between(self, first: int, last: int) -> Exchanges:
+        """A copy of the questions from `first` up to, without, `last`, all of which are kept."""
+        part = Exchanges(self.what, last - first, self.size, self.period_ns)
+        rows = np.arange(first, last) % self._capacity
+        part._rows[:] = self._rows[rows]
+        part.sent = last - first
+        part.received = int(np.count_nonzero(part._rows[:, _STAMPS.index("t4")] != NONE))
+        part.other = self.other
+        return part

@@ -94,7 +94,9 @@ class PathResult:
     `sent`: times of the questions from the first; `rtt`: round trip without the other end's
     turn-round; `there`, `back`: as an application has them, None where only the sum is known;
     `below`, `above` (n,): by how much `there` may be less and more (and `back` more and less).
-    `parts`: medians of where a round trip goes, s, by name; `late`: of questions, s.
+    `dates`: that of the other host less ours, s, None: not said; `kept`: errors of our and of the
+    other date by their time servers, s, infinite without one. `parts`: medians of where a round
+    trip goes, s, by name; `late`: of questions, s.
     """
 
     record: Exchanges
@@ -107,6 +109,7 @@ class PathResult:
     clock: ClockEstimate | None
     same_host: bool
     dates: float | None
+    kept: tuple[float, float]
     loss: LossFigures
     parts: dict[str, float]
     late: Floats
@@ -147,7 +150,20 @@ def evaluate(record: Exchanges) -> PathResult:
         rtt = t4 + wake_here - t1
         none = None
         return PathResult(
-            record, t1, rtt, none, none, none, none, none, False, none, loss, parts, late
+            record,
+            t1,
+            rtt,
+            none,
+            none,
+            none,
+            none,
+            none,
+            False,
+            none,
+            (inf, inf),
+            loss,
+            parts,
+            late,
         )
     return _both_ways(record, t1, t4, wake_here, loss, parts, late)
 
@@ -161,7 +177,11 @@ def _both_ways(
     wake_there = _seconds(record, "wake_there")
     F, B, there = t2 - t1, t4 - t3, ~np.isnan(t4)
     shift = (int(record.stamp("t1")[0]) - first) * 1e-9  # of the two origins, s
-    clock, same, dates = _clock(record, t1[there], F[there], t4[there], B[there], shift)
+    ours, other = host_clock(), record.other
+    assert other is not None
+    theirs = other.error * 1e-9 if other.error >= 0 else inf
+    kept = (ours.error if ours.kept else inf, theirs)
+    clock, same, dates = _clock(record, kept, t1[there], F[there], t4[there], B[there], shift)
     low, middle, high = clock.offsets(t1)
     turn = t3 - t2 - wake_there
     parts |= {
@@ -172,20 +192,25 @@ def _both_ways(
     forward, backward = F + wake_there - middle, B + wake_here + middle
     return PathResult(
         record, t1, forward + backward, forward, backward, high - middle, middle - low,
-        clock, same, dates, loss, parts, late,
+        clock, same, dates, kept, loss, parts, late,
     )  # fmt: skip
 
 
 def _clock(
-    record: Exchanges, t1: Floats, F: Floats, t4: Floats, B: Floats, shift: float
+    record: Exchanges,
+    kept: tuple[float, float],
+    t1: Floats,
+    F: Floats,
+    t4: Floats,
+    B: Floats,
+    shift: float,
 ) -> tuple[ClockEstimate, bool, float | None]:
     """The other clock (zero of both at their first stamps), whether it is ours, and the difference
     of the dates of the hosts (theirs less ours, s; None: not said).
     """
     other = record.other
-    ours = host_clock()
     assert other is not None
-    if other.host == clock_number(ours):
+    if other.host == clock_number(host_clock()):
         zero = same_clock(float(t1[0]), float(t1[-1]))
         piece = zero.pieces[0]
         shifted = type(piece)(
@@ -196,10 +221,8 @@ def _clock(
     if not other.date:
         return estimate_clock(t1, F, t4, B), False, None
     apart = (realtime_offset_ns() - other.date) * 1e-9 + shift  # θ of clocks with equal dates
-    known = None
-    if ours.kept and other.error >= 0:
-        error = ours.error + other.error * 1e-9
-        known = (apart - error, apart + error)
+    error = sum(kept)
+    known = (apart - error, apart + error) if error < inf else None
     clock = estimate_clock(t1, F, t4, B, known)
     _, theta, _ = clock.offsets(t1[-1:])
     return clock, False, float(theta[0] - apart)
@@ -211,18 +234,24 @@ def _runs(lost: NDArray[np.bool_]) -> NDArray[np.int64]:
     return np.asarray(edges[1::2] - edges[::2], dtype=np.int64)
 
 
+def outages(answered: Floats, period_ns: int) -> Floats:
+    """Start and end of each time without an answer, (m, 2), s.
+
+    `answered` (n,): times of the questions that were answered, s.
+    """
+    rows = np.flatnonzero(np.diff(answered) > max(OUTAGE, 5 * period_ns * 1e-9))
+    return np.stack([answered[rows], answered[rows + 1]], axis=1)
+
+
 def _losses(record: Exchanges, t1: Floats, t4: Floats) -> LossFigures:
     lost = np.isnan(t4)
     runs = _runs(lost)
-    limit = max(OUTAGE, 5 * record.period_ns * 1e-9)
-    heard_at = t1[~lost]
-    silent = np.diff(heard_at)
-    outages = silent[silent > limit]
+    silent = np.ptp(outages(t1[~lost], record.period_ns), axis=1)
     there, back = _shares(record)
     return LossFigures(
         float(lost.mean()), float(runs.mean()) if runs.size else 0.0,
         int(runs.max()) if runs.size else 0, there, back,
-        outages.size, float(outages.max()) if outages.size else 0.0,
+        silent.size, float(silent.max()) if silent.size else 0.0,
     )  # fmt: skip
 
 

@@ -11,7 +11,8 @@ from bridge.ping.clocks import Floats
 from bridge.ping.exchanges import CAPACITY, Exchanges
 from bridge.ping.figures import PathResult, WayFigures, way_figures
 
-_HEAD = ("min", "p50", "p95", "p99", "p99.9", "max", "mean", "sd", "jitter")
+#: Columns of the table of delays.
+COLUMNS = ("min", "p50", "p95", "p99", "p99.9", "max", "mean", "sd", "jitter")
 
 
 def live_line(record: Exchanges) -> str:
@@ -61,11 +62,15 @@ def _counts(result: PathResult) -> list[str]:
     return [*lines, *([", ".join(odd)] if odd else [])]
 
 
+def cells(f: WayFigures) -> tuple[float, ...]:
+    """The figures of `COLUMNS`, s."""
+    return (f.minimum, *f.quantiles, f.maximum, f.mean, f.sd, f.jitter)
+
+
 def _table(result: PathResult) -> list[str]:
-    lines = [" " * 12 + "".join(f"{h:>9}" for h in _HEAD) + "   (ms)"]
+    lines = [" " * 12 + "".join(f"{h:>9}" for h in COLUMNS) + "   (ms)"]
     for name, delay in ways(result).items():
-        f = way_figures(delay)
-        row = (f.minimum, *f.quantiles, f.maximum, f.mean, f.sd, f.jitter)
+        row = cells(way_figures(delay))
         lines.append(f"{name:<12}" + "".join(f"{1e3 * x:9.3f}" for x in row))
     return [*lines, *_confidence(way_figures(result.rtt))]
 
@@ -104,8 +109,23 @@ def _clock_lines(result: PathResult) -> list[str]:
             f"date of the other host: {1e3 * result.dates:+.3f} ms from ours, "
             f"to within {1e3 * result.uncertainty:.3f} ms"
         )
+        lines.append(_dates_line(result.kept))
     lines += [f"the other clock jumped at {at:.1f} s" for at in result.clock.steps]
     return lines
+
+
+def _dates_line(kept: tuple[float, float]) -> str:
+    """Whether runs in lock-step and limits of age can rely on the dates of both hosts."""
+    lacking = [host for host, error in zip(("here", "there"), kept, strict=True) if error == inf]
+    if lacking:
+        return (
+            f"the hosts do not share a date: no time server keeps it {' and '.join(lacking)}; a "
+            "common start and max_age need chrony, ptp4l or systemd-timesyncd on both"
+        )
+    here, there = (1e3 * error for error in kept)
+    return (
+        f"time servers keep the date of both hosts: here to {here:.3g} ms, there to {there:.3g} ms"
+    )
 
 
 def _loss_lines(result: PathResult) -> list[str]:
@@ -151,6 +171,7 @@ def values(result: PathResult) -> dict[str, Any]:
         "delays": {name: _way(way_figures(delay)) for name, delay in ways(result).items()},
         "uncertainty": _finite(result.uncertainty), "same_clock": result.same_host,
         "date_difference": result.dates,
+        "date_errors": [_finite(error) for error in result.kept],
         "loss": {
             "share": loss.share, "there": _finite(loss.there), "back": _finite(loss.back),
             "burst": loss.burst, "longest": loss.longest,

@@ -41,7 +41,7 @@ def spread(
             yield tasks[index], result
         suspects, waiting = sorted(left)[:jobs], sorted(left)[jobs:]
         if suspects:
-            with _pool(1) as alone:
+            with spawned(1) as alone:
                 require_start(alone)
         for index in suspects:
             found = [result for _, result in _batch(function, tasks, [index], 1)]
@@ -52,7 +52,7 @@ def _batch(
     function: Callable[[T], R], tasks: Sequence[T], indices: Sequence[int], jobs: int
 ) -> Iterator[tuple[int, R]]:
     """Results until all are there, or the pool breaks."""
-    pool = _pool(min(jobs, len(indices)))
+    pool = spawned(min(jobs, len(indices)))
     try:
         futures = {pool.submit(function, tasks[index]): index for index in indices}
         for future in as_completed(futures):
@@ -63,7 +63,8 @@ def _batch(
         pool.shutdown(cancel_futures=True)
 
 
-def _pool(jobs: int) -> ProcessPoolExecutor:
+def spawned(jobs: int) -> ProcessPoolExecutor:
+    """A pool of `jobs` processes that Ctrl-C leaves to the one that waits for them."""
     context = multiprocessing.get_context("spawn")
     return ProcessPoolExecutor(jobs, context, initializer=_ignore_interrupts)
 

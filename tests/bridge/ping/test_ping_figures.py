@@ -7,11 +7,13 @@ import numpy as np
 import pytest
 
 from bridge.cli.ping_path import _links
+from bridge.ping import figures
 from bridge.ping.as_link import fitted, traces
 from bridge.ping.exchanges import Arrival, Exchanges, ReceivedAnswer
 from bridge.ping.figures import PathResult, evaluate, way_figures
 from bridge.ping.packet import LEAST, PingPacket, decode
 from bridge.ping.report import text, values
+from bridge.realtime.host_clock import HostClock
 from cosim.base.errors import RunError
 from cosim.links.losses import GilbertElliott, Independent
 from cosim.links.skewed import Gamma
@@ -157,3 +159,34 @@ def test_a_packet_is_read_as_written_and_nothing_else_is() -> None:
     assert decode(answer.encode()) == answer and answer.answer
     for broken in (b"", data[: LEAST - 1], b"XPNG" + data[4:], data[:4] + b"\2" + data[5:]):
         assert decode(broken) is None
+
+
+@pytest.mark.parametrize("kept", [True, False])
+def test_dates_that_time_servers_keep_narrow_each_way(
+    kept: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The other date is 1 ms ahead; both hosts say that theirs is right to 1 and 0.5 ms."""
+    monkeypatch.setattr(figures, "host_clock", lambda: HostClock("here", kept, 1e-3))
+    monkeypatch.setattr(figures, "realtime_offset_ns", lambda: 10**18)
+    record = Exchanges("udp test", N, 128, PERIOD)
+    for k in range(N):
+        t1 = 1_000_000_000 + k * PERIOD
+        record.asked(t1, t1, 9_000)
+        t2 = t1 + 20_000_000
+        date = 10**18 - OFFSET + 1_000_000
+        answer = ReceivedAnswer(
+            k, t2 + OFFSET, t2 + OFFSET, 0, k + 1, host=1, date=date, error=500_000
+        )
+        record.answered(answer, Arrival(b"", t2 + 4_000_000))
+    found = evaluate(record)
+    said = "\n".join(text(found))
+    assert found.there is not None and found.dates is not None
+    if kept:
+        assert 1.5e-3 <= found.uncertainty < 3.1e-3  # of 12 ms without dates
+        assert abs(found.there[0] - 20e-3) <= found.uncertainty
+        assert found.dates == pytest.approx(1e-3, abs=found.uncertainty)
+        assert "time servers keep the date of both hosts: here to 1 ms, there to 0.5 ms" in said
+    else:
+        assert found.uncertainty > 11e-3
+        assert "the hosts do not share a date: no time server keeps it here; a common" in said
+    assert values(found)["date_errors"] == [1e-3 if kept else None, 5e-4]

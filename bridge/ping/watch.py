@@ -101,7 +101,7 @@ class PingWindow:
 
 
 def window_figures(record: Exchanges, start: float) -> PingWindow:
-    """The figures of a part of a measurement; its first question was sent at the date `start`, s."""
+    """Figures of a part of a measurement whose first question was sent at the date `start`, s."""
     t1 = record.stamp("t1")
     length = (int(t1[-1] - t1[0]) + record.period_ns) * 1e-9
     if not record.received or np.all(record.stamp("t4") == NONE):

@@ -1,15 +1,17 @@
 """What a measured path will do: a scenario offline, with the measured delays on its links.
 
-The trace of a path is repeated for as long as the scenario lasts. It is also started at other
-places, one run each: the spread of a number over these starts shows how much it depends on the
-moment, as far as a measurement of this length contains it.
+The trace of a path is repeated for as long as the scenario lasts, and started at several places,
+one run each. In every second run a sample arrives one period of its receiver later: what comes just
+after a step waits for the next one, and where in a period samples arrive is not known before. The
+spread of a number over these runs gives the interval in which another run on this path is expected,
+as far as a measurement of this length contains what can happen.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from math import inf, isfinite
+from math import inf, isfinite, sqrt
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -33,8 +35,11 @@ from cosim.record import Run
 from cosim.scenario.assemble import assemble
 from cosim.scenario.spec import Scenario, build
 
-#: Starts in a trace, parts of its length.
-STARTS = (0.0, 0.25, 0.5, 0.75)
+#: Starts in a trace, parts of its length. In every second run samples arrive one period later.
+STARTS = tuple(k / 8 for k in range(8))
+#: Half the interval in which 99 % of further runs are expected, in standard deviations of the runs
+#: above: Student's t for seven degrees of freedom, times sqrt(1 + 1/8).
+SPREAD = 3.499 * sqrt(1 + 1 / len(STARTS))
 #: A delay that has no effect, s.
 NO_DELAY = 1e-6
 
@@ -53,11 +58,13 @@ class PathTrace:
     back: Floats
     semantics: str
 
-    def rolled(self, start: float) -> PathTrace:
-        """The same trace from a part of its length on, and what was before it at its end."""
+    def rolled(self, start: float, later: float = 0.0) -> PathTrace:
+        """The same trace from a part of its length on, and what was before it at its end; all
+        delays longer by `later`, s.
+        """
         first = round(start * self.sent.size)
         sent = np.arange(self.sent.size) * np.median(np.diff(self.sent))
-        there, back = np.roll(self.there, -first), np.roll(self.back, -first)
+        there, back = np.roll(self.there, -first) + later, np.roll(self.back, -first) + later
         return PathTrace(np.asarray(sent, dtype=np.float64), there, back, self.semantics)
 
     def write(self, folder: Path) -> tuple[Path, Path]:
@@ -70,8 +77,8 @@ class PathTrace:
 
 @dataclass(frozen=True, slots=True)
 class PredictedNumber:
-    """A number of the scenario: on the path from the first start, its least and largest over all
-    starts, and without delay. Infinite: never, or not reached.
+    """A number of the scenario on a path: of the run from the first start, the bounds of the
+    interval that contains 99 % of further runs, and without delay. Infinite: never, or not reached.
     """
 
     label: str
@@ -86,7 +93,7 @@ class PredictedNumber:
         """In words."""
         return (
             f"{self.label:<34} {_said(self.value)} {self.unit}  ({_said(self.least)} to "
-            f"{_said(self.most)} over {len(STARTS)} starts; {_said(self.ideal)} without delay)"
+            f"{_said(self.most)} in 99 % of runs; {_said(self.ideal)} without delay)"
         )
 
 
@@ -121,14 +128,15 @@ def predict(
     back. `settings`: ``PATH=VALUE``. Raises ScenarioError.
     """
     ways = directions(_document(path, settings), path, link)
+    later = _longest_period(path, settings, ways)
     failures: list[str] = []
     on_path = []
     with TemporaryDirectory() as kept:
-        for start in STARTS:
-            files = trace.rolled(start).write(Path(kept))
+        for i, start in enumerate(STARTS):
+            files = trace.rolled(start, later * (i % 2)).write(Path(kept))
             delays = {
-                i: {"law": "trace", "file": str(files[back]), "repeat": True}
-                for i, back in ways.items()
+                link: {"law": "trace", "file": str(files[back]), "repeat": True}
+                for link, back in ways.items()
             }
             scenario = _on(path, settings, delays, trace.semantics)
             results, failure = _run(scenario)
@@ -188,6 +196,14 @@ def _on(
     return build(document, path)
 
 
+def _longest_period(path: Path, settings: Sequence[str], ways: Mapping[int, bool]) -> float:
+    """Of the components that receive by these links, s."""
+    plan = assemble(build(_document(path, settings), path))
+    links = _document(path, settings)["links"]
+    receivers = [str(links[i]["to"]).partition(".")[0] for i in ways]
+    return max(plan.component(name).period for name in receivers) * plan.h
+
+
 Key = tuple[str, str, str]  # name, label, unit
 
 
@@ -200,10 +216,13 @@ def _run(scenario: Scenario) -> tuple[dict[Key, float], str]:
             return {}, str(error)
         run = Run.open(Path(folder) / "run")
         results = evaluate(declared_metrics.metrics(scenario), run)
-        return dict(_parts(results)), ""
+        return dict(parts(results)), ""
 
 
-def _parts(results: Sequence[MetricResult]) -> Iterator[tuple[Key, float]]:
+def parts(results: Sequence[MetricResult]) -> Iterator[tuple[Key, float]]:
+    """The numbers of a run that are predicted, in their units: how long a metric took to settle in
+    place of its value, where it has one.
+    """
     for r in results:
         if "settle_s" in r.parts:
             yield (f"{r.name} settles", f"{r.label} settled after", "s"), r.parts["settle_s"]
@@ -214,11 +233,24 @@ def _parts(results: Sequence[MetricResult]) -> Iterator[tuple[Key, float]]:
 def _number(
     key: Key, on_path: Sequence[Mapping[Key, float]], ideal: Mapping[Key, float]
 ) -> PredictedNumber:
-    found = [values.get(key, inf) for values in on_path]
+    found = np.array([values.get(key, inf) for values in on_path])
     _, label, unit = key
+    least, most = interval(found)
     return PredictedNumber(
-        label, "" if unit == "1" else unit, found[0], min(found), max(found), ideal.get(key, inf)
+        label, "" if unit == "1" else unit, float(found[0]), least, most, ideal.get(key, inf)
     )
+
+
+def interval(found: Floats) -> tuple[float, float]:
+    """In which 99 % of further runs are expected, by those of all starts (8,), in their unit.
+
+    Where a run never reached the number (infinite), it has no upper bound.
+    """
+    if not np.isfinite(found).all():
+        return float(found.min()), inf
+    half = SPREAD * float(np.std(found, ddof=1))
+    least = float(np.mean(found)) - half
+    return max(least, 0.0) if (found >= 0).all() else least, float(np.mean(found)) + half
 
 
 @dataclass(frozen=True, slots=True)

@@ -61,7 +61,7 @@ def drawn_link(rng: np.random.Generator) -> dict[str, Any]:
 
 
 def measured(
-    network: RelayNetwork, ahead: float, drift: float
+    network: RelayNetwork, ahead: float, drift: float, questions: int = QUESTIONS
 ) -> tuple[PathResult, Exchanges, np.ndarray]:
     """A ping from near to far, and when each question really arrived there, (n,), ns."""
     with network.on_host("far"):
@@ -74,8 +74,8 @@ def measured(
         port, start = map(int, far.stdout.readline().split())
         with network.on_host("near"):
             near = UdpPath((network.addresses["far"], port))
-            record = Exchanges("relay", QUESTIONS, 128, PERIOD_NS)
-            measure(near, PacketCodec(128), PingPlan(PERIOD_NS, QUESTIONS), record)
+            record = Exchanges("relay", questions, 128, PERIOD_NS)
+            measure(near, PacketCodec(128), PingPlan(PERIOD_NS, questions), record)
             near.close()
     finally:
         far.kill()

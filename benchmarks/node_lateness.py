@@ -1,6 +1,7 @@
 """How late the nodes of a rehearsal wake at 1 kHz beside busy processes, next to cyclictest.
 
-    python benchmarks/node_lateness.py [--seconds S] [--busy 0,2,4] [--rounds N] [--json FILE]
+    python benchmarks/node_lateness.py [--seconds S] [--busy 0,2,4] [--rounds N]
+        [--variants TEXT] [--json FILE]
 
 Each measurement is a whole rehearsal of two arms and two controllers at 1 kHz (four processes,
 udp_multicast in a network namespace of its own), or four bare loops in C, while cyclictest runs at
@@ -9,6 +10,7 @@ turns, and the table holds medians of the rounds:
 
 * the nodes as they are, with their journals on the disk,
 * the nodes with their journals in memory (/dev/shm): the difference is what the disk costs,
+* the same, while `cosim ping listen can` reads every frame of both buses,
 * the nodes without real-time grants: what the grants are worth,
 * four bare C loops with the same grants: the difference to the nodes is what nodes do in a slot.
 
@@ -24,6 +26,8 @@ from __future__ import annotations
 
 import argparse
 import json
+import re
+import shlex
 import shutil
 import subprocess
 import sys
@@ -48,7 +52,9 @@ from bridge.replay import replay
 ROOT = Path(__file__).resolve().parents[1]
 SCENARIO = ROOT / "configs" / "teleoperation.toml"
 SETUP = 'ip link set lo up multicast on && ip route add 224.0.0.0/4 dev lo && exec "$@"'
-NAMESPACE = ("unshare", "--net", "sh", "-c", SETUP, "sh")
+NAMESPACE = ("unshare", "--net", "sh", "-c")
+#: Groups of the two buses of a rehearsal on udp_multicast.
+GROUPS = ("239.74.163.2", "239.74.163.3")
 COSIM = (sys.executable, "-c", "from cosim.cli import main; main()")
 PERIOD, LATE, PRIORITY, NODES = 1_000_000, 200_000, 50, 4  # ns, ns, SCHED_FIFO, processes
 QUANTILES = (50, 99, 99.9, 100)
@@ -123,9 +129,21 @@ def cyclictest(seconds: float, found: list[float]) -> Iterator[None]:
     found += quantiles(1000 * values.astype(np.int64))
 
 
-def nodes(seconds: float, folder: Path, *more: str) -> list[dict[str, Ns]]:
+def listeners(seconds: float, folder: Path) -> str:
+    """Shell commands that start a ping at each bus, which listens until the rehearsal has ended."""
+    ping = (*COSIM, "ping", "listen", "can")
+    return " ".join(
+        f"{shlex.join(ping)} {group} -i udp_multicast --duration {seconds + 3:g} "
+        f">{shlex.quote(str(folder))}-{group} 2>&1 &"
+        for group in GROUPS
+    )
+
+
+def nodes(seconds: float, folder: Path, *more: str, listen: bool = False) -> list[dict[str, Ns]]:
     """The slots of a rehearsal's nodes, without the first second."""
-    words = [*NAMESPACE, *COSIM, "rehearse", str(SCENARIO), "--deploy", "can-1khz"]
+    first, last = SETUP.rsplit("&& ", 1)
+    setup = f"{first}&& ( {listeners(seconds, folder)} sleep 2 ) && {last}" if listen else SETUP
+    words = [*NAMESPACE, setup, "sh", *COSIM, "rehearse", str(SCENARIO), "--deploy", "can-1khz"]
     words += ["-i", "udp_multicast", "--no-twin", "--no-plot", "--quiet", "--out", str(folder)]
     words += ["--set", f"run.stop={seconds:g}", *more]
     done = subprocess.run(words, cwd=ROOT, capture_output=True, text=True, check=False)
@@ -133,6 +151,9 @@ def nodes(seconds: float, folder: Path, *more: str) -> list[dict[str, Ns]]:
         raise SystemExit(done.stderr or done.stdout)
     names = {"deadline": "deadline_ns", "woke": "woke_ns", "received": "received_ns",
              "done": "done_ns"}  # fmt: skip
+    for group in GROUPS if listen else ():
+        heard = re.findall(r"(\d+) samples,", Path(f"{folder}-{group}").read_text())
+        print(f"{group}: the ping heard {sum(map(int, heard))} frames", file=sys.stderr)
     lives = replay.load(folder / "nodes").values()
     return [{k: rows[name][1000:].astype(np.int64) for k, name in names.items()} for rows in lives]
 
@@ -162,17 +183,23 @@ def loop(seconds: float) -> None:
 def measure(variant: str, seconds: float) -> Found:
     """One variant, once."""
     peer: list[float] = []
-    parent = "/dev/shm" if variant == "nodes, journals in memory" else None
+    parent = "/dev/shm" if "in memory" in variant else None
     with tempfile.TemporaryDirectory(dir=parent) as scratch, cyclictest(seconds, peer):
         if variant == "four bare C loops":
             slots = loops(seconds)
         else:
             more = ("--no-realtime",) if variant == "nodes, no grants" else ()
-            slots = nodes(seconds, Path(scratch, "run"), *more)
+            slots = nodes(seconds, Path(scratch, "run"), *more, listen="listens" in variant)
     return judge(slots, peer)
 
 
-VARIANTS = ("nodes", "nodes, journals in memory", "nodes, no grants", "four bare C loops")
+VARIANTS = (
+    "nodes",
+    "nodes, journals in memory",
+    "nodes, journals in memory, a ping listens",
+    "nodes, no grants",
+    "four bare C loops",
+)
 
 # ---- all of them ---------------------------------------------------------------------------------
 
@@ -210,6 +237,7 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=10.0, help="of a rehearsal (default 10)")
     parser.add_argument("--busy", default="0,2,4", help="busy processes (default 0,2,4)")
     parser.add_argument("--rounds", type=int, default=3, help="of each (default 3)")
+    parser.add_argument("--variants", default="", help="only those that contain this text")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write all numbers here")
     parser.add_argument("--loop", type=float, help=argparse.SUPPRESS)
     options = parser.parse_args()
@@ -219,7 +247,8 @@ def main() -> None:
     for program in ("cyclictest", "unshare", "ip"):
         if shutil.which(program) is None:
             raise SystemExit(f"{program} is not installed (Debian: rt-tests, util-linux, iproute2)")
-    cases = [(int(n), variant) for n in options.busy.split(",") for variant in VARIANTS]
+    cases = [(int(n), variant) for n in options.busy.split(",") for variant in VARIANTS
+             if options.variants in variant]  # fmt: skip
     found: dict[tuple[int, str], list[Found]] = {case: [] for case in cases}
     for _ in range(options.rounds):
         for n, variant in cases:

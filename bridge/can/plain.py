@@ -10,7 +10,7 @@ from bridge.can.interface import CanBusSpec, configuration, open_device
 from bridge.can.socket import BusError
 from bridge.can.threaded import to_frame, to_message
 from bridge.native.frame import Frame
-from cosim.base.clock import monotonic_ns, realtime_ns
+from cosim.base.clock import monotonic_ns, now_and_date
 
 
 class ArrivedFrame(NamedTuple):
@@ -47,9 +47,10 @@ class PlainBus:
             raise BusError(f"bus {self._name}: {error}") from None
         if message is None:
             return None
-        now, waited = monotonic_ns(), 0
+        waited = 0
+        now, date = now_and_date()
         if self._dated:
-            waited = realtime_ns() - round(message.timestamp * 1e9)
+            waited = date - round(message.timestamp * 1e9)
         waited = waited if 0 <= waited < 1_000_000_000 else 0
         return ArrivedFrame(to_frame(message, now - waited), now - waited, waited)
 

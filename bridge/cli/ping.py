@@ -11,6 +11,7 @@ from bridge.cli.options import CanBitrate, CanInterface, ZenohConfig
 from cosim.cli.numbers import finite
 
 if TYPE_CHECKING:
+    from bridge.cli.ping_path import PathRequest
     from bridge.deployment.system import System
     from bridge.zenoh.ping import Floats, PingResult
 
@@ -23,7 +24,8 @@ def ping(
     target: Annotated[
         list[str] | None,
         typer.Argument(
-            help="udp: HOST[:PORT]; zenoh: endpoint; can: channel. The other end: cosim pong."
+            help="udp: HOST[:PORT]; zenoh: endpoint; can: channel; several are measured at once. "
+            "The other end: cosim pong."
         ),
     ] = None,
     rate: Annotated[
@@ -55,6 +57,12 @@ def ping(
             help="With --watch: tell when a window is beyond this, and exit with 1 in the end.",
         ),
     ] = None,
+    ramp: Annotated[
+        bool,
+        typer.Option(
+            "--ramp", help="Raise --rate until the path breaks, --duration (2 s) at each rate."
+        ),
+    ] = False,
     tos: Annotated[
         int, typer.Option(min=0, max=255, help="udp: byte of service of IPv4 (DSCP * 4).")
     ] = 0,
@@ -120,25 +128,56 @@ def ping(
     with the messages of a deployment between two of its nodes.
     """
     if not path.endswith(".toml"):
-        from bridge.cli.ping_listen import ping_listen
-        from bridge.cli.ping_path import EndOptions, PredictionOptions, WatchOptions, ping_path
+        from bridge.cli.ping_path import EndOptions, PathRequest, PredictionOptions, WatchOptions
 
-        length = (0.0 if watch else 10.0) if duration is None else duration
+        usual = 2.0 if ramp else 0.0 if watch else 10.0
+        length = usual if duration is None else duration
         end = EndOptions(tos, config, interface, bitrate, ask, answer)
         if path == "listen":
+            from bridge.cli.ping_listen import ping_listen
+
             ping_listen(
                 target or [], identifier=id_, connect=connect, duration=length, json_=json_,
                 end=end,
             )  # fmt: skip
             return
-        ping_path(
-            path, target or [], rate=rate, size=size, duration=length,
-            end=end, json_=json_, out=out,
-            prediction=PredictionOptions(scenario, link, compare, tuple(set_ or ())),
-            watch=WatchOptions(watch, tuple(alarm or ())),
+        common = PathRequest(
+            path, "", rate, size, length, out, end,
+            PredictionOptions(scenario, link, compare, tuple(set_ or ())),
+            WatchOptions(watch, tuple(alarm or ())),
         )  # fmt: skip
+        _paths(path, target or [], common, json_=json_, ramp=ramp)
         return
     _nodes(Path(path), deploy, as_, to, echo, local, count, period, out, predict, set_ or [])
+
+
+def _paths(kind: str, target: list[str], common: PathRequest, *, json_: bool, ramp: bool) -> None:
+    """One path, several of them, or one at rising rates."""
+    from bridge.cli.ping_path import ping_path, requests
+    from cosim.base.errors import ScenarioError
+
+    found = requests(kind, target, common)
+    if ramp:
+        from bridge.cli.ping_ramp import ping_ramp
+
+        if (
+            len(found) > 1
+            or not common.duration
+            or common.watch.every
+            or common.prediction.scenario
+        ):
+            raise ScenarioError(
+                "found --ramp with several paths, --duration 0, --watch or --scenario; expected "
+                "one path and a length of each rate",
+                "cosim ping",
+            )
+        ping_ramp(found[0], json_=json_)
+    elif len(found) == 1:
+        ping_path(found[0], json_=json_)
+    else:
+        from bridge.cli.ping_several import ping_several
+
+        ping_several(found, json_=json_)
 
 
 def _nodes(

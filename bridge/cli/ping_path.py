@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import json
+import re
 import shlex
 import sys
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from math import isfinite
 from pathlib import Path
 from textwrap import indent
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     from bridge.ping.figures import PathResult
     from bridge.ping.measure import PingPlan
     from bridge.ping.prediction import PathTrace
+    from cosim.base.errors import ScenarioError
 
 PATHS = ("udp", "zenoh", "can")
 
@@ -69,90 +71,172 @@ class WatchOptions:
     alarms: tuple[str, ...] = ()
 
 
-def ping_path(
-    kind: str, target: Sequence[str], *, rate: float, size: int, duration: float, json_: bool,
-    out: Path, end: EndOptions = EndOptions(), prediction: PredictionOptions = PredictionOptions(),
-    watch: WatchOptions = WatchOptions(),
-) -> None:  # fmt: skip
-    """Measure one path, print its figures, and write its traces and a report.
-
-    `rate`: questions a second; `size`: bytes; `duration`: s, 0: until Ctrl-C. Raises ScenarioError
-    for what is no path, RunError or BusError where nothing answers; exits with 1 after an alarm.
+@dataclass(frozen=True, slots=True)
+class PathRequest:
+    """A path and how to measure it: `kind` and `where`, questions a second, bytes, s (0: until
+    Ctrl-C), the folder for traces and report.
     """
-    from bridge.ping.exchanges import CAPACITY, Exchanges
-    from bridge.ping.figures import evaluate
-    from bridge.ping.measure import PingPlan
-    from bridge.ping.page import PingNotes, write_ping_page
-    from bridge.ping.report import text, values
+
+    kind: str
+    where: str
+    rate: float
+    size: int
+    duration: float
+    out: Path
+    end: EndOptions = EndOptions()
+    prediction: PredictionOptions = PredictionOptions()
+    watch: WatchOptions = WatchOptions()
+
+    @property
+    def name(self) -> str:
+        """In words, as it is given."""
+        return f"{self.kind} {self.where}".strip()
+
+    @property
+    def plan(self) -> PingPlan:
+        """Of its questions."""
+        from bridge.ping.measure import PingPlan
+
+        count = max(1, round(self.rate * self.duration)) if self.duration else None
+        return PingPlan(round(1e9 / self.rate), count)
+
+
+@dataclass(frozen=True, slots=True)
+class PathOutcome:
+    """What a measurement found: `data` for JSON, and the alarms that sounded."""
+
+    data: dict[str, Any]
+    sounded: list[str]
+
+
+Say = Callable[[str], None]
+Show = Callable[["Exchanges"], None]
+
+
+def requests(kind: str, target: Sequence[str], common: PathRequest) -> list[PathRequest]:
+    """One for each path of the command line: ``udp HOST HOST can CHANNEL``. A kind begins another
+    group of targets. Several paths get folders of their own in that of `common`.
+
+    Raises ScenarioError for what is no path.
+    """
     from cosim.base.errors import ScenarioError
 
-    if kind not in PATHS or len(target) > 1 or (kind != "zenoh" and not target):
-        raise ScenarioError(
-            f"found {' '.join([kind, *target])!r}; expected udp HOST[:PORT], zenoh [ENDPOINT], can "
-            "CHANNEL, listen, or a scenario file (.toml)",
-            "cosim ping",
-        )
+    found: list[tuple[str, str]] = []
+    if kind not in PATHS:
+        raise _no_path([kind, *target])
+    open_kind = kind  # one that has no target yet
+    for word in target:
+        if word in PATHS:
+            if open_kind:
+                found.append((open_kind, ""))
+            kind = open_kind = word
+        else:
+            found.append((kind, word))
+            open_kind = ""
+    if open_kind:
+        found.append((open_kind, ""))
+    if any(not where and k != "zenoh" for k, where in found) or len(set(found)) < len(found):
+        raise _no_path([found[0][0], *target])
+    prediction, watch = common.prediction, common.watch
     if (prediction.link or prediction.compare) and prediction.scenario is None:
         raise ScenarioError("found --link or --compare; expected --scenario FILE", "cosim ping")
     if watch.alarms and not watch.every:
         raise ScenarioError("found --alarm; expected --watch SECONDS with it", "cosim ping")
-    count = max(1, round(rate * duration)) if duration else None
-    plan = PingPlan(round(1e9 / rate), count)
-    path = _open(kind, target[0] if target else "", size, end)
-    record = Exchanges(path.name, CAPACITY if count is None else count, path.size, plan.period_ns)
-    sounded = _watched(path, plan, record, watch, out, quiet=json_)
-    result = evaluate(record)
-    link = _links(kind, result, out)
-    below = path.below(result)
-    if not json_:
-        for line in [*text(result), *below]:
-            typer.echo(line)
-        for name, lines in link.items():
-            typer.echo(f"{name}, as a link:")
-            typer.echo(indent("\n".join(lines.values()), "  "))
-    predicted = _predicted(kind, result, prediction, out)
-    notes = PingNotes(link, _command(), below, predicted.scenario, predicted.controllers)
-    page = write_ping_page(out / "report.html", result, notes)
+    folders = [common.out / re.sub(r"[^\w.-]+", "-", f"{k} {where}".strip()) for k, where in found]
+    if len(found) == 1:
+        folders = [common.out]
+    return [
+        replace(common, kind=k, where=where, out=folder)
+        for (k, where), folder in zip(found, folders, strict=True)
+    ]
+
+
+def _no_path(words: Sequence[str]) -> ScenarioError:
+    from cosim.base.errors import ScenarioError
+
+    return ScenarioError(
+        f"found {' '.join(words)!r}; expected udp HOST[:PORT], zenoh [ENDPOINT] or can CHANNEL, "
+        "several of them, each once; or listen, or a scenario file (.toml)",
+        "cosim ping",
+    )
+
+
+def ping_path(request: PathRequest, *, json_: bool) -> None:
+    """Measure one path, print its figures, and write its traces and a report.
+
+    Raises RunError or BusError where nothing answers; exits with 1 after an alarm.
+    """
+
+    def say(line: str) -> None:
+        _live_end()
+        typer.echo(line, err=json_)
+
+    found = measured(request, say, _live, (lambda _: None) if json_ else typer.echo)
     if json_:
-        data = {**values(result), "links": link, "prediction": predicted.data, "alarms": sounded}
-        typer.echo(json.dumps(data, indent=1))
-    else:
-        for line in predicted.text(prediction, out):
-            typer.echo(line)
-        typer.echo(f"report: {page}")
-    if sounded:
+        typer.echo(json.dumps(found.data, indent=1))
+    if found.sounded:
         raise typer.Exit(1)
 
 
+def measured(request: PathRequest, say: Say, live: Show, tell: Say) -> PathOutcome:
+    """Measure a path, and write its traces and a report.
+
+    `say` is given lines while it is measured, `live` the state now and then, `tell` the lines of
+    the result as they are known. Raises RunError or BusError where nothing answers.
+    """
+    from bridge.ping.exchanges import CAPACITY, Exchanges
+    from bridge.ping.figures import evaluate
+    from bridge.ping.page import PingNotes, write_ping_page
+    from bridge.ping.report import text, values
+
+    plan, out = request.plan, request.out
+    path = open_path(request.kind, request.where, request.size, request.end)
+    capacity = CAPACITY if plan.count is None else plan.count
+    record = Exchanges(path.name, capacity, path.size, plan.period_ns)
+    sounded = _watched(path, plan, record, request, say, live)
+    result = evaluate(record)
+    link = _links(request.kind, result, out)
+    below = path.below(result)
+    for line in [*text(result), *below]:
+        tell(line)
+    for name, lines in link.items():
+        tell(f"{name}, as a link:")
+        tell(indent("\n".join(lines.values()), "  "))
+    predicted = _predicted(request.kind, result, request.prediction, out)
+    notes = PingNotes(link, _command(), below, predicted.scenario, predicted.controllers)
+    page = write_ping_page(out / "report.html", result, notes)
+    for line in predicted.text(request.prediction, out):
+        tell(line)
+    tell(f"report: {page}")
+    return PathOutcome(
+        {**values(result), "links": link, "prediction": predicted.data, "alarms": sounded}, sounded
+    )
+
+
 def _watched(
-    path: OpenedPath, plan: PingPlan, record: Exchanges, watch: WatchOptions, out: Path, *,
-    quiet: bool,
-) -> list[str]:  # fmt: skip
+    path: OpenedPath, plan: PingPlan, record: Exchanges, request: PathRequest, say: Say, live: Show
+) -> list[str]:
     """Measure, in windows if they are wanted; which alarms sounded."""
     from bridge.ping.measure import measure
 
-    if not watch.every:
+    wanted = request.watch
+    if not wanted.every:
         with path.opened as opened:
-            measure(opened, path.codec, plan, record, _live)
+            measure(opened, path.codec, plan, record, live)
         _live_end()
         return []
     from bridge.ping.watch import PingAlarm, PingWatch, append
 
-    alarms = [PingAlarm.parse(text) for text in watch.alarms]
-
-    def say(line: str) -> None:
-        _live_end()
-        typer.echo(line, err=quiet)
-
+    alarms = [PingAlarm.parse(text) for text in wanted.alarms]
     with (
-        append(out / "watch.jsonl") as file,
-        PingWatch(watch.every, plan.period_ns, alarms, file, say) as watching,
+        append(request.out / "watch.jsonl") as file,
+        PingWatch(wanted.every, plan.period_ns, alarms, file, say) as watching,
         path.opened as opened,
     ):
 
         def show(record: Exchanges) -> None:
             watching.show(record)
-            _live(record)
+            live(record)
 
         measure(opened, path.codec, plan, record, show)
         _live_end()
@@ -221,8 +305,8 @@ def _predicted(
     return ShownPrediction(data, tuple(found.lines()), tuple(one.text for one in each))
 
 
-def _open(kind: str, where: str, size: int, end: EndOptions) -> OpenedPath:
-    """The asking end of a path."""
+def open_path(kind: str, where: str, size: int, end: EndOptions) -> OpenedPath:
+    """The asking end of a path of a kind; `size`: payload, bytes. Raises ScenarioError."""
     from contextlib import closing
 
     from bridge.ping.measure import PacketCodec

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from typing import Any, cast, final
 
 from bridge.ping.exchanges import Arrival
-from cosim.base.clock import READINGS, monotonic_ns, realtime_ns
+from cosim.base.clock import monotonic_ns, now_and_date
 from cosim.base.errors import RunError
 
 #: Port of a responder unless another one is given.
@@ -18,8 +18,6 @@ PORT = 29531
 _STAMP = 35
 _TIMESPEC = struct.Struct("@qq")
 _BATCH = 64
-#: Two readings of a clock at most this far apart are of one moment, ns.
-CLOSE_NS = 2_000
 _LARGEST = 65535
 
 
@@ -78,7 +76,7 @@ class UdpPath:
                 continue  # an ICMP message: nobody listens there; counts as a loss
             except OSError:
                 break
-            now, date = _now_and_date()
+            now, date = now_and_date()
             waited = _age(control, date)
             found.append(Arrival(data, now - waited, waited, sender))
         return found
@@ -115,21 +113,6 @@ def _stamped(made: socket.socket) -> bool:
     except OSError:
         return False
     return True
-
-
-def _now_and_date() -> tuple[int, int]:
-    """The monotonic clock and the date of one moment, ns: the closest of some readings.
-
-    Between two calls this process may be interrupted, which would make a packet older than it is.
-    """
-    readings = []
-    for _ in range(READINGS):
-        before, date, after = monotonic_ns(), realtime_ns(), monotonic_ns()
-        readings.append((after - before, (before + after) // 2, date))
-        if after - before < CLOSE_NS:
-            break
-    _, now, date = min(readings)
-    return now, date
 
 
 def _age(control: Sequence[tuple[int, int, bytes]], date_ns: int) -> int:

@@ -13,6 +13,8 @@ from collections.abc import Callable
 
 #: Readings of two clocks of which the closest one counts.
 READINGS = 5
+#: Two readings of a clock at most this far apart are of one moment, ns.
+CLOSE_NS = 2_000
 
 
 def stopwatch() -> Callable[[], float]:
@@ -48,8 +50,8 @@ def realtime_ns() -> int:
     return time.time_ns()
 
 
-def realtime_offset_ns() -> int:
-    """What to add to a time of :func:`monotonic_ns` to get its date, ns (:func:`realtime_ns`).
+def now_and_date() -> tuple[int, int]:
+    """The times of :func:`monotonic_ns` and :func:`realtime_ns` at one moment, ns.
 
     Of some readings the one in which least time went by between the two clocks: a process that is
     interrupted between them for 30 ms would be wrong by as much.
@@ -57,8 +59,17 @@ def realtime_offset_ns() -> int:
     readings = []
     for _ in range(READINGS):
         before, date, after = monotonic_ns(), realtime_ns(), monotonic_ns()
-        readings.append((after - before, date - (before + after) // 2))
-    return min(readings)[1]
+        readings.append((after - before, (before + after) // 2, date))
+        if after - before < CLOSE_NS:
+            break
+    _, now, date = min(readings)
+    return now, date
+
+
+def realtime_offset_ns() -> int:
+    """What to add to a time of :func:`monotonic_ns` to get its date, ns (:func:`realtime_ns`)."""
+    now, date = now_and_date()
+    return date - now
 
 
 def wall_time() -> float:

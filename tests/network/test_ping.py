@@ -1,5 +1,7 @@
 """``cosim ping`` against known truth: two hosts, drifting clocks, and a relay between them."""
 
+import json
+import signal
 import subprocess
 import sys
 from collections.abc import Mapping
@@ -31,7 +33,7 @@ start = true()
 def skewed():
     now = true()
     return now + round(ahead * 1e9 + drift * (now - start))
-measure.monotonic_ns = udp.monotonic_ns = skewed
+clock.monotonic_ns = measure.monotonic_ns = udp.monotonic_ns = skewed
 measure.clock_number = lambda clock: 1
 end = udp.UdpPath(("0.0.0.0", 0), listen=True)
 print(end.port, start, flush=True)
@@ -144,3 +146,39 @@ def test_each_way_is_within_the_stated_uncertainty_in_25_networks(
             asymmetries.append(abs(2 * least[0] / least[1] - 1))
     assert max(asymmetries) > 0.5  # the cases did contain ways that differ
     assert np.median(bounds) < 0.06  # and the uncertainty is no excuse: half of a round trip
+
+
+#: IPv4 and UDP, bytes before the payload of a packet.
+HEADERS = 28
+
+
+@pytest.mark.parametrize("capacity", [100e3, 400e3])
+def test_the_rate_beyond_which_a_path_breaks_is_its_capacity(
+    capacity: float, tmp_path: Path
+) -> None:
+    """`capacity`: of the way back, bit/s; what comes faster waits in a queue."""
+    size = 200
+    delay = {"law": "constant", "delay": "5 ms"}
+    limits = {"far>near": {"delay": delay, "rate": capacity}}
+    with RelayNetwork(("near", "far"), tmp_path / "packets", limits, seed=5) as network:
+        with network.on_host("far"):
+            far = subprocess.Popen(
+                [sys.executable, "-m", "cosim", "pong"], stderr=subprocess.PIPE, text=True
+            )
+        assert far.stderr is not None and "answers" in far.stderr.readline()
+        words = ["ping", "udp", network.addresses["far"], "--ramp", "--rate", "10", "--json"]
+        try:
+            with network.on_host("near"):
+                done = subprocess.run(
+                    [sys.executable, "-m", "cosim", *words, "--size", str(size)],
+                    capture_output=True, text=True, cwd=tmp_path,
+                )  # fmt: skip
+        finally:
+            far.send_signal(signal.SIGINT)
+            far.communicate()
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout)
+    truth = capacity / (8 * (size + HEADERS))
+    assert 0.85 * truth < found["holds"] < 1.1 * truth, (found, truth)
+    assert 0.95 * truth < found["breaks"] < 1.25 * truth, (found, truth)
+    assert "grow" in found["why"] or "lost" in found["why"]

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from bridge.cli.ping_path import ping_path
-from bridge.ping import udp
+from bridge.cli.ping_path import PathRequest, ping_path, requests
+from bridge.cli.ping_several import ping_several
 from bridge.ping.can import CanResponder
 from bridge.ping.exchanges import Arrival, Exchanges
 from bridge.ping.figures import evaluate
@@ -18,6 +18,7 @@ from bridge.ping.measure import PacketCodec, PingPlan, PingResponder, measure
 from bridge.ping.packet import PingPacket, decode
 from bridge.ping.udp import UdpPath, parse_address
 from bridge.ping.zenoh import zenoh_path, zenoh_responder
+from cosim.base import clock
 from cosim.base.clock import monotonic_ns
 from cosim.base.errors import CosimError, RunError
 from tests.bridge.zenoh.ends import endpoint
@@ -44,10 +45,7 @@ def test_udp_between_two_sockets(tmp_path: Path, capsys: pytest.CaptureFixture[s
     end = UdpPath(("127.0.0.1", 0), listen=True)
     responder = PingResponder(end)
     with answering(responder):
-        ping_path(
-            "udp", [f"127.0.0.1:{end.port}"], rate=1000, size=100, duration=0.1, json_=True,
-            out=tmp_path,
-        )  # fmt: skip
+        ping_path(PathRequest("udp", f"127.0.0.1:{end.port}", 1000, 100, 0.1, tmp_path), json_=True)
     end.close()
     found = json.loads(capsys.readouterr().out)
     assert found["answered"] == found["sent"] == responder.answered == 100
@@ -86,7 +84,9 @@ def test_zenoh_between_two_sessions(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("kind", "target", "said"),
     [
-        ("udp", [], "expected udp HOST"),
+        ("udp", [], "found 'udp'; expected udp HOST"),
+        ("udp", ["a", "can"], "found 'udp a can'; expected udp HOST"),
+        ("udp", ["a", "b", "a"], "found 'udp a b a'; expected .* several of them, each once"),
         ("tcp", ["x"], "found 'tcp x'; expected udp HOST"),
         ("udp", ["127.0.0.1:x"], "port 'x'; expected HOST or HOST:PORT"),
         ("udp", ["127.0.0.1:99999"], "port '99999'"),
@@ -96,10 +96,39 @@ def test_what_is_no_path_is_refused(
     kind: str, target: list[str], said: str, tmp_path: Path
 ) -> None:
     with pytest.raises(CosimError, match=said):
-        ping_path(
-            kind, target, rate=1, size=100, duration=1, json_=False,
-            out=tmp_path,
-        )  # fmt: skip
+        [request] = requests(kind, target, PathRequest(kind, "", 1, 100, 1, tmp_path))
+        ping_path(request, json_=False)
+
+
+def test_several_paths_have_folders_of_their_own(tmp_path: Path) -> None:
+    common = PathRequest("", "", 1, 100, 1, tmp_path)
+    found = requests("udp", ["a:1", "b", "zenoh", "can", "can0"], common)
+    assert [r.name for r in found] == ["udp a:1", "udp b", "zenoh", "can can0"]
+    assert [r.out.name for r in found] == ["udp-a-1", "udp-b", "zenoh", "can-can0"]
+    [one] = requests("udp", ["a"], common)
+    assert one.out == tmp_path
+
+
+def test_several_paths_are_measured_at_once_and_one_that_fails_does_not_end_the_others(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    ends = [UdpPath(("127.0.0.1", 0), listen=True) for _ in range(2)]
+    with answering(PingResponder(ends[0])), answering(PingResponder(ends[1])):
+        common = PathRequest("", "", 200, 100, 0.2, tmp_path)
+        where = [f"127.0.0.1:{end.port}" for end in ends]
+        ping_several(requests("udp", where, common), json_=False)
+        printed = capsys.readouterr().out.splitlines()
+        with pytest.raises(RunError, match=r"^udp nowhere\.invalid:29531: "):
+            ping_several(requests("udp", [*where[:1], "nowhere.invalid"], common), json_=True)
+        [left] = json.loads(capsys.readouterr().out)["paths"].items()
+    for end in ends:
+        end.close()
+    assert left[0] == f"udp {where[0]}" and left[1]["answered"] == 40
+    assert [line.split()[:2] for line in printed[1:3]] == [["udp", w] for w in where]
+    assert all(line.endswith("40") for line in printed[1:3])
+    folders = [tmp_path / f"udp-{w.replace(':', '-')}" for w in where]
+    assert printed[-1] == f"report: {folders[1] / 'report.html'}"
+    assert (folders[0] / "there.csv").is_file() and (folders[0] / "report.html").is_file()
 
 
 def test_addresses() -> None:
@@ -148,7 +177,7 @@ def test_an_interruption_between_two_clocks_does_not_make_a_packet_older(
         return now[0]
 
     pauses = iter([0, 5_000_000, 0, 0, 1_500, 0])  # before each reading of a clock
-    monkeypatch.setattr(udp, "monotonic_ns", lambda: later(next(pauses)))
-    monkeypatch.setattr(udp, "realtime_ns", lambda: 10**18 + later(next(pauses)))
-    found, date = udp._now_and_date()
-    assert abs(date - 10**18 - found) <= udp.CLOSE_NS
+    monkeypatch.setattr(clock, "monotonic_ns", lambda: later(next(pauses)))
+    monkeypatch.setattr(clock, "realtime_ns", lambda: 10**18 + later(next(pauses)))
+    found, date = clock.now_and_date()
+    assert abs(date - 10**18 - found) <= clock.CLOSE_NS

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bridge.cli.ping_path import WatchOptions, ping_path
+from bridge.cli.ping_path import PathRequest, WatchOptions, ping_path
 from bridge.ping.exchanges import Arrival, Exchanges, ReceivedAnswer
 from bridge.ping.figures import evaluate
 from bridge.ping.measure import PingResponder
@@ -27,14 +27,14 @@ PERIOD = 10_000_000
 class FakePath:
     """Exchanges as a path of 5 ms each way makes them, with silences and slow stretches."""
 
-    def __init__(self, capacity: int = 10_000) -> None:
-        self.record = Exchanges("fake", capacity, 128, PERIOD)
+    def __init__(self, capacity: int = 10_000, period_ns: int = PERIOD) -> None:
+        self.record = Exchanges("fake", capacity, 128, period_ns)
 
     def ask(self, n: int, *, lost: bool = False, delay: float = 5e-3) -> Exchanges:
         """Ask `n` questions more."""
         for _ in range(n):
             k, wait = self.record.sent, round(delay * 1e9)
-            t1 = k * PERIOD
+            t1 = k * self.record.period_ns
             self.record.asked(t1, t1, 1000)
             if not lost:
                 answer = ReceivedAnswer(k, t1 + wait + 7, t1 + wait + 7, 0, k + 1, host=1)
@@ -157,10 +157,10 @@ def test_the_command_watches_and_exits_with_1_after_an_alarm(
 
     end = UdpPath(("127.0.0.1", 0), listen=True)
     with answering(PingResponder(end)), pytest.raises(typer.Exit) as exited:
-        ping_path(
-            "udp", [f"127.0.0.1:{end.port}"], rate=500, size=100, duration=0.3, json_=True,
-            out=tmp_path, watch=WatchOptions(0.1, ("max > 0.001 us", "lost > 99 %")),
-        )  # fmt: skip
+        watch = WatchOptions(0.1, ("max > 0.001 us", "lost > 99 %"))
+        where = f"127.0.0.1:{end.port}"
+        request = PathRequest("udp", where, 500, 100, 0.3, tmp_path, watch=watch)
+        ping_path(request, json_=True)
     end.close()
     assert exited.value.exit_code == 1
     printed = capsys.readouterr()

@@ -1,0 +1,132 @@
+"""``cosim ping`` of several paths at once: each in a process of its own, then one table."""
+
+from __future__ import annotations
+
+import json
+import multiprocessing
+import signal
+import sys
+from collections.abc import Sequence
+from concurrent.futures import Future, ProcessPoolExecutor, wait
+from dataclasses import dataclass
+from multiprocessing.synchronize import Event
+from typing import Any
+
+import typer
+
+from bridge.cli.ping_path import PathOutcome, PathRequest, measured
+from bridge.ping.exchanges import Exchanges
+from cosim.base.clock import monotonic_ns
+from cosim.base.errors import CosimError, RunError
+
+#: Set in the process of a path: ends the measurement.
+_stop: list[Event] = []
+
+
+@dataclass(frozen=True, slots=True)
+class FailedPath:
+    """Why a path could not be measured."""
+
+    reason: str
+
+
+def ping_several(requests: Sequence[PathRequest], *, json_: bool) -> None:
+    """Measure paths at the same time, each written to its own folder; print them side by side.
+
+    Ctrl-C ends all of them with their results. Raises RunError if one could not be measured, after
+    the others; exits with 1 after an alarm.
+    """
+    found = _measured(requests)
+    done = {name: f for name, f in found.items() if isinstance(f, PathOutcome)}
+    failed = [f.reason for f in found.values() if isinstance(f, FailedPath)]
+    if json_:
+        typer.echo(json.dumps({"paths": {name: f.data for name, f in done.items()}}, indent=1))
+    else:
+        for line in [*table({name: f.data for name, f in done.items()})]:
+            typer.echo(line)
+        for request in requests:
+            if request.name in done:
+                typer.echo(f"report: {request.out / 'report.html'}")
+    if failed:
+        raise RunError("; ".join(failed))
+    if any(f.sounded for f in done.values()):
+        raise typer.Exit(1)
+
+
+def _measured(requests: Sequence[PathRequest]) -> dict[str, PathOutcome | FailedPath]:
+    context = multiprocessing.get_context("spawn")
+    stop = context.Event()
+    start = monotonic_ns()
+    with ProcessPoolExecutor(len(requests), context, _prepare, (stop,)) as pool:
+        waiting = {request.name: pool.submit(_one, request) for request in requests}
+        try:
+            while wait(waiting.values(), timeout=0.5).not_done:
+                _live(waiting, requests[0].duration, (monotonic_ns() - start) * 1e-9)
+        except KeyboardInterrupt:
+            stop.set()
+        finally:
+            _live_end()
+        return {name: future.result() for name, future in waiting.items()}
+
+
+def _prepare(stop: Event) -> None:
+    """In the process of a path: Ctrl-C is for the one that waits, which says when to stop."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    _stop.append(stop)
+
+
+def _one(request: PathRequest) -> PathOutcome | FailedPath:
+    """Measure in this process."""
+
+    def say(line: str) -> None:
+        typer.echo(f"{request.name}: {line}", err=True)
+
+    try:
+        return measured(request, say, _until_stopped, lambda _: None)
+    except CosimError as error:
+        said = str(error)
+        return FailedPath(said if request.name in said else f"{request.name}: {said}")
+
+
+def _until_stopped(_: Exchanges) -> None:
+    if _stop[0].is_set():
+        raise KeyboardInterrupt
+
+
+def table(found: dict[str, dict[str, Any]]) -> list[str]:
+    """Paths side by side, by their values for JSON: delays in ms, losses in %."""
+    width = max(map(len, [*found, "path"]))
+    heads = ("min", "p50", "p95", "p99", "p99.9", "max", "jitter")
+    columns = "".join(f"{head:>10}" for head in heads)
+    lines = [f"{'round trip, ms':<{width}}{columns}{'lost':>9}{'sent':>9}"]
+    for name, data in found.items():
+        delays = data["delays"]["round trip"]
+        cells = "".join(f"{1e3 * delays[head]:10.3f}" for head in heads)
+        lines.append(f"{name:<{width}}{cells}{data['loss']['share']:9.3%}{data['sent']:9}")
+    for name, data in found.items():
+        ways = data["delays"]
+        if "there" in ways:
+            there, back = (ways[w] for w in ("there", "back"))
+            lines.append(
+                f"{name}: there p50 {1e3 * there['p50']:.3f} p99 {1e3 * there['p99']:.3f} ms, back "
+                f"p50 {1e3 * back['p50']:.3f} p99 {1e3 * back['p99']:.3f} ms, to within "
+                f"{1e3 * data['uncertainty']:.3f} ms"
+            )
+    return lines
+
+
+def _live(
+    waiting: dict[str, Future[PathOutcome | FailedPath]], duration: float, seconds: float
+) -> None:
+    if sys.stderr.isatty():
+        of = f" of {duration:g}" if duration else ""
+        done = sum(future.done() for future in waiting.values())
+        sys.stderr.write(
+            f"\r\033[K{len(waiting)} paths, {seconds:.0f}{of} s, {done} done; Ctrl-C ends them"
+        )
+        sys.stderr.flush()
+
+
+def _live_end() -> None:
+    if sys.stderr.isatty():
+        sys.stderr.write("\r\033[K")

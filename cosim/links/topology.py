@@ -157,7 +157,7 @@ class WeightStream:
 
 def make_topology(
     *,
-    graphs: str | Sequence[str],
+    graphs: str | Sequence[str | Sequence[tuple[int, int]]],
     dwell: Seconds | None = None,
     schedule: Sequence[tuple[Seconds, str]] | None = None,
     repeat: Seconds | None = None,
@@ -168,7 +168,8 @@ def make_topology(
 ) -> Topology:
     """A topology from its entries in a scenario.
 
-    `graphs`: a preset, or files of graphs relative to `folder`; `dwell`: random switching;
+    `graphs`: a preset, or files of graphs relative to `folder`, or edges [receiver, sender] of each
+    graph, which are called G1, G2, ...; `dwell`: random switching;
     `schedule`: (time, name of a graph) in order, repeated every `repeat`; neither: one graph,
     static. Raises ScenarioError that starts with `place`.
     """
@@ -188,12 +189,18 @@ def make_topology(
         raise ScenarioError(str(error), place) from None
 
 
-def _graphs(graphs: str | Sequence[str], folder: Path) -> tuple[Graph, ...]:
+def _graphs(
+    graphs: str | Sequence[str | Sequence[tuple[int, int]]], folder: Path
+) -> tuple[Graph, ...]:
     names = [graphs] if isinstance(graphs, str) else list(graphs)
     if len(names) == 1 and names[0] in PRESETS:
-        return PRESETS[names[0]]
+        return PRESETS[str(names[0])]
+    n = max((robot for g in names if not isinstance(g, str) for e in g for robot in e), default=0)
     found: list[Graph] = []
-    for name in names:
+    for k, name in enumerate(names, 1):
+        if not isinstance(name, str):
+            found.append(Graph.of(n, name, f"G{k}"))
+            continue
         if Path(name).suffix not in (".csv", ".toml"):
             raise ScenarioError(
                 f"graphs = {name!r}; expected one of {', '.join(PRESETS)}, or .csv or .toml files"

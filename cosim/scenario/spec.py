@@ -133,13 +133,14 @@ class EventSpec(
 class TopologySpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """The edges over which robots receive, over time; see :mod:`cosim.links.topology`.
 
-    `graphs`: a preset (``"ring"``, ``"tree3"``, ``"dense"``) or files; `dwell`: interval after
+    `graphs`: a preset (``"ring"``, ``"tree3"``, ``"dense"``), files, or for each graph its edges
+    [receiver, sender]; `dwell`: interval after
     which a graph is drawn, s; `schedule`: [[time, graph], ...] instead, repeated every `repeat`
     (s); neither: one graph. `weights`: an input, and the edge [receiver, sender] that gives its
     weight.
     """
 
-    graphs: str | tuple[str, ...]
+    graphs: str | tuple[str | tuple[tuple[int, int], ...], ...]
     dwell: Number | None = None
     schedule: tuple[tuple[Number, str], ...] | None = None
     repeat: Number | None = None
@@ -233,8 +234,11 @@ _TABLES = (
 
 def build(document: Mapping[str, Any], path: str | Path) -> Scenario:
     """A scenario from an already parsed document. Raises ScenarioError."""
+    from cosim.scenario.arrays import expand
+
     path = Path(path)
     toml.check_numbers(document, str(path))
+    document = expand(document, path)
     for key in document:
         if key not in _TABLES:
             raise ScenarioError(

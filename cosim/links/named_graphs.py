@@ -1,0 +1,189 @@
+"""Graphs of any size by name: ring, grid, tree, small world, random, random geometric, edge file.
+
+An edge (i, j) means that robot i receives from robot j; robots are numbered from 1, as in
+:mod:`cosim.links.graphs`. Random graphs depend on their seed and parameters only.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated, Literal
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from cosim.base import toml
+from cosim.base.errors import ScenarioError
+from cosim.links.table import generator
+
+#: Most robots and most edges of a graph.
+MOST_ROBOTS, MOST_EDGES = 1_000_000, 10_000_000
+Edges = NDArray[np.int64]
+Count = Annotated[int, msgspec.Meta(ge=1, le=MOST_ROBOTS)]
+
+
+class GraphSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """A graph of a scenario, ``[graphs.NAME]``.
+
+    `n`: robots; of a grid `rows` times `columns` instead. `both`: robots receive from each other,
+    in place of one from the other (grid, small world, and random geometric always are so).
+
+    ring: i receives from i - 1. tree: from the parent, `branches` children each. complete: from
+    all. small world: from `neighbours` on the ring, each edge moved to a random robot with the
+    probability `rewire` (Watts, Strogatz 1998). random: each from `degree` others. random
+    geometric: from those nearer than `radius` in the unit square. file: of `edges`, lines
+    ``receiver,sender``.
+    """
+
+    kind: Literal[
+        "ring", "grid", "tree", "complete", "small world", "random", "random geometric", "file"
+    ]
+    n: Count | None = None
+    rows: Count | None = None
+    columns: Count | None = None
+    branches: Count = 2
+    neighbours: Annotated[int, msgspec.Meta(ge=2)] = 4
+    rewire: Annotated[float, msgspec.Meta(ge=0, le=1)] = 0.1
+    degree: Count = 2
+    radius: Annotated[float, msgspec.Meta(gt=0)] = 0.1
+    edges: str = ""
+    both: bool = False
+    seed: Annotated[int, msgspec.Meta(ge=0)] = 0
+
+
+def graph_edges(spec: GraphSpec, folder: Path, place: str) -> tuple[int, Edges]:
+    """(number of robots, edges (m, 2): receiver and sender, in order, each once).
+
+    `folder`: that of an edge file. Raises ScenarioError at `place` for a graph that cannot be.
+    """
+    n = _robots(spec, place)
+    if spec.kind == "file":
+        edges = _read(folder / spec.edges, place)
+        n = n or (int(edges.max()) if edges.size else 0)
+    else:
+        edges = _made(spec, n, place)
+    if spec.both and edges.size:
+        edges = np.concatenate([edges, edges[:, ::-1]])
+    if edges.size and (edges.min() < 1 or edges.max() > n):
+        raise ScenarioError(f"an edge of robot {edges.max()}; expected 1 to {n}", place)
+    if (edges[:, 0] == edges[:, 1]).any():
+        robot = edges[edges[:, 0] == edges[:, 1]][0, 0]
+        raise ScenarioError(f"robot {robot} receives from itself; expected another", place)
+    return n, np.unique(edges, axis=0)
+
+
+def _robots(spec: GraphSpec, place: str) -> int:
+    if spec.kind == "grid":
+        if spec.rows is None or spec.columns is None or spec.n is not None:
+            raise ScenarioError("a grid has rows and columns, and no n", place)
+        return spec.rows * spec.columns
+    if spec.rows is not None or spec.columns is not None:
+        raise ScenarioError(f"found rows or columns of a {spec.kind}; expected n", place)
+    if (spec.edges != "") != (spec.kind == "file"):
+        raise ScenarioError('expected edges = "FILE" with kind = "file", and only there', place)
+    if spec.n is None and spec.kind != "file":
+        raise ScenarioError("no n; expected the number of robots", place)
+    return spec.n or 0
+
+
+def _made(spec: GraphSpec, n: int, place: str) -> Edges:
+    robots = np.arange(1, n + 1, dtype=np.int64)
+    if spec.kind == "ring":
+        return _pairs(robots, np.roll(robots, 1)) if n > 1 else _pairs(robots[1:], robots[1:])
+    if spec.kind == "grid":
+        return _grid(robots.reshape(spec.rows or 1, spec.columns or 1))
+    if spec.kind == "tree":
+        return _pairs(robots[1:], (robots[1:] - 2) // spec.branches + 1)
+    expected = {"complete": n * (n - 1), "random": n * spec.degree,
+                "small world": n * spec.neighbours}.get(spec.kind, 0)  # fmt: skip
+    if expected > MOST_EDGES:
+        raise ScenarioError(f"{expected} edges; expected at most {MOST_EDGES}", place)
+    if spec.kind == "complete":
+        receivers, senders = np.divmod(np.arange(n * n, dtype=np.int64), max(n, 1))
+        return _pairs(*(x[receivers != senders] + 1 for x in (receivers, senders)))
+    rng = generator(spec.seed, f"graph {spec.kind}")
+    if spec.kind == "random":
+        if spec.degree >= n:
+            raise ScenarioError(f"degree {spec.degree} of {n} robots; expected less", place)
+        senders = np.array([_others(rng, n, i, spec.degree) for i in range(n)]).reshape(-1)
+        return _pairs(np.repeat(robots, spec.degree), senders + 1)
+    if spec.kind == "small world":
+        return _small_world(rng, n, spec, place)
+    return _near(rng.random((n, 2)), spec.radius, place)
+
+
+def _pairs(receivers: Edges, senders: Edges) -> Edges:
+    return np.column_stack([receivers, senders]).astype(np.int64)
+
+
+def _mutual(edges: Edges) -> Edges:
+    return np.concatenate([edges, edges[:, ::-1]])
+
+
+def _grid(robots: Edges) -> Edges:
+    along = _pairs(robots[:, 1:].ravel(), robots[:, :-1].ravel())
+    down = _pairs(robots[1:].ravel(), robots[:-1].ravel())
+    return _mutual(np.concatenate([along, down]))
+
+
+def _others(rng: np.random.Generator, n: int, i: int, degree: int) -> Edges:
+    """`degree` different robots other than `i`, from 0."""
+    drawn: set[int] = set()
+    while len(drawn) < degree:
+        drawn.add(int(rng.integers(n - 1)))
+    return np.array([k + (k >= i) for k in sorted(drawn)], dtype=np.int64)
+
+
+def _small_world(rng: np.random.Generator, n: int, spec: GraphSpec, place: str) -> Edges:
+    if spec.neighbours % 2 or spec.neighbours >= n:
+        raise ScenarioError(
+            f"{spec.neighbours} neighbours of {n} robots; expected an even number below", place
+        )
+    around: list[set[int]] = [set() for _ in range(n)]
+    for step in range(1, spec.neighbours // 2 + 1):
+        for i in range(n):
+            around[i].add((i + step) % n)
+            around[(i + step) % n].add(i)
+    for step in range(1, spec.neighbours // 2 + 1):
+        moved = rng.random(n) < spec.rewire
+        for i in np.flatnonzero(moved).tolist():
+            old = (i + step) % n
+            if old not in around[i] or len(around[i]) >= n - 1:
+                continue
+            while (new := int(rng.integers(n))) == i or new in around[i]:
+                pass
+            around[i] = (around[i] - {old}) | {new}
+            around[old].remove(i)
+            around[new].add(i)
+    found = [(i + 1, j + 1) for i in range(n) for j in sorted(around[i])]
+    return np.array(found, dtype=np.int64).reshape(-1, 2)
+
+
+def _near(places: NDArray[np.float64], radius: float, place: str) -> Edges:
+    from scipy.spatial import cKDTree
+
+    tree = cKDTree(places)
+    if tree.count_neighbors(tree, radius) > MOST_EDGES:
+        raise ScenarioError(f"radius {radius:g}: more than {MOST_EDGES} edges", place)
+    pairs = tree.query_pairs(radius, output_type="ndarray")
+    return _mutual(np.asarray(pairs, dtype=np.int64) + 1)
+
+
+def _read(path: Path, place: str) -> Edges:
+    """Of a file of lines ``receiver,sender``; the first may be a heading."""
+    found = list(_lines(toml.read_text(path, "a file of edges (.csv)"), path, place))
+    return np.array(found, dtype=np.int64).reshape(-1, 2)
+
+
+def _lines(text: str, path: Path, place: str) -> Iterator[tuple[int, int]]:
+    for number, line in enumerate(text.splitlines(), 1):
+        cells = [cell.strip() for cell in line.replace(";", ",").split(",")]
+        if not line.strip() or (number == 1 and not cells[0].isdigit()):
+            continue
+        if len(cells) != 2 or not all(cell.isdigit() for cell in cells):
+            raise ScenarioError(
+                f"{path}:{number}: found {line.strip()!r}; expected receiver,sender", place
+            )
+        yield int(cells[0]), int(cells[1])

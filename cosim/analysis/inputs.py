@@ -18,11 +18,7 @@ from cosim.schedule.plan import Plan
 
 def feeders(plan: Plan, slot: Slot) -> tuple[Wire | Link | Player, ...]:
     """All wires, links and players that feed a part of an input."""
-    every: tuple[Wire | Link | Player, ...] = (*plan.wires, *plan.links, *plan.players)
-    end = slot.start + slot.size
-    return tuple(
-        e for e in every if e.target.start < end and slot.start < e.target.start + e.target.size
-    )
+    return plan.feeders(slot.start, slot.size)
 
 
 def is_driven(plan: Plan, name: str) -> bool:

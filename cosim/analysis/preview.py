@@ -21,6 +21,9 @@ class Preview:
 
     def __init__(self, units: Mapping[str, str]) -> None:
         self._units = units
+        self._whole: dict[str, list[str]] = {}
+        for name in units:
+            self._whole.setdefault(name.split("[")[0], []).append(name)
 
     @property
     def t(self) -> Array:
@@ -31,11 +34,9 @@ class Preview:
         """Names of a signal's entries. Raises ScenarioError for one that is not recorded."""
         if prefix in self._units:
             return (prefix,)
-        found = tuple(name for name in self._units if name.split("[")[0] == prefix)
-        if not found:
-            whole = sorted({name.split("[")[0] for name in self._units})
-            raise ScenarioError(unknown(prefix, whole, "recorded signal"))
-        return found
+        if prefix not in self._whole:
+            raise ScenarioError(unknown(prefix, sorted(self._whole), "recorded signal"))
+        return tuple(self._whole[prefix])
 
     def array(self, prefix: str) -> Array:
         """Zeros for each entry, (1, m)."""

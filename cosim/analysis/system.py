@@ -9,8 +9,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from math import inf, nan
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -68,7 +69,7 @@ class Edge:
     fed: bool = True
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class AnalyzedSystem:
     """A plan with the facts of its components, by component; `silent`: why facts are missing."""
 
@@ -78,10 +79,14 @@ class AnalyzedSystem:
     silent: Mapping[str, str]
     edges: tuple[Edge, ...] = ()
     controls: Mapping[str, str] = field(default_factory=dict)  # law or controller by its arm
+    _by_kind: dict[type, dict[str, Any]] = field(default_factory=dict, repr=False, compare=False)
 
     def with_facts(self, kind: type[F]) -> dict[str, F]:
         """Components with facts of one kind."""
-        return {name: f for name, f in self.facts.items() if isinstance(f, kind)}
+        if kind not in self._by_kind:
+            self._by_kind[kind] = {n: f for n, f in self.facts.items() if isinstance(f, kind)}
+        found: dict[str, F] = self._by_kind[kind]
+        return found
 
     @property
     def arms(self) -> dict[str, Arm]:
@@ -90,7 +95,11 @@ class AnalyzedSystem:
 
     def arm_of(self, controller: str) -> str | None:
         """The arm that a component controls."""
-        return next((arm for arm, name in self.controls.items() if name == controller), None)
+        return self._arms_by_controller.get(controller)
+
+    @cached_property
+    def _arms_by_controller(self) -> Mapping[str, str]:
+        return {name: arm for arm, name in reversed(tuple(self.controls.items()))}
 
     def is_position(self, signal: str) -> bool:
         """Whether a signal is the position of an arm, which closed forms are about."""
@@ -164,10 +173,10 @@ def system(scenario: Scenario, plan: Plan) -> AnalyzedSystem:
 
 
 def _controls(system: AnalyzedSystem) -> Iterable[tuple[str, str]]:
-    for name, arm in system.arms.items():
-        for wire in system.plan.wires:
-            if _port(wire.target) == f"{name}.{arm.torque}":
-                yield name, wire.source.component
+    torques = {f"{name}.{arm.torque}": name for name, arm in system.arms.items()}
+    for wire in system.plan.wires:
+        if (name := torques.get(_port(wire.target))) is not None:
+            yield name, wire.source.component
 
 
 def _port(slot: Slot) -> str:
@@ -199,11 +208,7 @@ def _edges(system: AnalyzedSystem, name: str) -> Iterable[Edge]:
 
 def _source(plan: Plan, at: int) -> Wire | Link | None:
     """The source of an entry of the signal vector."""
-    edges: tuple[Wire | Link, ...] = (*plan.wires, *plan.links)
-    for e in edges:
-        if e.target.start <= at < e.target.start + e.target.size:
-            return e
-    return None
+    return next((f for f in plan.feeders(at) if not isinstance(f, Player)), None)
 
 
 def _weight(system: AnalyzedSystem, slot: Slot | None, row: int) -> tuple[float, bool]:
@@ -211,8 +216,8 @@ def _weight(system: AnalyzedSystem, slot: Slot | None, row: int) -> tuple[float,
     if slot is None:
         return 1.0, True
     at = slot.start + row
-    for player in system.plan.players:
-        if player.target.start == at:
+    for player in system.plan.feeders(at):
+        if isinstance(player, Player) and player.target.start == at:
             return _played(player)
     if _source(system.plan, at) is not None:
         return nan, True  # computed by a component: not known beforehand
@@ -242,10 +247,16 @@ def _origin(system: AnalyzedSystem, name: str) -> str:
             return system.controls[here]
         if here not in seen:
             seen.add(here)
-            waiting += sorted(
-                {w.source.component for w in system.plan.wires if w.target.component == here}
-            )
+            waiting += sorted(_sources_of(system.plan, here))
     return ""
+
+
+def _sources_of(plan: Plan, name: str) -> set[str]:
+    """The components whose outputs are wired to one."""
+    feeders = (
+        f for slot in plan.component(name).inputs for f in plan.feeders(slot.start, slot.size)
+    )
+    return {f.source.component for f in feeders if isinstance(f, Wire)}
 
 
 def age(link: Link) -> Age:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from math import isfinite
 from typing import Any, Literal
@@ -49,10 +49,21 @@ class Finding:
         }
 
 
+#: Most names in a list; of more the first ones and their number.
+NAMES, SHOWN = 12, 4
+
+
+def listed(names: Sequence[str], separator: str = ", ") -> str:
+    """Names in a sentence: all of them, or the first ones and how many more there are."""
+    if len(names) <= NAMES:
+        return separator.join(names)
+    return f"{separator.join(names[:SHOWN])} and {len(names) - SHOWN} more"
+
+
 def merge_findings(findings: Iterable[Finding]) -> tuple[Finding, ...]:
     """Findings, worst first; equal texts about several places become one finding."""
     places: dict[Finding, list[str]] = {}
     for f in findings:
         places.setdefault(replace(f, where=""), []).append(f.where)
-    together = [replace(f, where=", ".join(dict.fromkeys(where))) for f, where in places.items()]
+    together = [replace(f, where=listed(list(dict.fromkeys(where)))) for f, where in places.items()]
     return tuple(sorted(together, key=lambda f: SEVERITIES.index(f.severity)))

@@ -19,6 +19,8 @@ from cosim.analysis.network import RobotNetwork
 
 #: Doublings of the time step, and the first step, s: 2^9 steps of 20 ms.
 _DOUBLINGS, _STEP = 9, 0.02
+#: States beyond which matrices are taken as sparse.
+DENSE = 300
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,6 +74,8 @@ def _linear(net: RobotNetwork, j: int) -> tuple[Array, Array, Array]:
 def _states(A: Array, b: Array, x: Array) -> Array:
     """States at 0, h, 2 h, ..., 2^9 of them, (k, 3 n), by squaring one step over and over."""
     size = len(x)
+    if size > DENSE:
+        return _sparse_states(A, b, x)
     augmented = np.zeros((size + 1, size + 1))
     augmented[:size, :size], augmented[:size, size] = A, b
     step = _exponential(augmented * _STEP)
@@ -80,6 +84,17 @@ def _states(A: Array, b: Array, x: Array) -> Array:
         states = np.concatenate([states, states @ step.T])
         step = step @ step
     return np.asarray(states[:, :size])
+
+
+def _sparse_states(A: Array, b: Array, x: Array) -> Array:
+    """The same for many robots, whose A is almost empty: from each state to the next."""
+    from scipy.sparse import csr_array
+    from scipy.sparse.linalg import expm_multiply
+
+    augmented = csr_array(np.block([[A, b[:, None]], [np.zeros((1, len(x) + 1))]]) * _STEP)
+    steps = 2**_DOUBLINGS
+    states = expm_multiply(augmented, np.append(x, 1.0), 0.0, steps - 1.0, steps, endpoint=True)
+    return np.asarray(states[:, :-1])
 
 
 def _exponential(A: Array) -> Array:

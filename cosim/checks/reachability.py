@@ -6,8 +6,9 @@ from collections.abc import Iterator, Mapping, Sequence
 
 from cosim.analysis.facts import DynamicFeedback
 from cosim.analysis.system import AnalyzedSystem, values_of
-from cosim.checks.finding import Finding
+from cosim.checks.finding import Finding, listed
 from cosim.scenario.connect import topology
+from cosim.schedule.parts import Wire
 
 
 def arms_acted_on(system: AnalyzedSystem) -> tuple[str, ...]:
@@ -18,34 +19,38 @@ def arms_acted_on(system: AnalyzedSystem) -> tuple[str, ...]:
 
 def reachable_components(system: AnalyzedSystem, start: Sequence[str]) -> frozenset[str]:
     """Components that what `start` does gets to, along wires, links and edges that last."""
+    return _closure(_connections(system), start)
+
+
+def _connections(system: AnalyzedSystem) -> dict[str, set[str]]:
+    """Of each component those that it gets to directly."""
     silent = {
         e.link.name for e in system.edges if e.link is not None and not e.recurrent
     }  # links of edges whose weight is 0 for ever
     dead = {(e.receiver, e.sender) for e in system.edges if e.link is None and not e.recurrent}
-    edges: dict[str, set[str]] = {}
+    wires: dict[tuple[str, str], list[Wire]] = {}
     for wire in system.plan.wires:
-        ends = (wire.target.component, wire.source.component)
-        if ends not in dead and not _has_zero_weight(system, *ends):
-            edges.setdefault(wire.source.component, set()).add(wire.target.component)
+        wires.setdefault((wire.target.component, wire.source.component), []).append(wire)
+    edges: dict[str, set[str]] = {}
+    for (target, source), several in wires.items():
+        if (target, source) not in dead and not _has_zero_weight(system, target, several):
+            edges.setdefault(source, set()).add(target)
     for link in system.plan.links:
         if link.name not in silent:
             edges.setdefault(link.source.component, set()).add(link.target.component)
-    return _closure(edges, start)
+    return edges
 
 
-def _has_zero_weight(system: AnalyzedSystem, target: str, source: str) -> bool:
-    """Whether a wire carries only rows whose weight is always 0."""
+def _has_zero_weight(system: AnalyzedSystem, target: str, wires: Sequence[Wire]) -> bool:
+    """Whether the wires from one component to another carry only rows whose weight is always 0."""
     law = system.with_facts(DynamicFeedback).get(target)
-    if law is None or not law.received:
+    if law is None or any(w.target.port != law.received for w in wires):
         return False
-    wires = [w for w in system.plan.wires
-             if (w.target.component, w.source.component) == (target, source)]  # fmt: skip
     rows = {e.row: e.recurrent for e in system.edges if e.receiver == target and e.link is None}
     slot = next(s for s in system.plan.component(target).inputs if s.port == law.received)
     width = slot.size // slot.shape[0]
     return all(
-        w.target.port == law.received
-        and not any(
+        not any(
             rows.get(row, True)
             for row in range(
                 (w.target.start - slot.start) // width,
@@ -85,9 +90,9 @@ def unreached_robots(system: AnalyzedSystem) -> Iterator[Finding]:
         where=", ".join(start),
         number=float(len(missed)),
         unit="1",
-        reason=f"an action here never reaches {', '.join(missed)}: not a root of the "
+        reason=f"an action here never reaches {listed(missed)}: not a root of the "
         "communication graph",
-        advice=f"hold {' or '.join(roots)}, whose signals reach all arms, or add a link" if roots
+        advice=f"hold {listed(roots, ' or ')}, whose signals reach all arms, or add a link" if roots
         else "add links: no arm's signals reach all others",
     )  # fmt: skip
 
@@ -101,8 +106,26 @@ def _exchanging_controllers(system: AnalyzedSystem) -> set[str]:
 
 
 def _roots(system: AnalyzedSystem) -> list[str]:
-    wanted = _exchanging_controllers(system)
-    return [arm for arm in sorted(system.arms) if wanted <= reachable_components(system, [arm])]
+    """The arms from which all controllers that exchange signals are reached.
+
+    If there is one, then the last arm from which those before it had not been reached is one, and
+    the others are those that reach it.
+    """
+    wanted, edges = _exchanging_controllers(system), _connections(system)
+    found: set[str] = set()
+    last = ""
+    for arm in sorted(system.arms):
+        if arm not in found:
+            last = arm
+            found |= _closure(edges, [arm])
+    if not last or not wanted <= _closure(edges, [last]):
+        return []
+    backwards: dict[str, set[str]] = {}
+    for source, targets in edges.items():
+        for target in targets:
+            backwards.setdefault(target, set()).add(source)
+    before = _closure(backwards, [last])
+    return [arm for arm in sorted(system.arms) if arm in before]
 
 
 def spanning_tree(system: AnalyzedSystem) -> Iterator[Finding]:

@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from cosim.schedule.plan import Plan
 
 _WIDTH = 16
+#: Links whose ages are printed one by one.
+MANY_LINKS = 24
 
 
 def header(scenario: Scenario, plan: Plan) -> str:
@@ -114,7 +116,8 @@ def summary(scenario: Scenario, run: Run, outcome: RunOutcome) -> list[str]:
     ratio = outcome.seconds / outcome.wall
     lines.append(
         _line(
-            "wall time", f"{outcome.wall:.3f} s for {outcome.seconds:g} s: {ratio:.0f} x real time"
+            "wall time",
+            f"{outcome.wall:.3f} s for {outcome.seconds:g} s: {_said(ratio)} x real time",
         )
     )
     return lines
@@ -152,6 +155,10 @@ def _line(label: str, text: str) -> str:
     return f"{label:<{_WIDTH}} {text}"
 
 
+def _said(ratio: float) -> str:
+    return f"{ratio:.0f}" if ratio >= 10 else f"{ratio:.2g}"
+
+
 def _settled(scenario: Scenario, results: tuple[MetricResult, ...]) -> str:
     parts = []
     for r in results:
@@ -173,13 +180,27 @@ def late_ticks(outcome: RunOutcome) -> list[str]:
 
 
 def _ages(outcome: RunOutcome) -> list[str]:
-    """Mean and p95 of the age of what each link held."""
+    """Mean and p95 of the age of what each link held, or of many links together."""
     lines = []
     for name, s in outcome.ages.items():
         ms = {"mean": s.age_mean, "p95": s.age_p95, "max": s.age_maximum}
         numbers = ", ".join(f"{key} {value * 1e3:.0f} ms" for key, value in ms.items())
         lines.append(f"{numbers}  {name}")
-    return lines
+    return lines if len(lines) <= MANY_LINKS else _ages_together(outcome)
+
+
+def _ages_together(outcome: RunOutcome) -> list[str]:
+    ages = {name: s for name, s in outcome.ages.items() if s.age_mean == s.age_mean}
+    if not ages:
+        return [f"nothing arrived on {len(outcome.ages)} links"]
+    mean = sum(s.age_mean for s in ages.values()) / len(ages)
+    oldest = max(ages, key=lambda name: ages[name].age_p95)
+    return [
+        f"mean {1e3 * mean:.0f} ms over {len(ages)} links, p95 at most "
+        f"{1e3 * ages[oldest].age_p95:.0f} ms ({oldest}), max "
+        f"{1e3 * max(s.age_maximum for s in ages.values()):.0f} ms",
+        *([f"nothing arrived on {n} links"] if (n := len(outcome.ages) - len(ages)) else []),
+    ]
 
 
 def pictures(

@@ -27,6 +27,11 @@ from cosim.native.structs import EngineResult
 from cosim.schedule.parts import RunningBus, Slot, Step
 from cosim.schedule.plan import Plan
 
+#: Ticks for which tables are drawn at least, where the run is that long.
+STRETCH = 1024
+#: Beyond all ticks.
+MOST_TICKS = 1 << 62
+
 
 class Engine:
     """One execution of a plan, from :meth:`initialize` on. Use as a context manager.
@@ -50,6 +55,7 @@ class Engine:
         self._inputs = [_views(self.signals, s.inputs, writable=False) for s in plan.components]
         self._outputs = [_views(self.signals, s.outputs, writable=True) for s in plan.components]
         self._rows: dict[str, NDArray[Any]] = {}
+        self._drawn = 0  # the tick up to which tables are there
         self._buses: dict[str, RunningBus] = {}  # of links whose table the run fills in
         gates = dict(gates or {})
         for bus in plan.buses:
@@ -78,6 +84,8 @@ class Engine:
         Initialization Mode, and after the events at the start. At a `tick` other than 0, all
         components must be due; tables start with their first row in any case. Raises ScenarioError.
         """
+        any_tables = self.plan.links or self.plan.players
+        self._drawn = tick if any_tables else MOST_TICKS
         self._streams = [link.table.stream() for link in self.plan.links]
         self._played = [player.source.stream() for player in self.plan.players]
         for step in self.plan.components:
@@ -100,17 +108,24 @@ class Engine:
         if self.ended is not None:
             ticks = 0
         state.row = 0  # before anything can interrupt: `rows` is then about this run
-        self._next_tables(ticks)
         state.record = None if record is None else record.ctypes.data
         state.recorded = recorded or None
         with stop_on_signal(self.stop):
-            result = EngineResult(self._library.engine_run(c.byref(state), ticks))
-        self._keep_filled_tables()
+            result = self._run(self.tick + ticks)
         if result not in (EngineResult.OK, EngineResult.STOPPED):
             self.ended = self.end(result)
             if self.ended is None:
                 raise self._error(result)
         return int(state.row)
+
+    def _run(self, end: int) -> EngineResult:
+        """Run up to the tick `end`, as far as tables reach at a time."""
+        while True:
+            ticks = self._next_tables(end - self.tick)
+            result = EngineResult(self._library.engine_run(c.byref(self._state), ticks))
+            self._keep_filled_tables()
+            if result is not EngineResult.OK or self.tick >= end:
+                return result
 
     @property
     def rows(self) -> int:
@@ -138,7 +153,19 @@ class Engine:
         """Ask a running loop to stop after the current tick; callable from any thread."""
         self._state.stop = 1
 
-    def _next_tables(self, ticks: int) -> None:
+    def _next_tables(self, ticks: int) -> int:
+        """Draw tables where none are left, and return for how many of the next `ticks` they last.
+
+        They are drawn for a stretch of many calls, since each costs some 60 us and link. Tables
+        that buses fill in while they run are made for `ticks` only.
+        """
+        left = self._drawn - self.tick
+        if left > 0:
+            return min(ticks, left)
+        wanted = ticks
+        if not self.plan.buses:
+            ticks = max(ticks, min(STRETCH, self.plan.ticks - self.tick))
+        self._drawn = self.tick + ticks
         for link, bound, stream in zip(
             self.plan.links, self._bound.links, self._streams, strict=True
         ):
@@ -157,6 +184,7 @@ class Engine:
             chunk = np.ascontiguousarray(values.rows(hits), dtype=np.float64)
             played.values, played.row, played.rows = chunk.ctypes.data, 0, hits
             self._rows[player.target.name] = chunk
+        return wanted
 
     def _keep_filled_tables(self) -> None:
         """Keep the rows that the run has filled in, as far as it came."""

@@ -51,7 +51,8 @@ class Ages:
         self._counts = np.zeros(0, np.int64)  # (greatest age + 1,), rows by age in ticks
         self._total = 0  # ticks, sum of ages: a Python integer
         self._steps = self._held = self._backwards = self._waiting = 0
-        self._seen = np.full(REMEMBERED, -1, np.int64)
+        # + 1, so that memory of which nothing is used yet is not touched
+        self._seen = np.zeros(REMEMBERED, np.int64)
         self._used, self._newest = 0, -1
 
     def add(self, rows: ArrayLike) -> None:
@@ -77,8 +78,8 @@ class Ages:
             ordered = np.sort(sent)  # np.unique would import numpy.ma, as long as a short run takes
             different = ordered[np.diff(ordered, prepend=-1) != 0]
             slot = different % REMEMBERED
-            self._used += int(np.count_nonzero(self._seen[slot] != different))
-            self._seen[slot] = different
+            self._used += int(np.count_nonzero(self._seen[slot] != different + 1))
+            self._seen[slot] = different + 1
             self._newest = max(self._newest, int(different[-1]))
 
     def result(self) -> LinkStatistics:

@@ -56,7 +56,8 @@ def expand(document: Mapping[str, Any], path: Path) -> Document:
         return found  # refused where they are read
     graphs = {name: _graph(spec, path, name) for name, spec in given.items()}
     counts: dict[str, int] = {}
-    found["components"] = dict(_components(components, graphs, counts, _seed(document), path))
+    if "components" in found:
+        found["components"] = dict(_components(components, graphs, counts, _seed(document), path))
     if "links" in found:
         found["links"] = list(_links(links, graphs, path))
     if "topology" in found:

@@ -227,8 +227,8 @@ class Scenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
 T = TypeVar("T")
 _NAME = re.compile(r"[A-Za-z_]\w*$")
 _TABLES = (
-    "title", "run", "components", "links", "events", "bus", "topology", "metrics", "figures",
-    "analysis",
+    "title", "run", "graphs", "components", "links", "events", "bus", "topology", "metrics",
+    "figures", "analysis",
 )  # fmt: skip
 
 

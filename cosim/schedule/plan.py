@@ -7,22 +7,21 @@ order in which anything was listed; ties are broken by name.
 
 from __future__ import annotations
 
-from bisect import bisect_left
+from bisect import bisect_left, bisect_right
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
-from typing import TYPE_CHECKING
 
 from cosim.base.errors import PlanError
 from cosim.schedule.operations import Connections, Line, Operation, compile_operations
 from cosim.schedule.order import CycleError, sequence, topological
 from cosim.schedule.parts import Gate, Link, Player, Slot, Step, SteppedBus, Wire
 
-if TYPE_CHECKING:
-    pass
+Feeder = Wire | Link | Player
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Plan:
     """Everything the engine needs.
 
@@ -48,9 +47,30 @@ class Plan:
         """The component of that name, which must be there (they are sorted by name)."""
         return self.components[bisect_left(self.components, name, key=lambda c: c.name)]
 
-    def slots(self) -> dict[str, Slot]:
+    def slots(self) -> Mapping[str, Slot]:
         """Every port's slot by ``component.port``."""
+        return self._slots
+
+    def feeders(self, start: int, size: int = 1) -> tuple[Feeder, ...]:
+        """The wires, links and players that feed entries of the signal vector, in this order."""
+        starts, feeders = self._feeders
+        first = max(0, bisect_right(starts, start) - 1)
+        found = []
+        for number, feeder in feeders[first : bisect_left(starts, start + size)]:
+            if feeder.target.start + feeder.target.size > start:
+                found.append((number, feeder))
+        return tuple(feeder for _, feeder in sorted(found, key=lambda pair: pair[0]))
+
+    @cached_property
+    def _slots(self) -> Mapping[str, Slot]:
         return {s.name: s for c in self.components for s in (*c.inputs, *c.outputs)}
+
+    @cached_property
+    def _feeders(self) -> tuple[list[int], list[tuple[int, Feeder]]]:
+        """(where targets start, sorted; the feeders with their numbers). No two targets overlap."""
+        every: tuple[Feeder, ...] = (*self.wires, *self.links, *self.players)
+        feeders = sorted(enumerate(every), key=lambda pair: pair[1].target.start)
+        return [feeder.target.start for _, feeder in feeders], feeders
 
 
 def compile_plan(

@@ -57,6 +57,11 @@ def quasi_static_poles(law: DynamicFeedback, K: float, k_p: float, k_d: float) -
     return _sorted(np.roots([1 + k_d / K, rate, law.lambda_M * k_p / K]))
 
 
+#: Coordinates up to which the determinant of a whole network is well scaled, and up to which poles
+#: are looked for at all.
+WHOLE, MANY = 24, 600
+
+
 def poles(
     net: RobotNetwork,
     q: Sequence[float],
@@ -66,24 +71,49 @@ def poles(
 ) -> Complex:
     """Return the poles (n,) of the network with a hand at its port, slowest first, 1/s.
 
-    Roots of det(A(p) + k_p + k_d p) = 0, with k_p and k_d at the port and with inertia. With delays
-    there are infinitely many; the result contains those that Newton's method finds from a fan of
-    starts.
+    Roots of det(A(p) + k_p + k_d p) = 0, with k_p and k_d at the port and with inertia; of more
+    than WHOLE coordinates only those that the hand can feel, of what the port sees of the network.
+    With delays there are infinitely many; the result contains those that Newton's method finds from
+    a fan of starts, the slowest of them below k_p over the felt damping. Of more than MANY
+    coordinates there are none, since each step would take seconds.
     """
     m, n = len(q), len(net.laws)
+    if n * m > MANY:
+        return np.zeros(0, dtype=np.complex128)
     linear = net.at(q, estimates)
-    at = slice(net.port * m, (net.port + 1) * m)
+    port = np.arange(net.port * m, (net.port + 1) * m)
+    others = np.setdiff1d(np.arange(n * m), port)
+    grip, damping = np.diag(spread(k_p, m)), np.diag(spread(k_d, m))
 
-    def f(p: Complex) -> Complex:
+    def seen(p: Complex) -> Complex:
+        """A(p) at the port, with everything else at rest, (k, m, m)."""
         A = linear.A(p)
-        A[:, at, at] += np.diag(spread(k_p, m)) + p[:, None, None] * np.diag(spread(k_d, m))
+        there = A[:, port[:, None], port]
+        if not len(others):
+            return np.asarray(there)
+        rest = np.linalg.solve(A[:, others[:, None], others], A[:, others[:, None], port])
+        return np.asarray(there - A[:, port[:, None], others] @ rest)
+
+    def whole(p: Complex) -> Complex:
+        A = linear.A(p)
+        A[:, port[:, None], port] += grip + p[:, None, None] * damping
         return np.asarray(np.linalg.det(A) * (p + net.law.lambda_M) ** (n * m))
 
+    def felt(p: Complex) -> Complex:
+        A = seen(p) + grip + p[:, None, None] * damping
+        return np.asarray(np.linalg.det(A) * (p + net.law.lambda_M) ** m)
+
     scale = max(*(law.lambda_M for law in net.laws), *(law.alpha for law in net.laws), 1.0)
+    slow = 1e-4 * scale
+    drag = np.abs(np.diagonal(seen(np.array([1j * slow]))[0])).max() / slow
+    lowest = min(0.02, 0.5 * max(spread(k_p, m)) / (drag + max(spread(k_d, m))) / scale)
     turns = np.exp(1j * np.array([pi, 0.85 * pi, 0.65 * pi]))
-    fan = np.asarray(scale * np.geomspace(0.02, 2.0, 9)[:, None] * turns, dtype=np.complex128)
+    starts = np.geomspace(max(lowest, 1e-5), 2.0, 9)
+    if n * m > WHOLE:  # the slowest ones only
+        starts, turns = starts[:3], turns[:1]
+    fan = np.asarray(scale * starts[:, None] * turns, dtype=np.complex128)
     found: list[complex] = []
-    for p in _newton(f, fan.ravel()):
+    for p in _newton(whole if n * m <= WHOLE else felt, fan.ravel()):
         away = abs(p + net.law.lambda_M) > 1e-3
         if away and all(abs(p - other) > 1e-5 * scale for other in found):
             found.append(complex(p))

@@ -15,6 +15,7 @@ from cosim.analysis.port import PortSignals, port_of
 from cosim.analysis.signals import Signals
 from cosim.analysis.system import AnalyzedSystem, system
 from cosim.base.errors import CosimError, ScenarioError
+from cosim.base.names import listed
 from cosim.loading.files import load
 from cosim.record import Run
 from cosim.scenario.assemble import assemble
@@ -144,7 +145,7 @@ def _recorded(port: PortSignals, names: Collection[str], folder: Path) -> PortSi
     """The port, without what was not recorded. Raises ScenarioError where that leaves none."""
     for name in (port.force, port.response):
         if name not in names:
-            known = ", ".join(sorted(names))
+            known = listed(sorted(names))
             raise ScenarioError(f"{name} was not recorded; recorded are {known}", str(folder))
     kept = {
         field: getattr(port, field) if getattr(port, field) in names else ""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 
 def nearest(name: str, known: Iterable[str]) -> str:
@@ -26,3 +26,14 @@ def unknown(name: str, known: Iterable[str], what: str) -> str:
     names = sorted(known)
     listed = ", ".join(names) or "none"
     return f"no {what} {name!r}{hint(name, names)} (there are: {listed})"
+
+
+#: Most names in a list; of more the first ones and their number.
+NAMES, SHOWN = 12, 4
+
+
+def listed(names: Sequence[str], separator: str = ", ") -> str:
+    """Names in a sentence: all of them, or the first ones and how many more there are."""
+    if len(names) <= NAMES:
+        return separator.join(names)
+    return f"{separator.join(names[:SHOWN])} and {len(names) - SHOWN} more"

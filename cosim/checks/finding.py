@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from math import isfinite
 from typing import Any, Literal
+
+from cosim.base.names import listed
 
 Severity = Literal["error", "warning", "note"]
 
@@ -47,17 +49,6 @@ class Finding:
             "reason": self.reason,
             "advice": self.advice,
         }
-
-
-#: Most names in a list; of more the first ones and their number.
-NAMES, SHOWN = 12, 4
-
-
-def listed(names: Sequence[str], separator: str = ", ") -> str:
-    """Names in a sentence: all of them, or the first ones and how many more there are."""
-    if len(names) <= NAMES:
-        return separator.join(names)
-    return f"{separator.join(names[:SHOWN])} and {len(names) - SHOWN} more"
 
 
 def merge_findings(findings: Iterable[Finding]) -> tuple[Finding, ...]:

@@ -6,7 +6,8 @@ from collections.abc import Iterator, Mapping, Sequence
 
 from cosim.analysis.facts import DynamicFeedback
 from cosim.analysis.system import AnalyzedSystem, values_of
-from cosim.checks.finding import Finding, listed
+from cosim.base.names import listed
+from cosim.checks.finding import Finding
 from cosim.scenario.connect import topology
 from cosim.schedule.parts import Wire
 

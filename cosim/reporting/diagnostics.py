@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim.record import Run
+from cosim.reporting import many
 from cosim.reporting.html import folded, table
 
 Array: TypeAlias = NDArray[np.float64]
@@ -43,8 +44,9 @@ def controllers(run: Run, facts: Mapping[str, Any]) -> str:
         return ""
     head = ["signal", "unit", "start", "end", "least", "greatest", "RMS",
             f"change in the last {TAIL:.0%}", "time at its greatest magnitude"]  # fmt: skip
-    rows = [(name, run.units[name], *_numbers(run.column(name))) for name in names]
-    return folded("Controllers", table(head, rows, len(head) - 2))
+    rows = [(name, run.units[name], *_numbers(run.column(name))) for name in names[: many.ROWS]]
+    below = many.further(len(names), many.ROWS, "signals")
+    return folded("Controllers", table(head, rows, len(head) - 2) + f"<p>{below}</p>" * bool(below))
 
 
 def _numbers(x: Array) -> Iterator[str]:

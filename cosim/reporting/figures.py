@@ -20,6 +20,7 @@ import numpy as np
 
 from cosim.analysis.signals import Array, Signals
 from cosim.base.errors import CosimError, RunError, ScenarioError
+from cosim.reporting import many
 from cosim.reporting.html import TimedEvent
 from cosim.reporting.thinning import thin
 
@@ -188,6 +189,9 @@ def _lines(panel: Panel, run: Signals, place: str) -> tuple[list[_Line], list[_L
         labels = panel.labels + panel.y[len(panel.labels) :]
         lines = [line for name, label in zip(panel.y, labels, strict=False)
                  for line in _entries(run, name, label)]  # fmt: skip
+        if len(lines) > many.LINES:
+            stacked = np.column_stack([line.y for line in lines])
+            lines = [_Line(name, y) for name, y in many.quantile_lines(stacked)]
         references: list[_Line] = []
         for reference in panel.reference:
             label = panel.reference_label if not references else ""

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from itertools import islice
 from math import isfinite, nan
 from pathlib import Path
 from typing import Any
@@ -14,8 +15,10 @@ from cosim.analysis import declared_metrics
 from cosim.analysis.metric_result import MetricResult
 from cosim.analysis.metrics import evaluate
 from cosim.base.errors import CosimError
+from cosim.base.names import listed as listed_names
 from cosim.links.storage import read_facts, table_groups
 from cosim.record import Run
+from cosim.reporting import many
 from cosim.reporting.arms import drawn_arms, recorded
 from cosim.reporting.diagnostics import configured_delay, controllers, findings, transit
 from cosim.reporting.html import (
@@ -118,19 +121,24 @@ def _data(run: Run, scenario: Scenario | None, facts: Mapping[str, Any]) -> Page
     every = facts.get("scenario", {}).get("run", {}).get("record", {}).get("every", 1)
     dt = float(facts.get("step") or (run.t[1] if len(run) > 1 else 1.0)) * every
     data = PageData(float(run.t[-1]), events=marks(facts))
-    data.panels += list(_panels(run, scenario))
+    data.panels += list(_panels(run, scenario, data, dt))
     shown = {name for panel in data.panels for name, _ in panel.series}
+    listed = set(run.names[: many.SIGNALS])
     for name in run.names:
-        data.add(name, run.units[name], run.column(name), dt, SHOWN if name in shown else CHOSEN)
+        if name in shown or name in listed:
+            most = SHOWN if name in shown else CHOSEN
+            data.add(name, run.units[name], run.column(name), dt, most)
     data.frame = max(1.0 / RATE, data.end / FRAMES)
     data.arms += list(_arms(run, np.arange(0.0, data.end + data.frame, data.frame)))
     return data
 
 
-def _panels(run: Run, scenario: Scenario | None) -> Iterator[PlottedPanel]:
+def _panels(
+    run: Run, scenario: Scenario | None, data: PageData, dt: float
+) -> Iterator[PlottedPanel]:
     declared = [p for f in scenario.figures.values() for p in f.panels] if scenario else []
     for spec in declared:
-        yield _declared(run, spec)
+        yield _declared(run, spec, data, dt)
     if not declared:
         signals = dict.fromkeys(name.partition("[")[0] for name in run.names)
         for signal in list(signals)[:PANELS]:
@@ -138,19 +146,33 @@ def _panels(run: Run, scenario: Scenario | None) -> Iterator[PlottedPanel]:
             yield PlottedPanel(signal, run.units[entries[0]], tuple((n, n) for n in entries))
 
 
-def _declared(run: Run, spec: PanelSpec) -> PlottedPanel:
+def _declared(run: Run, spec: PanelSpec, data: PageData, dt: float) -> PlottedPanel:
     labels = spec.labels or spec.y
     series = []
     for name, label in zip(spec.y, labels, strict=False):
         entries = run.entries(name)
         series += [(n, label if len(entries) == 1 else f"{label}{n[len(name) :]}") for n in entries]
+    if len(series) > many.LINES:
+        series = list(_quantiles(run, spec, [name for name, _ in series], data, dt))
     for name in (r for r in spec.reference if isinstance(r, str)):
         series += [(n, spec.reference_label or n) for n in run.entries(name)]
     title = " ".join(x for x in (spec.title, f"({spec.ylabel})" if spec.ylabel else "") if x)
     return PlottedPanel(
-        title or ", ".join(spec.y), run.units[series[0][0]], tuple(series),
+        title or listed_names(spec.y), run.units[run.entries(spec.y[0])[0]], tuple(series),
         tuple(float(r) for r in spec.reference if not isinstance(r, str)),
     )  # fmt: skip
+
+
+def _quantiles(
+    run: Run, spec: PanelSpec, names: Sequence[str], data: PageData, dt: float
+) -> Iterator[tuple[str, str]]:
+    """Signals of a diagram with many lines: quantiles over them; the names are theirs."""
+    values = np.column_stack([run.column(name) for name in names])
+    about = spec.title or names[0].partition(".")[2]
+    for label, line in many.quantile_lines(values):
+        name = f"{label} of {len(names)}: {about}"
+        data.add(name, run.units[names[0]], line, dt, SHOWN)
+        yield name, label
 
 
 # ---- arms -------------------------------------------------------------------------------------
@@ -158,7 +180,7 @@ def _declared(run: Run, spec: PanelSpec) -> PlottedPanel:
 
 def _arms(run: Run, t: Array) -> Iterator[dict[str, Any]]:
     """The components whose model can be drawn, at the times `t` (n,), s."""
-    for name, drawing, *_ in drawn_arms(run):
+    for name, drawing, *_ in islice(drawn_arms(run), many.ARMS):
         torque = f"{name}.{drawing.torque}"
         forced = drawing.torque and recorded(run, torque, drawing.joints)
         yield {
@@ -178,7 +200,8 @@ def _frames(run: Run, signal: str, t: Array) -> list[str]:
 
 def _links(run: Run, facts: Mapping[str, Any], data: PageData) -> str:
     rows, pictures = [], []
-    for name, path in run.link_tables.items():
+    tables = run.link_tables
+    for name, path in islice(tables.items(), many.LINKS):
         age, dt, sent = _ages(path)
         held = age[np.isfinite(age)]
         if not held.size:
@@ -211,9 +234,15 @@ def _links(run: Run, facts: Mapping[str, Any], data: PageData) -> str:
         "samples never used",
     ]
     return (
-        f'<h2>Links</h2>{table(head, rows, 7)}<section id="ages"></section>'
+        f"<h2>Links</h2>{table(head, rows, 7)}{_further(len(tables), many.LINKS, 'links')}"
+        '<section id="ages"></section>'
         f'<div class="charts">{"".join(pictures)}</div>'
     )
+
+
+def _further(total: int, shown: int, what: str) -> str:
+    text = many.further(total, shown, what)
+    return f"<p>{text}</p>" if text else ""
 
 
 def _ages(path: Path) -> tuple[Array, float, np.ndarray[Any, Any]]:
@@ -230,13 +259,15 @@ def _ages(path: Path) -> tuple[Array, float, np.ndarray[Any, Any]]:
 
 def _details(run: Run, facts: Mapping[str, Any], results: tuple[MetricResult, ...]) -> str:
     scenario = facts.get("scenario", {})
+    components = list(_components(scenario, facts))
+    below = _further(len(components), many.ROWS, "components")
+    head = ["component", "model", "every", "values"]
     parts = [
         folded("Results", table(["metric", "value"], [(r.label, r.text) for r in results]),
                opened=bool(results)) if results else "",
         controllers(run, facts),
-        folded("Components", table(["component", "model", "every", "values"],
-                                   list(_components(scenario, facts)))),
-        folded("Versions, seed, files", table(["", ""], list(_origin(facts)))),
+        folded("Components", table(head, components[: many.ROWS]) + below),
+        folded("Versions, seed, files", table(["", ""], list(_origin(facts))[: many.ROWS])),
     ]  # fmt: skip
     again = _again(run, facts)
     repeat = f"<h2>Repeat it</h2>{command('repeat', again)}" if again else ""

@@ -9,10 +9,14 @@ from hypothesis import strategies as st
 
 from cosim.analysis import closed_form as closed
 from cosim.analysis.facts import DynamicFeedback
-from cosim.analysis.network import RobotNetwork
+from cosim.analysis.network import RobotNetwork, network
+from cosim.analysis.system import system
+from cosim.loading.files import load
+from cosim.scenario.assemble import assemble
 from fmus.paper import oracles
 from fmus.paper.experiments import THETA
 from tests.analysis.cases import DOCUMENTS, net_of
+from tests.bridge.zenoh.rehearsed import CONFIGS
 
 K = 16.0
 
@@ -192,3 +196,37 @@ def test_a_pair_is_two_robots_with_the_delay_of_each_link() -> None:
     assert net.coupling.tolist() == [[0.0, 2.0], [2.0, 0.0]]
     assert net.delay[0, 1] == net.delay[1, 0] == 0.75
     assert not net.outside.any()
+
+
+@pytest.mark.parametrize("n", [3, 6, 11])
+def test_the_slowest_pole_that_a_hand_feels_is_that_of_the_whole_network(
+    n: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    net = many(n)
+    place, grip = net.arms[net.port].grip.place, ((10.0, 10.0), (5.0, 5.0))
+    whole = closed.poles(net, place, net.true_estimates(), *grip)
+    monkeypatch.setattr(closed, "WHOLE", 0)
+    felt = closed.poles(net, place, net.true_estimates(), *grip)
+    assert felt[0].real == pytest.approx(whole[0].real, rel=1e-6)
+    assert abs(felt[0].imag) < 1e-9
+
+
+def test_a_larger_network_is_slower_in_proportion(monkeypatch: pytest.MonkeyPatch) -> None:
+    rates = []
+    for n in (20, 40, 80):
+        net = many(n)
+        place = net.arms[net.port].grip.place
+        roots = closed.poles(net, place, net.true_estimates(), (10.0, 10.0), (5.0, 5.0))
+        rates.append(n * roots[0].real)
+    assert rates == pytest.approx([rates[0]] * 3, rel=0.05)
+    monkeypatch.setattr(closed, "MANY", 100)
+    assert not len(closed.poles(many(60), place, many(60).true_estimates(), (10.0,), (5.0,)))
+
+
+def many(n: int) -> RobotNetwork:
+    """The network of configs/many.toml on a ring of n robots."""
+    settings = ('graphs.net.kind="ring"', f"graphs.net.n={n}")
+    scenario = load(CONFIGS / "many.toml", settings)
+    net = network(system(scenario, assemble(scenario)), "robot1")
+    assert net is not None and len(net.laws) == n
+    return net

@@ -10,11 +10,14 @@ import pytest
 
 from benchmarks.cases import rings
 from benchmarks.scaling import document
+from cosim.checks.preflight import check
 from cosim.engine.engine import Engine
 from cosim.fmi.description import read_cached
+from cosim.loading.files import load
 from cosim.native.structs import Code
 from cosim.scenario.assemble import assemble
 from cosim.schedule.plan import compile_plan
+from tests.bridge.zenoh.rehearsed import CONFIGS
 from tests.cosim.scenarios import plan, scenario
 
 
@@ -98,6 +101,16 @@ def test_names_are_connected_in_time_that_grows_with_them():
         return instructions_in(lambda: assemble(made))
 
     assert cost(40) / cost(10) < 4.8
+
+
+def test_the_check_takes_time_that_grows_with_the_robots():
+    def cost(n):
+        settings = (f"graphs.net.n={n}", "run.stop=1")
+        made = load(CONFIGS / "many.toml", settings)
+        p = assemble(made)
+        return instructions_in(lambda: check(made, p))
+
+    assert cost(80) / cost(20) < 4.8
 
 
 def _scenario(n):

@@ -1,0 +1,56 @@
+"""Reports and figures of many robots: quantiles in place of lines, and lists that end."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cosim.engine.simulate import simulate
+from cosim.loading.files import load
+from cosim.record import Run
+from cosim.reporting.declared import figure_specs
+from cosim.reporting.figures import draw
+from cosim.reporting.many import ARMS, LINKS, QUANTILES, quantile_lines
+from cosim.reporting.run_report import write_report
+from tests.bridge.zenoh.rehearsed import CONFIGS
+from tests.cosim.reporting.test_report import data as page_data
+
+
+def test_quantiles_are_those_over_the_columns() -> None:
+    values = np.arange(20.0).reshape(2, 10)
+    values[1, 0] = np.nan
+    lines = dict(quantile_lines(np.vstack([values, np.full(10, np.inf)])))
+    assert list(lines) == [name for name, _ in QUANTILES]
+    np.testing.assert_array_equal(lines["least"], [0, 11, np.nan])
+    np.testing.assert_array_equal(lines["median"], [4.5, 15, np.nan])
+    np.testing.assert_allclose(lines["90 %"][0], 8.1)
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
+    folder = tmp_path_factory.mktemp("many") / "run"
+    simulate(load(CONFIGS / "many.toml", ("graphs.net.n=40", "run.stop=2")), folder)
+    return Run.open(folder)
+
+
+def test_a_report_of_many_robots_has_quantiles_and_some_of_each_list(run: Run) -> None:
+    page = write_report(run).read_text()
+    data = page_data(page)
+    first = data["panels"][0]
+    assert [line["label"] for line in first["series"]] == [name for name, _ in QUANTILES]
+    assert all(line["name"] in data["signals"] for line in first["series"])
+    assert len(data["arms"]) == ARMS
+    assert sum(p["place"] == "ages" for p in data["panels"]) == LINKS
+    assert f"{160 - LINKS} further links are in the run folder only." in page
+    assert "Age of what" in page and page.count("<tr>") < 300
+
+
+def test_a_figure_of_many_robots_has_lines_of_quantiles(run: Run, tmp_path: Path) -> None:
+    from cosim.reporting import figures
+
+    scenario = load(CONFIGS / "many.toml", ("graphs.net.n=40", "run.stop=2"))
+    [figure] = figure_specs(scenario, run.metadata).values()
+    lines, references = figures._lines(figure.panels[0], run, "here")
+    assert [line.label for line in lines] == [name for name, _ in QUANTILES]
+    assert len(references) == 1
+    assert draw(figure, run, tmp_path / "f.png").stat().st_size > 10_000

@@ -131,21 +131,27 @@ def network(system: AnalyzedSystem, port: str) -> RobotNetwork | None:
     start = system.controls.get(port, "")
     if start not in laws:
         return None
-    names = [start]
-    for name in names:  # grows while it is walked
-        ends = [(e.receiver, e.sender) for e in system.edges if e.recurrent and e.sender]
-        found = [b if a == name else a for a, b in ends if name in (a, b)]
-        names += [other for other in dict.fromkeys(found) if other not in names]
-    names.sort()
+    beside: dict[str, set[str]] = {}
+    for e in system.edges:
+        if e.recurrent and e.sender:
+            beside.setdefault(e.receiver, set()).add(e.sender)
+            beside.setdefault(e.sender, set()).add(e.receiver)
+    known, waiting = {start}, [start]
+    while waiting:
+        new = beside.get(waiting.pop(), set()) - known
+        known |= new
+        waiting += new
+    names = sorted(known)
+    numbers = {name: i for i, name in enumerate(names)}
     if any(system.arm_of(name) is None for name in names):
         return None
     n = len(names)
     coupling, delay, outside = np.zeros((n, n)), np.zeros((n, n)), np.zeros(n)
     jitter: dict[tuple[int, int], Vector] = {}
-    for e in (e for e in system.edges if e.receiver in names and e.recurrent):
-        i, strength = names.index(e.receiver), laws[e.receiver].lambda_ * e.weight
-        if e.sender in names:
-            j = names.index(e.sender)
+    for e in (e for e in system.edges if e.receiver in numbers and e.recurrent):
+        i, strength = numbers[e.receiver], laws[e.receiver].lambda_ * e.weight
+        if e.sender in numbers:
+            j = numbers[e.sender]
             coupling[i, j] += strength
             delay[i, j] = e.age.mean
             if e.age.spread:

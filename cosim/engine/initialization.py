@@ -51,9 +51,10 @@ def initialize(
     ended = None
     for i in _exits(plan):
         unsettled.remove(i)
-        before = signals.tobytes()
-        ended = _exit(plan.components[i], outputs[i]) or ended
-        if signals.tobytes() != before:
+        step = plan.components[i]
+        before = [part(signals, slot).tobytes() for slot in step.outputs]  # all it can change
+        ended = _exit(step, outputs[i]) or ended
+        if [part(signals, slot).tobytes() for slot in step.outputs] != before:
             settle(unsettled)
     _check(plan, signals)
     return ended

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import shutil
 import tempfile
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from cosim.base.component import Kind, Outputs, Parameter, Port, Values
 from cosim.base.errors import FmuError, UnitError
@@ -18,7 +18,7 @@ from cosim.fmi.instances import instantiate
 from cosim.fmi.isolated import RemoteInstance
 from cosim.fmi.library import OK, Instance, Setup
 from cosim.fmi.options import FmuOptions
-from cosim.fmi.ports import VariableGroup, groups
+from cosim.fmi.ports import VariableGroup
 from cosim.fmi.start_values import InstanceStart, StartValue
 from cosim.fmi.values import (
     check_range,
@@ -37,6 +37,8 @@ from cosim.native import fmu_log
 
 if TYPE_CHECKING:
     import numpy as np
+
+T = TypeVar("T")
 
 #: Bytes of log text kept of an FMU whose logging is on.
 LOG_ROOM = 1 << 20
@@ -70,7 +72,7 @@ class FmuComponent:
         self._check_exchange(name)
         self.name = name
         self.kind: Kind = kind or self.description.kind or "continuous"  # type: ignore[assignment]
-        self.groups = {g.name: g for g in groups(self.description.variables)}
+        self.groups = self.description.groups
         self._observed: frozenset[str] = frozenset()
         self._driven: frozenset[str] = frozenset()
         self.expose()
@@ -108,14 +110,26 @@ class FmuComponent:
         self._driven = frozenset(
             n for n in driven if n in self.groups and tunable(self.groups[n].first)
         )
+        self.inputs, self.outputs, self.parameters = self._derived("ports", self._ports)
+
+    def _ports(self) -> tuple[tuple[Port, ...], tuple[Port, ...], tuple[Parameter, ...]]:
         optional = self.description.optional
-        self.inputs: tuple[Port, ...] = tuple(
-            port(g, fed=True, optional=g.name in optional) for g in self.carried("input")
-        )
-        self.outputs: tuple[Port, ...] = tuple(port(g) for g in self.carried("output"))
-        self.parameters: tuple[Parameter, ...] = tuple(
-            parameter(g) for g in self.groups.values() if settable(g) and g.name not in self._driven
-        )
+        return (
+            tuple(port(g, fed=True, optional=g.name in optional) for g in self.carried("input")),
+            tuple(port(g) for g in self.carried("output")),
+            tuple(
+                parameter(g) for g in self.groups.values()
+                if settable(g) and g.name not in self._driven
+            ),
+        )  # fmt: skip
+
+    def _derived(self, what: str, compute: Callable[[], T]) -> T:
+        """What follows from the description and what is exposed: once for all such instances."""
+        key = what, self._observed, self._driven
+        if key not in self.description.derived:
+            self.description.derived[key] = compute()
+        found: T = self.description.derived[key]
+        return found
 
     def _readable(self, name: str) -> bool:
         first = self.groups[name].first
@@ -134,11 +148,11 @@ class FmuComponent:
 
     def carried(self, role: str) -> list[VariableGroup]:
         """Inputs or outputs that are signals, with those that are exposed."""
-        return [
+        return self._derived(f"carried {role}", lambda: [
             g for g in self.groups.values()
             if self._role(g) == role
             and (g.first.type in NUMERIC or (self.events and clocks.is_signal(g.first)))
-        ]  # fmt: skip
+        ])  # fmt: skip
 
     @property
     def instance(self) -> Instance:

@@ -5,20 +5,25 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from math import isfinite
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 
 from cosim.base.errors import FmuError
 from cosim.base.units import BASE, Unit
 from cosim.fmi.continuous_states import ContinuousStates, read_states
+from cosim.fmi.ports import VariableGroup, groups
 from cosim.fmi.variables import FmuVariable, variables2, variables3
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Description:
-    """The model description of an FMU."""
+    """The model description of an FMU, which all its instances share.
+
+    `derived`: what was computed of it, by what it depends on.
+    """
 
     fmi: str
     name: str
@@ -37,6 +42,12 @@ class Description:
     step_attributes: Mapping[str, str] = field(default_factory=dict)
     interfaces: tuple[str, ...] = ("CoSimulation",)  # of those in INTERFACES, what there is
     states: ContinuousStates | None = None  # None: it is run by co-simulation
+    derived: dict[Any, Any] = field(default_factory=dict, repr=False, compare=False)
+
+    @cached_property
+    def groups(self) -> Mapping[str, VariableGroup]:
+        """The signals that the variables are, by name."""
+        return {g.name: g for g in groups(self.variables)}
 
 
 #: Interfaces that a run uses, the first by default.

@@ -17,11 +17,14 @@
 #define API __attribute__((visibility("default")))
 #endif
 
-/* The common steps are part of the loop, though a lonely FMU's process calls them as well. */
+/* The common steps are part of the loop, though a lonely FMU's process calls them as well; what is
+ * rare is not. */
 #if defined(__GNUC__)
 #define INLINE static inline __attribute__((always_inline))
+#define NOINLINE static __attribute__((noinline))
 #else
 #define INLINE static inline
+#define NOINLINE static
 #endif
 
 /* Store a count after everything that was written before it. */
@@ -34,7 +37,7 @@ INLINE void publish(int64_t *place, int64_t count)
 #endif
 }
 
-#define ENGINE_ABI 13
+#define ENGINE_ABI 14
 
 enum { OP_COPY, OP_SCALE, OP_PUSH, OP_PULL, OP_STEP, OP_RECORD, OP_AGE, OP_PLAY,
        OP_AHEAD, OP_BETWEEN, OP_GATE, OP_SLOPE_AHEAD, OP_SLOPE_BETWEEN };
@@ -52,11 +55,22 @@ enum { CLOCK_PERIODIC, CLOCK_CHANGING, CLOCK_COUNTDOWN, CLOCK_WIRED };
 typedef struct {
     int32_t code;
     int32_t index;          /* of the unit or link; of what was there last time, in signals */
-    int64_t period, next;   /* ticks */
+    int64_t period;         /* ticks */
     int64_t source, target; /* into signals */
     int64_t count;
     double gain, offset;
 } operation_t;
+
+/* Consecutive operations that are due at the same ticks, and the blocks that they make up: those of a
+ * block depend on each other, blocks do not. */
+typedef struct {
+    int64_t period, next;   /* ticks */
+    int64_t first, last;    /* operations; `last` is behind them */
+    const int64_t *blocks;  /* n_blocks + 1 operations where they begin and the last one ends */
+    int64_t n_blocks;
+    int32_t shared;         /* threads may share it; else 0 */
+    int32_t reserved;
+} segment_t;
 
 typedef int32_t (*call_t)(int32_t unit, double t, double h); /* returns RUN_... */
 /* A step from t (s) of length h (s): it reads the inputs and writes the outputs; not 0: it failed. */
@@ -188,8 +202,32 @@ typedef struct {
     void *context;
 } gate_t;
 
+/* Why an operation did not go well; `operation`: which, -1: all did. */
+typedef struct {
+    int64_t operation;
+    int32_t result, index, status, signal;
+} failure_t;
+
+/* A thread's own part of a team, in cache lines of its own: the ticket of its chunks; which of its
+ * operations failed first, and which ended the simulation last. */
+typedef struct {
+    uint64_t ticket;
+    failure_t failed, ended;
+    int64_t unused[9];
+} member_t;
+
+/* What threads share, see team.h; `members`: one a thread. */
+typedef struct {
+    uint64_t finished;
+    const segment_t *segment;
+    member_t *members;
+    int32_t threads, quit;
+} team_t;
+
 typedef struct {
     operation_t *operations;
+    segment_t *segments;
+    team_t *team;           /* NULL: one thread */
     unit_t *units;
     link_t *links;
     player_t *players;
@@ -197,7 +235,7 @@ typedef struct {
     double *signals;
     double *record;         /* rows of n_signals, or NULL */
     int64_t *recorded;      /* the number of rows in `record`, for concurrent readers; NULL */
-    int64_t n_operations, n_signals;
+    int64_t n_operations, n_segments, n_signals;
     int64_t row, tick;
     double h;
     int32_t stop;           /* set from outside */

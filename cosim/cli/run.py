@@ -91,6 +91,12 @@ def run(
     fmu_log: Annotated[
         bool, typer.Option("--fmu-log", help="Write the log of every FMU to NAME.fmu.log.")
     ] = False,
+    threads: Annotated[
+        int,
+        typer.Option(
+            min=1, max=256, help="Threads that share each tick of many FMUs; same results."
+        ),
+    ] = 1,
     strict: Strict = False,
     json: Json = None,
     quiet: Quiet = False,
@@ -156,7 +162,9 @@ def run(
     further = {"command": this_command(), "findings": found}
     try:
         with progress_bar(quiet) as progress:
-            outcome = simulate(loaded, folder, progress, plan, force=force, further=further)
+            outcome = simulate(
+                loaded, folder, progress, plan, force=force, further=further, threads=threads
+            )
     except Interrupted as stop:
         typer.echo(f"{stop}; recorded until then: {stop.saved}", err=True)
         raise typer.Exit(exit_code()) from None

@@ -28,6 +28,7 @@ from cosim.native import structs
 from cosim.native.structs import MEANS, SLOPES, EngineResult
 from cosim.schedule.parts import Slot, Step
 from cosim.schedule.plan import Plan
+from cosim.schedule.segments import Segment, together
 
 #: Results by which an FMU ends the simulation: after its step, and before it.
 ENDS = (EngineResult.TERMINATED, EngineResult.ENDED)
@@ -50,7 +51,7 @@ class Binding:
     """The structs that the engine runs: `state`, and the memory to which it points.
 
     `inputs`, `outputs`: the signals of each component, as views. `failure`: the last exception of a
-    callback.
+    callback. `threads`: how many will run it.
     """
 
     def __init__(
@@ -60,8 +61,9 @@ class Binding:
         inputs: Sequence[Views],
         outputs: Sequence[Views],
         gates: Mapping[str, tuple[int, int]],
+        threads: int = 1,
     ) -> None:
-        self.plan, self.signals = plan, signals
+        self.plan, self.signals, self._threads = plan, signals, threads
         self.state = structs.EngineState()
         self.failure: BaseException | None = None
         self._inputs, self._outputs, self._gates = inputs, outputs, gates
@@ -77,7 +79,7 @@ class Binding:
         operations = (structs.OperationStruct * len(plan.operations))()
         for i, o in enumerate(plan.operations):
             operations[i] = structs.OperationStruct(
-                *(o.code, o.index, o.period, o.first + tick, o.source, o.target, o.count),
+                *(o.code, o.index, o.period, o.source, o.target, o.count),
                 *(o.gain, o.offset),
             )
         self.units = (structs.UnitStruct * len(plan.components))()
@@ -88,6 +90,11 @@ class Binding:
             *(self._link(i) for i in range(len(plan.links)))
         )
         self.players = (structs.PlayerStruct * len(plan.players))()
+        parts = plan.segments if self._threads > 1 else together(plan.segments)
+        self.segments = (structs.SegmentStruct * len(parts))(
+            *(self._segment(segment, tick) for segment in parts)
+        )
+        state.segments, state.n_segments = c.addressof(self.segments), len(parts)
         through = (structs.GateStruct * len(plan.gates))(
             *(structs.GateStruct(*self._gates[g.name]) for g in plan.gates)
         )
@@ -102,6 +109,15 @@ class Binding:
         for o in plan.operations:  # what there was before the start is what there is at the start
             if o.code in MEANS | SLOPES:
                 self.signals[o.index : o.index + o.count] = self.signals[o.target :][: o.count]
+
+    def _segment(self, segment: Segment, tick: int) -> structs.SegmentStruct:
+        """Not shared yet: see :class:`cosim.engine.team.Team`."""
+        blocks = np.array(segment.blocks, dtype=np.int64)
+        self._alive.append(blocks)
+        return structs.SegmentStruct(
+            period=segment.period, next=segment.start + tick, first=segment.first,
+            last=segment.last, blocks=blocks.ctypes.data, n_blocks=len(blocks) - 1,
+        )  # fmt: skip
 
     def _unit(self, index: int, step: Step) -> structs.UnitStruct:
         late = step.name not in self._sampled

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import ctypes as c
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,7 @@ from cosim.base.errors import RunError
 from cosim.base.interrupts import stop_on_signal
 from cosim.engine.binding import Binding, Termination, Vector, Views
 from cosim.engine.initialization import initialize, part
+from cosim.engine.team import Team
 from cosim.fmi import components
 from cosim.fmi.failures import not_finite, sentence
 from cosim.fmi.refusals import step_refused
@@ -27,8 +29,8 @@ from cosim.native.structs import EngineResult
 from cosim.schedule.parts import RunningBus, Slot, Step
 from cosim.schedule.plan import Plan
 
-#: Ticks for which tables are drawn at least, where the run is that long.
-STRETCH = 1024
+#: Ticks for which tables are drawn at once: at least, at most, and together with all links.
+STRETCH, LONGEST, TOGETHER = 1024, 16_384, 1 << 25
 #: Beyond all ticks.
 MOST_TICKS = 1 << 62
 
@@ -39,7 +41,8 @@ class Engine:
     `signals` is the signal vector; `tick` the next tick to run. `tables` collects the rows of each
     link's table as they are used, if `keep_tables` is given: called with (link name, rows).
     `gates`: (address of the function, of its context) of each gate of the plan, by its name; those
-    of the plan's buses come with them.
+    of the plan's buses come with them. `threads`: how many share the components of a tick; the
+    results are the same for any number.
     """
 
     def __init__(
@@ -47,13 +50,15 @@ class Engine:
         plan: Plan,
         keep_tables: Callable[[str, NDArray[np.int32]], None] | None = None,
         gates: Mapping[str, tuple[int, int]] | None = None,
+        threads: int = 1,
     ) -> None:
-        self.plan = plan
+        self.plan, self._threads = plan, threads
         self.signals: Vector = np.zeros(plan.n_signals)
         self.ended: Termination | None = None
         self._keep_tables = keep_tables
         self._inputs = [_views(self.signals, s.inputs, writable=False) for s in plan.components]
         self._outputs = [_views(self.signals, s.outputs, writable=True) for s in plan.components]
+        self._team: Team | None = None
         self._rows: dict[str, NDArray[Any]] = {}
         self._drawn = 0  # the tick up to which tables are there
         self._buses: dict[str, RunningBus] = {}  # of links whose table the run fills in
@@ -62,7 +67,7 @@ class Engine:
             running = bus.start()
             self._buses |= dict.fromkeys(bus.history, running)
             gates |= running.gates
-        self._bound = Binding(plan, self.signals, self._inputs, self._outputs, gates)
+        self._bound = Binding(plan, self.signals, self._inputs, self._outputs, gates, threads)
         self._state = self._bound.state
         self._library = structs.library()
 
@@ -92,6 +97,7 @@ class Engine:
             components.begin_at(step.component, tick * self.plan.h)
         self.ended = initialize(self.plan, self.signals, self._inputs, self._outputs)
         self._bound.bind(tick)
+        self._team = Team(self.plan, self._bound, self._threads) if self._threads > 1 else None
 
     # ---- running -----------------------------------------------------------------------------
 
@@ -122,7 +128,8 @@ class Engine:
         """Run up to the tick `end`, as far as tables reach at a time."""
         while True:
             ticks = self._next_tables(end - self.tick)
-            result = EngineResult(self._library.engine_run(c.byref(self._state), ticks))
+            with self._team if self._team and self._team.shares else nullcontext():
+                result = EngineResult(self._library.engine_run(c.byref(self._state), ticks))
             self._keep_filled_tables()
             if result is not EngineResult.OK or self.tick >= end:
                 return result
@@ -164,7 +171,8 @@ class Engine:
             return min(ticks, left)
         wanted = ticks
         if not self.plan.buses:
-            ticks = max(ticks, min(STRETCH, self.plan.ticks - self.tick))
+            stretch = min(LONGEST, max(STRETCH, TOGETHER // max(1, len(self.plan.links))))
+            ticks = max(ticks, min(stretch, self.plan.ticks - self.tick))
         self._drawn = self.tick + ticks
         for link, bound, stream in zip(
             self.plan.links, self._bound.links, self._streams, strict=True
@@ -184,6 +192,8 @@ class Engine:
             chunk = np.ascontiguousarray(values.rows(hits), dtype=np.float64)
             played.values, played.row, played.rows = chunk.ctypes.data, 0, hits
             self._rows[player.target.name] = chunk
+        if self._team:
+            self._team.allow(self._rows, self.tick)
         return wanted
 
     def _keep_filled_tables(self) -> None:
@@ -264,6 +274,9 @@ class Engine:
         After a fatal status the standard forbids every call to any instance of that FMU.
         """
         state = self._state
+        if self._team:
+            self._team.close()
+            self._team = None
         components.close(
             [s.component for s in self.plan.components], state.failed_index, state.failed_status
         )

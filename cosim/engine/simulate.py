@@ -97,12 +97,14 @@ def simulate(
     *,
     force: bool = False,
     further: Mapping[str, Any] | None = None,
+    threads: int = 1,
 ) -> RunOutcome:
     """Run a scenario from start to stop, recording into `folder` (see :func:`claim_folder`).
 
     The folder is made once all components have started: what cannot start leaves nothing behind.
     From then on it can be read at any moment, also after the process was killed. `progress` is
-    called with (ticks done, ticks in all) between chunks; `further`: more entries of ``run.json``.
+    called with (ticks done, ticks in all) between chunks; `further`: more entries of ``run.json``;
+    `threads`: how many compute a tick, with the same results.
     Raises CosimError; a RunError leaves what
     was recorded, and the last ticks of every signal, in the folder. Ctrl-C (and the engine's
     `stop`) becomes Interrupted, and leaves what was recorded.
@@ -119,7 +121,7 @@ def simulate(
         counts[name].add(held)
 
     with ExitStack() as stack:
-        engine = stack.enter_context(Engine(plan, keep))
+        engine = stack.enter_context(Engine(plan, keep, threads=threads))
         engine.initialize()
         stack.enter_context(stop_on_signal(engine.stop))  # what is opened from here on is closed
         claim_folder(folder, force=force)

@@ -11,7 +11,7 @@ from pathlib import Path
 from cosim.base.errors import CosimError
 from cosim.native.fmu_log import Log
 
-ABI = 13
+ABI = 14
 
 
 class Code(IntEnum):
@@ -98,12 +98,61 @@ class OperationStruct(c.Structure):
         ("code", c.c_int32),
         ("index", c.c_int32),
         ("period", c.c_int64),
-        ("next", c.c_int64),
         ("source", c.c_int64),
         ("target", c.c_int64),
         ("count", c.c_int64),
         ("gain", c.c_double),
         ("offset", c.c_double),
+    )
+
+
+class SegmentStruct(c.Structure):
+    """``segment_t``."""
+
+    _fields_ = (
+        ("period", c.c_int64),
+        ("next", c.c_int64),
+        ("first", c.c_int64),
+        ("last", c.c_int64),
+        ("blocks", c.c_void_p),
+        ("n_blocks", c.c_int64),
+        ("shared", c.c_int32),
+        ("reserved", c.c_int32),
+    )
+
+
+class FailureStruct(c.Structure):
+    """``failure_t``."""
+
+    _fields_ = (
+        ("operation", c.c_int64),
+        ("result", c.c_int32),
+        ("index", c.c_int32),
+        ("status", c.c_int32),
+        ("signal", c.c_int32),
+    )
+
+
+class MemberStruct(c.Structure):
+    """``member_t``."""
+
+    _fields_ = (
+        ("ticket", c.c_uint64),
+        ("failed", FailureStruct),
+        ("ended", FailureStruct),
+        ("unused", c.c_int64 * 9),
+    )
+
+
+class TeamStruct(c.Structure):
+    """``team_t``."""
+
+    _fields_ = (
+        ("finished", c.c_uint64),
+        ("segment", c.c_void_p),
+        ("members", c.c_void_p),
+        ("threads", c.c_int32),
+        ("quit", c.c_int32),
     )
 
 
@@ -275,6 +324,8 @@ class EngineState(c.Structure):
 
     _fields_ = (
         ("operations", c.c_void_p),
+        ("segments", c.c_void_p),
+        ("team", c.c_void_p),
         ("units", c.c_void_p),
         ("links", c.c_void_p),
         ("players", c.c_void_p),
@@ -283,6 +334,7 @@ class EngineState(c.Structure):
         ("record", c.c_void_p),
         ("recorded", c.c_void_p),
         ("n_operations", c.c_int64),
+        ("n_segments", c.c_int64),
         ("n_signals", c.c_int64),
         ("row", c.c_int64),
         ("tick", c.c_int64),
@@ -309,6 +361,8 @@ def library() -> c.CDLL:
     engine = c.CDLL(str(path))
     engine.engine_run.argtypes = (c.POINTER(EngineState), c.c_int64)
     engine.engine_run.restype = c.c_int32
+    engine.engine_work.argtypes = (c.POINTER(EngineState), c.c_int32)
+    engine.engine_work.restype = c.c_int32
     engine.engine_sizes.argtypes = (c.c_int32,)
     engine.engine_sizes.restype = c.c_size_t
     engine.engine_unit.argtypes = (
@@ -317,7 +371,8 @@ def library() -> c.CDLL:
     structs = (
         *(OperationStruct, UnitStruct, LinkStruct, EngineState, Log, PlayerStruct, Access),
         *(TickerStruct, Typed, GateStruct, TriggeredStruct, PartitionStruct),
-        ExchangeStruct,
+        *(ExchangeStruct, SegmentStruct, FailureStruct, TeamStruct),
+        MemberStruct,
     )
     expected = [c.sizeof(t) for t in structs]
     found = [engine.engine_sizes(i) for i in range(len(expected))]

@@ -240,7 +240,7 @@ def test_a_wrong_topology_is_refused_with_its_place(weights, extra, message):
 @pytest.mark.parametrize("wrong", [1000, -8])
 def test_a_table_that_names_a_sample_which_the_link_does_not_hold_stops_the_run(wrong, monkeypatch):
     """One that was not sent yet, or so long ago that it is forgotten."""
-    monkeypatch.setattr("cosim.engine.engine.STRETCH", 1)  # no tables beyond each call
+    monkeypatch.setattr("cosim.engine.engine.LONGEST", 1)  # no tables beyond each call
     p = plan(LOOP, [{**LINKS[0], "delay": {"law": "constant", "delay": 0.5}}], stop=40.0)
     with Engine(p) as engine:
         engine.initialize()

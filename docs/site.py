@@ -29,7 +29,7 @@ COSIM = str(Path(sys.executable).with_name("cosim"))
 #: The pages by what a reader wants; every page of docs/ stands in one of them.
 GROUPS: Mapping[str, tuple[str, ...]] = {
     "Begin": ("tutorial", "running", "python", "own-component", "your-own-arm"),
-    "Simulate": ("arm", "mujoco", "fmi", "ssp", "sweep", "fit", "analysis", "benchmark"),
+    "Simulate": ("arm", "mujoco", "fmi", "ssp", "scale", "sweep", "fit", "analysis", "benchmark"),
     "Rehearse": ("rehearsal", "can", "vcan", "bus", "ls-bus", "hardware", "monitor", "faults"),
     "Networks": ("network", "ping"),
     "Studies": ("bus-load", "bus-cases", "openarm-reports"),
@@ -43,7 +43,10 @@ OUTSIDE = {"benchmarks": "benchmarks/README.md", "golden": "tests/golden/README.
 
 #: Modules with the structs that files are read into, by kind of file.
 FILES: Mapping[str, tuple[str, ...]] = {
-    "Scenario": ("cosim.scenario.spec", "cosim.scenario.bus_spec", "cosim.links.spec"),
+    "Scenario": (
+        "cosim.scenario.spec", "cosim.links.named_graphs", "cosim.scenario.bus_spec",
+        "cosim.links.spec",
+    ),
     "Study": ("cosim.sweeps.spec",),
     "Deployment": (
         "bridge.deployment.spec", "bridge.deployment.motors", "bridge.deployment.signal_spec",

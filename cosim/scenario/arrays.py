@@ -4,7 +4,7 @@ A document with these is expanded to one without them before it is read: ``[comp
 ``count = 3`` becomes ``robot1``, ``robot2`` and ``robot3``. In the texts of a component, ``{i}`` is
 its number, ``{n}`` how many there are, and ``{degree}`` from how many others it receives by its
 graph. A link with a ``graph`` becomes one for each edge: ``{i}`` receives from ``{j}``, its sender
-number ``{k}``, from 0. Elsewhere, ``robot{i}.q`` stands for those of all robots.
+``{k}``, from 0. Elsewhere, ``robot{i}.q`` stands for those of all robots.
 """
 
 from __future__ import annotations
@@ -257,7 +257,7 @@ def _links(given: Sequence[Any], graphs: Mapping[str, ScenarioGraph], path: Path
 
 
 def _edge_words(graph: ScenarioGraph) -> Iterator[dict[str, int]]:
-    """Of each edge: receiver i, sender j, the how manieth sender of i it is, from 0."""
+    """Of each edge: receiver i, sender j, and the place of j among the senders of i, from 0."""
     last, k = 0, 0
     for i, j in graph.edges.tolist():
         k = k + 1 if i == last else 0

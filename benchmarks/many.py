@@ -1,0 +1,121 @@
+"""Growth with the number of robots: 6 to 10 000 in a small world, start, ticks and memory.
+
+    python benchmarks/many.py [--robots 6,100,1000,10000] [--threads 1,2] [--rounds N] [--json FILE]
+
+The network of configs/many.toml: arms at 1 kHz, controllers at 200 Hz, four links a robot whose
+delays are drawn anew every 30 ms. Each row is a process of its own. "Tick" is the best of the
+rounds of 1000 ticks (fewer for many robots), without recording; "recording" of the same with all
+signals at every tick into memory. The signals at the end are compared: they are the same for any number of
+threads. "Check" is the check before a run, left out beyond 2000 robots.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import json
+import resource
+import subprocess
+import sys
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+sys.path.append(str(Path(__file__).resolve().parents[1]))  # an installed cosim comes first
+
+import numpy as np
+
+from benchmarks import tables
+
+ROOT = Path(__file__).resolve().parents[1]
+CHECKED = 2000
+HEADER = ("robots", "threads", "load and plan, s", "check, s", "start, s",
+          "tick, us a robot", "recording, us a robot", "x real time", "memory, MB",
+          "bytes")  # fmt: skip
+
+
+def measure(robots: int, threads: int, rounds: int) -> dict[str, Any]:
+    """One row, in this process."""
+    from cosim.checks.preflight import check
+    from cosim.engine.engine import Engine
+    from cosim.loading.files import load
+    from cosim.scenario.assemble import assemble
+
+    laps = [perf_counter()]
+
+    def lap() -> float:
+        laps.append(perf_counter())
+        return laps[-1] - laps[-2]
+
+    scenario = load(ROOT / "configs" / "many.toml", (f"graphs.net.n={robots}",))
+    plan = assemble(scenario)
+    row: dict[str, Any] = {"robots": robots, "threads": threads, "plan": lap()}
+    if robots <= CHECKED:
+        check(scenario, plan, notes=False)
+        row["check"] = lap()
+    ticks = max(50, min(1000, 1_000_000 // robots))
+    with Engine(plan, threads=threads) as engine:
+        engine.initialize()
+        engine.run(1)
+        row["start"] = lap()
+        best = []
+        for _ in range(rounds):
+            engine.run(ticks)
+            best.append(lap() / ticks)
+        buffer = np.empty((16, plan.n_signals))
+        kept = []
+        for _ in range(rounds):
+            for _ in range(max(1, ticks // 16)):
+                engine.run(16, buffer)
+            kept.append(lap() / (16 * max(1, ticks // 16)))
+        row["bytes"] = hashlib.sha256(engine.signals.tobytes()).hexdigest()[:8]
+    row["tick"], row["recording"] = min(best), min(kept)
+    row["memory"] = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    return row
+
+
+def apart(robots: int, threads: int, rounds: int) -> dict[str, Any]:
+    """:func:`measure` in a process of its own."""
+    words = [sys.executable, __file__, "--one", f"{robots},{threads},{rounds}"]
+    done = subprocess.run(words, check=True, capture_output=True, text=True)
+    found: dict[str, Any] = json.loads(done.stdout)
+    return found
+
+
+def line(row: dict[str, Any]) -> list[str]:
+    """A row of the table."""
+    n = row["robots"]
+    return [
+        str(n), str(row["threads"]), f"{row['plan']:.2f}",
+        f"{row['check']:.2f}" if "check" in row else "–", f"{row['start']:.2f}",
+        f"{1e6 * row['tick'] / n:.3f}", f"{1e6 * row['recording'] / n:.3f}",
+        f"{1e-3 / row['tick']:.3g}", f"{row['memory']:.0f}", row["bytes"],
+    ]  # fmt: skip
+
+
+def main() -> None:
+    """Measure, print the table, write the numbers."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("--robots", default="6,100,1000,10000")
+    parser.add_argument("--threads", default="1,2")
+    parser.add_argument("--rounds", type=int, default=5)
+    parser.add_argument("--json", type=Path, metavar="FILE", help="write all numbers here")
+    parser.add_argument("--one", help=argparse.SUPPRESS)
+    options = parser.parse_args()
+    if options.one:
+        robots, threads, rounds = map(int, options.one.split(","))
+        print(json.dumps(measure(robots, threads, rounds)))
+        return
+    rows = [
+        apart(int(robots), int(threads), options.rounds)
+        for robots in options.robots.split(",")
+        for threads in options.threads.split(",")
+    ]
+    print(tables.grid(HEADER, [line(row) for row in rows]))
+    if options.json:
+        facts = {"machine": tables.machine(), "rows": rows}
+        options.json.write_text(json.dumps(facts, indent=1) + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

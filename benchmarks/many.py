@@ -5,8 +5,8 @@
 The network of configs/many.toml: arms at 1 kHz, controllers at 200 Hz, four links a robot whose
 delays are drawn anew every 30 ms. Each row is a process of its own. "Tick" is the best of the
 rounds of 1000 ticks (fewer for many robots), without recording; "recording" of the same with all
-signals at every tick into memory. The signals at the end are compared: they are the same for any number of
-threads. "Check" is the check before a run, left out beyond 2000 robots.
+signals at every tick into memory. "Bytes" is of the signals at the end: they are the same for any
+number of threads. "Check" is the check before a run, left out beyond 2000 robots.
 """
 
 from __future__ import annotations

@@ -10,7 +10,7 @@ import ctypes as c
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import nullcontext
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +20,6 @@ from cosim.base.errors import RunError
 from cosim.base.interrupts import stop_on_signal
 from cosim.engine.binding import Binding, Termination, Vector, Views
 from cosim.engine.initialization import initialize, part
-from cosim.engine.team import Team
 from cosim.fmi import components
 from cosim.fmi.failures import not_finite, sentence
 from cosim.fmi.refusals import step_refused
@@ -28,6 +27,9 @@ from cosim.native import structs
 from cosim.native.structs import EngineResult
 from cosim.schedule.parts import RunningBus, Slot, Step
 from cosim.schedule.plan import Plan
+
+if TYPE_CHECKING:
+    from cosim.engine.team import Team
 
 #: Ticks for which tables are drawn at once: at least, at most, and together with all links.
 STRETCH, LONGEST, TOGETHER = 1024, 16_384, 1 << 25
@@ -97,7 +99,10 @@ class Engine:
             components.begin_at(step.component, tick * self.plan.h)
         self.ended = initialize(self.plan, self.signals, self._inputs, self._outputs)
         self._bound.bind(tick)
-        self._team = Team(self.plan, self._bound, self._threads) if self._threads > 1 else None
+        if self._threads > 1:
+            from cosim.engine.team import Team
+
+            self._team = Team(self.plan, self._bound, self._threads)
 
     # ---- running -----------------------------------------------------------------------------
 

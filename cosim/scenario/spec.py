@@ -234,11 +234,12 @@ _TABLES = (
 
 def build(document: Mapping[str, Any], path: str | Path) -> Scenario:
     """A scenario from an already parsed document. Raises ScenarioError."""
-    from cosim.scenario.arrays import expand
-
     path = Path(path)
     toml.check_numbers(document, str(path))
-    document = expand(document, path)
+    if _has_many(document):
+        from cosim.scenario.arrays import expand
+
+        document = expand(document, path)
     for key in document:
         if key not in _TABLES:
             raise ScenarioError(
@@ -266,6 +267,18 @@ def build(document: Mapping[str, Any], path: str | Path) -> Scenario:
         figures=convert_each(tables["figures"], FigureSpec, path, "figures"),
         analysis=convert(document.get("analysis", {}), AnalysisSpec, path, "analysis"),
         buses=convert_each(tables["bus"], ScenarioBusSpec, path, "bus"),
+    )
+
+
+def _has_many(document: Mapping[str, Any]) -> bool:
+    """Whether there are graphs or counted components."""
+    components = document.get("components")
+    links = document.get("links")
+    given: list[Any] = [document.get("topology")]
+    given += components.values() if isinstance(components, dict) else ()
+    given += links if isinstance(links, list) else ()
+    return "graphs" in document or any(
+        isinstance(x, dict) and ("count" in x or "graph" in x) for x in given
     )
 
 

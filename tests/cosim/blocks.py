@@ -125,3 +125,34 @@ class Wide:
 
     def set_state(self, state):
         del state
+
+
+class Celsius:
+    """Sampled: y = u in degrees Celsius."""
+
+    kind = "sampled"
+    inputs = (Port("u", unit="degC"),)
+    outputs = (Port("y", unit="degC"),)
+    parameters = ()
+
+    def initialize(self, values):
+        pass
+
+    def initial(self, u):
+        return {"y": float(u["u"])}
+
+    def step(self, t, h, u):
+        return {"y": float(u["u"])}
+
+
+class Kelvin(Celsius):
+    """Sampled: y = 300 K + t."""
+
+    inputs = ()
+    outputs = (Port("y", unit="K"),)
+
+    def initial(self, u):
+        return {"y": 300.0}
+
+    def step(self, t, h, u):
+        return {"y": 300.0 + t}

@@ -249,3 +249,12 @@ def test_a_table_that_names_a_sample_which_the_link_does_not_hold_stops_the_run(
         engine._streams[0].rows = lambda n: real(n) + wrong
         with pytest.raises(RunError, match=r"link control.y->other.u.*: no such sample at tick 4"):
             engine.run(40)
+
+
+def test_what_a_link_sends_is_converted_by_factor_and_offset():
+    link = {"from": "hot.y", "to": "read.u", "delay": {"law": "constant", "delay": 0.5}}
+    p = plan({"hot": {"model": "Kelvin"}, "read": {"model": "Celsius"}}, [link], stop=4.0)
+    record = chunks(p, [])
+    start = {slot.name: slot.start for c in p.components for slot in (*c.inputs, *c.outputs)}
+    sent, got = record[:, start["hot.y"]], record[:, start["read.y"]]
+    np.testing.assert_allclose(got[3:-1], sent[1:-3] - 273.15)  # the last row is of no step

@@ -171,6 +171,12 @@ def run(
     except RunError as error:
         _picture_failure(error, loaded, report=plot, png=png, pdf=pdf)
         raise
+    if threads > 1 and not outcome.shared and not quiet:
+        typer.echo(
+            f"note: found nothing that {threads} threads could share; expected 32 or more FMUs that"
+            " do not depend on each other in a tick (docs/scale.md)",
+            err=True,
+        )
     for line in late_ticks(outcome) if not quiet else ():
         typer.echo(line, err=True)
     if outcome.ended is not None:

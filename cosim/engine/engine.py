@@ -133,11 +133,16 @@ class Engine:
         """Run up to the tick `end`, as far as tables reach at a time."""
         while True:
             ticks = self._next_tables(end - self.tick)
-            with self._team if self._team and self._team.shares else nullcontext():
+            with self._team if self._team and self.shares else nullcontext():
                 result = EngineResult(self._library.engine_run(c.byref(self._state), ticks))
             self._keep_filled_tables()
             if result is not EngineResult.OK or self.tick >= end:
                 return result
+
+    @property
+    def shares(self) -> bool:
+        """Whether threads share anything of a tick; False before :meth:`initialize`."""
+        return self._team is not None and self._team.shares
 
     @property
     def rows(self) -> int:

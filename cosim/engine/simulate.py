@@ -42,7 +42,10 @@ COUNTED = 1 << 14
 
 @dataclass(frozen=True, slots=True)
 class RunOutcome:
-    """What a run was: `wall` s for `seconds` s of simulated time, recorded in `folder`."""
+    """What a run was: `wall` s for `seconds` s of simulated time, recorded in `folder`.
+
+    `shared`: whether threads shared its ticks.
+    """
 
     folder: Path
     plan: Plan
@@ -54,6 +57,7 @@ class RunOutcome:
         str, tuple[int, float]
     ]  # clocks of FMUs: how often, and by how much (s)
     ended: Termination | None = None  # by an FMU, before its time
+    shared: bool = False
 
 
 def columns(plan: Plan, wanted: Sequence[str] = (), place: str = "") -> list[Column]:
@@ -144,7 +148,7 @@ def simulate(
             raise
         recorder.close()
         wall = watch()
-        late = engine.late_clock_ticks()
+        late, shared = engine.late_clock_ticks(), engine.shares
         facts |= {
             "status": FINISHED,
             "wall": wall,
@@ -154,8 +158,9 @@ def simulate(
         }
     statistics = {name: counted.result() for name, counted in counts.items()}
     return RunOutcome(
-        folder, plan, engine.tick, engine.tick * plan.h, wall, statistics, late, engine.ended
-    )
+        folder, plan, engine.tick, engine.tick * plan.h, wall, statistics, late, engine.ended,
+        shared,
+    )  # fmt: skip
 
 
 class _Counted:

@@ -3,6 +3,7 @@
 import threading
 from collections.abc import Iterator
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -156,7 +157,27 @@ def replace_start(spec: object, start: dict[str, float]) -> object:
 
 def test_a_run_with_threads_is_the_same_run(tmp_path) -> None:  # type: ignore[no-untyped-def]
     made = load(CONFIGS / "many.toml", ("graphs.net.n=12", "run.stop=2"))
-    for threads in (1, 2):
-        simulate(made, tmp_path / str(threads), threads=threads)
+    outcomes = [simulate(made, tmp_path / str(n), threads=n) for n in (1, 2)]
+    assert [outcome.shared for outcome in outcomes] == [False, True]
     one, two = ((tmp_path / str(t) / "trajectories.parquet").read_bytes() for t in (1, 2))
     assert one == two
+
+
+def test_the_command_says_when_there_is_nothing_to_share(
+    tmp_path, monkeypatch, capsys: pytest.CaptureFixture[str]
+) -> None:  # type: ignore[no-untyped-def]
+    from cosim.cli.run import run
+
+    monkeypatch.setattr(team, "LEAST", 32)
+    few = str(CONFIGS / "teleoperation.toml")
+    for path, changes, said in (
+        (few, ["run.stop=1"], "found nothing that 2 threads could share"),
+        (str(CONFIGS / "many.toml"), ["run.stop=1", "graphs.net.n=40"], ""),
+    ):
+        run(
+            Path(path), set_=changes, stop=None, seed=None, record=None, table=None,
+            out=tmp_path / Path(path).stem, links=None, deploy=None, json=None, threads=2,
+            plot=False,
+        )  # fmt: skip
+        err = capsys.readouterr().err
+        assert (said in err) if said else ("could share" not in err)

@@ -208,6 +208,8 @@ class Engine:
 
     def _keep_filled_tables(self) -> None:
         """Keep the rows that the run has filled in, as far as it came."""
+        if not self._buses:
+            return
         for link, bound in zip(self.plan.links, self._bound.links, strict=True):
             if self._keep_tables and link.name in self._buses:
                 self._keep_tables(link.name, self._rows[link.name][: bound.row])

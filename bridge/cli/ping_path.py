@@ -168,7 +168,7 @@ def ping_path(request: PathRequest, *, json_: bool) -> None:
     """
 
     def say(line: str) -> None:
-        _live_end()
+        end_live_line()
         typer.echo(line, err=json_)
 
     found = measured(request, say, _live, (lambda _: None) if json_ else typer.echo)
@@ -223,7 +223,7 @@ def _watched(
     if not wanted.every:
         with path.opened as opened:
             measure(opened, path.codec, plan, record, live)
-        _live_end()
+        end_live_line()
         return []
     from bridge.ping.watch import PingAlarm, PingWatch, append
 
@@ -239,7 +239,7 @@ def _watched(
             live(record)
 
         measure(opened, path.codec, plan, record, show)
-        _live_end()
+        end_live_line()
         watching.finish(record)
         return sorted(watching.sounded)
 
@@ -375,7 +375,8 @@ def _live(record: Exchanges) -> None:
         sys.stderr.flush()
 
 
-def _live_end() -> None:
+def end_live_line() -> None:
+    """Remove the live line, on a terminal only."""
     if sys.stderr.isatty():
         sys.stderr.write("\r\033[K")
 

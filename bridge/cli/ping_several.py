@@ -14,7 +14,7 @@ from typing import Any
 
 import typer
 
-from bridge.cli.ping_path import PathOutcome, PathRequest, measured
+from bridge.cli.ping_path import PathOutcome, PathRequest, end_live_line, measured
 from bridge.ping.exchanges import Exchanges
 from cosim.base.clock import monotonic_ns
 from cosim.base.errors import CosimError, RunError
@@ -42,7 +42,7 @@ def ping_several(requests: Sequence[PathRequest], *, json_: bool) -> None:
     if json_:
         typer.echo(json.dumps({"paths": {name: f.data for name, f in done.items()}}, indent=1))
     else:
-        for line in [*table({name: f.data for name, f in done.items()})]:
+        for line in table({name: f.data for name, f in done.items()}):
             typer.echo(line)
         for request in requests:
             if request.name in done:
@@ -65,7 +65,7 @@ def _measured(requests: Sequence[PathRequest]) -> dict[str, PathOutcome | Failed
         except KeyboardInterrupt:
             stop.set()
         finally:
-            _live_end()
+            end_live_line()
         return {name: future.result() for name, future in waiting.items()}
 
 
@@ -125,8 +125,3 @@ def _live(
             f"\r\033[K{len(waiting)} paths, {seconds:.0f}{of} s, {done} done; Ctrl-C ends them"
         )
         sys.stderr.flush()
-
-
-def _live_end() -> None:
-    if sys.stderr.isatty():
-        sys.stderr.write("\r\033[K")

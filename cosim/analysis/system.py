@@ -79,7 +79,9 @@ class AnalyzedSystem:
     silent: Mapping[str, str]
     edges: tuple[Edge, ...] = ()
     controls: Mapping[str, str] = field(default_factory=dict)  # law or controller by its arm
-    _by_kind: dict[type, dict[str, Any]] = field(default_factory=dict, repr=False, compare=False)
+    _by_kind: dict[type, dict[str, Any]] = field(
+        default_factory=dict, init=False, repr=False, compare=False
+    )
 
     def with_facts(self, kind: type[F]) -> dict[str, F]:
         """Components with facts of one kind."""

@@ -317,7 +317,7 @@ NOINLINE int run_shared(engine_t *e, const segment_t *segment, failure_t *failur
 }
 
 /* What a further thread does while engine_run runs: `thread` is its number, from 1. It returns when
- * engine_run has. */
+ * `quit` is set. */
 API int32_t engine_work(engine_t *e, int32_t thread)
 {
     team_t *team = e->team;
@@ -348,7 +348,9 @@ NOINLINE int32_t failed(engine_t *e, const failure_t *f, int32_t result)
     return result;
 }
 
-static int32_t run_ticks(engine_t *e, int64_t ticks)
+/* Runs `ticks` ticks; returns RUN_OK or why it stopped. e->tick is then the tick that failed. A tick in
+ * which an FMU ends the simulation after its step (RUN_TERMINATED) is done to its end and counted. */
+API int32_t engine_run(engine_t *e, int64_t ticks)
 {
     segment_t *const segments = e->segments;
     segment_t *const behind = segments + e->n_segments;
@@ -373,16 +375,6 @@ static int32_t run_ticks(engine_t *e, int64_t ticks)
         return failed(e, &ended, RUN_TERMINATED);
     }
     return RUN_OK;
-}
-
-/* Runs `ticks` ticks; returns RUN_OK or why it stopped. e->tick is then the tick that failed. A tick in
- * which an FMU ends the simulation after its step (RUN_TERMINATED) is done to its end and counted. */
-API int32_t engine_run(engine_t *e, int64_t ticks)
-{
-    const int32_t result = run_ticks(e, ticks);
-
-    if (e->team) STORE(&e->team->quit, 1);
-    return result;
 }
 
 #include "fmu_log.h"

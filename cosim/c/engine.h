@@ -37,7 +37,7 @@ INLINE void publish(int64_t *place, int64_t count)
 #endif
 }
 
-#define ENGINE_ABI 14
+#define ENGINE_ABI 15
 
 enum { OP_COPY, OP_SCALE, OP_PUSH, OP_PULL, OP_STEP, OP_RECORD, OP_AGE, OP_PLAY,
        OP_AHEAD, OP_BETWEEN, OP_GATE, OP_SLOPE_AHEAD, OP_SLOPE_BETWEEN };
@@ -235,7 +235,7 @@ typedef struct {
     double *signals;
     double *record;         /* rows of n_signals, or NULL */
     int64_t *recorded;      /* the number of rows in `record`, for concurrent readers; NULL */
-    int64_t n_operations, n_segments, n_signals;
+    int64_t n_segments, n_signals;
     int64_t row, tick;
     double h;
     int32_t stop;           /* set from outside */

@@ -4,7 +4,7 @@
  * signals are the same. Each thread has a part of them, the same in every tick, so that what they
  * need stays in its cache; who is done takes chunks of the others. The chunks of a part are handed
  * out by one atomic number, the ticket: generation, number of chunks, next chunk. A thread that comes
- * late finds fewer chunks, and nobody waits for a thread that has none. Threads come from outside:
+ * late finds fewer chunks, and no thread waits for one that has none. The caller starts the threads:
  * each calls engine_work while engine_run runs.
  */
 #ifndef COSIM_TEAM_H

@@ -28,7 +28,7 @@ from cosim.native import structs
 from cosim.native.structs import MEANS, SLOPES, EngineResult
 from cosim.schedule.parts import Slot, Step
 from cosim.schedule.plan import Plan
-from cosim.schedule.segments import Segment, together
+from cosim.schedule.segments import Segment, due_together
 
 #: Results by which an FMU ends the simulation: after its step, and before it.
 ENDS = (EngineResult.TERMINATED, EngineResult.ENDED)
@@ -90,7 +90,7 @@ class Binding:
             *(self._link(i) for i in range(len(plan.links)))
         )
         self.players = (structs.PlayerStruct * len(plan.players))()
-        parts = plan.segments if self._threads > 1 else together(plan.segments)
+        parts = plan.segments if self._threads > 1 else due_together(plan.operations)
         self.segments = (structs.SegmentStruct * len(parts))(
             *(self._segment(segment, tick) for segment in parts)
         )
@@ -104,7 +104,7 @@ class Binding:
         state.links = c.addressof(self.links)
         state.players = c.addressof(self.players)
         state.signals = self.signals.ctypes.data
-        state.n_operations, state.n_signals = len(plan.operations), plan.n_signals
+        state.n_signals = plan.n_signals
         state.h, state.tick = plan.h, tick
         for o in plan.operations:  # what there was before the start is what there is at the start
             if o.code in MEANS | SLOPES:

@@ -33,8 +33,8 @@ if TYPE_CHECKING:
 
 #: Ticks for which tables are drawn at once: at least, at most, and together with all links.
 STRETCH, LONGEST, TOGETHER = 1024, 16_384, 1 << 25
-#: Beyond all ticks.
-MOST_TICKS = 1 << 62
+#: A tick after all others.
+NEVER = 1 << 62
 
 
 class Engine:
@@ -92,7 +92,7 @@ class Engine:
         components must be due; tables start with their first row in any case. Raises ScenarioError.
         """
         any_tables = self.plan.links or self.plan.players
-        self._drawn = tick if any_tables else MOST_TICKS
+        self._drawn = tick if any_tables else NEVER
         self._streams = [link.table.stream() for link in self.plan.links]
         self._played = [player.source.stream() for player in self.plan.players]
         for step in self.plan.components:

@@ -11,7 +11,7 @@ from pathlib import Path
 from cosim.base.errors import CosimError
 from cosim.native.fmu_log import Log
 
-ABI = 14
+ABI = 15
 
 
 class Code(IntEnum):
@@ -333,7 +333,6 @@ class EngineState(c.Structure):
         ("signals", c.c_void_p),
         ("record", c.c_void_p),
         ("recorded", c.c_void_p),
-        ("n_operations", c.c_int64),
         ("n_segments", c.c_int64),
         ("n_signals", c.c_int64),
         ("row", c.c_int64),

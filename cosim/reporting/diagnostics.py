@@ -46,7 +46,7 @@ def controllers(run: Run, facts: Mapping[str, Any]) -> str:
             f"change in the last {TAIL:.0%}", "time at its greatest magnitude"]  # fmt: skip
     rows = [(name, run.units[name], *_numbers(run.column(name))) for name in names[: many.ROWS]]
     below = many.further(len(names), many.ROWS, "signals")
-    return folded("Controllers", table(head, rows, len(head) - 2) + f"<p>{below}</p>" * bool(below))
+    return folded("Controllers", table(head, rows, len(head) - 2) + below)
 
 
 def _numbers(x: Array) -> Iterator[str]:

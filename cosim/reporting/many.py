@@ -30,5 +30,7 @@ def quantile_lines(values: Array) -> list[tuple[str, Array]]:
 
 
 def further(total: int, shown: int, what: str) -> str:
-    """A sentence about those that are not shown; empty if there are none."""
-    return f"{total - shown} further {what} are in the run folder only." if total > shown else ""
+    """A paragraph (HTML) about those that are not shown; empty if there are none."""
+    if total <= shown:
+        return ""
+    return f"<p>{total - shown} further {what} are in the run folder only.</p>"

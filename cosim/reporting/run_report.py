@@ -15,7 +15,7 @@ from cosim.analysis import declared_metrics
 from cosim.analysis.metric_result import MetricResult
 from cosim.analysis.metrics import evaluate
 from cosim.base.errors import CosimError
-from cosim.base.names import listed as listed_names
+from cosim.base.names import listed
 from cosim.links.storage import read_facts, table_groups
 from cosim.record import Run
 from cosim.reporting import many
@@ -123,9 +123,9 @@ def _data(run: Run, scenario: Scenario | None, facts: Mapping[str, Any]) -> Page
     data = PageData(float(run.t[-1]), events=marks(facts))
     data.panels += list(_panels(run, scenario, data, dt))
     shown = {name for panel in data.panels for name, _ in panel.series}
-    listed = set(run.names[: many.SIGNALS])
+    choosable = set(run.names[: many.SIGNALS])
     for name in run.names:
-        if name in shown or name in listed:
+        if name in shown or name in choosable:
             most = SHOWN if name in shown else CHOSEN
             data.add(name, run.units[name], run.column(name), dt, most)
     data.frame = max(1.0 / RATE, data.end / FRAMES)
@@ -158,7 +158,7 @@ def _declared(run: Run, spec: PanelSpec, data: PageData, dt: float) -> PlottedPa
         series += [(n, spec.reference_label or n) for n in run.entries(name)]
     title = " ".join(x for x in (spec.title, f"({spec.ylabel})" if spec.ylabel else "") if x)
     return PlottedPanel(
-        title or listed_names(spec.y), run.units[run.entries(spec.y[0])[0]], tuple(series),
+        title or listed(spec.y), run.units[run.entries(spec.y[0])[0]], tuple(series),
         tuple(float(r) for r in spec.reference if not isinstance(r, str)),
     )  # fmt: skip
 
@@ -234,15 +234,10 @@ def _links(run: Run, facts: Mapping[str, Any], data: PageData) -> str:
         "samples never used",
     ]
     return (
-        f"<h2>Links</h2>{table(head, rows, 7)}{_further(len(tables), many.LINKS, 'links')}"
+        f"<h2>Links</h2>{table(head, rows, 7)}{many.further(len(tables), many.LINKS, 'links')}"
         '<section id="ages"></section>'
         f'<div class="charts">{"".join(pictures)}</div>'
     )
-
-
-def _further(total: int, shown: int, what: str) -> str:
-    text = many.further(total, shown, what)
-    return f"<p>{text}</p>" if text else ""
 
 
 def _ages(path: Path) -> tuple[Array, float, np.ndarray[Any, Any]]:
@@ -260,7 +255,7 @@ def _ages(path: Path) -> tuple[Array, float, np.ndarray[Any, Any]]:
 def _details(run: Run, facts: Mapping[str, Any], results: tuple[MetricResult, ...]) -> str:
     scenario = facts.get("scenario", {})
     components = list(_components(scenario, facts))
-    below = _further(len(components), many.ROWS, "components")
+    below = many.further(len(components), many.ROWS, "components")
     head = ["component", "model", "every", "values"]
     parts = [
         folded("Results", table(["metric", "value"], [(r.label, r.text) for r in results]),

@@ -134,10 +134,9 @@ class TopologySpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
     """The edges over which robots receive, over time; see :mod:`cosim.links.topology`.
 
     `graphs`: a preset (``"ring"``, ``"tree3"``, ``"dense"``), files, or for each graph its edges
-    [receiver, sender]; `dwell`: interval after
-    which a graph is drawn, s; `schedule`: [[time, graph], ...] instead, repeated every `repeat`
-    (s); neither: one graph. `weights`: an input, and the edge [receiver, sender] that gives its
-    weight.
+    [receiver, sender]; `dwell`: interval after which a graph is drawn, s; `schedule`: [[time,
+    graph], ...] instead, repeated every `repeat` (s); neither: one graph. `weights`: an input, and
+    the edge [receiver, sender] that gives its weight.
     """
 
     graphs: str | tuple[str | tuple[tuple[int, int], ...], ...]

@@ -64,8 +64,8 @@ class Plan:
 
     @cached_property
     def segments(self) -> tuple[Segment, ...]:
-        """The operations of a tick in parts that are due together."""
-        return segments(self.operations, self.components, self.links)
+        """The operations of a tick in parts that are due together, for threads."""
+        return segments(self.operations, self.components)
 
     @cached_property
     def _slots(self) -> Mapping[str, Slot]:

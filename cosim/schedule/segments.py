@@ -9,11 +9,11 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from cosim.native.structs import Code
 from cosim.schedule.operations import Operation
-from cosim.schedule.parts import Link, Step
+from cosim.schedule.parts import Step
 
 #: Operations that stand alone: they concern all signals, or what is outside of the plan.
 ALONE = frozenset({Code.RECORD, Code.GATE})
@@ -41,10 +41,8 @@ class Segment:
     links: tuple[int, ...] = ()
 
 
-def segments(
-    operations: Sequence[Operation], components: Sequence[Step], links: Sequence[Link]
-) -> tuple[Segment, ...]:
-    """All segments of a tick, in order. A component has one block in each."""
+def segments(operations: Sequence[Operation], components: Sequence[Step]) -> tuple[Segment, ...]:
+    """All segments of a tick, in order, for threads. A component has one block in each."""
     owners = _Owners(components)
     found = []
     for first, last in _runs(operations, owners):
@@ -52,7 +50,7 @@ def segments(
         for i in range(first + 1, last):
             if owners.of(operations[i]) != owners.of(operations[i - 1]):
                 blocks.append(i)
-        independent, waiting = _dependence(operations[first:last], owners, links)
+        independent, waiting = _dependence(operations[first:last], owners)
         op = operations[first]
         found.append(
             Segment(first, last, op.period, op.first, (*blocks, last), independent, waiting)
@@ -60,17 +58,23 @@ def segments(
     return tuple(found)
 
 
-def together(parts: Sequence[Segment]) -> tuple[Segment, ...]:
-    """The same for one thread: those that follow each other and are due together are one."""
-    found: list[Segment] = []
-    for part in parts:
-        before = found[-1] if found else None
-        if before is not None and (before.period, before.start) == (part.period, part.start):
-            blocks = (before.first, part.last)
-            found[-1] = replace(before, last=part.last, blocks=blocks, independent=False, links=())
-        else:
-            found.append(part)
-    return tuple(found)
+def due_together(operations: Sequence[Operation]) -> tuple[Segment, ...]:
+    """Segments for one thread: consecutive operations with the same period and phase."""
+    starts = [
+        i for i, op in enumerate(operations)
+        if i == 0 or (op.period, op.first) != (operations[i - 1].period, operations[i - 1].first)
+    ]  # fmt: skip
+    ends = [*starts[1:], len(operations)]
+    return (
+        tuple(
+            Segment(
+                first, last, operations[first].period, operations[first].first, (first, last), False
+            )
+            for first, last in zip(starts, ends, strict=True)
+        )
+        if starts
+        else ()
+    )
 
 
 class _Owners:
@@ -113,9 +117,7 @@ def _runs(operations: Sequence[Operation], owners: _Owners) -> Iterator[tuple[in
         yield first, len(operations)
 
 
-def _dependence(
-    operations: Sequence[Operation], owners: _Owners, links: Sequence[Link]
-) -> tuple[bool, tuple[int, ...]]:
+def _dependence(operations: Sequence[Operation], owners: _Owners) -> tuple[bool, tuple[int, ...]]:
     """Whether blocks are independent, and the links that then have to take at least a tick."""
     stepped = {op.index for op in operations if op.code is Code.STEP}
     pushed = {op.index for op in operations if op.code is Code.PUSH}

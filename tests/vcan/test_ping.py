@@ -56,7 +56,7 @@ def answering(*where: str) -> Iterator[subprocess.Popen[str]]:
 
 
 def test_frames_reach_both_ends_when_candump_sees_them(vcan: tuple[str, str]) -> None:
-    """Also through netem, which delays every frame by 3 ms on its way to everybody."""
+    """netem delays each frame by 3 ms on its way to all receivers."""
     bus, record, seen = vcan[0], Exchanges("can", 200, 8, 20_000_000), Logged()
     question = CanQuestion(ASK, b"", ASK + 1)
     spec = CanBusSpec(bus, interface="socketcan", channel=bus)

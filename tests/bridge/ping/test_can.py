@@ -64,7 +64,7 @@ def test_a_round_trip_takes_at_least_its_bits_and_each_way_is_bounded() -> None:
 def test_a_drive_that_answers_a_refresh_is_measured_without_anything_else(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """It answers 1 or 4 ms late, and says so itself; a frame to another drive gets no answer."""
+    """The drive answers 1 or 4 ms late and keeps its own delays."""
     drive, done = PlainBus(_spec("ping-2")), threading.Event()
     turns: list[int] = []
 

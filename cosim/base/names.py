@@ -24,16 +24,16 @@ def hint(name: str, known: Iterable[str]) -> str:
 def unknown(name: str, known: Iterable[str], what: str) -> str:
     """The sentence for a name that is not there, with the nearest that is."""
     names = sorted(known)
-    listed = ", ".join(names) or "none"
-    return f"no {what} {name!r}{hint(name, names)} (there are: {listed})"
+    there = listed(names, most=CHOICES) or "none"
+    return f"no {what} {name!r}{hint(name, names)} (there are: {there})"
 
 
-#: Most names in a list; of more the first ones and their number.
-NAMES, SHOWN = 12, 4
+#: Most names in a list, and most of those to choose from; of more the first ones and their number.
+NAMES, CHOICES, SHOWN = 12, 200, 4
 
 
-def listed(names: Sequence[str], separator: str = ", ") -> str:
-    """Names in a sentence: all of them, or the first ones and how many more there are."""
-    if len(names) <= NAMES:
+def listed(names: Sequence[str], separator: str = ", ", most: int = NAMES) -> str:
+    """Names in a sentence: up to `most` of them, or the first ones and how many more there are."""
+    if len(names) <= most:
         return separator.join(names)
     return f"{separator.join(names[:SHOWN])} and {len(names) - SHOWN} more"

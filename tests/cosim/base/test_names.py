@@ -9,7 +9,7 @@ import pytest
 
 from cosim.base.convert import convert
 from cosim.base.errors import ScenarioError
-from cosim.base.names import hint, nearest, unknown
+from cosim.base.names import hint, listed, nearest, unknown
 
 
 @pytest.mark.parametrize(
@@ -65,3 +65,17 @@ def test_a_key_of_a_file_that_is_not_known(value: object, said: str) -> None:
     with pytest.raises(ScenarioError) as error:
         convert(value, Outer, Path("x.toml"), "top")
     assert str(error.value) == f"x.toml at top{said}"
+
+
+def test_of_thousands_of_names_the_nearest_and_the_first_ones_are_said() -> None:
+    names = [f"robot{i:04}.q" for i in range(3000)]
+    said = unknown("robto0007.q", names, "signal")
+    assert "did you mean 'robot0007.q'?" in said
+    assert said.endswith("robot0000.q, robot0001.q, robot0002.q, robot0003.q and 2996 more)")
+    assert unknown("x", ["b", "a"], "signal") == "no signal 'x' (there are: a, b)"
+
+
+def test_a_list_in_a_sentence_ends() -> None:
+    names = [f"c{i}" for i in range(13)]
+    assert listed(names[:12]) == ", ".join(names[:12])
+    assert listed(names, " or ") == "c0 or c1 or c2 or c3 and 9 more"

@@ -37,7 +37,17 @@ INLINE void publish(int64_t *place, int64_t count)
 #endif
 }
 
-#define ENGINE_ABI 15
+/* What was stored by `publish`. */
+INLINE int64_t published(const int64_t *place)
+{
+#if defined(__GNUC__)
+    return __atomic_load_n(place, __ATOMIC_ACQUIRE);
+#else
+    return *(const volatile int64_t *)place;
+#endif
+}
+
+#define ENGINE_ABI 16
 
 enum { OP_COPY, OP_SCALE, OP_PUSH, OP_PULL, OP_STEP, OP_RECORD, OP_AGE, OP_PLAY,
        OP_AHEAD, OP_BETWEEN, OP_GATE, OP_SLOPE_AHEAD, OP_SLOPE_BETWEEN };
@@ -54,23 +64,31 @@ enum { CLOCK_PERIODIC, CLOCK_CHANGING, CLOCK_COUNTDOWN, CLOCK_WIRED };
 
 typedef struct {
     int32_t code;
-    int32_t index;          /* of the unit or link; of what was there last time, in signals */
+    int32_t index;          /* of the unit, link or columns; of what was there last time, in signals */
     int64_t period;         /* ticks */
     int64_t source, target; /* into signals */
-    int64_t count;
+    int64_t count;          /* signals; OP_RECORD: 1, the row is complete with it, else 0 */
     double gain, offset;
 } operation_t;
 
-/* Consecutive operations that are due at the same ticks, and the blocks that they make up: those of a
- * block depend on each other, blocks do not. */
+/* Consecutive operations that are due at the same ticks. */
 typedef struct {
     int64_t period, next;   /* ticks */
     int64_t first, last;    /* operations; `last` is behind them */
-    const int64_t *blocks;  /* n_blocks + 1 operations where they begin and the last one ends */
-    int64_t n_blocks;
-    int32_t shared;         /* threads may share it; else 0 */
-    int32_t reserved;
 } segment_t;
+
+/* Consecutive entries of a recorded row, and where they are in the signals. `late`: what writes them
+ * comes after OP_RECORD in a tick, else 0. */
+typedef struct {
+    int64_t place, source, count;
+    int32_t late, reserved;
+} stretch_t;
+
+/* What an OP_RECORD takes: all that is recorded, or what one part has of it. */
+typedef struct {
+    const stretch_t *stretches;
+    int64_t n_stretches;
+} columns_t;
 
 typedef int32_t (*call_t)(int32_t unit, double t, double h); /* returns RUN_... */
 /* A step from t (s) of length h (s): it reads the inputs and writes the outputs; not 0: it failed. */
@@ -183,11 +201,18 @@ typedef struct {
     exchange_t *exchange;
 } unit_t;
 
+/* The sender's side of a link. What its receiver writes is elsewhere: another thread may do so. */
 typedef struct {
     double *history;        /* capacity rows of `width`, in the receiver's unit */
+    int64_t width, sent;
+    int64_t capacity;       /* a power of two */
+} sender_t;
+
+typedef struct {
+    const sender_t *sender;
     const int32_t *table;   /* held sample at each hit of the receiver, for this chunk */
     const double *initial;  /* pre-history */
-    int64_t width, capacity, sent, row, rows, held;
+    int64_t row, rows, held;
     int64_t before;         /* samples sent before this began: it holds none of them */
 } link_t;
 
@@ -202,41 +227,61 @@ typedef struct {
     void *context;
 } gate_t;
 
-/* Why an operation did not go well; `operation`: which, -1: all did. */
+/* Why an operation did not go well, and in which tick; `operation`: which, -1: all did. */
 typedef struct {
-    int64_t operation;
+    int64_t operation, tick;
     int32_t result, index, status, signal;
 } failure_t;
 
-/* A thread's own part of a team, in cache lines of its own: the ticket of its chunks; which of its
- * operations failed first, and which ended the simulation last. */
+/* Components that the others reach over links only, or also by wires whose values are taken in the first
+ * stage of a tick and computed in the second one. `tick`: the next one to run. */
+typedef struct {
+    segment_t *segments;
+    int64_t n_segments, tick;
+    int64_t n_first;        /* segments in the first stage */
+} part_t;
+
+/* A thread's own share of a window, in cache lines of its own: the ticket of its chunks; which of its
+ * operations failed first, and which ended the simulation. */
 typedef struct {
     uint64_t ticket;
     failure_t failed, ended;
-    int64_t unused[9];
+    int64_t unused[5];
 } member_t;
 
-/* What threads share, see team.h; `members`: one a thread. */
+/* Parts, and the threads that run them, see parts.h. */
 typedef struct {
-    uint64_t finished;
-    const segment_t *segment;
-    member_t *members;
+    uint64_t finished;      /* chunks of this window */
+    int64_t limit;          /* the tick at which this window ends */
+    part_t *parts;          /* with operations of their own, behind those of the plan */
+    const int64_t *places;  /* of those: which operation of the plan each is */
+    member_t *members;      /* one a thread */
+    int64_t n_parts, n_plan; /* n_plan: operations of the plan */
+    int64_t record;         /* which of them is OP_RECORD */
+    int64_t longest;        /* ticks of a window */
     int32_t threads, quit;
+    int32_t first;          /* the first part for all; those before it are the caller's: 0 or 1 */
+    int32_t staged;         /* windows are one tick in two stages, else 0 */
+    int32_t stage;          /* the one that runs now: 0 or 1 */
+    int32_t reserved;
 } team_t;
 
 typedef struct {
     operation_t *operations;
     segment_t *segments;
-    team_t *team;           /* NULL: one thread */
+    team_t *team;           /* NULL: all components together, tick by tick */
     unit_t *units;
     link_t *links;
+    sender_t *senders;      /* one a link */
     player_t *players;
     gate_t *gates;
     double *signals;
-    double *record;         /* rows of n_signals, or NULL */
+    double *record;         /* rows of `width`, or NULL */
+    const columns_t *columns; /* what is recorded; then, what each part has of it */
     int64_t *recorded;      /* the number of rows in `record`, for concurrent readers; NULL */
-    int64_t n_segments, n_signals;
+    int64_t n_segments, n_signals, width;
     int64_t row, tick;
+    int64_t failed_tick;
     double h;
     int32_t stop;           /* set from outside */
     int32_t failed_index, failed_status;

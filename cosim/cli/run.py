@@ -93,9 +93,7 @@ def run(
     ] = False,
     threads: Annotated[
         int,
-        typer.Option(
-            min=1, max=256, help="Threads that share each tick of many FMUs; same results."
-        ),
+        typer.Option(min=1, max=256, help="Threads that share many FMUs; same results."),
     ] = 1,
     strict: Strict = False,
     json: Json = None,
@@ -173,8 +171,8 @@ def run(
         raise
     if threads > 1 and not outcome.shared and not quiet:
         typer.echo(
-            f"note: found nothing that {threads} threads could share; expected 32 or more FMUs that"
-            " do not depend on each other in a tick (docs/scale.md)",
+            f"note: found nothing that {threads} threads could share; expected 32 or more FMUs or"
+            " groups of FMUs that do not wait for each other in a tick (docs/scale.md)",
             err=True,
         )
     for line in late_ticks(outcome) if not quiet else ():

@@ -7,8 +7,10 @@ their own, become call-backs.
 from __future__ import annotations
 
 import ctypes as c
+from bisect import bisect_left
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -25,13 +27,23 @@ from cosim.fmi.layout import StepLayout, bind, late_clock_ticks
 from cosim.fmi.library import DISCARD
 from cosim.fmi.refusals import step_refused
 from cosim.native import structs
-from cosim.native.structs import MEANS, SLOPES, EngineResult
+from cosim.native.structs import MEANS, SLOPES, Code, EngineResult, UnitKind
+from cosim.schedule.operations import Operation
+from cosim.schedule.partition import PlanParts, partition
 from cosim.schedule.parts import Slot, Step
 from cosim.schedule.plan import Plan
-from cosim.schedule.segments import Segment, due_together
+from cosim.schedule.segments import due_together
 
 #: Results by which an FMU ends the simulation: after its step, and before it.
 ENDS = (EngineResult.TERMINATED, EngineResult.ENDED)
+#: Parts from which on they are run apart: with several threads, and with one, for its cache.
+LEAST, ALONE = 32, 128
+#: Ticks in a window, at most: they cost memory, and Ctrl-C waits for its end.
+WINDOW = 64
+#: What may be stepped by any thread: it does not call Python, and has no solver of its own.
+ANYWHERE = frozenset({UnitKind.NATIVE, UnitKind.FMI2, UnitKind.FMI3})
+#: Fields of an operation that C has, too.
+FIELDS = ("code", "index", "period", "source", "target", "count", "gain", "offset")
 Vector = NDArray[np.float64]
 Views = dict[str, Vector]
 
@@ -51,7 +63,8 @@ class Binding:
     """The structs that the engine runs: `state`, and the memory to which it points.
 
     `inputs`, `outputs`: the signals of each component, as views. `failure`: the last exception of a
-    callback. `threads`: how many will run it.
+    callback. `threads`: how many will run it. `columns`: the signals in a recorded row; None: all.
+    `partition`: parts that may run apart, if that is worth it, after :meth:`bind`.
     """
 
     def __init__(
@@ -62,10 +75,13 @@ class Binding:
         outputs: Sequence[Views],
         gates: Mapping[str, tuple[int, int]],
         threads: int = 1,
+        columns: Sequence[int] | None = None,
     ) -> None:
         self.plan, self.signals, self._threads = plan, signals, threads
         self.state = structs.EngineState()
         self.failure: BaseException | None = None
+        self.partition: PlanParts | None = None
+        self._columns = range(plan.n_signals) if columns is None else columns
         self._inputs, self._outputs, self._gates = inputs, outputs, gates
         self._sampled = frozenset(plan.order)
         self._kept = {name: n for bus in plan.buses for name, n in bus.history.items()}
@@ -76,48 +92,107 @@ class Binding:
         ScenarioError.
         """
         plan, state = self.plan, self.state
-        operations = (structs.OperationStruct * len(plan.operations))()
-        for i, o in enumerate(plan.operations):
-            operations[i] = structs.OperationStruct(
-                *(o.code, o.index, o.period, o.source, o.target, o.count),
-                *(o.gain, o.offset),
-            )
         self.units = (structs.UnitStruct * len(plan.components))()
         for i, step in enumerate(plan.components):
             with starting(step.name):
                 self.units[i] = self._unit(i, step)
-        self.links = (structs.LinkStruct * len(plan.links))(
-            *(self._link(i) for i in range(len(plan.links)))
-        )
+        self._divide()
+        operations = _operations(plan.operations, self.partition)
+        self.senders = (structs.SenderStruct * len(plan.links))()
+        self.links = (structs.LinkStruct * len(plan.links))()
+        for i in range(len(plan.links)):
+            self._link(i)
         self.players = (structs.PlayerStruct * len(plan.players))()
-        parts = plan.segments if self._threads > 1 else due_together(plan.operations)
-        self.segments = (structs.SegmentStruct * len(parts))(
-            *(self._segment(segment, tick) for segment in parts)
-        )
-        state.segments, state.n_segments = c.addressof(self.segments), len(parts)
+        segments = self._segments([plan.operations], 0, tick)
+        state.segments, state.n_segments = c.addressof(segments), len(segments)
+        self._bind_parts(tick)
         through = (structs.GateStruct * len(plan.gates))(
             *(structs.GateStruct(*self._gates[g.name]) for g in plan.gates)
         )
         state.gates = c.addressof(through)
         self._alive += [operations, through]
-        state.operations, state.units = c.addressof(operations), c.addressof(self.units)
-        state.links = c.addressof(self.links)
+        state.operations, state.units = operations.ctypes.data, c.addressof(self.units)
+        state.links, state.senders = c.addressof(self.links), c.addressof(self.senders)
         state.players = c.addressof(self.players)
         state.signals = self.signals.ctypes.data
-        state.n_signals = plan.n_signals
+        state.n_signals, state.width = plan.n_signals, len(self._columns)
+        state.columns = self._recorded()
         state.h, state.tick = plan.h, tick
         for o in plan.operations:  # what there was before the start is what there is at the start
             if o.code in MEANS | SLOPES:
                 self.signals[o.index : o.index + o.count] = self.signals[o.target :][: o.count]
 
-    def _segment(self, segment: Segment, tick: int) -> structs.SegmentStruct:
-        """Not shared yet: see :class:`cosim.engine.team.Team`."""
-        blocks = np.array(segment.blocks, dtype=np.int64)
-        self._alive.append(blocks)
-        return structs.SegmentStruct(
-            period=segment.period, next=segment.start + tick, first=segment.first,
-            last=segment.last, blocks=blocks.ctypes.data, n_blocks=len(blocks) - 1,
-        )  # fmt: skip
+    def _divide(self) -> None:
+        """Divide the plan into parts, if there are enough of them."""
+        least = LEAST if self._threads > 1 else ALONE
+        if len(self.plan.components) < least:
+            return
+        kinds = [UnitKind(unit.kind) for unit in self.units]
+        own = [i for i, kind in enumerate(kinds) if kind not in ANYWHERE]
+        for staged in (False, True) if self._threads > 1 else (False,):
+            found = partition(self.plan, own, staged=staged)
+            if found and len(found.components) >= least:
+                self.partition, self.together = found, bool(own)
+                return
+
+    def _segments(
+        self, stages: Sequence[Sequence[Operation]], first: int, tick: int
+    ) -> c.Array[structs.SegmentStruct]:
+        """The segments of the operations in these stages, which begin at `first` in C."""
+        made = []
+        for operations in stages:
+            made += [
+                structs.SegmentStruct(x.period, x.start + tick, x.first + first, x.last + first)
+                for x in due_together(operations)
+            ]
+            first += len(operations)
+        segments = (structs.SegmentStruct * len(made))(*made)
+        self._alive.append(segments)
+        return segments
+
+    def _bind_parts(self, tick: int) -> None:
+        """The parts with their segments: their operations are behind those of the plan."""
+        if self.partition is None:
+            return
+        plan, second = self.plan, self.partition.second
+        self.parts = (structs.PartStruct * len(self.partition.operations))()
+        first = len(plan.operations)
+        for part, places in zip(self.parts, self.partition.operations, strict=True):
+            cut = len(places) if second is None else bisect_left(places, second)
+            stages = [[plan.operations[i] for i in some] for some in (places[:cut], places[cut:])]
+            segments = self._segments(stages, first, tick)
+            part.segments, part.n_segments = c.addressof(segments), len(segments)
+            part.n_first = sum(x.last <= first + cut for x in segments)
+            first += len(places)
+
+    def _recorded(self) -> int:
+        """Address of the columns of a recorded row: all, then those of each part."""
+        signals = np.asarray(self._columns, dtype=np.int64)
+        every = np.arange(len(signals))
+        sets = [_stretches(every, signals, np.zeros(len(signals), bool))]
+        if self.partition:
+            owners, after = self._owners(self.partition)
+            owner, late = owners[signals], after[signals]
+            order = np.argsort(owner, kind="stable")
+            bounds = np.searchsorted(owner[order], range(len(self.partition.components) + 1))
+            sets += [_stretches(order[a:b], signals, late) for a, b in pairwise(bounds)]
+        columns = (structs.ColumnsStruct * len(sets))(
+            *(structs.ColumnsStruct(found.ctypes.data, len(found)) for found in sets)
+        )
+        self._alive += [sets, columns]
+        return c.addressof(columns)
+
+    def _owners(self, parts: PlanParts) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+        """Of which part each signal is, and whether it is written behind RECORD (n_signals,)."""
+        owner = np.zeros(self.plan.n_signals, np.int64)
+        late = np.zeros(self.plan.n_signals, bool)
+        for number, part in enumerate(parts.components):
+            for i in part:
+                for slots in (self.plan.components[i].inputs, self.plan.components[i].outputs):
+                    start, n = _extent(slots)
+                    owner[start : start + n] = number
+                    late[start : start + n] = i in parts.late
+        return owner, late
 
     def _unit(self, index: int, step: Step) -> structs.UnitStruct:
         late = step.name not in self._sampled
@@ -158,11 +233,12 @@ class Binding:
     ) -> Callable[[int, float, float], int]:
         there = access_order.isolated(fmu, layout)
         stepped = RemoteStep(remote, layout, there, self.signals)
+        base = self.plan.h
         remote.stopping = lambda: bool(self.state.stop)
 
         def call(_: int, t: float, h: float) -> int:
             try:
-                result, status, place = stepped(t, self.state.tick)
+                result, status, place = stepped(t, round(t / base) + layout.lag)
                 if result in ENDS:
                     self.units[index].reached = remote.reached()
                 elif result is EngineResult.STEP and status == DISCARD:
@@ -200,16 +276,21 @@ class Binding:
 
         return call
 
-    def _link(self, index: int) -> structs.LinkStruct:
+    def _link(self, index: int) -> None:
         link = self.plan.links[index]
         width = link.source.size
-        history = np.zeros((self._kept.get(link.name, link.table.history), width))
+        kept = self._kept.get(link.name, link.table.history)
+        if self.partition:  # its sender may be a window ahead
+            kept += WINDOW // link.table.grid.n_s + 2
+        capacity = 1 << (kept - 1).bit_length()
+        history = np.zeros((capacity, width))
         at = link.target.start
         initial = self.signals[at : at + width].copy()
         self._alive += [history, initial]
-        return structs.LinkStruct(
-            history=history.ctypes.data, initial=initial.ctypes.data, width=width,
-            capacity=len(history), held=-1,
+        self.senders[index] = structs.SenderStruct(history.ctypes.data, width, 0, capacity)
+        self.links[index] = structs.LinkStruct(
+            sender=c.addressof(self.senders) + index * c.sizeof(structs.SenderStruct),
+            initial=initial.ctypes.data, held=-1,
         )  # fmt: skip
 
     def late_clock_ticks(self) -> dict[str, tuple[int, float]]:
@@ -224,6 +305,33 @@ class Binding:
                 if count:
                     found[step.name] = count, most
         return found
+
+
+def _operations(operations: Sequence[Operation], parts: PlanParts | None) -> NDArray[np.void]:
+    """As C has them: those of the plan, then those of each part, which record for themselves."""
+    found = np.zeros(len(operations), np.dtype(structs.OperationStruct))
+    for name in FIELDS:
+        found[name] = [getattr(op, name) for op in operations]
+    if parts is None:
+        return found
+    own = [found, *(found[list(places)] for places in parts.operations)]
+    for number, rows in enumerate(own[1:], start=1):
+        record = rows["code"] == Code.RECORD
+        rows["index"][record], rows["count"][record] = number, 0
+    return np.concatenate(own)
+
+
+def _stretches(
+    places: NDArray[np.int64], signals: NDArray[np.int64], late: NDArray[np.bool_]
+) -> NDArray[np.void]:
+    """The entries `places` (n,) of a row, which is of `signals`, as C has them."""
+    source, after = signals[places], late[places]
+    apart = (np.diff(places) != 1) | (np.diff(source) != 1) | (after[1:] != after[:-1])
+    first = np.flatnonzero(np.r_[np.ones(min(1, len(places)), bool), apart])
+    found = np.zeros(len(first), np.dtype(structs.StretchStruct))
+    found["place"], found["source"], found["late"] = places[first], source[first], after[first]
+    found["count"] = np.diff(np.r_[first, len(places)])
+    return found
 
 
 def _extent(slots: Sequence[Slot]) -> tuple[int, int]:

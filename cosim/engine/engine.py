@@ -43,8 +43,8 @@ class Engine:
     `signals` is the signal vector; `tick` the next tick to run. `tables` collects the rows of each
     link's table as they are used, if `keep_tables` is given: called with (link name, rows).
     `gates`: (address of the function, of its context) of each gate of the plan, by its name; those
-    of the plan's buses come with them. `threads`: how many share the components of a tick; the
-    results are the same for any number.
+    of the plan's buses come with them. `threads`: how many share the components; the results are
+    the same for any number. `columns`: the signals in a recorded row; None: all of them.
     """
 
     def __init__(
@@ -53,6 +53,7 @@ class Engine:
         keep_tables: Callable[[str, NDArray[np.int32]], None] | None = None,
         gates: Mapping[str, tuple[int, int]] | None = None,
         threads: int = 1,
+        columns: Sequence[int] | None = None,
     ) -> None:
         self.plan, self._threads = plan, threads
         self.signals: Vector = np.zeros(plan.n_signals)
@@ -69,7 +70,9 @@ class Engine:
             running = bus.start()
             self._buses |= dict.fromkeys(bus.history, running)
             gates |= running.gates
-        self._bound = Binding(plan, self.signals, self._inputs, self._outputs, gates, threads)
+        self._bound = Binding(
+            plan, self.signals, self._inputs, self._outputs, gates, threads, columns
+        )
         self._state = self._bound.state
         self._library = structs.library()
 
@@ -99,15 +102,15 @@ class Engine:
             components.begin_at(step.component, tick * self.plan.h)
         self.ended = initialize(self.plan, self.signals, self._inputs, self._outputs)
         self._bound.bind(tick)
-        if self._threads > 1:
+        if self._bound.partition is not None:
             from cosim.engine.team import Team
 
-            self._team = Team(self.plan, self._bound, self._threads)
+            self._team = Team(self._bound, self._threads, tick)
 
     # ---- running -----------------------------------------------------------------------------
 
     def run(self, ticks: int, record: Vector | None = None, recorded: int = 0) -> int:
-        """Run `ticks` ticks, recording one row per tick into `record` (rows, n_signals).
+        """Run `ticks` ticks, recording one row per tick into `record` (rows, columns).
 
         `recorded`: address of an int64 that counts these rows during the run; 0: none. Returns the
         number of rows written. If an FMU ends the simulation, the run stops there, and
@@ -133,7 +136,7 @@ class Engine:
         """Run up to the tick `end`, as far as tables reach at a time."""
         while True:
             ticks = self._next_tables(end - self.tick)
-            with self._team if self._team and self.shares else nullcontext():
+            with self._team if self._team and self._team.window else nullcontext():
                 result = EngineResult(self._library.engine_run(c.byref(self._state), ticks))
             self._keep_filled_tables()
             if result is not EngineResult.OK or self.tick >= end:
@@ -141,8 +144,8 @@ class Engine:
 
     @property
     def shares(self) -> bool:
-        """Whether threads share anything of a tick; False before :meth:`initialize`."""
-        return self._team is not None and self._team.shares
+        """Whether threads share the components, as far as it is known now."""
+        return self._threads > 1 and self._team is not None and self._team.window > 0
 
     @property
     def rows(self) -> int:
@@ -223,7 +226,7 @@ class Engine:
         failure, self._bound.failure = self._bound.failure, None
         if isinstance(failure, KeyboardInterrupt | SystemExit):
             return failure
-        tick, index = self.tick, self._state.failed_index
+        tick, index = int(self._state.failed_tick), self._state.failed_index
         time = tick * self.plan.h
         where = f"at tick {tick} (t = {time:.6g} s)"
         if result is EngineResult.HISTORY:

@@ -6,7 +6,7 @@ import platform
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -34,8 +34,9 @@ from cosim.schedule.plan import Plan
 
 #: Ticks in a chunk at the most, and signals a chunk may hold: it should stay in the cache.
 CHUNK_TICKS, CHUNK_VALUES = 8192, 1 << 18
-#: Ticks of everything that are kept when a run fails.
-FLIGHT_RECORDER = 1000
+#: Ticks that are kept when a run fails: of everything, or of what is recorded if there are more
+#: signals than this, since copying them all would cost as much as the run.
+FLIGHT_RECORDER, EVERYTHING = 1000, 8192
 #: Rows of a link's table that are counted at once: a chunk has few, and each time costs the same.
 COUNTED = 1 << 14
 
@@ -108,15 +109,22 @@ def simulate(
     The folder is made once all components have started: what cannot start leaves nothing behind.
     From then on it can be read at any moment, also after the process was killed. `progress` is
     called with (ticks done, ticks in all) between chunks; `further`: more entries of ``run.json``;
-    `threads`: how many compute a tick, with the same results.
-    Raises CosimError; a RunError leaves what
-    was recorded, and the last ticks of every signal, in the folder. Ctrl-C (and the engine's
-    `stop`) becomes Interrupted, and leaves what was recorded.
+    `threads`: how many compute, with the same results. Raises CosimError; a RunError leaves in the
+    folder what was recorded, and the last ticks of every signal (of those recorded, if there are
+    more than :data:`EVERYTHING`). Ctrl-C (and the engine's `stop`) becomes Interrupted, and leaves
+    what was recorded.
     """
     folder = Path(folder)
     plan = plan or assemble(scenario)
     recorded = columns(plan, scenario.run.record.signals, scenario.place("run.record.signals"))
-    rows = max(64, min(CHUNK_TICKS, CHUNK_VALUES // max(1, plan.n_signals), plan.ticks + 2))
+    everything = _everything(plan)
+    taken: Sequence[int] | None = None  # the signals in a row, if not all
+    if len(everything) > EVERYTHING:
+        taken = [column.index for column in recorded]
+        recorded = [replace(column, index=i) for i, column in enumerate(recorded)]
+        everything = recorded
+    width = plan.n_signals if taken is None else len(taken)
+    rows = max(64, min(CHUNK_TICKS, CHUNK_VALUES // max(1, width), plan.ticks + 2))
     tables: dict[str, TableWriter] = {}
     counts = {x.name: _Counted(Ages(x.table.grid)) for x in plan.links}
 
@@ -125,7 +133,7 @@ def simulate(
         counts[name].add(held)
 
     with ExitStack() as stack:
-        engine = stack.enter_context(Engine(plan, keep, threads=threads))
+        engine = stack.enter_context(Engine(plan, keep, threads=threads, columns=taken))
         engine.initialize()
         stack.enter_context(stop_on_signal(engine.stop))  # what is opened from here on is closed
         claim_folder(folder, force=force)
@@ -137,14 +145,14 @@ def simulate(
             tables[x.name] = stack.enter_context(writer)
         recorder = Recorder(
             folder, recorded, h=plan.h, every=scenario.run.record.every, rows_per_chunk=rows,
-            n_signals=plan.n_signals, everything=_everything(plan),
+            n_signals=width, everything=everything,
         )  # fmt: skip
         stack.enter_context(recorder)
         watch = stopwatch()
         try:
-            _loop(engine, plan, recorder, rows, progress)
+            _loop(engine, plan, recorder, rows, taken, progress)
         except BaseException as error:
-            _save_failure(error, recorder, plan, folder)
+            _save_failure(error, recorder, everything, folder)
             raise
         recorder.close()
         wall = watch()
@@ -193,6 +201,7 @@ def _loop(
     plan: Plan,
     recorder: Recorder,
     rows: int,
+    taken: Sequence[int] | None,
     progress: Callable[[int, int], None],
 ) -> None:
     while True:
@@ -207,7 +216,7 @@ def _loop(
             n = engine.rows
             done = engine.tick == plan.ticks or engine.ended is not None
             if failed or (done and n == engine.tick - first):  # the last row, as everything stands
-                buffer[n] = engine.signals
+                buffer[n] = engine.signals if taken is None else engine.signals[taken]
                 n += 1
             recorder.submit(buffer, first, n)
         if engine.tick < first + ticks and not done:
@@ -235,12 +244,14 @@ def _completed(folder: Path, facts: dict[str, Any]) -> Iterator[None]:
     seal(folder)
 
 
-def _save_failure(error: BaseException, recorder: Recorder, plan: Plan, folder: Path) -> None:
+def _save_failure(
+    error: BaseException, recorder: Recorder, everything: Sequence[Column], folder: Path
+) -> None:
     """Keep the last ticks of every signal; their last row is what the failure left behind."""
     if isinstance(error, RunError):
         error.saved = str(folder)
         try:
-            recorder.save_last(folder / LAST, FLIGHT_RECORDER, _everything(plan))
+            recorder.save_last(folder / LAST, FLIGHT_RECORDER, everything)
         except RunError as failure:  # what stopped the run comes first
             error.add_note(str(failure))
 

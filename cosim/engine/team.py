@@ -1,9 +1,10 @@
-"""Further threads for the engine: they take blocks of operations while a chunk of ticks runs.
+"""Parts of a plan run apart, by one or more threads (``parts.h``).
 
-The threads are Python's; what they do is ``engine_work`` in C, without the interpreter. A segment
-is shared if it has many blocks that do not depend on each other, all of FMUs or native components.
-Every signal is computed by the same instructions, whichever thread does it: the results are the
-same to the bit for any number of threads.
+Parts reach each other over links only. What a part needs of the others is older than the least
+delay of these links; for so many ticks, a window, each can run alone. If wires connect too much, a
+window is one tick in two stages. Every signal is computed by the same instructions on the same
+values: the results are the same to the bit for any number of threads, and as without parts. The
+threads are Python's; what they do is ``engine_work`` in C, without the interpreter.
 """
 
 from __future__ import annotations
@@ -16,68 +17,67 @@ from types import TracebackType
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.engine.binding import Binding
+from cosim.engine.binding import WINDOW, Binding
 from cosim.native import structs
-from cosim.native.structs import UnitKind
-from cosim.schedule.plan import Plan
+from cosim.native.structs import Code
+from cosim.schedule.parts import Link
 
 #: How the threads are called, with a number.
 NAME = "engine thread"
-#: Blocks from which on it is worth to share a segment.
-LEAST = 32
-#: What may be stepped by any thread: it does not call Python, and has no solver of its own.
-SHARED_KINDS = frozenset({UnitKind.NATIVE, UnitKind.FMI2, UnitKind.FMI3})
 
 
 class Team:
-    """`threads` threads for a bound plan, the calling one among them; a context manager.
+    """`threads` threads for a plan bound in parts, the calling one among them.
 
-    `shares`: whether there is any segment for them.
+    `start`: the tick of the first rows of tables. `window`: for how many ticks the parts can run
+    apart, 0: not at all, until the next :meth:`allow`. A context manager around ``engine_run``.
     """
 
-    def __init__(self, plan: Plan, bound: Binding, threads: int) -> None:
-        self._plan, self._bound, self._threads = plan, bound, threads
+    def __init__(self, bound: Binding, threads: int, start: int) -> None:
+        parts = bound.partition
+        assert parts is not None
+        self._bound, self._threads, self._start = bound, threads, start
+        self._links = [bound.plan.links[i] for i in parts.links]
         none = structs.FailureStruct(operation=-1)
         self._members = (structs.MemberStruct * threads)(
             *(structs.MemberStruct(failed=none, ended=none) for _ in range(threads))
         )
-        self._team = structs.TeamStruct(members=c.addressof(self._members), threads=threads, quit=1)
-        self._able = [i for i, s in enumerate(plan.segments) if self._can_share(i)]
-        for i in self._able:
-            bound.segments[i].shared = 1
-        self.shares = bool(self._able)
+        operations = bound.plan.operations
+        self._places = np.concatenate([np.array(x, dtype=np.int64) for x in parts.operations])
+        self._team = structs.TeamStruct(
+            parts=c.addressof(bound.parts), n_parts=len(bound.parts), n_plan=len(operations),
+            places=self._places.ctypes.data, members=c.addressof(self._members), threads=threads,
+            record=next(i for i, op in enumerate(operations) if op.code == Code.RECORD),
+            first=int(bound.together), longest=WINDOW, quit=1, staged=parts.second is not None,
+        )  # fmt: skip
         self._go = [threading.Semaphore(0) for _ in range(threads - 1)]
         self._done = threading.Semaphore(0)
         self._ending = False
         self._running: list[threading.Thread] = []
 
-    def _can_share(self, index: int) -> bool:
-        segment = self._plan.segments[index]
-        units = {
-            o.index for o in self._plan.operations[segment.first : segment.last]
-            if o.code == structs.Code.STEP
-        }  # fmt: skip
-        kinds = {UnitKind(self._bound.units[i].kind) for i in units}
-        many = len(segment.blocks) > LEAST
-        return many and segment.independent and kinds <= SHARED_KINDS
+    @property
+    def window(self) -> int:
+        """Ticks for which parts run apart, at most."""
+        return int(self._team.longest)
 
     def allow(self, rows: Mapping[str, NDArray[np.int32]], tick: int) -> None:
-        """Share segments whose links take at least a tick in the next rows of their tables.
+        """Make windows as long as the least delay in the next rows of the links' tables.
 
         `rows` (n,): by link, the samples held; `tick`: of the first of them or before.
         """
-        for i in self._able:
-            links = self._plan.segments[i].links
-            filled = not (links and self._plan.buses)  # else tables are made while they run
-            late = filled and all(self._is_late(link, rows, tick) for link in links)
-            self._bound.segments[i].shared = int(late)
+        self._team.longest = min(
+            (self._least(link, rows[link.name], tick - self._start) for link in self._links),
+            default=WINDOW,
+        )
 
-    def _is_late(self, index: int, rows: Mapping[str, NDArray[np.int32]], tick: int) -> bool:
-        link = self._plan.links[index]
+    @staticmethod
+    def _least(link: Link, held: NDArray[np.int32], tick: int) -> int:
+        """The least age of a sample in these rows, up to a window."""
         grid = link.table.grid
-        held = rows[link.name].astype(np.int64)
-        looks = (-(-tick // grid.n_r) + np.arange(held.size)) * grid.n_r
-        return bool((held * grid.n_s < looks).all())
+        first = -(-tick // grid.n_r) * grid.n_r
+        looks = np.arange(first, first + held.size * grid.n_r, grid.n_r)
+        ages = (looks - held.astype(np.int64) * grid.n_s)[held >= 0]
+        return min(WINDOW, int(ages.min(initial=WINDOW)))
 
     def __enter__(self) -> Team:
         """Let the others begin, for one call of ``engine_run``."""

@@ -11,7 +11,7 @@ from pathlib import Path
 from cosim.base.errors import CosimError
 from cosim.native.fmu_log import Log
 
-ABI = 15
+ABI = 16
 
 
 class Code(IntEnum):
@@ -109,16 +109,23 @@ class OperationStruct(c.Structure):
 class SegmentStruct(c.Structure):
     """``segment_t``."""
 
+    _fields_ = tuple((n, c.c_int64) for n in ("period", "next", "first", "last"))
+
+
+class StretchStruct(c.Structure):
+    """``stretch_t``."""
+
     _fields_ = (
-        ("period", c.c_int64),
-        ("next", c.c_int64),
-        ("first", c.c_int64),
-        ("last", c.c_int64),
-        ("blocks", c.c_void_p),
-        ("n_blocks", c.c_int64),
-        ("shared", c.c_int32),
+        *((n, c.c_int64) for n in ("place", "source", "count")),
+        ("late", c.c_int32),
         ("reserved", c.c_int32),
     )
+
+
+class ColumnsStruct(c.Structure):
+    """``columns_t``."""
+
+    _fields_ = (("stretches", c.c_void_p), ("n_stretches", c.c_int64))
 
 
 class FailureStruct(c.Structure):
@@ -126,10 +133,17 @@ class FailureStruct(c.Structure):
 
     _fields_ = (
         ("operation", c.c_int64),
-        ("result", c.c_int32),
-        ("index", c.c_int32),
-        ("status", c.c_int32),
-        ("signal", c.c_int32),
+        ("tick", c.c_int64),
+        *((n, c.c_int32) for n in ("result", "index", "status", "signal")),
+    )
+
+
+class PartStruct(c.Structure):
+    """``part_t``."""
+
+    _fields_ = (
+        ("segments", c.c_void_p),
+        *((n, c.c_int64) for n in ("n_segments", "tick", "n_first")),
     )
 
 
@@ -140,7 +154,7 @@ class MemberStruct(c.Structure):
         ("ticket", c.c_uint64),
         ("failed", FailureStruct),
         ("ended", FailureStruct),
-        ("unused", c.c_int64 * 9),
+        ("unused", c.c_int64 * 5),
     )
 
 
@@ -149,10 +163,13 @@ class TeamStruct(c.Structure):
 
     _fields_ = (
         ("finished", c.c_uint64),
-        ("segment", c.c_void_p),
+        ("limit", c.c_int64),
+        ("parts", c.c_void_p),
+        ("places", c.c_void_p),
         ("members", c.c_void_p),
-        ("threads", c.c_int32),
-        ("quit", c.c_int32),
+        *((n, c.c_int64) for n in ("n_parts", "n_plan", "record", "longest")),
+        *((n, c.c_int32) for n in ("threads", "quit", "first", "staged")),
+        *((n, c.c_int32) for n in ("stage", "reserved")),
     )
 
 
@@ -290,20 +307,21 @@ class UnitStruct(c.Structure):
     )
 
 
+class SenderStruct(c.Structure):
+    """``sender_t``."""
+
+    _fields_ = (
+        ("history", c.c_void_p),
+        *((n, c.c_int64) for n in ("width", "sent", "capacity")),
+    )
+
+
 class LinkStruct(c.Structure):
     """``link_t``."""
 
     _fields_ = (
-        ("history", c.c_void_p),
-        ("table", c.c_void_p),
-        ("initial", c.c_void_p),
-        ("width", c.c_int64),
-        ("capacity", c.c_int64),
-        ("sent", c.c_int64),
-        ("row", c.c_int64),
-        ("rows", c.c_int64),
-        ("held", c.c_int64),
-        ("before", c.c_int64),
+        *((n, c.c_void_p) for n in ("sender", "table", "initial")),
+        *((n, c.c_int64) for n in ("row", "rows", "held", "before")),
     )
 
 
@@ -327,16 +345,10 @@ class EngineState(c.Structure):
         ("segments", c.c_void_p),
         ("team", c.c_void_p),
         ("units", c.c_void_p),
-        ("links", c.c_void_p),
-        ("players", c.c_void_p),
-        ("gates", c.c_void_p),
-        ("signals", c.c_void_p),
-        ("record", c.c_void_p),
-        ("recorded", c.c_void_p),
-        ("n_segments", c.c_int64),
-        ("n_signals", c.c_int64),
-        ("row", c.c_int64),
-        ("tick", c.c_int64),
+        *((n, c.c_void_p) for n in ("links", "senders", "players", "gates", "signals")),
+        *((n, c.c_void_p) for n in ("record", "columns", "recorded")),
+        *((n, c.c_int64) for n in ("n_segments", "n_signals", "width", "row", "tick")),
+        ("failed_tick", c.c_int64),
         ("h", c.c_double),
         ("stop", c.c_int32),
         ("failed_index", c.c_int32),
@@ -371,7 +383,7 @@ def library() -> c.CDLL:
         *(OperationStruct, UnitStruct, LinkStruct, EngineState, Log, PlayerStruct, Access),
         *(TickerStruct, Typed, GateStruct, TriggeredStruct, PartitionStruct),
         *(ExchangeStruct, SegmentStruct, FailureStruct, TeamStruct),
-        MemberStruct,
+        *(MemberStruct, StretchStruct, ColumnsStruct, SenderStruct, PartStruct),
     )
     expected = [c.sizeof(t) for t in structs]
     found = [engine.engine_sizes(i) for i in range(len(expected))]

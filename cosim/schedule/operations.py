@@ -18,6 +18,7 @@ class Operation:
     """One operation, due at ticks `first`, `first + period`, ...
 
     `index`: of component or link; of the last values of what is extrapolated, in the signals.
+    `count`: signals; of RECORD: 1, a row is complete with it.
     """
 
     code: Code
@@ -120,7 +121,7 @@ def compile_operations(
         ]
         operations.append(Operation(Code.STEP, index[name], c.period))
         operations += _pushes(c, found)
-    operations.append(Operation(Code.RECORD))
+    operations.append(Operation(Code.RECORD, count=1))
     place = {name: i for i, name in enumerate(later)} if newest else {}
     late: list[Operation] = []
     for i, c in enumerate(held):

@@ -17,7 +17,6 @@ from cosim.base.errors import PlanError
 from cosim.schedule.operations import Connections, Line, Operation, compile_operations
 from cosim.schedule.order import CycleError, sequence, topological
 from cosim.schedule.parts import Gate, Link, Player, Slot, Step, SteppedBus, Wire
-from cosim.schedule.segments import Segment, segments
 
 Feeder = Wire | Link | Player
 
@@ -61,11 +60,6 @@ class Plan:
             if feeder.target.start + feeder.target.size > start:
                 found.append((number, feeder))
         return tuple(feeder for _, feeder in sorted(found, key=lambda pair: pair[0]))
-
-    @cached_property
-    def segments(self) -> tuple[Segment, ...]:
-        """The operations of a tick in parts that are due together, for threads."""
-        return segments(self.operations, self.components)
 
     @cached_property
     def _slots(self) -> Mapping[str, Slot]:

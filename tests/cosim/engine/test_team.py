@@ -12,40 +12,44 @@ from hypothesis import strategies as st
 
 from benchmarks.cases import rings
 from cosim.base.errors import RunError
-from cosim.engine import team
+from cosim.engine import binding, team
 from cosim.engine.engine import Engine
 from cosim.engine.simulate import simulate
 from cosim.loading.files import load, read_document
-from cosim.native.structs import Code
 from cosim.scenario.arrays import expand
 from cosim.scenario.assemble import assemble
 from cosim.scenario.spec import build
-from cosim.schedule.plan import Plan
+from cosim.schedule.partition import partition
+from cosim.schedule.plan import Plan, compile_plan
 from tests.bridge.zenoh.rehearsed import CONFIGS
+from tests.cosim.fmi.exporter import export, strict2, strict3
 from tests.cosim.scenarios import plan
 
 TICKS = 1500
 
 
 @pytest.fixture(autouse=True)
-def small_segments(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """Share segments of any size."""
-    monkeypatch.setattr(team, "LEAST", 1)
+def few_parts(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Run parts apart however few they are."""
+    monkeypatch.setattr(binding, "LEAST", 2)
     yield
     left = [t for t in threading.enumerate() if t.name.startswith(team.NAME)]
     assert not left  # they end with the engine
 
 
-def recorded(p: Plan, threads: int, ticks: int = TICKS) -> tuple[bytes, list[int]]:
-    """All signals at all ticks, in calls of different length; which segments are shared."""
-    rows, shared = np.empty((ticks, p.n_signals)), []
-    with Engine(p, threads=threads) as engine:
+def recorded(
+    p: Plan, threads: int, ticks: int = TICKS, columns: list[int] | None = None
+) -> tuple[bytes, list[int]]:
+    """What is recorded at all ticks, in calls of different length; the windows' lengths."""
+    width = p.n_signals if columns is None else len(columns)
+    rows, windows = np.empty((ticks, width)), []
+    with Engine(p, threads=threads, columns=columns) as engine:
         engine.initialize()
         for first in range(0, ticks, 700):
             n = min(700, ticks - first)
             assert engine.run(n, rows[first : first + n]) == n
-            shared = [s.shared for s in engine._bound.segments]
-    return rows.tobytes(), shared
+            windows.append(engine._team.window if engine._team else 0)
+    return rows.tobytes(), windows
 
 
 def many(*changes: str) -> Plan:
@@ -53,13 +57,38 @@ def many(*changes: str) -> Plan:
 
 
 @settings(max_examples=12)
-@given(threads=st.integers(2, 6), n=st.integers(3, 20), seed=st.integers(0, 3))
-def test_any_number_of_threads_gives_the_same_bytes(threads: int, n: int, seed: int) -> None:
+@given(
+    threads=st.integers(2, 6), n=st.integers(3, 20), seed=st.integers(0, 3),
+    least=st.integers(5, 80),
+)  # fmt: skip
+def test_any_number_of_threads_and_any_delay_give_the_same_bytes(
+    threads: int, n: int, seed: int, least: int
+) -> None:
     changes = (f"graphs.net.n={n}", 'graphs.net.kind="ring"', f"run.seed={seed}")
+    changes += (f'links.0.delay.low="{least} ms"',)
     alone, none = recorded(many(*changes), 1)
-    together, shared = recorded(many(*changes), threads)
+    together, windows = recorded(many(*changes), threads)
     assert together == alone
-    assert sum(shared) >= 3 and not any(none)
+    assert min(windows) >= min(least // 5 * 5, binding.WINDOW) and not any(none)
+
+
+def test_one_thread_runs_many_parts_apart_with_the_same_bytes(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    whole, none = recorded(many(), 1)
+    monkeypatch.setattr(binding, "ALONE", 2)
+    apart, windows = recorded(many(), 1)
+    assert apart == whole
+    assert min(windows) >= 30 and not any(none)
+
+
+def test_a_row_has_the_columns_that_are_asked_for() -> None:
+    p = many()
+    columns = [p.n_signals - 1, 3, 4, 5, 17, 16, 0]
+    rows = np.frombuffer(recorded(p, 1)[0]).reshape(TICKS, -1)
+    for threads in (1, 2):
+        some = np.frombuffer(recorded(many(), threads, columns=columns)[0]).reshape(TICKS, -1)
+        assert np.array_equal(some, rows[:, columns])
 
 
 @pytest.mark.parametrize("config", ["network", "teleoperation"])
@@ -70,11 +99,11 @@ def test_shipped_scenarios_give_the_same_bytes(config: str) -> None:
     assert recorded(made(), 3)[0] == recorded(made(), 1)[0]
 
 
-@pytest.mark.parametrize("choice", ["fmi2", "fmi3", "kernel"])
-def test_every_kind_of_native_component_is_shared(choice: str) -> None:
+@pytest.mark.parametrize("choice", ["fmi2", "fmi3"])
+def test_fmus_that_wires_connect_are_shared_in_two_stages(choice: str) -> None:
     alone, _ = recorded(rings(40, TICKS).plan(choice, TICKS), 1)  # type: ignore[arg-type]
-    together, shared = recorded(rings(40, TICKS).plan(choice, TICKS), 2)  # type: ignore[arg-type]
-    assert together == alone and any(shared)
+    together, windows = recorded(rings(40, TICKS).plan(choice, TICKS), 2)  # type: ignore[arg-type]
+    assert together == alone and all(windows)
 
 
 def test_threads_run_while_the_engine_is_open() -> None:
@@ -85,13 +114,18 @@ def test_threads_run_while_the_engine_is_open() -> None:
         assert names == [f"{team.NAME} 1", f"{team.NAME} 2"]
 
 
-def test_python_components_are_not_shared() -> None:
-    p = plan({f"a{i}": {"model": "Integrator"} for i in range(9)}, stop=500.0)
-    _, shared = recorded(p, 2)
-    assert not any(shared)
+def test_components_in_python_are_one_part_for_the_calling_thread() -> None:
+    """Components that no other thread may step keep their order among themselves."""
+    p = many()
+    found = partition(p, [0, 3])
+    assert found is not None and found.components[0][0] == 0 and 3 in found.components[0]
+    everything = range(len(p.components))
+    assert partition(p, everything) is None
+    python = plan({f"a{i}": {"model": "Integrator"} for i in range(9)}, stop=500.0)
+    assert recorded(python, 2)[1] == [0, 0, 0]
 
 
-def test_a_link_that_takes_no_time_keeps_its_order() -> None:
+def test_a_link_that_takes_no_time_joins_its_ends() -> None:
     """Its receiver reads what its sender has sent in the same tick."""
     document = read_document(CONFIGS / "many.toml")
     document["graphs"]["net"] = {"kind": "ring", "n": 12}
@@ -101,27 +135,29 @@ def test_a_link_that_takes_no_time_keeps_its_order() -> None:
     def made() -> Plan:
         return assemble(build(found, CONFIGS / "many.toml"))
 
-    assert recorded(made(), 4)[1][0]
+    def parts() -> int:
+        divided = partition(made())
+        return len(divided.components) if divided else 1
+
+    assert parts() == 12
     found["links"][3]["delay"] = {"law": "constant", "delay": 0}
-    together, shared = recorded(made(), 4)
-    assert together == recorded(made(), 1)[0]
-    assert not shared[0] and any(shared)  # the controllers one by one, the arms together
+    assert parts() == 11
+    assert recorded(made(), 4)[0] == recorded(made(), 1)[0]
 
 
-def test_wires_between_sampled_components_keep_their_order() -> None:
+def test_a_wire_joins_its_ends() -> None:
     p = many()
-    controllers = p.segments[0]
-    assert controllers.independent
-    blocks = set(controllers.blocks)
-    starts = [p.operations[i].code for i in controllers.blocks[:-1]]
-    assert Code.STEP not in starts and len(blocks) == 13
-    a, b = sorted(name for name in p.order)[:2]
+    a, b = sorted(p.order)[:2]
     wire = replace(p.wires[0], source=p.component(a).outputs[0], target=p.component(b).inputs[0])
-    from cosim.schedule.plan import compile_plan
-
     wires = [w for w in p.wires if w.target.start != wire.target.start]
     other = compile_plan(p.h, p.ticks, p.components, [*wires, wire], p.links)
-    assert not other.segments[0].independent
+    found, before = partition(other), partition(p)
+    assert found is not None and before is not None
+    both = {i for i, c in enumerate(other.components) if c.name in (a, b)}
+    assert any(both <= set(part) for part in found.components)
+    assert not any(both <= set(part) for part in before.components)
+    everything = sorted(i for part in found.operations for i in part)
+    assert sorted(set(everything)) == list(range(len(other.operations)))
 
 
 @pytest.mark.parametrize("threads", [1, 3])
@@ -149,6 +185,42 @@ def test_the_first_component_that_fails_is_named(threads: int) -> None:
 EXPECTED: dict[str, str] = {}
 
 
+@pytest.mark.parametrize("columns", [None, [5, 2, 9, 8, 1]])
+@pytest.mark.parametrize(("fmi", "how"), [("2.0", 6), ("3.0", 6), ("3.0", 5)])
+def test_a_run_that_stops_leaves_what_it_leaves_tick_by_tick(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fmi: str, how: int, columns: list[int] | None
+) -> None:
+    """One of five FMUs ends the simulation, or its step fails, in the middle of a window."""
+    export(strict2() if fmi == "2.0" else strict3(""), tmp_path / "strict.fmu")
+    text = "[run]\nstep = 0.1\nstop = 10.0\n"
+    for i in range(5):
+        end = f"{{ how = {how}, when = 2.95 }}" if i == 2 else "{ how = 0 }"
+        text += f"[components.x{i}]\nmodel = 'strict.fmu'\nparameters = {end}\n"
+        text += f"kind = '{'sampled' if i % 2 else 'continuous'}'\nstart = {{ u = {i + 1}.0 }}\n"
+    (tmp_path / "s.toml").write_text(text)
+
+    def stopped(threads: int) -> tuple[object, ...]:
+        p = assemble(load(tmp_path / "s.toml"))
+        rows = np.zeros((100, p.n_signals if columns is None else len(columns)))
+        with Engine(p, threads=threads, columns=columns) as engine:
+            engine.initialize()
+            assert threads == 1 or engine.shares
+            said = ""
+            try:
+                engine.run(100, rows)
+            except RunError as error:
+                said = str(error)
+            assert bool(said) == (how == 5)
+            n, now = engine.rows, engine.signals[columns or slice(None)]
+            kept = now.tobytes() if how == 6 and fmi == "3.0" else b""
+            return rows[:n].tobytes(), engine.tick, engine.ended, said, kept
+
+    alone = stopped(1)
+    assert 29 <= alone[1] <= 31 and stopped(3) == alone
+    monkeypatch.setattr(binding, "ALONE", 2)
+    assert stopped(1) == alone
+
+
 def replace_start(spec: object, start: dict[str, float]) -> object:
     import msgspec
 
@@ -168,7 +240,7 @@ def test_the_command_says_when_there_is_nothing_to_share(
 ) -> None:  # type: ignore[no-untyped-def]
     from cosim.cli.run import run
 
-    monkeypatch.setattr(team, "LEAST", 32)
+    monkeypatch.setattr(binding, "LEAST", 32)
     few = str(CONFIGS / "teleoperation.toml")
     for path, changes, said in (
         (few, ["run.stop=1"], "found nothing that 2 threads could share"),

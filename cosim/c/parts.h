@@ -1,0 +1,275 @@
+/* parts.h: parts of a plan that run apart, for as many ticks as a value needs from one to another.
+ *
+ * Part of engine.c. The parts of a plan are connected by links only. Where the least delay of all these
+ * links is n ticks, a part needs nothing of the others that is newer than n ticks: each can run n ticks
+ * on its own, whoever runs it and in whatever order. That is a window. What a part needs stays in the
+ * cache of the processor for its length, and threads meet once a window. Where wires connect parts, a
+ * window is one tick, in two stages: all take their inputs before any computes its new outputs.
+ *
+ * Each thread has a share of the parts, the same in every window; who is done takes chunks of the others.
+ * The chunks of a share are handed out by one atomic number, the ticket: generation, number of chunks,
+ * next chunk. A thread that comes late finds fewer chunks, and no thread waits for one that has none. The
+ * caller starts the threads: each calls engine_work while engine_run runs.
+ */
+#if defined(_WIN32)
+#include <windows.h>
+#define YIELD() SwitchToThread()
+#else
+#include <sched.h>
+#define YIELD() sched_yield()
+#endif
+
+#if defined(__GNUC__)
+#define LOAD(place) __atomic_load_n(place, __ATOMIC_ACQUIRE)
+#define STORE(place, value) __atomic_store_n(place, value, __ATOMIC_RELEASE)
+#define ADD(place, value) __atomic_fetch_add(place, value, __ATOMIC_ACQ_REL)
+#define SWAP(place, old, value) \
+    __atomic_compare_exchange_n(place, old, value, 0, __ATOMIC_ACQ_REL, __ATOMIC_ACQUIRE)
+#else /* a compiler whose atomic operations are not known here: one thread */
+#define LOAD(place) (*(place))
+#define STORE(place, value) (*(place) = (value))
+#define ADD(place, value) ((*(place) += (value)) - (value))
+#define SWAP(place, old, value) (*(place) = (value), 1)
+#endif
+
+enum { CHUNK_BITS = 20, CHUNKS_A_THREAD = 16, SPINS = 2000, FATAL = 4 };
+
+static inline uint64_t ticket_of(uint64_t generation, uint64_t chunks)
+{
+    return generation << 2 * CHUNK_BITS | chunks << CHUNK_BITS;
+}
+
+static inline uint64_t next_of(uint64_t ticket) { return ticket & ((1u << CHUNK_BITS) - 1); }
+
+static inline uint64_t chunks_of(uint64_t ticket)
+{
+    return ticket >> CHUNK_BITS & ((1u << CHUNK_BITS) - 1);
+}
+
+/* A moment of waiting: first on this processor, then others may have it. */
+static inline void wait_a_moment(int *spins)
+{
+    if (++*spins < SPINS) {
+#if defined(__x86_64__) || defined(__i386__)
+        __builtin_ia32_pause();
+#endif
+        return;
+    }
+    YIELD();
+}
+
+/* No part goes further than `limit`. */
+static void lower(int64_t *place, int64_t limit)
+{
+    int64_t old = LOAD(place);
+    while (old > limit && !SWAP(place, &old, limit))
+        ;
+}
+
+/* Whether a comes before b, by tick and place in it. */
+static int precedes(const failure_t *a, const failure_t *b)
+{
+    return b->operation < 0 || a->tick < b->tick ||
+           (a->tick == b->tick && a->operation < b->operation);
+}
+
+/* Of what ended the simulation, the first tick counts, and the last one in it. */
+static int supersedes(const failure_t *a, const failure_t *b)
+{
+    return b->operation < 0 || a->tick < b->tick ||
+           (a->tick == b->tick && a->operation > b->operation);
+}
+
+/* A part up to the end of the window, or to the tick after which another one has failed. */
+NOINLINE void run_part(engine_t *e, part_t *part, member_t *mine)
+{
+    team_t *team = e->team;
+    failure_t failure = {-1, 0, 0, 0, 0, 0}, ended = {-1, 0, 0, 0, 0, 0};
+    segment_t *const segments = part->segments + (team->stage ? part->n_first : 0);
+    const int64_t n = team->stage || !team->staged ? part->n_segments : part->n_first;
+    const int64_t n_segments = n - (segments - part->segments);
+    int64_t tick = e->tick;
+    int result = RUN_OK;
+
+    catch_up(segments, n_segments, tick);
+    while (tick < LOAD(&team->limit) && ended.operation < 0) {
+        result = run_tick(e, tick, segments, n_segments, &failure, &ended);
+        if (result != RUN_OK) break;
+        tick++;
+    }
+    part->tick = tick;
+    if (result != RUN_OK) {
+        lower(&team->limit, failure.status == FATAL ? e->tick : tick + 1);
+        failure.operation = team->places[failure.operation - team->n_plan];
+        if (precedes(&failure, &mine->failed)) mine->failed = failure;
+    } else if (ended.operation >= 0) {
+        lower(&team->limit, tick);
+        ended.operation = team->places[ended.operation - team->n_plan];
+        if (supersedes(&ended, &mine->ended)) mine->ended = ended;
+    }
+}
+
+/* The part of `count` things that is number `part` of `parts`: where it begins. */
+static int64_t begin_of(int64_t count, uint64_t part, uint64_t parts)
+{
+    return (int64_t)((uint64_t)count * part / parts);
+}
+
+/* A chunk of the share of thread `owner`. */
+static void run_chunk(engine_t *e, int32_t owner, uint64_t chunk, uint64_t chunks, member_t *mine)
+{
+    team_t *team = e->team;
+    const int64_t n = team->n_parts - team->first;
+    const int64_t begin = begin_of(n, (uint64_t)owner, (uint64_t)team->threads);
+    const int64_t size = begin_of(n, (uint64_t)owner + 1, (uint64_t)team->threads) - begin;
+    part_t *parts = team->parts + team->first + begin;
+
+    for (int64_t i = begin_of(size, chunk, chunks); i < begin_of(size, chunk + 1, chunks); i++)
+        run_part(e, parts + i, mine);
+}
+
+/* Takes chunks of a member until it has no more. */
+static void take_chunks(engine_t *e, int32_t owner, member_t *mine)
+{
+    team_t *team = e->team;
+    uint64_t *place = &team->members[owner].ticket;
+
+    for (;;) {
+        uint64_t ticket = LOAD(place), chunks = chunks_of(ticket);
+        if (next_of(ticket) >= chunks) return;
+        ticket = ADD(place, 1);
+        chunks = chunks_of(ticket);
+        if (next_of(ticket) >= chunks) return;
+        run_chunk(e, owner, next_of(ticket), chunks, mine);
+        ADD(&team->finished, 1);
+    }
+}
+
+/* Its own chunks first, then those of the others. */
+static void take_all_chunks(engine_t *e, int32_t thread)
+{
+    team_t *team = e->team;
+
+    for (int32_t i = 0; i < team->threads; i++)
+        take_chunks(e, (thread + i) % team->threads, team->members + thread);
+}
+
+/* What a further thread does while engine_run runs: `thread` is its number, from 1. It returns when
+ * `quit` is set. */
+API int32_t engine_work(engine_t *e, int32_t thread)
+{
+    team_t *team = e->team;
+    int spins = 0;
+
+    while (!LOAD(&team->quit)) {
+        int32_t i = 0;
+        while (i < team->threads) {
+            const uint64_t ticket = LOAD(&team->members[i].ticket);
+            if (next_of(ticket) < chunks_of(ticket)) break;
+            i++;
+        }
+        if (i < team->threads) {
+            take_all_chunks(e, thread);
+            spins = 0;
+        } else {
+            wait_a_moment(&spins);
+        }
+    }
+    return RUN_OK;
+}
+
+/* All parts up to the tick `limit`, or one stage of a tick, and what went wrong first. */
+static void run_stage(engine_t *e, int64_t limit, failure_t *failure, failure_t *ended)
+{
+    team_t *team = e->team;
+    const uint64_t generation = LOAD(&team->members[0].ticket) >> 2 * CHUNK_BITS;
+    const uint64_t chunks = CHUNKS_A_THREAD;
+    int spins = 0;
+
+    team->limit = limit;
+    for (int32_t i = 0; i < team->first; i++) run_part(e, team->parts + i, team->members);
+    STORE(&team->finished, 0);
+    for (int32_t i = 0; i < team->threads; i++)
+        STORE(&team->members[i].ticket, ticket_of(generation + 1, chunks));
+    take_all_chunks(e, 0);
+    while (LOAD(&team->finished) < chunks * (uint64_t)team->threads) wait_a_moment(&spins);
+    for (int32_t i = 0; i < team->threads; i++) {
+        const member_t *m = team->members + i;
+        if (m->failed.operation >= 0 && precedes(&m->failed, failure)) *failure = m->failed;
+        if (m->ended.operation >= 0 && supersedes(&m->ended, ended)) *ended = m->ended;
+    }
+}
+
+static void run_window(engine_t *e, int64_t limit, failure_t *failure, failure_t *ended)
+{
+    team_t *team = e->team;
+
+    run_stage(e, team->staged ? e->tick + 1 : limit, failure, ended);
+    if (!team->staged || failure->operation >= 0) return;
+    team->stage = 1;
+    run_stage(e, e->tick + 1, failure, ended);
+    team->stage = 0;
+}
+
+/* Parts that are beyond `tick` go back to it, as far as signals are recorded: to what they were
+ * when the row of `tick` was, or `done`, at the end of that tick. */
+static void go_back(engine_t *e, int64_t tick, int done)
+{
+    const team_t *team = e->team;
+
+    for (int64_t k = 0; k < team->n_parts && e->record; k++) {
+        const columns_t *columns = e->columns + 1 + k;
+        if (team->parts[k].tick <= tick + done) continue;
+        for (int64_t i = 0; i < columns->n_stretches; i++) {
+            const stretch_t *x = columns->stretches + i;
+            const int64_t row = e->row + tick - e->tick + (done && x->late);
+            memcpy(e->signals + x->source, e->record + row * e->width + x->place,
+                   (size_t)x->count * sizeof *e->signals);
+        }
+    }
+}
+
+/* Rows up to `tick` are complete: it is the next one, or the one that failed. */
+static void arrive(engine_t *e, int64_t tick, int rows)
+{
+    if (e->record) {
+        e->row += tick - e->tick + rows;
+        if (e->recorded) publish(e->recorded, e->row);
+    }
+    e->tick = tick;
+}
+
+/* A window did not end well: e->tick is then as if all had been run tick by tick. After a fatal status
+ * no more is called, so that it may be an earlier tick. */
+static int stop_early(engine_t *e, const failure_t *failure, const failure_t *ended)
+{
+    const team_t *team = e->team;
+    int64_t tick = failure->tick;
+
+    if (failure->operation < 0 ||
+        (ended->operation >= 0 && ended->tick < failure->tick && failure->status != FATAL)) {
+        go_back(e, ended->tick, 1);
+        arrive(e, ended->tick + 1, 0);
+        return failed(e, ended, RUN_TERMINATED);
+    }
+    for (int64_t k = 0; k < team->n_parts; k++)
+        if (team->parts[k].tick < tick) tick = team->parts[k].tick;
+    go_back(e, tick, 0);
+    arrive(e, tick, tick == failure->tick && failure->operation > team->record);
+    return failed(e, failure, failure->result);
+}
+
+static int32_t run_windows(engine_t *e, int64_t end)
+{
+    failure_t failure = {-1, 0, 0, 0, 0, 0}, ended = {-1, 0, 0, 0, 0, 0};
+
+    while (e->tick < end) {
+        int64_t limit = e->tick + (e->team->staged ? 1 : e->team->longest);
+        if (limit > end) limit = end;
+        if (*(volatile int32_t *)&e->stop) return RUN_STOPPED;
+        run_window(e, limit, &failure, &ended);
+        if (failure.operation >= 0 || ended.operation >= 0) return stop_early(e, &failure, &ended);
+        arrive(e, limit, 0);
+    }
+    return RUN_OK;
+}

@@ -77,6 +77,7 @@ class Model:
     files of ``fmus/c`` (or absolute paths) besides the generic FMI layer; the first holds
     ``model_initial`` and ``model_step``. `documentation` is plain text with the equations, for the
     page inside the FMU. `clock`: the interval (s) of the clock that its FMU has, 0 for none.
+    `lanes`: the first source has ``model_steps``, too, which steps several instances at once.
     """
 
     identifier: str
@@ -89,6 +90,7 @@ class Model:
     terminals: tuple[Terminal, ...] = field(default=())
     documentation: str = ""
     clock: float = 0.0
+    lanes: bool = False
 
     def inputs(self) -> tuple[Port, ...]:
         """Input ports, in order."""

@@ -44,6 +44,7 @@ _HEADERS = (
     "instance.h",
     "model.h",
     "trig.h",
+    "trig_reduced.h",
 )
 #: The code that decides what else is in an FMU.
 _GENERATOR = (
@@ -252,6 +253,7 @@ def _declared(model: Model, token: str) -> list[str]:
         f"UINT64_C(0x{_layout(model)})",
         f"N_VARIABLES, N_SCALARS, {len(_inputs(model))}",
         f"{int(model.clock > 0.0)}, {_number(model.clock)}",
+        "model_steps" if model.lanes else "0",
     ]
 
 

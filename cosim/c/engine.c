@@ -74,6 +74,24 @@ API int32_t engine_unit(unit_t *u, double *s, double t, int64_t hit, int32_t *st
     }
 }
 
+static int set_inputs(const unit_t *u, const double *s)
+{
+    if (!u->n_inputs) return 0;
+    if (u->kind == UNIT_FMI2)
+        return ((set2_t)u->set)(u->instance, u->inputs, (size_t)u->n_inputs, s + u->input);
+    return ((set3_t)u->set)(u->instance, u->inputs, (size_t)u->n_inputs, s + u->input,
+                            (size_t)u->input_count);
+}
+
+static int get_outputs(const unit_t *u, double *s)
+{
+    if (!u->n_outputs) return 0;
+    if (u->kind == UNIT_FMI2)
+        return ((get2_t)u->get)(u->instance, u->outputs, (size_t)u->n_outputs, s + u->output);
+    return ((get3_t)u->get)(u->instance, u->outputs, (size_t)u->n_outputs, s + u->output,
+                            (size_t)u->output_count);
+}
+
 INLINE int step_unit(const engine_t *e, int64_t tick, int32_t index, failure_t *failure)
 {
     unit_t *u = e->units + index;
@@ -105,11 +123,53 @@ INLINE int step_unit(const engine_t *e, int64_t tick, int32_t index, failure_t *
     return result;
 }
 
+/* Units of one FMU whose steps follow each other, at once. The outputs are got in their order up to the
+ * first that fails; if an FMU refuses its inputs, they are stepped one by one. */
+NOINLINE int step_units(const engine_t *e, int64_t tick, const operation_t *op, failure_t *failure)
+{
+    const int64_t n = op->count + 1;
+    const unit_t *const first = e->units + op->index;
+    const double t = (double)(tick - first->lag) * e->h;
+    void *instances[AT_ONCE];
+    int status[AT_ONCE], result = RUN_OK;
+    int64_t i = 0;
+
+    for (; i < n; i++) {
+        const unit_t *u = e->units + op[i].index;
+        instances[i] = u->instance;
+        if (failed_call(set_inputs(u, e->signals))) break;
+    }
+    if (i == n)
+        ((steps_t)first->steps)(instances, (size_t)n, t, first->h, status);
+    else
+        for (int64_t k = 0; k < n && result == RUN_OK; k++)
+            result = step_unit(e, tick, op[k].index, failure);
+    for (int64_t k = 0; k < n && i == n && result == RUN_OK; k++) {
+        const unit_t *u = e->units + op[k].index;
+        if (failed_call(status[k]))
+            result = RUN_STEP;
+        else if (failed_call(status[k] = get_outputs(u, e->signals)))
+            result = RUN_GET;
+        else if (not_finite(e->signals + u->output, u->output_count))
+            result = RUN_NOT_FINITE;
+        if (result == RUN_OK) continue;
+        failure->index = op[k].index;
+        failure->status = status[k];
+    }
+    return result;
+}
+
+/* Copy few numbers: a call of memcpy costs more. */
+INLINE void copy(double *target, const double *source, int64_t n)
+{
+    for (int64_t i = 0; i < n; i++) target[i] = source[i];
+}
+
 INLINE void push(sender_t *l, const operation_t *op, const double *value)
 {
     double *sample = l->history + (l->sent & (l->capacity - 1)) * l->width;
     if (op->gain == 1.0 && op->offset == 0.0)
-        memcpy(sample, value, (size_t)l->width * sizeof *value);
+        copy(sample, value, l->width);
     else
         for (int64_t i = 0; i < l->width; i++) sample[i] = op->gain * value[i] + op->offset;
     publish(&l->sent, l->sent + 1);
@@ -131,7 +191,7 @@ INLINE int pull(link_t *l, double *target)
         if (held >= sent || held < sent - from->capacity) return RUN_HISTORY;
         value = from->history + (held & (from->capacity - 1)) * from->width;
     }
-    memcpy(target, value, (size_t)from->width * sizeof *value);
+    copy(target, value, from->width);
     l->held = held;
     return RUN_OK;
 }
@@ -151,7 +211,10 @@ INLINE void record(engine_t *e, int64_t tick, const operation_t *op)
 
     for (int64_t i = 0; i < columns->n_stretches; i++) {
         const stretch_t *x = columns->stretches + i;
-        memcpy(row + x->place, e->signals + x->source, (size_t)x->count * sizeof *row);
+        if (x->count > 64)
+            memcpy(row + x->place, e->signals + x->source, (size_t)x->count * sizeof *row);
+        else
+            copy(row + x->place, e->signals + x->source, x->count);
     }
     if (!op->count) return;
     e->row++;
@@ -201,7 +264,7 @@ INLINE int run_operation(engine_t *e, int64_t tick, double *s, const operation_t
 {
     switch (op->code) {
     case OP_COPY:
-        for (int64_t i = 0; i < op->count; i++) s[op->target + i] = s[op->source + i];
+        copy(s + op->target, s + op->source, op->count);
         break;
     case OP_SCALE:
         for (int64_t i = 0; i < op->count; i++)
@@ -219,7 +282,9 @@ INLINE int run_operation(engine_t *e, int64_t tick, double *s, const operation_t
     }
     case OP_AGE: s[op->target] = age(e, tick, op); break;
     case OP_PLAY: return play(e->players + op->index, s + op->target);
-    case OP_STEP: return step_unit(e, tick, op->index, failure);
+    case OP_STEP:
+        if (op->count) return step_units(e, tick, op, failure);
+        return step_unit(e, tick, op->index, failure);
     case OP_GATE:
         if (e->gates[op->index].passing(e->gates[op->index].context, tick, s)) {
             failure->index = op->index;
@@ -243,7 +308,12 @@ INLINE int run_operations(engine_t *e, int64_t tick, int64_t first, int64_t last
 
     for (const operation_t *op = e->operations + first; op < end; op++) {
         const int result = run_operation(e, tick, s, op, failure);
-        if (result == RUN_OK) continue;
+        if (result == RUN_OK) {
+            if (op->code == OP_STEP) op += op->count;
+            continue;
+        }
+        if (op->code == OP_STEP)
+            while (op->index != failure->index) op++; /* of those at once */
         failure->result = result;
         failure->tick = tick;
         failure->operation = op - e->operations;

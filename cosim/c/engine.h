@@ -67,7 +67,8 @@ typedef struct {
     int32_t index;          /* of the unit, link or columns; of what was there last time, in signals */
     int64_t period;         /* ticks */
     int64_t source, target; /* into signals */
-    int64_t count;          /* signals; OP_RECORD: 1, the row is complete with it, else 0 */
+    int64_t count;          /* signals; OP_RECORD: 1, the row is complete with it, else 0; OP_STEP: how
+                             * many more of those behind it are done at once with it */
     double gain, offset;
 } operation_t;
 
@@ -100,6 +101,9 @@ typedef int (*step2_t)(void *, double, double, int);
 typedef int (*set3_t)(void *, const uint32_t *, size_t, const double *, size_t);
 typedef int (*get3_t)(void *, const uint32_t *, size_t, double *, size_t);
 typedef int (*step3_t)(void *, double, double, _Bool, _Bool *, _Bool *, _Bool *, double *);
+
+/* Not of FMI: steps of n instances of one FMU from one time; the status of each. */
+typedef void (*steps_t)(void *const *, size_t, double, double, int *);
 
 typedef int (*access2_t)(void *, const uint32_t *, size_t, void *);
 typedef int (*access3_t)(void *, const uint32_t *, size_t, void *, size_t);
@@ -186,6 +190,8 @@ typedef struct {
     void *current;          /* the step being done, while CVODE calls back */
 } exchange_t;
 
+enum { AT_ONCE = 8 };       /* units that are stepped together, at most */
+
 typedef struct {
     int32_t kind, lag;      /* lag: ticks from the start of the interval to the tick of the step */
     double h;               /* s, length of a step */
@@ -199,6 +205,7 @@ typedef struct {
     int64_t period;         /* ticks */
     double reached;         /* s, where the FMU was when it ended the simulation */
     exchange_t *exchange;
+    void *steps;            /* of UNIT_FMI2, UNIT_FMI3: steps_t, or NULL */
 } unit_t;
 
 /* The sender's side of a link. What its receiver writes is elsewhere: another thread may do so. */

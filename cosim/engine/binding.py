@@ -9,7 +9,7 @@ from __future__ import annotations
 import ctypes as c
 from bisect import bisect_left
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
 
@@ -29,7 +29,7 @@ from cosim.fmi.refusals import step_refused
 from cosim.native import structs
 from cosim.native.structs import MEANS, SLOPES, Code, EngineResult, UnitKind
 from cosim.schedule.operations import Operation
-from cosim.schedule.partition import PlanParts, partition
+from cosim.schedule.partition import PlanParts, merged, partition
 from cosim.schedule.parts import Slot, Step
 from cosim.schedule.plan import Plan
 from cosim.schedule.segments import due_together
@@ -97,11 +97,16 @@ class Binding:
             with starting(step.name):
                 self.units[i] = self._unit(i, step)
         self._divide()
+        self._senders = self._shared_senders() if self.partition else range(len(plan.links))
         operations = _operations(plan.operations, self.partition)
+        self._step_at_once(operations)
         self.senders = (structs.SenderStruct * len(plan.links))()
         self.links = (structs.LinkStruct * len(plan.links))()
-        for i in range(len(plan.links)):
-            self._link(i)
+        rows = [1] * len(plan.links)
+        for i, sender in enumerate(self._senders):
+            rows[sender] = max(rows[sender], self._rows(i))
+        for i, sender in enumerate(self._senders):
+            self._link(i, sender, rows[i])
         self.players = (structs.PlayerStruct * len(plan.players))()
         segments = self._segments([plan.operations], 0, tick)
         state.segments, state.n_segments = c.addressof(segments), len(segments)
@@ -132,8 +137,48 @@ class Binding:
         for staged in (False, True) if self._threads > 1 else (False,):
             found = partition(self.plan, own, staged=staged)
             if found and len(found.components) >= least:
+                count = min(structs.AT_ONCE, len(found.components) // (4 * self._threads))
+                if count > 1 and any(unit.steps for unit in self.units):
+                    found = merged(found, count, bool(own))
                 self.partition, self.together = found, bool(own)
                 return
+
+    def _shared_senders(self) -> list[int]:
+        """Of each link, the first one that sends the same: parts send it once."""
+        plan, first = self.plan, dict[tuple[Any, ...], int]()
+        found = [
+            first.setdefault((x.source.start, x.source.size, x.gain, x.offset), i)
+            for i, x in enumerate(plan.links)
+        ]
+        again = {
+            i for i, op in enumerate(plan.operations)
+            if op.code == Code.PUSH and found[op.index] != op.index
+        }  # fmt: skip
+        if self.partition:
+            own = tuple(tuple(i for i in x if i not in again) for x in self.partition.operations)
+            self.partition = replace(self.partition, operations=own)
+        return found
+
+    def _step_at_once(self, operations: NDArray[np.void]) -> None:
+        """Let steps of instances of one FMU be done together where they follow each other.
+
+        `operations` (n,): of the plan and of its parts, as C has them; their counts are changed.
+        """
+        steps = np.array([u.steps or 0 for u in self.units], dtype=np.uint64)
+        if not steps.any():
+            return
+        step = np.flatnonzero(operations["code"] == Code.STEP)
+        unit = operations["index"][step]
+        alike = np.array([(u.kind, u.lag, u.period) for u in self.units])
+        same = (np.diff(step) == 1) & (steps[unit[1:]] == steps[unit[:-1]]) & (steps[unit[1:]] > 0)
+        same &= (alike[unit[1:]] == alike[unit[:-1]]).all(axis=1)
+        parts = self.partition.operations if self.partition else ()
+        behind = np.cumsum([len(self.plan.operations), *map(len, parts)])
+        same &= ~np.isin(step[1:], behind)
+        starts = np.flatnonzero(np.r_[True, ~same])
+        for start, end in pairwise([*starts.tolist(), len(step)]):
+            for i in range(start, end, structs.AT_ONCE):
+                operations["count"][step[i]] = min(structs.AT_ONCE, end - i) - 1
 
     def _segments(
         self, stages: Sequence[Sequence[Operation]], first: int, tick: int
@@ -276,20 +321,23 @@ class Binding:
 
         return call
 
-    def _link(self, index: int) -> None:
+    def _rows(self, index: int) -> int:
+        """Samples that the sender of a link keeps for it."""
+        link = self.plan.links[index]
+        kept = self._kept.get(link.name, link.table.history)
+        ahead = WINDOW // link.table.grid.n_s + 2 if self.partition else 0
+        return 1 << (kept + ahead - 1).bit_length()
+
+    def _link(self, index: int, sender: int, rows: int) -> None:
         link = self.plan.links[index]
         width = link.source.size
-        kept = self._kept.get(link.name, link.table.history)
-        if self.partition:  # its sender may be a window ahead
-            kept += WINDOW // link.table.grid.n_s + 2
-        capacity = 1 << (kept - 1).bit_length()
-        history = np.zeros((capacity, width))
+        history = np.zeros((rows, width))
         at = link.target.start
         initial = self.signals[at : at + width].copy()
         self._alive += [history, initial]
-        self.senders[index] = structs.SenderStruct(history.ctypes.data, width, 0, capacity)
+        self.senders[index] = structs.SenderStruct(history.ctypes.data, width, 0, rows)
         self.links[index] = structs.LinkStruct(
-            sender=c.addressof(self.senders) + index * c.sizeof(structs.SenderStruct),
+            sender=c.addressof(self.senders) + sender * c.sizeof(structs.SenderStruct),
             initial=initial.ctypes.data, held=-1,
         )  # fmt: skip
 

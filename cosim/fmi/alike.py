@@ -56,3 +56,13 @@ class CommonInstance:
         """Addresses of the three functions `HOT`."""
         set_, step, get = (structs.address(self._calls.function(n)) for n in self.HOT)
         return set_, step, get
+
+    def steps_function(self) -> int:
+        """Address of the function that steps several instances at once, which our own FMUs have.
+
+        0: there is none.
+        """
+        lanes = getattr(self._calls.library, "kernel_lanes", None)
+        if lanes is None or lanes() < 2:
+            return 0
+        return structs.address(self._calls.function("_steps"))

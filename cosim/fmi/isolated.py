@@ -202,6 +202,10 @@ class RemoteInstance:
         """There are none in this process."""
         raise FmuError(f"{self._name}: its functions are in another process")
 
+    def steps_function(self) -> int:
+        """There is none."""
+        return 0
+
     def do_step(self, t: float, h: float) -> None:
         """One communication step, outside of an engine."""
         self._call("do_step", t, h)

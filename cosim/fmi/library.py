@@ -114,6 +114,9 @@ class Instance(Protocol):
     def loop_functions(self) -> tuple[int, int, int]:
         """Addresses of the functions that set, step and get in the loop."""
 
+    def steps_function(self) -> int:
+        """Address of a function that steps several instances at once; 0: there is none."""
+
 
 @dataclass(frozen=True, slots=True)
 class TriggeredClock:

@@ -281,6 +281,10 @@ class ExchangeStruct(c.Structure):
     )
 
 
+#: ``AT_ONCE``: units that are stepped together, at most.
+AT_ONCE = 8
+
+
 class UnitStruct(c.Structure):
     """``unit_t``."""
 
@@ -304,6 +308,7 @@ class UnitStruct(c.Structure):
         ("period", c.c_int64),
         ("reached", c.c_double),
         ("exchange", c.c_void_p),
+        ("steps", c.c_void_p),
     )
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 from bisect import bisect_right
 from collections import defaultdict
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from cosim.native.structs import Code
 from cosim.schedule.operations import Operation
@@ -81,6 +81,18 @@ def partition(
         frozenset(i for i, c in enumerate(plan.components) if c.name not in now),
         _second(plan) if staged else None,
     )
+
+
+def merged(parts: PlanParts, count: int, alone: int) -> PlanParts:
+    """`count` consecutive parts as one, each; but the first `alone` stay as they are."""
+    n = len(parts.components)
+    groups = [range(i, i + 1) for i in range(alone)]
+    groups += [range(i, min(i + count, n)) for i in range(alone, n, count)]
+
+    def union(entries: Sequence[tuple[int, ...]]) -> tuple[tuple[int, ...], ...]:
+        return tuple(tuple(sorted({i for k in group for i in entries[k]})) for group in groups)
+
+    return replace(parts, components=union(parts.components), operations=union(parts.operations))
 
 
 def _second(plan: Plan) -> int:

@@ -17,10 +17,12 @@ double contact_depth(int law, double x);
 /* The square root of a normal number x > 0, rounded to nearest, without libm. */
 double square_root(double x);
 
+#define SPRING_AND_DAMPER(x, dx, stiffness, damping) ((stiffness) * (x) + (damping) * (dx))
+
 /* N.m; `stiffness` k and `damping` b in N.m/rad^n and N.m.s/rad^(n+1), n = 1 for SPRING_DAMPER. */
 static inline double contact(int law, double x, double dx, double stiffness, double damping) {
     const double torque = law == SPRING_DAMPER
-                              ? stiffness * x + damping * dx
+                              ? SPRING_AND_DAMPER(x, dx, stiffness, damping)
                               : contact_depth(law, x) * (stiffness + damping * dx);
     return x > 0.0 && torque > 0.0 ? torque : 0.0;
 }

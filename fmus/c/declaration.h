@@ -26,6 +26,11 @@ const char *model_initial(Model *x);
  * value has changed. */
 const char *model_step(Model *x, double t, double h);
 
+/* The same for LANES instances at once, with the same bits; why[k] is what model_step returns. */
+enum { LANES = 4 };
+typedef void Steps(Model *const x[], double t, double h, const char *why[]);
+Steps model_steps;
+
 /* The FMI type of a variable and what may be done with it; bits of `Variable.access`. */
 enum {
     IS_REAL = 1,
@@ -54,6 +59,7 @@ typedef struct {
     unsigned n_variables, n_scalars, n_input_ranges;
     int is_clocked;
     double clock_interval; /* s, of a model with a clock */
+    Steps *steps;          /* model_steps of a model that has it, else NULL */
 } Declaration;
 
 extern const Declaration declared;

@@ -15,8 +15,9 @@ static const char DIVERGED[] =
     "the motion left the range of numbers (|q| <= 1e6 rad): diverged, or the step is too long";
 
 /* tau_h = grip (-k_d dq - k_p (q - q_h)), operator's torque on the robot. */
+#define GRIP(grip, k_d, k_p, q_h, q, dq) ((grip) * (-(k_d) * (dq) - (k_p) * ((q) - (q_h))))
 static inline double hand(const Model *x, int i, double q, double dq) {
-    return x->grip * (-x->k_d[i] * dq - x->k_p[i] * (q - x->q_h[i]));
+    return GRIP(x->grip, x->k_d[i], x->k_p[i], x->q_h[i], q, dq);
 }
 
 /* tau_e, robot's torque on its environment. */

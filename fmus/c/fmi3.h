@@ -129,6 +129,9 @@ FMI3(DoStep)(fmi3Instance x, fmi3Float64 currentCommunicationPoint,
              fmi3Float64 communicationStepSize, fmi3Boolean noSetFMUStatePriorToCurrentPoint,
              fmi3Boolean *eventHandlingNeeded, fmi3Boolean *terminateSimulation,
              fmi3Boolean *earlyReturn, fmi3Float64 *lastSuccessfulTime);
+/* Not of FMI: fmi3DoStep of n instances from one time, kernel_lanes() at once where it can be. */
+EXPORT void fmi3_steps(const fmi3Instance c[], size_t n, fmi3Float64 t, fmi3Float64 h,
+                       int status[]);
 FMI3(ActivateModelPartition)(fmi3Instance x, fmi3ValueReference clock,
                              fmi3Float64 activationTime);
 

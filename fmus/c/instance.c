@@ -271,8 +271,9 @@ Status check_inputs(const Instance *x, double t, const char *function) {
     return bad == TIME ? STATUS_OK : discard_input(x, bad, t, function);
 }
 
-Status do_step(Instance *x, double t, double h, const char *function) {
-    double *values = x->values;
+/* Whether the importer may ask for this step now. */
+static inline Status check_step(const Instance *x, double t, double h, const char *function) {
+    const double *values = x->values;
     const double close = 1e-6 * h + 1e-12 * fabs(t); /* importers may have rounded */
     if (!(h > 0.0 && h <= DBL_MAX))
         return refuse(x, function, "the communication step is %g s, expected more than 0", h);
@@ -283,14 +284,45 @@ Status do_step(Instance *x, double t, double h, const char *function) {
         return refuse(x, function, "the step ends at %.17g s, after the stop time %.17g s", t + h,
                       x->stop_time);
     const unsigned bad = find_not_finite(values);
-    if (bad < TIME) return discard_input(x, bad, t, function);
-    if (declared.is_clocked) {
-        const Status status = step_clocked(x, t, h, function);
-        if (status != STATUS_OK) return status;
-    } else {
-        const char *why = model_step((Model *)x->values, t, h);
-        if (why != NULL) return discard(x, function, "at t = %g s %s", t, why);
-    }
-    values[TIME] = t + h;
+    return bad < TIME ? discard_input(x, bad, t, function) : STATUS_OK;
+}
+
+/* The end of a step that the model has made, or `why` not. */
+static inline Status end_step(Instance *x, double t, double h, const char *why,
+                              const char *function) {
+    if (why != NULL) return discard(x, function, "at t = %g s %s", t, why);
+    x->values[TIME] = t + h;
     return STATUS_OK;
+}
+
+Status do_step(Instance *x, double t, double h, const char *function) {
+    const Status status = check_step(x, t, h, function);
+    if (status != STATUS_OK) return status;
+    if (!declared.is_clocked)
+        return end_step(x, t, h, model_step((Model *)x->values, t, h), function);
+    const Status clocked = step_clocked(x, t, h, function);
+    return clocked == STATUS_OK ? end_step(x, t, h, NULL, function) : clocked;
+}
+
+void do_steps(Instance *const x[], size_t n, double t, double h, const char *function,
+              int status[]) {
+    const char *why[LANES] = {NULL};
+    Model *models[LANES];
+    size_t i = 0;
+    for (; declared.steps != NULL && i + LANES <= n; i += LANES) {
+        Instance *const *some = x + i;
+        int *answers = status + i, refused = 0;
+        for (int k = 0; k < LANES; k++) {
+            answers[k] = (int)check_step(some[k], t, h, function);
+            refused += answers[k] != STATUS_OK;
+            models[k] = (Model *)some[k]->values;
+        }
+        if (!refused) declared.steps(models, t, h, why);
+        for (int k = 0; k < LANES; k++) {
+            if (answers[k] != STATUS_OK) continue;
+            if (refused) why[k] = model_step(models[k], t, h);
+            answers[k] = (int)end_step(some[k], t, h, why[k], function);
+        }
+    }
+    for (; i < n; i++) status[i] = (int)do_step(x[i], t, h, function);
 }

@@ -95,6 +95,9 @@ Status settle(Instance *x, const char *function);
 
 /* One communication step h (s) from t (s). */
 Status do_step(Instance *x, double t, double h, const char *function);
+/* The same of n instances, each with its own Status; not of a model with a clock. */
+void do_steps(Instance *const x[], size_t n, double t, double h, const char *function,
+              int status[]);
 
 /* STATUS_DISCARD, after logging a message, if an input is not finite at time t, in s. */
 Status check_inputs(const Instance *x, double t, const char *function);

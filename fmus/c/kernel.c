@@ -3,12 +3,16 @@
  * `x` points to kernel_size() doubles in the order of the declaration. The functions return NULL
  * or a message; they have no state of their own and allocate no memory.
  */
+#include <stddef.h>
 #include <string.h>
 
 #include "export.h"
 #include "declaration.h"
 
 EXPORT size_t kernel_size(void) { return declared.n_scalars; }
+
+/* How many instances it can step at once. */
+EXPORT size_t kernel_lanes(void) { return declared.steps == NULL ? 1 : LANES; }
 
 /* All start values. */
 EXPORT void kernel_reset(double *x) {

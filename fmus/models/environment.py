@@ -35,6 +35,8 @@ def plant(
     parameters: tuple[Variable, ...],
     sources: tuple[str, ...],
     documentation: str | None,
+    *,
+    lanes: bool = False,
 ) -> Model:
     """A plant of an `arm`: ports, its own `parameters`, and grip and wall."""
     return Model(
@@ -46,6 +48,7 @@ def plant(
         step=1e-3,
         terminals=TERMINALS,
         documentation=documentation or "",
+        lanes=lanes,
     )
 
 

@@ -99,7 +99,7 @@ LANES_INLINE void step_arms(Model *const x[], double h, const char *why[]) {
 /* Whether they differ in numbers only. */
 static int are_alike(Model *const x[]) {
     for (int k = 0; k < LANES; k++)
-        if (x[k]->contact != SPRING_DAMPER || x[k]->substeps != x[0]->substeps ||
+        if ((int)x[k]->contact != SPRING_DAMPER || x[k]->substeps != x[0]->substeps ||
             is_level(x[k]) != is_level(x[0]))
             return 0;
     return 1;

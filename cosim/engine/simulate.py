@@ -7,6 +7,7 @@ import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +26,7 @@ from cosim.links.statistics import Ages, LinkStatistics
 from cosim.links.writer import TableWriter
 from cosim.record import Column, Recorder, claim_folder, link_file, seal, write_metadata
 from cosim.record.folder import FINISHED, LAST, RUNNING, STOPPED
+from cosim.record.link_tables import MANY, TablesWriter
 from cosim.record.recover import is_unfinished
 from cosim.scenario.assemble import assemble
 from cosim.scenario.exposed import is_pattern, matching
@@ -125,11 +127,11 @@ def simulate(
         everything = recorded
     width = plan.n_signals if taken is None else len(taken)
     rows = max(64, min(CHUNK_TICKS, CHUNK_VALUES // max(1, width), plan.ticks + 2))
-    tables: dict[str, TableWriter] = {}
+    tables: dict[str, Callable[[NDArray[np.int32]], None]] = {}
     counts = {x.name: _Counted(Ages(x.table.grid)) for x in plan.links}
 
     def keep(name: str, held: NDArray[np.int32]) -> None:
-        tables[name].write(held)
+        tables[name](held)
         counts[name].add(held)
 
     with ExitStack() as stack:
@@ -140,9 +142,7 @@ def simulate(
         facts = {**metadata(scenario, plan), **(further or {})}
         stack.enter_context(_completed(folder, facts))
         stack.callback(engine.save_logs, folder)
-        for x in plan.links:
-            writer = TableWriter(link_file(folder, x.name), x.table.facts())
-            tables[x.name] = stack.enter_context(writer)
+        tables |= _table_writers(folder, plan, stack)
         recorder = Recorder(
             folder, recorded, h=plan.h, every=scenario.run.record.every, rows_per_chunk=rows,
             n_signals=width, everything=everything,
@@ -169,6 +169,20 @@ def simulate(
         folder, plan, engine.tick, engine.tick * plan.h, wall, statistics, late, engine.ended,
         shared,
     )  # fmt: skip
+
+
+def _table_writers(
+    folder: Path, plan: Plan, stack: ExitStack
+) -> Mapping[str, Callable[[NDArray[np.int32]], None]]:
+    """What takes the rows of each link's table: a file for each, or one for many links."""
+    facts = {x.name: x.table.facts() for x in plan.links}
+    if len(plan.links) >= MANY and not plan.buses:
+        together = stack.enter_context(TablesWriter(folder, facts))
+        return {name: partial(together.write, name) for name in facts}
+    return {
+        name: stack.enter_context(TableWriter(link_file(folder, name), found)).write
+        for name, found in facts.items()
+    }
 
 
 class _Counted:

@@ -3,7 +3,8 @@
 The same rows and facts give the same bytes, however the rows were handed over. A stored table
 replays: it answers like one that is drawn, without law or semantics. While a table is written it is
 ``NAME.rows``: a line of JSON with the facts, then the rows (int32, little-endian). Such a file of a
-process that was killed is read like a finished one.
+process that was killed is read like a finished one. Tables of many links are in one file
+(:mod:`cosim.record.link_tables`), and their paths are in it.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ from cosim.links.laws import IntArray
 from cosim.links.table import TableStream, check_indices
 from cosim.record.arrow import numpy
 from cosim.record.folder import ROWS
+from cosim.record.link_tables import is_together, table_facts, table_rows
 
 COLUMN = "sent"
 FACTS = b"cosim.link"
@@ -141,6 +143,10 @@ def table_groups(path: Path) -> Iterator[NDArray[np.int32]]:
     if path.suffix == ROWS:
         yield from _rows_of_unfinished(path)
         return
+    if is_together(path):
+        rows = table_rows(path)
+        yield from (rows[first : first + GROUP] for first in range(0, len(rows), GROUP))
+        return
     import pyarrow.parquet as pq
 
     with pq.ParquetFile(path) as file:
@@ -165,9 +171,13 @@ def _rows_of_unfinished(path: Path) -> Iterator[NDArray[np.int32]]:
 
 def read_facts(path: Path) -> tuple[dict[str, Any], int]:
     """Facts and number of rows. Raises ScenarioError if this is not a link table."""
-    if not path.is_file():
+    schema: str | bytes
+    if is_together(path):
+        schema, length = table_facts(path)
+    elif not path.is_file():
         raise ScenarioError("no such file; expected a stored link table", str(path))
-    schema, length = _row_file_facts(path) if path.suffix == ROWS else _parquet_facts(path)
+    else:
+        schema, length = _row_file_facts(path) if path.suffix == ROWS else _parquet_facts(path)
     try:
         facts = json.loads(schema)
     except ValueError as error:  # also UnicodeDecodeError

@@ -16,7 +16,8 @@ from cosim.base.closing import Closing
 from cosim.base.errors import RunError
 from cosim.links.storage import COLUMN, FACTS, GROUP, read_facts, table_groups
 from cosim.record.arrow import arrow
-from cosim.record.folder import ROWS, link_files, reason
+from cosim.record.folder import ROWS, TABLE_ROWS, TABLES, link_files, read_metadata, reason
+from cosim.record.link_tables import complete
 
 
 class TableWriter(Closing):
@@ -112,6 +113,9 @@ def _write_errors(path: Path) -> Iterator[None]:
 
 def recover_tables(folder: Path) -> None:
     """Make the tables of a run that was cut short into Parquet files. Raises CosimError."""
+    if (folder / TABLE_ROWS).exists():
+        with _write_errors(folder / TABLES):
+            complete(folder, read_metadata(folder).get("links", {}))
     for rows in link_files(folder).values():
         if rows.suffix == ROWS:
             with _write_errors(rows):

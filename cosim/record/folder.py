@@ -19,6 +19,8 @@ PART, LIVE = "trajectories.parquet.part", "trajectories.live"
 METADATA = "run.json"
 LAST = "last.parquet"
 LINKS = "links"
+#: Tables of many links in one file, finished and while a run goes on.
+TABLES, TABLE_ROWS = "links.parquet", "links.rows"
 #: Of a rehearsal: the journals of its nodes, of which trajectories are made at its end.
 NODES, JOURNAL = "nodes", ".journal"
 SUMS = "SHA256SUMS"
@@ -27,7 +29,7 @@ ROWS = ".rows"
 #: What ``status`` of ``run.json`` may be. A folder that is "running" and whose run is not there any
 #: more was cut short; `cosim recover` makes it "recovered".
 RUNNING, FINISHED, STOPPED, RECOVERED = "running", "finished", "stopped", "recovered"
-_SINGLE = (TRAJECTORIES, PART, LIVE, METADATA, LAST, SUMS)
+_SINGLE = (TRAJECTORIES, PART, LIVE, METADATA, LAST, SUMS, TABLES, TABLE_ROWS)
 
 
 def claim_folder(folder: str | Path, *, force: bool = False) -> Path:
@@ -91,7 +93,7 @@ def link_file(folder: str | Path, name: str) -> Path:
 
 
 def link_files(folder: Path) -> dict[str, Path]:
-    """The stored link tables of a folder: file by link name, sorted by name.
+    """The link tables of a folder that are files of their own, by link name, sorted by name.
 
     Of a run that was cut short, the rows written until then.
     """

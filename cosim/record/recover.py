@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from cosim.base.errors import RunError, ScenarioError
 from cosim.record.folder import JOURNAL, LAST, LIVE, NODES, PART, TRAJECTORIES, link_files, reason
 from cosim.record.groups import SETTINGS, batch, schema
+from cosim.record.link_tables import table_paths
 from cosim.record.live import Column, Live, Rows, in_use
 from cosim.record.pages import groups
 
@@ -49,9 +50,13 @@ def is_recording(folder: Path) -> bool:
 
 
 def stored_tables(folder: Path) -> dict[str, Path]:
-    """Like :func:`link_files`; for interrupted nodes, the tables according to their journals."""
+    """The stored link tables of a folder: path by link name, sorted by name.
+
+    For interrupted nodes, the tables according to their journals.
+    """
     whole = journals(folder) and is_unfinished(folder)
-    return link_files(_collected(folder) if whole else folder)
+    place = _collected(folder) if whole else folder
+    return dict(sorted({**link_files(place), **table_paths(place)}.items()))
 
 
 def _collected(folder: Path) -> Path:

@@ -12,7 +12,8 @@ It returns every output, and the locals that it changes: these are `x` in the ne
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import os
+from collections.abc import Callable, Hashable
 from typing import TYPE_CHECKING, NamedTuple, TypeAlias, final
 
 from fmus.models.start import checked_outputs, copy_state, initial_input, received, start_values
@@ -96,6 +97,21 @@ class Derived(NamedTuple):
     reference: Callable[..., Reference]
 
 
+#: FMUs of models by what was asked for: many components are of one model.
+_found: dict[Hashable, Path] = {}
+
+
+def _find(declared: Model, version: Version) -> Path:
+    """The FMU of the installation, or else of the cache. Raises FmuError."""
+    from fmus.shipped import shipped
+
+    if found := shipped(declared, version):
+        return found
+    from fmus.build import find
+
+    return find(declared, version)
+
+
 def derive(model: Callable[..., Model], law: Law, start: Law | None = None) -> Derived:
     """FMU, kernel and NumPy reference of a model by its declaration, a function of its sizes.
 
@@ -107,14 +123,14 @@ def derive(model: Callable[..., Model], law: Law, start: Law | None = None) -> D
 
         Raises FmuError where it cannot be built.
         """
-        from fmus.shipped import shipped
+        from fmus import shipped
 
-        declared = model(*sizes, **named)
-        if found := shipped(declared, version):
-            return found
-        from fmus.build import find
-
-        return find(declared, version)
+        place = shipped.FOLDER, os.environ.get("XDG_CACHE_HOME")
+        key = model, version, sizes, tuple(named.items()), place
+        found = _found.get(key)
+        if found is None or not found.is_file():
+            found = _found[key] = _find(model(*sizes, **named), version)
+        return found
 
     def kernel(*sizes: int, **named: int) -> Kernel:
         """The C kernel of the FMU as a component, without FMI in between: the same numbers."""

@@ -16,6 +16,7 @@ import zipfile
 import zlib
 from collections import Counter
 from contextlib import suppress
+from functools import lru_cache
 from pathlib import Path, PurePosixPath
 
 #: Bytes an archive may unpack to, and its description may have; entries it may have.
@@ -51,13 +52,25 @@ def unpack(path: Path, what: str, description: str, place: str) -> tuple[Path, s
             raise ArchiveError("no such file")
         if not path.is_file():
             raise ArchiveError(f"is not a file; expected an .{what.lower()} file")
-        sha256 = hashlib.sha256(path.read_bytes()).hexdigest()
+        sha256 = _sha256(path)
     except (OSError, ValueError) as error:  # ValueError: a path with a NUL
         raise ArchiveError(f"cannot be read: {error}") from error
     folder = _writable(place) / sha256[:32]
     if not folder.is_dir():
         _extract(path, what, description, folder)
     return folder, sha256
+
+
+def _sha256(path: Path) -> str:
+    """The sum of a file, computed once for a file that many components are made of."""
+    found = path.stat()
+    return _sum(path, (found.st_ino, found.st_size, found.st_mtime_ns, found.st_ctime_ns))
+
+
+@lru_cache(maxsize=64)
+def _sum(path: Path, state: tuple[int, ...]) -> str:
+    del state  # when it differs, the file is another one
+    return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
 def _writable(place: str) -> Path:

@@ -246,7 +246,7 @@ class Binding:
         unit.input, unit.input_count = _extent(step.inputs)
         unit.output, unit.output_count = _extent(step.outputs)
         fmu = stepped_fmu(step.component)
-        if isinstance(step.component, NativeComponent):
+        if fmu is None and isinstance(step.component, NativeComponent):
             unit.kind = structs.UnitKind.NATIVE
             unit.step, unit.instance = step.component.native_step(h)
             return unit

@@ -35,12 +35,16 @@ def initialize(
     for player in plan.players:
         part(signals, player.target)[:] = player.source.stream().rows(1)
 
+    known = dict[int, bytes]()  # the inputs for which each component has said its outputs
+
     def settle(unsettled: Collection[int]) -> None:
         for _ in range(len(plan.components) + 1):
             before = signals.tobytes()
             for i, step in enumerate(plan.components):
                 _gather(signals, fed[step.name])
-                if i in unsettled:
+                given = b"".join(part(signals, slot).tobytes() for slot in step.inputs)
+                if i in unsettled and known.get(i) != given:
+                    known[i] = given
                     with starting(step.name):
                         store(outputs[i], step.component.initial(inputs[i]))
             if signals.tobytes() == before:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import shutil
 import tempfile
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections import defaultdict
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -259,9 +261,13 @@ class FmuComponent:
 
     def initial(self, u: Values) -> Outputs:
         """Outputs in Initialization Mode for inputs `u`."""
+        given: dict[str, list[float]] = {}
         for name, value in u.items():
             if self.groups[name].first.type != "Clock":
-                self._set(name, value)
+                given[name] = self._checked(name, value)
+        for kind, some in self._together([self.groups[name] for name in given]):
+            values = [v for g in some for v in given[g.name]]
+            self.instance.set(kind, [r for g in some for r in g.references], values)
         outputs = [g for g in self.carried("output") if g.name not in self._observed]
         return self._outputs(outputs) | self._declared()
 
@@ -271,14 +277,23 @@ class FmuComponent:
         return {g.name: self._shaped(g.name, start_numbers(g)) for g in observed}
 
     def _outputs(self, groups: Sequence[VariableGroup]) -> dict[str, np.ndarray[Any, Any]]:
-        return {
-            g.name: self._shaped(
-                g.name,
-                [0.0] * g.size if g.first.type == "Clock"
-                else self.instance.get(g.first.type, g.references, g.size),
-            )
-            for g in groups
-        }  # fmt: skip
+        found = {g.name: [0.0] * g.size for g in groups if g.first.type == "Clock"}
+        for kind, some in self._together([g for g in groups if g.name not in found]):
+            references = [r for g in some for r in g.references]
+            values = iter(self.instance.get(kind, references, sum(g.size for g in some)))
+            found |= {g.name: list(islice(values, g.size)) for g in some}
+        return {g.name: self._shaped(g.name, found[g.name]) for g in groups}
+
+    def _together(
+        self, groups: Sequence[VariableGroup]
+    ) -> Iterable[tuple[str, Sequence[VariableGroup]]]:
+        """Those that one call sets or gets, by type: all scalars, but arrays one by one, so that an
+        FMU says which one has another size in its binary.
+        """
+        by_type = defaultdict[tuple[str, str], list[VariableGroup]](list)
+        for g in groups:
+            by_type[g.first.type, g.name if g.first.shape else ""].append(g)
+        return ((kind, some) for (kind, _), some in by_type.items())
 
     def exit_initialization(self) -> dict[str, np.ndarray[Any, Any]]:
         """Leave Initialization Mode, once; otherwise the first step does it.

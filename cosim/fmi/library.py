@@ -10,6 +10,7 @@ from __future__ import annotations
 import ctypes as c
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -170,6 +171,12 @@ class Setup:
     exchange: bool = False
 
 
+@cache
+def _loaded(path: str) -> tuple[c.CDLL, dict[tuple[Any, ...], Any]]:
+    """A library, which stays loaded, and its functions by name and types. Raises OSError."""
+    return c.CDLL(path), {}
+
+
 class Calls:
     """A library's functions, each checked: absent ones and bad statuses become FmuError."""
 
@@ -180,10 +187,11 @@ class Calls:
                 f"{setup.name}: cannot load {setup.path.name}: the file is {lacks} bytes too short"
             )
         try:
-            self.library = c.CDLL(str(setup.path))
+            self.library, self._functions = _loaded(str(setup.path))
         except OSError as error:
             raise FmuError(f"{setup.name}: cannot load {setup.path.name}: {error}") from error
         self.prefix, self.name, self.log = prefix, setup.name, log
+        self._checked: dict[str, Callable[..., None]] = {}
         #: OK, ERROR or FATAL: the worst that was returned.
         self.broken = OK
         #: Whether initialization is over: only then may an instance be terminated.
@@ -191,11 +199,15 @@ class Calls:
 
     def function(self, suffix: str, *types: Any, result: Any = c.c_int) -> Any:
         """A function by its name without the prefix. Raises FmuError where it is missing."""
+        known = self._functions.get((self.prefix + suffix, types, result))
+        if known is not None:
+            return known
         try:
-            function = getattr(self.library, self.prefix + suffix)
+            function = self.library[self.prefix + suffix]
         except AttributeError:
             raise FmuError(f"{self.name}: the binary lacks {self.prefix}{suffix}") from None
         function.argtypes, function.restype = types, result
+        self._functions[self.prefix + suffix, types, result] = function
         return function
 
     def checked(self, suffix: str, *types: Any) -> Callable[..., None]:
@@ -203,6 +215,8 @@ class Calls:
 
         After an error or a fatal one nothing is called any more, and FmuError says so.
         """
+        if suffix in self._checked:
+            return self._checked[suffix]
         function, name = self.function(suffix, *types), f"{self.prefix}{suffix}"
 
         def call(*arguments: Any) -> None:
@@ -214,6 +228,7 @@ class Calls:
                 said = self.log.said()
                 raise FmuError(f"{self.name}: {name} returned {status_name(status)}: {said}")
 
+        self._checked[suffix] = call
         return call
 
     def returned(self, status: int) -> None:

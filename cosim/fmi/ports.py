@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import product
 from math import prod
 
@@ -21,21 +21,20 @@ class VariableGroup:
     name: str
     shape: tuple[int, ...]
     variables: tuple[FmuVariable, ...]
+    #: Number of scalars.
+    size: int = field(init=False, compare=False, repr=False)
+    #: Value references, in order.
+    references: tuple[int, ...] = field(init=False, compare=False, repr=False)
 
-    @property
-    def size(self) -> int:
-        """Number of scalars."""
-        return prod(self.shape)
+    def __post_init__(self) -> None:
+        """Compute what is asked for again and again."""
+        object.__setattr__(self, "size", prod(self.shape))
+        object.__setattr__(self, "references", tuple(v.reference for v in self.variables))
 
     @property
     def first(self) -> FmuVariable:
         """The first variable, which represents all: they have the same type, unit and causality."""
         return self.variables[0]
-
-    @property
-    def references(self) -> tuple[int, ...]:
-        """Value references, in order."""
-        return tuple(v.reference for v in self.variables)
 
     @property
     def start(self) -> tuple[str, ...]:

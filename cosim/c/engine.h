@@ -246,6 +246,8 @@ typedef struct {
     segment_t *segments;
     int64_t n_segments, tick;
     int64_t n_first;        /* segments in the first stage */
+    const int32_t *links;   /* those it receives by */
+    int64_t n_links;
 } part_t;
 
 /* A thread's own share of a window, in cache lines of its own: the ticket of its chunks; which of its

@@ -23,6 +23,7 @@
 #define LOAD(place) __atomic_load_n(place, __ATOMIC_ACQUIRE)
 #define STORE(place, value) __atomic_store_n(place, value, __ATOMIC_RELEASE)
 #define ADD(place, value) __atomic_fetch_add(place, value, __ATOMIC_ACQ_REL)
+#define FETCH(place) __builtin_prefetch(place)
 #define SWAP(place, old, value) \
     __atomic_compare_exchange_n(place, old, value, 0, __ATOMIC_ACQ_REL, __ATOMIC_ACQUIRE)
 #else /* a compiler whose atomic operations are not known here: one thread */
@@ -30,6 +31,7 @@
 #define STORE(place, value) (*(place) = (value))
 #define ADD(place, value) ((*(place) += (value)) - (value))
 #define SWAP(place, old, value) (*(place) = (value), 1)
+#define FETCH(place) (void)(place)
 #endif
 
 enum { CHUNK_BITS = 20, CHUNKS_A_THREAD = 16, SPINS = 2000, FATAL = 4 };
@@ -109,6 +111,26 @@ NOINLINE void run_part(engine_t *e, part_t *part, member_t *mine)
     }
 }
 
+/* Ask for what a part reads next of its links, while others run: rows of tables, then the samples. */
+static void fetch_rows(const engine_t *e, const part_t *part)
+{
+    for (int64_t i = 0; i < part->n_links; i++) {
+        const link_t *l = e->links + part->links[i];
+        FETCH(l->table + l->row);
+    }
+}
+
+static void fetch_samples(const engine_t *e, const part_t *part)
+{
+    for (int64_t i = 0; i < part->n_links; i++) {
+        const link_t *l = e->links + part->links[i];
+        const sender_t *from = l->sender;
+        if (l->row < l->rows && l->table[l->row] >= 0)
+            FETCH(from->history +
+                  ((l->table[l->row] - l->before) & (from->capacity - 1)) * from->width);
+    }
+}
+
 /* The part of `count` things that is number `part` of `parts`: where it begins. */
 static int64_t begin_of(int64_t count, uint64_t part, uint64_t parts)
 {
@@ -124,8 +146,13 @@ static void run_chunk(engine_t *e, int32_t owner, uint64_t chunk, uint64_t chunk
     const int64_t size = begin_of(n, (uint64_t)owner + 1, (uint64_t)team->threads) - begin;
     part_t *parts = team->parts + team->first + begin;
 
-    for (int64_t i = begin_of(size, chunk, chunks); i < begin_of(size, chunk + 1, chunks); i++)
+    const int64_t end = begin_of(size, chunk + 1, chunks);
+
+    for (int64_t i = begin_of(size, chunk, chunks); i < end; i++) {
+        if (i + 2 < end) fetch_rows(e, parts + i + 2);
+        if (i + 1 < end) fetch_samples(e, parts + i + 1);
         run_part(e, parts + i, mine);
+    }
 }
 
 /* Takes chunks of a member until it has no more. */

@@ -208,6 +208,10 @@ class Binding:
             segments = self._segments(stages, first, tick)
             part.segments, part.n_segments = c.addressof(segments), len(segments)
             part.n_first = sum(x.last <= first + cut for x in segments)
+            pulled = [op.index for stage in stages for op in stage if op.code == Code.PULL]
+            links = np.array(pulled, dtype=np.int32)
+            self._alive.append(links)
+            part.links, part.n_links = links.ctypes.data, len(links)
             first += len(places)
 
     def _recorded(self) -> int:

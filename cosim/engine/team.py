@@ -24,6 +24,8 @@ from cosim.schedule.parts import Link
 
 #: How the threads are called, with a number.
 NAME = "engine thread"
+#: Ticks of a window that need not be longer: the rows are not searched for it.
+ENOUGH = 16
 
 
 class Team:
@@ -61,7 +63,8 @@ class Team:
         return int(self._team.longest)
 
     def allow(self, rows: Mapping[str, NDArray[np.int32]], tick: int) -> None:
-        """Make windows as long as the least delay in the next rows of the links' tables.
+        """Make windows as long as the least delay in the next rows of the links' tables, or long
+        enough.
 
         `rows` (n,): by link, the samples held; `tick`: of the first of them or before.
         """
@@ -73,6 +76,8 @@ class Team:
     @staticmethod
     def _least(link: Link, held: NDArray[np.int32], tick: int) -> int:
         """The least age of a sample in these rows, up to a window."""
+        if link.table.minimum_delay_ticks >= ENOUGH:
+            return min(WINDOW, link.table.minimum_delay_ticks)
         grid = link.table.grid
         first = -(-tick // grid.n_r) * grid.n_r
         looks = np.arange(first, first + held.size * grid.n_r, grid.n_r)

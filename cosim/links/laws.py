@@ -18,6 +18,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, fields
 from fractions import Fraction
+from functools import lru_cache
 from math import isfinite
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
@@ -216,18 +217,37 @@ class _Held:
         self._fresh, self._ratio = draw, ratio
         self._sample = 0  # the next sample
         self._draw = -1  # index of the last draw made
-        self._value = np.empty(1)  # (1,), the last draw made, s
+        self._value = np.zeros(1)  # (1,), the last draw made, s
 
     def take(self, n: int) -> FloatArray:
+        drawn, which = self.draws(n)
+        return drawn[which]
+
+    def draws(self, n: int) -> tuple[FloatArray, IntArray]:
+        """The draws for the next `n` samples (s), and which of them each sample has (n,)."""
         if n == 0:
-            return np.empty(0)
+            return np.empty(0), np.empty(0, np.int64)
         p, q = self._ratio.numerator, self._ratio.denominator
         whole, rest = divmod(self._sample * p, q)  # Python integers: no overflow in long runs
-        draw = (rest + p * np.arange(n, dtype=np.int64)) // q  # (n,), relative to `whole`
-        first = self._draw - whole  # what `_value` holds, relative as well
-        drawn = np.concatenate((self._value, self._fresh(int(draw[-1]) - first)))
-        self._sample, self._draw, self._value = self._sample + n, whole + int(draw[-1]), drawn[-1:]
-        return drawn[draw - first]
+        first = self._draw - whole  # what `_value` holds, relative to `whole`
+        which = _which(p, q, rest, n, first)
+        drawn = np.concatenate((self._value, self._fresh(int(which[-1]))))
+        self._sample, self._value = self._sample + n, drawn[-1:]
+        self._draw = whole + first + int(which[-1])
+        return drawn, which
+
+
+def draws(delays: Delays, n: int) -> tuple[FloatArray, IntArray | slice]:
+    """The next delays as draws (s), and which of them each sample has: an index of the draws."""
+    return delays.draws(n) if isinstance(delays, _Held) else (delays.take(n), slice(None))
+
+
+@lru_cache(maxsize=16)
+def _which(p: int, q: int, rest: int, n: int, first: int) -> IntArray:
+    """(n,): floor((rest + p i)/q) - first; the same for all links with these periods."""
+    which: IntArray = (rest + p * np.arange(n, dtype=np.int64)) // q - first
+    which.flags.writeable = False
+    return which
 
 
 def check_delay(name: str, value: float) -> None:

@@ -38,7 +38,7 @@ import numpy as np
 
 from cosim.base.errors import ScenarioError
 from cosim.links.grid import TOLERANCE, Grid
-from cosim.links.laws import FloatArray, IntArray, Law
+from cosim.links.laws import FloatArray, IntArray, Law, draws
 
 if TYPE_CHECKING:
     from numpy.random import Generator
@@ -122,13 +122,19 @@ class _SignalRows:
         self._delays, self._grid, self._row = law.stream(grid.receiving_period, rng), grid, 0
 
     def take(self, n: int) -> IntArray:
-        n_s = self._grid.n_s
-        K = self._grid.n_r * np.arange(self._row, self._row + n, dtype=np.int64)
+        n_s, n_r, row = self._grid.n_s, self._grid.n_r, self._row
         self._row += n
-        back = _nearest(self._delays.take(n), self._grid).astype(np.int64)
-        j: IntArray = K - back
-        if n_s > 1:
-            j = np.minimum(-(-j // n_s), K // n_s)  # ceil(j/n_s), if it has been sent
+        drawn, which = draws(self._delays, n)
+        back = _nearest(drawn, self._grid).astype(np.int64)
+        if n_r % n_s == 0:  # the receiver reads when the sender sends
+            ratio = n_r // n_s
+            j: IntArray = np.arange(ratio * row, ratio * (row + n), ratio, dtype=np.int64)
+            j -= (back // n_s)[which]
+        else:
+            K = n_r * np.arange(row, row + n, dtype=np.int64)
+            j = np.minimum(
+                -((back[which] - K) // n_s), K // n_s
+            )  # ceil(j/n_s), if it has been sent
         return np.maximum(j, -1, out=j)
 
 

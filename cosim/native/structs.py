@@ -144,6 +144,8 @@ class PartStruct(c.Structure):
     _fields_ = (
         ("segments", c.c_void_p),
         *((n, c.c_int64) for n in ("n_segments", "tick", "n_first")),
+        ("links", c.c_void_p),
+        ("n_links", c.c_int64),
     )
 
 

@@ -44,7 +44,7 @@ class TablesWriter(Closing):
         first = json.dumps(list(facts)).encode()
         part = self._path.with_name(f"{TABLE_ROWS}.part")
         try:
-            self._file: BufferedWriter = part.open("wb")
+            self._file: BufferedWriter = part.open("wb", buffering=1 << 20)
             self._file.write(first + b" " * (-(len(first) + 1) % 4) + b"\n")
             self._file.flush()
             part.replace(self._path)
@@ -56,10 +56,11 @@ class TablesWriter(Closing):
         self._block[name] = rows
         if len(self._block) < len(self._facts):
             return
-        block = [self._block[name] for name in self._facts]
+        block = [np.ascontiguousarray(self._block[name], "<i4") for name in self._facts]
         try:
-            self._file.write(np.array([len(rows) for rows in block], "<i4").tobytes())
-            self._file.write(np.concatenate(block).astype("<i4", copy=False).tobytes())
+            self._file.write(np.array([len(rows) for rows in block], "<i4"))
+            for rows in block:
+                self._file.write(rows)
             self._file.flush()
         except OSError as error:
             raise self._error(error) from error

@@ -207,9 +207,10 @@ static double age(const engine_t *e, int64_t tick, const operation_t *op)
 INLINE void record(engine_t *e, int64_t tick, const operation_t *op)
 {
     const columns_t *columns = e->columns + op->index;
+    const int64_t n = e->every > 1 && tick % e->every ? 0 : columns->n_stretches;
     double *row = e->record + (e->row + tick - e->tick) * e->width;
 
-    for (int64_t i = 0; i < columns->n_stretches; i++) {
+    for (int64_t i = 0; i < n; i++) {
         const stretch_t *x = columns->stretches + i;
         if (x->count > 64)
             memcpy(row + x->place, e->signals + x->source, (size_t)x->count * sizeof *row);

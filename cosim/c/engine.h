@@ -291,6 +291,7 @@ typedef struct {
     int64_t n_segments, n_signals, width;
     int64_t row, tick;
     int64_t failed_tick;
+    int64_t every;          /* ticks between two rows that are recorded; the others are only counted */
     double h;
     int32_t stop;           /* set from outside */
     int32_t failed_index, failed_status;

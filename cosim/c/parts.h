@@ -238,13 +238,13 @@ static void run_window(engine_t *e, int64_t limit, failure_t *failure, failure_t
     team->stage = 0;
 }
 
-/* Parts that are beyond `tick` go back to it, as far as signals are recorded: to what they were
+/* Parts that are beyond `tick` go back to it, as far as signals are recorded in every tick: to what they were
  * when the row of `tick` was, or `done`, at the end of that tick. */
 static void go_back(engine_t *e, int64_t tick, int done)
 {
     const team_t *team = e->team;
 
-    for (int64_t k = 0; k < team->n_parts && e->record; k++) {
+    for (int64_t k = 0; k < team->n_parts && e->record && e->every <= 1; k++) {
         const columns_t *columns = e->columns + 1 + k;
         if (team->parts[k].tick <= tick + done) continue;
         for (int64_t i = 0; i < columns->n_stretches; i++) {

@@ -44,7 +44,8 @@ class Engine:
     link's table as they are used, if `keep_tables` is given: called with (link name, rows).
     `gates`: (address of the function, of its context) of each gate of the plan, by its name; those
     of the plan's buses come with them. `threads`: how many share the components; the results are
-    the same for any number. `columns`: the signals in a recorded row; None: all of them.
+    the same for any number. `columns`: the signals in a recorded row; None: all of them. `every`: a
+    row is filled in at ticks k with k mod every = 0 only.
     """
 
     def __init__(
@@ -54,6 +55,7 @@ class Engine:
         gates: Mapping[str, tuple[int, int]] | None = None,
         threads: int = 1,
         columns: Sequence[int] | None = None,
+        every: int = 1,
     ) -> None:
         self.plan, self._threads = plan, threads
         self.signals: Vector = np.zeros(plan.n_signals)
@@ -74,6 +76,7 @@ class Engine:
             plan, self.signals, self._inputs, self._outputs, gates, threads, columns
         )
         self._state = self._bound.state
+        self._state.every = every
         self._library = structs.library()
 
     def __enter__(self) -> Engine:

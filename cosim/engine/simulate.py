@@ -126,6 +126,7 @@ def simulate(
         recorded = [replace(column, index=i) for i, column in enumerate(recorded)]
         everything = recorded
     width = plan.n_signals if taken is None else len(taken)
+    every = 1 if taken is None else scenario.run.record.every
     rows = max(64, min(CHUNK_TICKS, CHUNK_VALUES // max(1, width), plan.ticks + 2))
     tables: dict[str, Callable[[NDArray[np.int32]], None]] = {}
     counts = {x.name: _Counted(Ages(x.table.grid)) for x in plan.links}
@@ -135,7 +136,9 @@ def simulate(
         counts[name].add(held)
 
     with ExitStack() as stack:
-        engine = stack.enter_context(Engine(plan, keep, threads=threads, columns=taken))
+        engine = stack.enter_context(
+            Engine(plan, keep, threads=threads, columns=taken, every=every)
+        )
         engine.initialize()
         stack.enter_context(stop_on_signal(engine.stop))  # what is opened from here on is closed
         claim_folder(folder, force=force)
@@ -145,12 +148,12 @@ def simulate(
         tables |= _table_writers(folder, plan, stack)
         recorder = Recorder(
             folder, recorded, h=plan.h, every=scenario.run.record.every, rows_per_chunk=rows,
-            n_signals=width, everything=everything,
+            n_signals=width, everything=everything, sparse=taken is not None,
         )  # fmt: skip
         stack.enter_context(recorder)
         watch = stopwatch()
         try:
-            _loop(engine, plan, recorder, rows, taken, progress)
+            _loop(engine, plan, recorder, rows, taken, sparse=every > 1, progress=progress)
         except BaseException as error:
             _save_failure(error, recorder, everything, folder)
             raise
@@ -216,6 +219,8 @@ def _loop(
     recorder: Recorder,
     rows: int,
     taken: Sequence[int] | None,
+    *,
+    sparse: bool,
     progress: Callable[[int, int], None],
 ) -> None:
     while True:
@@ -229,10 +234,13 @@ def _loop(
         finally:
             n = engine.rows
             done = engine.tick == plan.ticks or engine.ended is not None
-            if failed or (done and n == engine.tick - first):  # the last row, as everything stands
+            early = failed or engine.ended is not None
+            last = failed or (done and n == engine.tick - first)
+            last &= not (sparse and early)  # other parts may be ahead, and no row says of what
+            if last:  # as everything stands
                 buffer[n] = engine.signals if taken is None else engine.signals[taken]
                 n += 1
-            recorder.submit(buffer, first, n)
+            recorder.submit(buffer, first, n, last=last)
         if engine.tick < first + ticks and not done:
             raise Interrupted(engine.tick * plan.h, str(recorder.path.parent))
         progress(engine.tick, plan.ticks)

@@ -356,6 +356,7 @@ class EngineState(c.Structure):
         *((n, c.c_void_p) for n in ("record", "columns", "recorded")),
         *((n, c.c_int64) for n in ("n_segments", "n_signals", "width", "row", "tick")),
         ("failed_tick", c.c_int64),
+        ("every", c.c_int64),
         ("h", c.c_double),
         ("stop", c.c_int32),
         ("failed_index", c.c_int32),

@@ -57,6 +57,8 @@ def batch(values: NDArray[np.float64], fields: Any) -> Any:
 class GroupWriter:
     """One Parquet file: ``t`` and the columns, every `every`-th tick and the last one.
 
+    `sparse`: other rows than these are not filled in, and the last one only where that is said.
+
     Boundaries of row groups depend on the number of rows only, so the same rows give the same
     bytes however they were cut into chunks. Not thread-safe; errors of the file pass through.
     """
@@ -70,11 +72,12 @@ class GroupWriter:
         every: int = 1,
         metadata: Mapping[str, str] | None = None,
         live: Live | None = None,
+        sparse: bool = False,
     ) -> None:
         import pyarrow as pa
         import pyarrow.parquet as pq
 
-        self._h, self._every = h, every
+        self._h, self._every, self._sparse = h, every, sparse
         self._index = np.array([column.index for column in columns], dtype=np.intp)
         self._rows = group_rows(len(columns))
         self._counts = np.zeros(2, np.int64)  # rows written, rows in the group
@@ -86,15 +89,15 @@ class GroupWriter:
         self._file: Any = pa.OSFile(str(path), "wb")
         self._writer: Any = pq.ParquetWriter(self._file, self._schema, **SETTINGS)
 
-    def add(self, rows: Rows, k0: int) -> None:
-        """Take `rows` (n, n_signals), the signal vector at ticks k0 … k0+n-1."""
+    def add(self, rows: Rows, k0: int, *, last: bool = False) -> None:
+        """Take `rows` (n, n_signals), signals at ticks k0 … k0+n-1; `last`: there are no more."""
         if not len(rows):
             return
         first = -k0 % self._every
         self._put(rows[first :: self._every], k0 + first)
-        last = k0 + len(rows) - 1
-        off_grid = last % self._every != 0
-        self._pending = (last, rows[-1:].copy()) if off_grid else None
+        newest = k0 + len(rows) - 1
+        kept = newest % self._every != 0 and (last or not self._sparse)
+        self._pending = (newest, rows[-1:].copy()) if kept else None
 
     def _put(self, rows: Rows, k0: int) -> None:
         """Take rows on the grid: ticks k0, k0 + every and so on."""

@@ -44,7 +44,7 @@ class RecordLayout:
 
     `columns`: those of the trajectories; `everything`: those of ``last.parquet``; `h`: base step,
     s; `every`: ticks between two rows that are kept; `rows`: of a chunk; `group`: rows of a row
-    group.
+    group; `sparse`: other rows than those that are kept are not filled in.
     """
 
     columns: tuple[Column, ...]
@@ -56,6 +56,7 @@ class RecordLayout:
     group: int
     metadata: Mapping[str, str] = field(default_factory=dict)
     everything: tuple[Column, ...] = ()
+    sparse: bool = False
 
     def text(self) -> bytes:
         """As JSON; a column is a list of three, which is quicker than an object."""

@@ -45,6 +45,7 @@ class Recorder(Closing):
     k mod every = 0 are kept, and the last one. `rows_per_chunk`: rows (ticks) of a buffer.
     `keep`: ticks the flight recorder reaches back, at least, if chunks are handed in full or a
     row short of it; the buffers (three or more) are as many as that takes.
+    `sparse`: only rows that are kept are filled in, and the flight recorder has no others.
     `metadata`: texts for the file's schema metadata, which is part of its bytes. `everything`: what
     a recovery writes into ``last.parquet``.
 
@@ -65,23 +66,25 @@ class Recorder(Closing):
         keep: int = 1000,
         metadata: Mapping[str, str] | None = None,
         everything: Sequence[Column] = (),
+        sparse: bool = False,
     ) -> None:
         _check(columns, h, n_signals, rows_per_chunk, every, keep)
         self.path = Path(folder) / TRAJECTORIES
         self._columns = tuple(columns)
         self._h, self._every, self._metadata = h, every, metadata
+        self._sparse = sparse and every > 1
         self._n_signals = n_signals
         self._next: int | None = None  # tick expected next
         self._failure: BaseException | None = None
         self._closed = False
         self._free: queue.SimpleQueue[Rows] = queue.SimpleQueue()
-        self._full: queue.SimpleQueue[tuple[Rows, int, int] | None] = queue.SimpleQueue()
+        self._full: queue.SimpleQueue[tuple[Rows, int, int, bool] | None] = queue.SimpleQueue()
         self._out: list[Rows] = []  # with the engine
         self._held: deque[tuple[Rows, int, int]] = deque()  # handed in, not yet reused
         self._buffers = max(3, 1 + ceil(keep / max(1, rows_per_chunk - 1)))
         layout = RecordLayout(
             self._columns, h, every, n_signals, rows_per_chunk, self._buffers,
-            group_rows(len(columns)), metadata or {}, tuple(everything),
+            group_rows(len(columns)), metadata or {}, tuple(everything), self._sparse,
         )  # fmt: skip
         self._live, self._writer = self._create(layout)
         self._chunks = list(self._live.chunks)
@@ -107,7 +110,7 @@ class Recorder(Closing):
         try:
             writer = GroupWriter(
                 folder / PART, layout.columns, h=layout.h, every=layout.every,
-                metadata=layout.metadata, live=live,
+                metadata=layout.metadata, live=live, sparse=layout.sparse,
             )  # fmt: skip
         except OSError as error:
             live.release()
@@ -148,8 +151,11 @@ class Recorder(Closing):
         """Which chunk it is."""
         return next(i for i, rows in enumerate(self._chunks) if rows is buffer)
 
-    def submit(self, buffer: Rows, k0: int, n: int) -> None:
-        """Hand over a buffer: its first `n` rows are ticks `k0` … `k0`+n-1, following the last."""
+    def submit(self, buffer: Rows, k0: int, n: int, *, last: bool = False) -> None:
+        """Hand over a buffer: its first `n` rows are ticks `k0` … `k0`+n-1, following the last.
+
+        `last`: no other rows follow, and the last one is to be kept.
+        """
         place = next((i for i, rows in enumerate(self._out) if rows is buffer), None)
         if place is None or self._closed:
             raise RunError("a buffer was submitted that this recorder did not provide")
@@ -164,7 +170,7 @@ class Recorder(Closing):
         span[1] = n
         self._held.append((buffer, k0, n))
         self._raise_failure()
-        self._full.put((buffer, k0, n))
+        self._full.put((buffer, k0, n, last))
 
     def close(self) -> None:
         """Write the rest and the footer. Later calls do nothing. Raises RunError."""
@@ -217,7 +223,10 @@ class Recorder(Closing):
         k0, rows = self.last(n)
         chosen = self._columns if columns is None else tuple(columns)
         try:
-            writer = GroupWriter(path, chosen, h=self._h, metadata=self._metadata)
+            every = self._every if self._sparse else 1
+            writer = GroupWriter(
+                path, chosen, h=self._h, every=every, metadata=self._metadata, sparse=self._sparse
+            )
             writer.add(rows, k0)
             writer.close()
         except OSError as error:
@@ -232,11 +241,11 @@ class Recorder(Closing):
 
         A chunk is returned for reuse when all its rows are in the row group or the file.
         """
-        chunk: tuple[Rows, int, int] | None = None
+        chunk: tuple[Rows, int, int, bool] | None = None
         try:
             while (chunk := self._full.get()) is not None:
-                rows, k0, n = chunk
-                self._writer.add(rows[:n], k0)
+                rows, k0, n, last = chunk
+                self._writer.add(rows[:n], k0, last=last)
                 self._free.put(rows)
             self._writer.close()
         except Exception as error:

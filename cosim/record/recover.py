@@ -163,7 +163,8 @@ def _groups(folder: Path, live: Live) -> Iterator[NDArray[np.float64]]:
         last = round(rest[0, -1] / said.h)
     for k0, rows in _chunks(live):
         ticks = np.arange(k0, k0 + len(rows))
-        kept = (ticks > last) & ((ticks % said.every == 0) | (ticks == _newest(live)))
+        newest = (ticks == _newest(live)) & (not said.sparse)
+        kept = (ticks > last) & ((ticks % said.every == 0) | newest)
         rest = np.concatenate([rest, _columns(live, ticks[kept], rows[kept])], axis=1)
     for first in range(0, rest.shape[1], said.group):
         yield np.ascontiguousarray(rest[:, first : first + said.group])
@@ -196,6 +197,9 @@ def _write_last(folder: Path, output: Path) -> bool:
         return False
     rows = np.concatenate([rows for _, rows in chunks])
     ticks = np.concatenate([np.arange(k0, k0 + len(rows)) for k0, rows in chunks])
+    if live.layout.sparse:
+        kept = ticks % live.layout.every == 0
+        rows, ticks = rows[kept], ticks[kept]
     everything: tuple[Column, ...] = live.layout.everything
     fields = schema(everything, live.layout.h, 1, live.layout.metadata)
     index = np.array([column.index for column in everything], dtype=np.intp)

@@ -179,9 +179,9 @@ def test_buffer_waits_until_one_has_been_written(
     gate, got = threading.Event(), threading.Event()
     add = groups.GroupWriter.add
 
-    def slow(self: groups.GroupWriter, rows: np.ndarray, k0: int) -> None:
+    def slow(self: groups.GroupWriter, rows: np.ndarray, k0: int, **how: bool) -> None:
         assert gate.wait(60)
-        add(self, rows, k0)
+        add(self, rows, k0, **how)
 
     monkeypatch.setattr(groups.GroupWriter, "add", slow)
     with Recorder(tmp_path, COLUMNS, h=H, n_signals=SIGNALS, rows_per_chunk=2000) as recorder:
@@ -212,10 +212,10 @@ def failing(monkeypatch: pytest.MonkeyPatch, after: int) -> None:
     count = iter(range(10**6))
     add = groups.GroupWriter.add
 
-    def full(self: groups.GroupWriter, rows: np.ndarray, k0: int) -> None:
+    def full(self: groups.GroupWriter, rows: np.ndarray, k0: int, **how: bool) -> None:
         if next(count) >= after:
             raise OSError(errno.ENOSPC, "no room")
-        add(self, rows, k0)
+        add(self, rows, k0, **how)
 
     monkeypatch.setattr(groups.GroupWriter, "add", full)
 
@@ -346,11 +346,11 @@ def test_a_chunk_that_was_not_written_is_not_filled_again(
     waits, add, free = threading.Event(), recorder._writer.add, recorder._free
     taken = type(free)()
 
-    def fails(rows: np.ndarray, k0: int) -> None:
+    def fails(rows: np.ndarray, k0: int, **how: bool) -> None:
         if k0 >= 5:
             waits.wait(30)
             raise OSError(errno.ENOSPC, "No space left on device")
-        add(rows, k0)
+        add(rows, k0, **how)
 
     def put(rows: np.ndarray) -> None:
         taken.put(rows)

@@ -224,7 +224,7 @@ class _Held:
         return drawn[which]
 
     def draws(self, n: int) -> tuple[FloatArray, IntArray]:
-        """The draws for the next `n` samples (s), and which of them each sample has (n,)."""
+        """Of the next `n` samples, the draws (draws,), s, and which each sample has, (n,)."""
         if n == 0:
             return np.empty(0), np.empty(0, np.int64)
         p, q = self._ratio.numerator, self._ratio.denominator
@@ -238,7 +238,7 @@ class _Held:
 
 
 def draws(delays: Delays, n: int) -> tuple[FloatArray, IntArray | slice]:
-    """The next delays as draws (s), and which of them each sample has: an index of the draws."""
+    """The next `n` delays as draws (draws,), s, and which of them each sample has, (n,)."""
     return delays.draws(n) if isinstance(delays, _Held) else (delays.take(n), slice(None))
 
 

@@ -11,9 +11,8 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from functools import lru_cache
-from io import BufferedWriter
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 from urllib.parse import quote, unquote
 
 import numpy as np
@@ -44,7 +43,7 @@ class TablesWriter(Closing):
         first = json.dumps(list(facts)).encode()
         part = self._path.with_name(f"{TABLE_ROWS}.part")
         try:
-            self._file: BufferedWriter = part.open("wb", buffering=1 << 20)
+            self._file: BinaryIO = part.open("wb", buffering=1 << 20)
             self._file.write(first + b" " * (-(len(first) + 1) % 4) + b"\n")
             self._file.flush()
             part.replace(self._path)
@@ -58,9 +57,9 @@ class TablesWriter(Closing):
             return
         block = [np.ascontiguousarray(self._block[name], "<i4") for name in self._facts]
         try:
-            self._file.write(np.array([len(rows) for rows in block], "<i4"))
+            self._file.write(np.array([len(rows) for rows in block], "<i4").data)
             for rows in block:
-                self._file.write(rows)
+                self._file.write(rows.data)
             self._file.flush()
         except OSError as error:
             raise self._error(error) from error

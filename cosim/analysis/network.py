@@ -127,6 +127,13 @@ class Linear:
 
 def network(system: AnalyzedSystem, port: str) -> RobotNetwork | None:
     """The network that the arm `port` is part of; None where its law is not of this kind."""
+    if ("network", port) not in system.found:
+        system.found["network", port] = _network(system, port)
+    found: RobotNetwork | None = system.found["network", port]
+    return found
+
+
+def _network(system: AnalyzedSystem, port: str) -> RobotNetwork | None:
     laws = system.with_facts(DynamicFeedback)
     start = system.controls.get(port, "")
     if start not in laws:

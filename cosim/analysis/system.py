@@ -82,6 +82,10 @@ class AnalyzedSystem:
     _by_kind: dict[type, dict[str, Any]] = field(
         default_factory=dict, init=False, repr=False, compare=False
     )
+    #: What was found of the whole network, by what it is and of which arm; see ``network``.
+    found: dict[tuple[str, str], Any] = field(
+        default_factory=dict, init=False, repr=False, compare=False
+    )
 
     def with_facts(self, kind: type[F]) -> dict[str, F]:
         """Components with facts of one kind."""
@@ -268,11 +272,11 @@ def age(link: Link) -> Age:
     drawn = table if isinstance(table, DrawnTable) else None
     declared = drawn.law.mean if drawn and isinstance(drawn.rule, SignalSemantics) else None
     if not len(ages):
-        return Age(nan if declared is None else declared, _bound(table))
+        return Age(nan if declared is None else declared, age_bound(table))
     middle = float(ages.mean())
     parts = quantiles(ages - middle, (np.arange(QUANTILES) + 0.5) / QUANTILES)
     spread = tuple((parts - parts.mean()).tolist()) if np.ptp(ages) > table.grid.h else ()
-    return Age(middle if declared is None else declared, _bound(table), spread)
+    return Age(middle if declared is None else declared, age_bound(table), spread)
 
 
 def _ages(table: TableSpec) -> Array:
@@ -294,7 +298,7 @@ def _ages(table: TableSpec) -> Array:
     return np.asarray(ages[min(len(ages) // 2, table.history * table.grid.n_s // table.grid.n_r) :])
 
 
-def _bound(table: TableSpec) -> float:
+def age_bound(table: TableSpec) -> float:
     """No sample that is held is older, s; inf where nothing may come for any time."""
     grid = table.grid
     slack = (grid.n_s + grid.n_r) * grid.h

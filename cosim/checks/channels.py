@@ -7,7 +7,7 @@ from math import inf, isinf
 
 import numpy as np
 
-from cosim.analysis.system import AnalyzedSystem, age
+from cosim.analysis.system import AnalyzedSystem, age, age_bound
 from cosim.checks.couplings import is_constant, longest_delay
 from cosim.checks.finding import Finding, Severity
 from cosim.links.bursts import ParetoBursts
@@ -26,7 +26,7 @@ def unbounded_delay(system: AnalyzedSystem) -> Iterator[Finding]:
     """Theorems 4 and 5 need delays with a bound: losses at random have none."""
     stop = system.plan.ticks * system.plan.h
     for link in system.plan.links:
-        bound = age(link).bound
+        bound = age_bound(link.table)
         table = link.table
         if not isinstance(table, DrawnTable) or not (isinf(bound) or bound > stop):
             continue

@@ -80,8 +80,9 @@ def grip(system: AnalyzedSystem) -> Iterator[Finding]:
 
 def degenerate(system: AnalyzedSystem) -> Iterator[Finding]:
     """lambda_M = alpha and z(0) = 0 without neighbours: z stays 0, nothing adapts (finding 1)."""
+    receivers = {e.receiver for e in system.edges if e.recurrent}
     for name, law, _ in dynamic(system):
-        hears = law.lambda_ > 0 and any(e.receiver == name and e.recurrent for e in system.edges)
+        hears = law.lambda_ > 0 and name in receivers
         if law.lambda_M == law.alpha != 0 and not any(law.z) and not hears:
             yield Finding(
                 rule="degenerate",

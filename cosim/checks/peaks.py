@@ -16,6 +16,7 @@ import numpy as np
 
 from cosim.analysis.facts import Array
 from cosim.analysis.network import RobotNetwork
+from cosim.analysis.system import AnalyzedSystem
 
 #: Doublings of the time step, and the first step, s: 2^9 steps of 20 ms.
 _DOUBLINGS, _STEP = 9, 0.02
@@ -29,6 +30,14 @@ class Peaks:
 
     dz: Array
     tau: Array
+
+
+def peaks_of(system: AnalyzedSystem, port: str, net: RobotNetwork) -> Peaks:
+    """The :func:`peaks` of the network of the arm `port`, computed once."""
+    if ("peaks", port) not in system.found:
+        system.found["peaks", port] = peaks(net)
+    found: Peaks = system.found["peaks", port]
+    return found
 
 
 def peaks(net: RobotNetwork) -> Peaks:
@@ -48,8 +57,7 @@ def peaks(net: RobotNetwork) -> Peaks:
 
 def _linear(net: RobotNetwork, j: int) -> tuple[Array, Array, Array]:
     """(A, b, x(0)) of dx/dt = A x + b, x = (q, dq, z) of joint `j`, (3 n,)."""
-    n, I = len(net.laws), np.eye(len(net.laws))  # noqa: E741
-    laws, arms = net.laws, net.arms
+    n, laws, arms = len(net.laws), net.laws, net.arms
     M = np.array([arm.inertia(arm.parameters, arm.q)[j, j] for arm in arms])
     K = np.array([law.K[j % len(law.K)] for law in laws])
     k_p = np.array([arm.grip.stiffness[j] for arm in arms])
@@ -57,15 +65,22 @@ def _linear(net: RobotNetwork, j: int) -> tuple[Array, Array, Array]:
     q_h = np.array([arm.grip.place[j] for arm in arms])
     alpha = np.array([law.alpha for law in laws])
     lambda_M = np.array([law.lambda_M for law in laws])
-    L = np.diag(net.coupling.sum(axis=1) + net.outside) - net.coupling
-    A = np.zeros((3 * n, 3 * n))
-    A[:n, n : 2 * n] = I
-    A[n : 2 * n, :n] = np.diag(-k_p / M)
-    A[n : 2 * n, n : 2 * n] = np.diag(-(K + k_d) / M)
-    A[n : 2 * n, 2 * n :] = np.diag(K / M)
-    A[2 * n :, :n] = -L * alpha
-    A[2 * n :, n : 2 * n] = np.diag(lambda_M - alpha) - L
-    A[2 * n :, 2 * n :] = np.diag(-lambda_M)
+    around = net.coupling.sum(axis=1) + net.outside
+    if 3 * n > DENSE:
+        from scipy.sparse import block_array as block
+        from scipy.sparse import csr_array, diags_array, eye_array
+
+        diagonal, one = diags_array, eye_array(n)
+        L = diags_array(around) - csr_array(net.coupling)
+    else:
+        block, diagonal, one = np.block, np.diag, np.eye(n)
+        L = np.diag(around) - net.coupling
+    none = diagonal(np.zeros(n))
+    A = block([
+        [none, one, none],
+        [diagonal(-k_p / M), diagonal(-(K + k_d) / M), diagonal(K / M)],
+        [-(L @ diagonal(alpha)), diagonal(lambda_M - alpha) - L, diagonal(-lambda_M)],
+    ])  # fmt: skip
     b = np.concatenate([np.zeros(n), k_p * q_h / M, np.zeros(n)])
     x = np.concatenate([[arm.q[j] for arm in arms], np.zeros(2 * n)])
     return A, b, x
@@ -88,10 +103,11 @@ def _states(A: Array, b: Array, x: Array) -> Array:
 
 def _sparse_states(A: Array, b: Array, x: Array) -> Array:
     """The same for many robots, whose A is almost empty: from each state to the next."""
-    from scipy.sparse import csr_array
+    from scipy.sparse import block_array, csr_array
     from scipy.sparse.linalg import expm_multiply
 
-    augmented = csr_array(np.block([[A, b[:, None]], [np.zeros((1, len(x) + 1))]]) * _STEP)
+    column = csr_array(b[:, None])
+    augmented = csr_array(block_array([[A, column], [None, csr_array((1, 1))]]) * _STEP)
     steps = 2**_DOUBLINGS
     states = expm_multiply(augmented, np.append(x, 1.0), 0.0, steps - 1.0, steps, endpoint=True)
     return np.asarray(states[:, :-1])

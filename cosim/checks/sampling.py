@@ -10,7 +10,7 @@ from cosim.analysis.facts import Arm, DynamicFeedback, Hand, Law, SpringDamper
 from cosim.analysis.network import network
 from cosim.analysis.system import AnalyzedSystem
 from cosim.checks.finding import Finding, Severity
-from cosim.checks.peaks import peaks
+from cosim.checks.peaks import peaks_of
 
 #: Stability limit of the classical Runge-Kutta method: h times a frequency, h times a decay.
 RK4 = 2.8
@@ -81,7 +81,7 @@ def adaptation(system: AnalyzedSystem) -> Iterator[Finding]:
         net = network(system, start)
         if net is None or net.law.lambda_c or done.issuperset(net.names):
             continue
-        found = peaks(net)
+        found = peaks_of(system, start, net)
         done.update(net.names)
         for i, (name, law) in enumerate(zip(net.names, net.laws, strict=True)):
             T, Y = system.period(name), law.regressor * found.dz[i]

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from cosim.analysis.network import network
 from cosim.analysis.system import AnalyzedSystem
 from cosim.checks.finding import Finding, Severity
-from cosim.checks.peaks import peaks
+from cosim.checks.peaks import peaks_of
 from cosim.fmi.components import has_unit, is_simulator
 from cosim.schedule.parts import Link, Slot, Wire
 from cosim.schedule.plan import Plan
@@ -74,7 +74,7 @@ def saturation(system: AnalyzedSystem) -> Iterator[Finding]:
         net = network(system, start)
         if net is None or net.law.lambda_c:
             continue
-        found = peaks(net)
+        found = peaks_of(system, start, net)
         for name, law, tau in zip(net.names, net.laws, found.tau, strict=True):
             limit = min(law.tau_max)
             if tau <= limit:

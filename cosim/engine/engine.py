@@ -31,8 +31,8 @@ from cosim.schedule.plan import Plan
 if TYPE_CHECKING:
     from cosim.engine.team import Team
 
-#: Ticks for which tables are drawn at once: at least, at most, and together with all links.
-STRETCH, LONGEST, TOGETHER = 1024, 16_384, 1 << 25
+#: Ticks for which tables are drawn at once: at least, at most; bytes of all tables together.
+STRETCH, LONGEST, TOGETHER = 1024, 16_384, 1 << 27
 #: A tick after all others.
 NEVER = 1 << 62
 
@@ -187,7 +187,8 @@ class Engine:
             return min(ticks, left)
         wanted = ticks
         if not self.plan.buses:
-            stretch = min(LONGEST, max(STRETCH, TOGETHER // max(1, len(self.plan.links))))
+            row_bytes = sum(4 / x.table.grid.n_r for x in self.plan.links)
+            stretch = min(LONGEST, max(STRETCH, int(TOGETHER / max(1.0, row_bytes))))
             ticks = max(ticks, min(stretch, self.plan.ticks - self.tick))
         self._drawn = self.tick + ticks
         for link, bound, stream in zip(

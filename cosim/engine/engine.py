@@ -10,7 +10,7 @@ import ctypes as c
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import nullcontext
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,7 @@ from cosim.base.errors import RunError
 from cosim.base.interrupts import stop_on_signal
 from cosim.engine.binding import Binding, Termination, Vector, Views
 from cosim.engine.initialization import initialize, part
+from cosim.engine.tables import NEVER, DrawnRows, RowTables
 from cosim.fmi import components
 from cosim.fmi.failures import not_finite, sentence
 from cosim.fmi.refusals import step_refused
@@ -30,11 +31,6 @@ from cosim.schedule.plan import Plan
 
 if TYPE_CHECKING:
     from cosim.engine.team import Team
-
-#: Ticks for which tables are drawn at once: at least, at most; bytes of all tables together.
-STRETCH, LONGEST, TOGETHER = 1024, 16_384, 1 << 27
-#: A tick after all others.
-NEVER = 1 << 62
 
 
 class Engine:
@@ -64,8 +60,8 @@ class Engine:
         self._inputs = [_views(self.signals, s.inputs, writable=False) for s in plan.components]
         self._outputs = [_views(self.signals, s.outputs, writable=True) for s in plan.components]
         self._team: Team | None = None
-        self._rows: dict[str, NDArray[Any]] = {}
-        self._drawn = 0  # the tick up to which tables are there
+        self._tables: RowTables | None = None
+        self._drawn = DrawnRows(0, (), ())
         self._buses: dict[str, RunningBus] = {}  # of links whose table the run fills in
         gates = dict(gates or {})
         for bus in plan.buses:
@@ -98,9 +94,8 @@ class Engine:
         components must be due; tables start with their first row in any case. Raises ScenarioError.
         """
         any_tables = self.plan.links or self.plan.players
-        self._drawn = tick if any_tables else NEVER
-        self._streams = [link.table.stream() for link in self.plan.links]
-        self._played = [player.source.stream() for player in self.plan.players]
+        self._tables = RowTables(self.plan, self._buses)
+        self._drawn = DrawnRows(tick if any_tables else NEVER, (), ())
         for step in self.plan.components:
             components.begin_at(step.component, tick * self.plan.h)
         self.ended = initialize(self.plan, self.signals, self._inputs, self._outputs)
@@ -177,54 +172,30 @@ class Engine:
         self._state.stop = 1
 
     def _next_tables(self, ticks: int) -> int:
-        """Draw tables where none are left, and return for how many of the next `ticks` they last.
-
-        They are drawn for a stretch of many calls, since each costs some 60 us and link. Tables
-        that buses fill in while they run are made for `ticks` only.
-        """
-        left = self._drawn - self.tick
-        if left > 0:
-            return min(ticks, left)
-        wanted = ticks
-        if not self.plan.buses:
-            row_bytes = sum(4 / x.table.grid.n_r for x in self.plan.links)
-            stretch = min(LONGEST, max(STRETCH, int(TOGETHER / max(1.0, row_bytes))))
-            ticks = max(ticks, min(stretch, self.plan.ticks - self.tick))
-        self._drawn = self.tick + ticks
-        for link, bound, stream in zip(
-            self.plan.links, self._bound.links, self._streams, strict=True
-        ):
-            hits = self._hits(link.target.component, ticks)
-            bus = self._buses.get(link.name)
-            found = bus.rows(link.name, hits) if bus else stream.rows(hits)
-            rows = np.ascontiguousarray(found, dtype=np.int32)
-            bound.table, bound.row, bound.rows = rows.ctypes.data, 0, hits
-            self._rows[link.name] = rows
-            if self._keep_tables and not bus:
-                self._keep_tables(link.name, rows)
-        for player, played, values in zip(
-            self.plan.players, self._bound.players, self._played, strict=True
-        ):
-            hits = self._hits(player.target.component, ticks)
-            chunk = np.ascontiguousarray(values.rows(hits), dtype=np.float64)
-            played.values, played.row, played.rows = chunk.ctypes.data, 0, hits
-            self._rows[player.target.name] = chunk
-        if self._team:
-            self._team.allow(self._rows, self.tick)
-        return wanted
+        """Take the next rows where none are left; return for how many of `ticks` they last."""
+        if self._drawn.end <= self.tick and self._tables:
+            self._drawn = drawn = self._tables.draw(self.tick, ticks)
+            for link, bound, rows in zip(
+                self.plan.links, self._bound.links, drawn.rows, strict=True
+            ):
+                bound.table, bound.row, bound.rows = rows.ctypes.data, 0, len(rows)
+                if self._keep_tables and link.name not in self._buses:
+                    self._keep_tables(link.name, rows)
+            for played, values in zip(self._bound.players, drawn.values, strict=True):
+                played.values, played.row, played.rows = values.ctypes.data, 0, len(values)
+            if self._team:
+                self._team.allow(drawn.rows, self.tick)
+        return min(ticks, self._drawn.end - self.tick)
 
     def _keep_filled_tables(self) -> None:
         """Keep the rows that the run has filled in, as far as it came."""
-        if not self._buses:
+        if not self._buses or not self._keep_tables:
             return
-        for link, bound in zip(self.plan.links, self._bound.links, strict=True):
-            if self._keep_tables and link.name in self._buses:
-                self._keep_tables(link.name, self._rows[link.name][: bound.row])
-
-    def _hits(self, name: str, ticks: int) -> int:
-        """Number of steps of a component in the next `ticks` ticks."""
-        period = self.plan.component(name).period
-        return -(-(self.tick + ticks) // period) - -(-self.tick // period)
+        for link, bound, rows in zip(
+            self.plan.links, self._bound.links, self._drawn.rows, strict=True
+        ):
+            if link.name in self._buses:
+                self._keep_tables(link.name, rows[: bound.row])
 
     def _error(self, result: EngineResult) -> BaseException:
         failure, self._bound.failure = self._bound.failure, None
@@ -293,6 +264,8 @@ class Engine:
         After a fatal status the standard forbids every call to any instance of that FMU.
         """
         state = self._state
+        if self._tables:
+            self._tables.close()
         if self._team:
             self._team.close()
             self._team = None

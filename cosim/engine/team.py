@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import ctypes as c
 import threading
-from collections.abc import Mapping
+from collections.abc import Sequence
 from types import TracebackType
 
 import numpy as np
@@ -39,7 +39,7 @@ class Team:
         parts = bound.partition
         assert parts is not None
         self._bound, self._threads, self._start = bound, threads, start
-        self._links = [bound.plan.links[i] for i in parts.links]
+        self._links = {i: bound.plan.links[i] for i in parts.links}
         none = structs.FailureStruct(operation=-1)
         self._members = (structs.MemberStruct * threads)(
             *(structs.MemberStruct(failed=none, ended=none) for _ in range(threads))
@@ -62,14 +62,14 @@ class Team:
         """Ticks for which parts run apart, at most."""
         return int(self._team.longest)
 
-    def allow(self, rows: Mapping[str, NDArray[np.int32]], tick: int) -> None:
+    def allow(self, rows: Sequence[NDArray[np.int32]], tick: int) -> None:
         """Make windows as long as the least delay in the next rows of the links' tables, or long
         enough.
 
-        `rows` (n,): by link, the samples held; `tick`: of the first of them or before.
+        `rows` (n,): of each link of the plan, the samples held; `tick`: of the first or before.
         """
         self._team.longest = min(
-            (self._least(link, rows[link.name], tick - self._start) for link in self._links),
+            (self._least(link, rows[i], tick - self._start) for i, link in self._links.items()),
             default=WINDOW,
         )
 

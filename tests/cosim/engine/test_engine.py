@@ -1,12 +1,19 @@
 """Engine: what happens when a component fails, chunks do not show, links keep their promises."""
 
+import threading
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from cosim.base.errors import RunError, ScenarioError
+from cosim.engine import tables
 from cosim.engine.engine import Engine
+from cosim.loading.files import load
+from cosim.scenario.assemble import assemble
+from tests.bridge.zenoh.rehearsed import CONFIGS
 from tests.cosim.oracle import execute
 from tests.cosim.scenarios import plan
 
@@ -240,15 +247,56 @@ def test_a_wrong_topology_is_refused_with_its_place(weights, extra, message):
 @pytest.mark.parametrize("wrong", [1000, -8])
 def test_a_table_that_names_a_sample_which_the_link_does_not_hold_stops_the_run(wrong, monkeypatch):
     """One that was not sent yet, or so long ago that it is forgotten."""
-    monkeypatch.setattr("cosim.engine.engine.LONGEST", 1)  # no tables beyond each call
+    monkeypatch.setattr("cosim.engine.tables.LONGEST", 1)  # no tables beyond each call
     p = plan(LOOP, [{**LINKS[0], "delay": {"law": "constant", "delay": 0.5}}], stop=40.0)
     with Engine(p) as engine:
         engine.initialize()
         engine.run(40)
-        real = engine._streams[0].rows
-        engine._streams[0].rows = lambda n: real(n) + wrong
+        real = engine._tables._streams[0].rows
+        engine._tables._streams[0].rows = lambda n: real(n) + wrong
         with pytest.raises(RunError, match=r"link control.y->other.u.*: no such sample at tick 4"):
             engine.run(40)
+
+
+@pytest.mark.parametrize("many", [1, 100])
+def test_tables_that_are_drawn_ahead_are_the_same(many, monkeypatch):
+    """In a thread, a stretch before they are needed; and in calls of other lengths."""
+
+    def rows():
+        p = assemble(load(CONFIGS / "many.toml", ("graphs.net.n=5", "run.stop=0.9")))
+        found, kept = np.empty((900, p.n_signals)), {x.name: [] for x in p.links}
+        with Engine(p, lambda name, held: kept[name].extend(held.tolist())) as engine:
+            engine.initialize()
+            for first, last in pairwise((0, 7, 300, 301, 900)):
+                assert engine.run(last - first, found[first:last]) == last - first
+        return found.tobytes(), kept
+
+    expected = rows()
+    monkeypatch.setattr(tables, "MANY", many)
+    monkeypatch.setattr(tables, "STRETCH", 40)
+    monkeypatch.setattr(tables, "LONGEST", 40)
+    assert rows() == expected
+    assert not [t for t in threading.enumerate() if t.name == "link tables"]
+
+
+def test_what_fails_while_tables_are_drawn_ahead_stops_the_run(monkeypatch):
+    monkeypatch.setattr(tables, "MANY", 1)
+    monkeypatch.setattr(tables, "STRETCH", 40)
+    monkeypatch.setattr(tables, "LONGEST", 40)
+    p = plan(LOOP, [{**LINKS[0], "delay": {"law": "constant", "delay": 0.5}}], stop=100.0)
+    calls = iter(range(100))
+
+    def fails(self, n):
+        if next(calls) == 1:
+            raise RunError("no more rows")
+        return np.zeros(n, np.int32)
+
+    monkeypatch.setattr("cosim.links.table.TableStream.rows", fails)
+    with Engine(p) as engine:
+        engine.initialize()
+        engine.run(40)
+        with pytest.raises(RunError, match="no more rows"):
+            engine.run(1)
 
 
 def test_what_a_link_sends_is_converted_by_factor_and_offset():

@@ -1,0 +1,1 @@
+"""The bits of kernels and engine under any compiler, processor and byte order."""

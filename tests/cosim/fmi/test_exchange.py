@@ -24,7 +24,7 @@ from cosim.scenario.spec import build
 from cosim.schedule.plan import Plan
 from tests.cosim.fmi.exporter import column, exchange2, exchange3, export, plan_of, run, strict2
 
-BALL, GROWS, POL, STICKS, COUNTS, WRAPS, FAILS, LEAVES, SHRINKS = range(9)
+BALL, GROWS, POL, STICKS, COUNTS, WRAPS, FAILS, LEAVES, SHRINKS, WALLS = range(10)
 DISCARD, ERROR, FATAL = 2, 3, 4
 BOTH = pytest.mark.parametrize("fmi", ["2.0", "3.0"])
 ALONE = pytest.mark.parametrize("fmi", ["2.0"])
@@ -170,6 +170,21 @@ def test_an_indicator_that_comes_to_zero_from_above_is_an_event(
 ) -> None:
     found = end_of(plan_that(fmus[fmi], LEAVES, 8, 0.25, solver="euler"))
     assert (found["events"], found["at"]) == (1.0, 1.0)
+
+
+@pytest.mark.parametrize("solver", ["rk4", "cvode"])
+def test_each_of_two_indicators_has_its_events(tmp_path: Path, solver: str) -> None:
+    """A body between two walls: its place is a triangle wave, turned at both of them."""
+    text = exchange2().replace('Indicators="1"', 'Indicators="2"')
+    path = export(text, tmp_path / "walls.fmu")
+    p = plan_that(path, WALLS, 40, 0.25, start={"x0": 0.5, "x1": -0.75}, solver=solver)
+    rows, engine = run(p)
+    engine.close()
+    t = 0.25 * np.arange(41)
+    wave = np.abs((0.5 - 0.75 * t) % 2.0 - 2.0 * ((0.5 - 0.75 * t) % 2.0 > 1.0))
+    assert column(p, rows, "x0") == pytest.approx(wave, abs=1e-9)
+    assert column(p, rows, "events")[-1] == 7.0
+    assert column(p, rows, "at")[-1] == pytest.approx((0.5 + 6.0) / 0.75, abs=1e-9)
 
 
 @BOTH

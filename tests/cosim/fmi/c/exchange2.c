@@ -71,7 +71,8 @@ FMI int fmi2GetNominalsOfContinuousStates(fmu_t *m, double *x, size_t n)
 FMI int fmi2GetEventIndicators(fmu_t *m, double *z, size_t n)
 {
     *z = indicator(m);
-    return n == 1 ? called(m, "EventIndicators", STARTING | IN_EVENT | CONTINUOUS | OVER) : 3;
+    if (n == 2) z[1] = other_indicator(m);
+    return n == 1 || n == 2 ? called(m, "EventIndicators", STARTING | IN_EVENT | CONTINUOUS | OVER) : 3;
 }
 FMI int fmi2GetDirectionalDerivative(fmu_t *m, const uint32_t *unknowns, size_t n,
                                      const uint32_t *knowns, size_t k, const double *seed,

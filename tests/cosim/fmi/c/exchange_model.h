@@ -2,7 +2,7 @@
  * every call. exchange2.c and exchange3.c are its functions in both versions.
  *
  * A call that is not allowed in its state is written with "ILLEGAL" behind it, to the file that the
- * environment variable STRICT_CALLS names. Two states x, one indicator z, and what they are is in `model`:
+ * environment variable STRICT_CALLS names. Two states x, one indicator z or two, what they are is in `model`:
  *
  * BALL        falls with 9.81 m/s^2 and rebounds with 0.7 of its speed
  * GROWS       x0' = x0 cos t (the exponential of sin t), x1' = u
@@ -12,6 +12,7 @@
  * WRAPS       x0' = 1, taken back by 1 in the step after it is more than 1: a step event
  * FAILS       x0' = 1; derivatives return `status` from t = `when` on
  * SHRINKS     x0' = -100 x0; derivatives are discarded for x0 < 0
+ * WALLS       x0' = x1 between walls at 0 and 1, two indicators: rebounds from both with the same speed
  * LEAVES      x0' = -1 from 1, indicator x0: comes to exactly 0 at 1 s, where steps of 2^-n end
  */
 #include <float.h>
@@ -22,7 +23,7 @@
 #include <stdlib.h>
 
 #define FMI __attribute__((visibility("default")))
-enum { BALL, GROWS, POL, STICKS, COUNTS, WRAPS, FAILS, LEAVES, SHRINKS };
+enum { BALL, GROWS, POL, STICKS, COUNTS, WRAPS, FAILS, LEAVES, SHRINKS, WALLS };
 enum { MADE = 1, STARTING = 2, IN_EVENT = 4, CONTINUOUS = 8, OVER = 16, BROKEN = 32, DEAD = 64 };
 enum { X0, X1, DX0, DX1, U, MU, PERIOD, WHEN, AT, Z, MODEL = 20, STATUS, LAST, GEAR, EVENTS, HEARD };
 
@@ -73,6 +74,7 @@ static void rates(const fmu_t *m, double *d)
     case POL: d[1] = m->mu * (1.0 - x * x) * v - x; break;
     case STICKS: d[0] = m->slips ? v : 0.1, d[1] = m->slips ? 0.6 - x : 0.0; break;
     case LEAVES: d[0] = -1.0; break;
+    case WALLS: break;
     case SHRINKS: d[0] = -100.0 * x; break;
     default: d[0] = 1.0;
     }
@@ -82,10 +84,13 @@ static double indicator(const fmu_t *m)
     switch (m->model) {
     case BALL: return m->x[0] + (m->stopped ? 1.0 : 0.0);
     case STICKS: return m->slips ? 0.1 - m->x[1] + 1e-13 : 1.0 - m->x[0];
+    case WALLS: return m->x[0];
     case LEAVES: return m->x[0] == 0.0 && m->events ? -DBL_MIN : m->x[0];
     default: return 1.0;
     }
 }
+
+static double other_indicator(const fmu_t *m) { return m->model == WALLS ? 1.0 - m->x[0] : 1.0; }
 
 /* The event at m->t; returns whether states have changed. */
 static int happens(fmu_t *m)
@@ -95,6 +100,10 @@ static int happens(fmu_t *m)
         m->events++, m->at = m->t, m->latest += m->period;
     } else if (m->model == WRAPS && m->x[0] > 1.0) {
         m->x[0] -= 1.0, m->events++, m->at = m->t;
+        return 1;
+    } else if (m->model == WALLS && (z <= 0.0 || other_indicator(m) <= 0.0)) {
+        m->x[0] = z <= 0.0 ? DBL_MIN : 1.0 - DBL_EPSILON, m->x[1] *= -1.0;
+        m->events++, m->at = m->t;
         return 1;
     } else if ((m->model == BALL || m->model == STICKS || m->model == LEAVES) && z <= 0.0) {
         if (m->model == LEAVES && m->events) return 0;

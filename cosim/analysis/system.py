@@ -236,7 +236,7 @@ def _played(player: Player) -> tuple[float, bool]:
     if isinstance(source, EdgeWeight):
         i, j = source.edge
         mean = source.topology.mean_weight(i, j, period=source.period, h=source.h)
-        return mean, bool(source.topology.union.weights[i - 1, j - 1] > 0)
+        return mean, source.topology.union.weight(i, j) > 0
     drawn = float(source.stream().rows(LOOKS).mean())
     return drawn, drawn > 0
 

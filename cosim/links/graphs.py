@@ -9,46 +9,50 @@ Source: the paper, Sec. V, for the definitions; the presets are our own construc
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, final
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from cosim.base.errors import ScenarioError
 from cosim.links.laws import FloatArray
-from cosim.links.reachability import BoolArray, closure
+from cosim.links.reachability import reachable
+
+#: Robots up to which a graph is written down as a matrix; larger ones as a list of edges.
+MATRIX = 24
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@final
 class Graph:
     """A weighted directed graph of n robots.
 
     `weights` (n, n): w_ij in row i - 1, column j - 1 is more than 0 where robot i receives from
     robot j, and 0 where it does not; w_ii = 0. Pure numbers: the factor in 1/s is a gain of the
-    controller. `name` is what the graph is called in schedules.
+    controller. `name` is what the graph is called in schedules. Raises ScenarioError for what is no
+    graph, with the entry.
     """
 
-    weights: FloatArray
-    name: str = ""
+    __slots__ = ("_known", "n", "name")
 
-    def __post_init__(self) -> None:
-        """Take a private copy; refuse what is no graph. Raises ScenarioError with the entry."""
-        weights = np.array(self.weights, dtype=np.float64)
-        weights.flags.writeable = False
-        object.__setattr__(self, "weights", weights)
-        if weights.ndim != 2 or weights.shape[0] != weights.shape[1] or not weights.size:
-            raise ScenarioError(f"weights of shape {weights.shape}; expected a square matrix")
-        wrong = np.argwhere(~(np.isfinite(weights) & (weights >= 0)))
+    def __init__(self, weights: ArrayLike, name: str = "") -> None:
+        given = np.asarray(weights, dtype=np.float64)
+        if given.ndim != 2 or given.shape[0] != given.shape[1] or not given.size:
+            raise ScenarioError(f"weights of shape {given.shape}; expected a square matrix")
+        wrong = np.argwhere(~(np.isfinite(given) & (given >= 0)))
         if wrong.size:
             i, j = wrong[0].tolist()
-            raise ScenarioError(f"{_entry(weights, i, j)}; expected 0 or more")
-        loops = np.flatnonzero(np.diagonal(weights))
+            raise ScenarioError(f"{_entry(given, i, j)}; expected 0 or more")
+        loops = np.flatnonzero(np.diagonal(given))
         if loops.size:
             i = int(loops[0])
             raise ScenarioError(
-                f"{_entry(weights, i, i)}: a robot does not receive from itself; expected 0"
+                f"{_entry(given, i, i)}: a robot does not receive from itself; expected 0"
             )
+        self.n, self.name = len(given), name
+        found = np.argwhere(given > 0).tolist()
+        self._known = {(i + 1, j + 1): float(given[i, j]) for i, j in found}
 
     @staticmethod
     def of(n: int, edges: Iterable[Sequence[float]], name: str = "") -> Graph:
@@ -56,41 +60,82 @@ class Graph:
 
         Raises ScenarioError for an edge that cannot be, or is given twice.
         """
-        weights = np.zeros((n, n))
+        known: dict[tuple[int, int], float] = {}
         for edge in edges:
             i, j, w = _edge(edge, n)
-            if weights[i - 1, j - 1]:
+            if (i, j) in known:
                 raise ScenarioError(f"edge {list(edge)} is listed twice")
-            weights[i - 1, j - 1] = w
-        return Graph(weights, name)
+            if i == j:
+                raise ScenarioError(
+                    f"w_{i},{i} = {w:g}: a robot does not receive from itself; expected 0"
+                )
+            known[i, j] = w
+        return _graph(n, known, name)
 
     @property
-    def n(self) -> int:
-        """Number of robots."""
-        return int(self.weights.shape[0])
+    def weights(self) -> FloatArray:
+        """The matrix (n, n), a copy, for graphs that are not too large for one."""
+        weights = np.zeros((self.n, self.n))
+        for (i, j), w in self._known.items():
+            weights[i - 1, j - 1] = w
+        weights.flags.writeable = False
+        return weights
+
+    def weight(self, i: int, j: int) -> float:
+        """w_ij, 0 where robot i does not receive from robot j."""
+        return self._known.get((i, j), 0.0)
+
+    @property
+    def weighted(self) -> Mapping[tuple[int, int], float]:
+        """The weight of each edge (i, j), in order."""
+        return self._known
 
     @property
     def edges(self) -> tuple[tuple[int, int], ...]:
         """All (i, j) where i receives from j, in order."""
-        return tuple((i + 1, j + 1) for i, j in np.argwhere(self.weights > 0).tolist())
+        return tuple(self._known)
 
     def reached(self, robot: int) -> frozenset[int]:
         """The robots that information of `robot` reaches, itself included. Raises ScenarioError."""
         check_robot(robot, self.n)
-        return _numbers(self._flow()[robot - 1])
+        return reachable(robot, self._towards(receivers=True))
 
     @property
     def roots(self) -> frozenset[int]:
-        """The robots whose information reaches all others; none without a spanning tree."""
-        return _numbers(np.asarray(self._flow().all(axis=1)))
+        """The robots whose information reaches all others; none without a spanning tree.
 
-    def _flow(self) -> BoolArray:
-        """(n, n): whether the information of robot j reaches robot i, at [j - 1, i - 1]."""
-        return closure(self.weights.T > 0)
+        Of the robots from which a search of what is not reached yet has begun, the last one is a
+        root, if there is any; the roots are then those whose information reaches it.
+        """
+        forwards, seen, last = self._towards(receivers=True), set[int](), 0
+        for robot in range(1, self.n + 1):
+            if robot not in seen:
+                seen |= reachable(robot, forwards, seen)
+                last = robot
+        if len(reachable(last, forwards)) < self.n:
+            return frozenset()
+        return reachable(last, self._towards(receivers=False))
+
+    def _towards(self, *, receivers: bool) -> Mapping[int, list[int]]:
+        """The receivers of each robot, or those it receives from."""
+        found: defaultdict[int, list[int]] = defaultdict(list)
+        for i, j in self._known:
+            found[j if receivers else i].append(i if receivers else j)
+        return found
 
     def facts(self) -> dict[str, Any]:
-        """Name and weights, row i: what robot i + 1 receives."""
-        return {"name": self.name, "weights": self.weights.tolist()}
+        """Name and weights, row i: what robot i + 1 receives; of many robots, the edges."""
+        if self.n <= MATRIX:
+            return {"name": self.name, "weights": self.weights.tolist()}
+        edges = [[i, j, w] for (i, j), w in self._known.items()]
+        return {"name": self.name, "robots": self.n, "edges": edges}
+
+
+def _graph(n: int, known: Mapping[tuple[int, int], float], name: str) -> Graph:
+    """A graph of edges that have been checked, by their weights."""
+    graph = object.__new__(Graph)
+    graph.n, graph.name, graph._known = n, name, dict(sorted(known.items()))
+    return graph
 
 
 def union(graphs: Sequence[Graph]) -> Graph:
@@ -100,7 +145,11 @@ def union(graphs: Sequence[Graph]) -> Graph:
         raise ScenarioError(
             f"graphs of {', '.join(map(str, sorted(sizes))) or 'no'} robots; expected one number"
         )
-    return Graph(np.max([graph.weights for graph in graphs], axis=0), "union")
+    known: dict[tuple[int, int], float] = {}
+    for graph in graphs:
+        for edge, w in graph.weighted.items():
+            known[edge] = max(w, known.get(edge, 0.0))
+    return _graph(sizes.pop(), known, "union")
 
 
 def check_robot(robot: int, n: int) -> None:
@@ -125,10 +174,6 @@ def _edge(edge: Sequence[float], n: int) -> tuple[int, int, float]:
 
 def _entry(weights: FloatArray, i: int, j: int) -> str:
     return f"w_{i + 1},{j + 1} = {weights[i, j]:g}"
-
-
-def _numbers(chosen: BoolArray) -> frozenset[int]:
-    return frozenset((np.flatnonzero(chosen) + 1).tolist())
 
 
 def _edge_triple(*edges: tuple[tuple[int, int], ...]) -> tuple[Graph, ...]:

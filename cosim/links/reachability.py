@@ -2,10 +2,28 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence, Set
+
 import numpy as np
 from numpy.typing import NDArray
 
 BoolArray = NDArray[np.bool_]
+
+
+def reachable(
+    start: int, following: Mapping[int, Sequence[int]], beyond: Set[int] = frozenset()
+) -> frozenset[int]:
+    """What a path of any length leads to from `start`, itself included, but not what is `beyond`.
+
+    `following`: where one step leads from each; the time grows with these.
+    """
+    found, waiting = {start}, [start]
+    while waiting:
+        for other in following.get(waiting.pop(), ()):
+            if other not in found and other not in beyond:
+                found.add(other)
+                waiting.append(other)
+    return frozenset(found)
 
 
 def closure(edges: BoolArray) -> BoolArray:

@@ -9,7 +9,7 @@ at the same time, whatever their periods.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -38,6 +38,7 @@ class Topology:
     switching: Switching
     seed: int
     name: str = "topology"
+    _union: list[Graph] = field(default_factory=list, init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         """Check that everything fits. Raises ScenarioError."""
@@ -59,7 +60,10 @@ class Topology:
     @property
     def union(self) -> Graph:
         """The union of the graphs that last."""
-        return union([self.graphs[k] for k in self.switching.recurrent(len(self.graphs))])
+        if not self._union:
+            lasting = self.switching.recurrent(len(self.graphs))
+            self._union.append(union([self.graphs[k] for k in lasting]))
+        return self._union[0]
 
     @property
     def roots(self) -> frozenset[int]:
@@ -103,8 +107,7 @@ class Topology:
             check_robot(robot, self.n)
         looking = Grid(1, period, h).receiving_period
         choices = self.switching.stream(len(self.graphs), looking, generator(self.seed, self.name))
-        columns = [j - 1 for j in senders]
-        table = np.array([graph.weights[receiver - 1, columns] for graph in self.graphs])
+        table = np.array([[g.weight(receiver, j) for j in senders] for g in self.graphs])
         return WeightStream(choices, table, length)
 
     def mean_weight(self, receiver: int, sender: int, *, period: int, h: float) -> float:
@@ -115,14 +118,17 @@ class Topology:
         for robot in (receiver, sender):
             check_robot(robot, self.n)
         shares = self.switching.shares(len(self.graphs), Grid(1, period, h).receiving_period)
-        weights = [graph.weights[receiver - 1, sender - 1] for graph in self.graphs]
+        weights = [graph.weight(receiver, sender) for graph in self.graphs]
         return float(shares @ np.array(weights))
 
     def facts(self) -> dict[str, Any]:
         """Name, graphs, switching, seed."""
+        return {"graphs": [graph.facts() for graph in self.graphs], **self.switching_facts()}
+
+    def switching_facts(self) -> dict[str, Any]:
+        """Name, switching, seed, but not the graphs, which are in the scenario."""
         return {
             "name": self.name,
-            "graphs": [graph.facts() for graph in self.graphs],
             **self.switching.facts(),
             "seed": self.seed,
         }

@@ -189,8 +189,12 @@ class EdgeWeight:
         return _Column(self.topology.weights(receiver, [sender], period=self.period, h=self.h))
 
     def facts(self) -> dict[str, Any]:
-        """The edge, and how the graphs switch."""
-        return {"edge": list(self.edge), **self.topology.facts()}
+        """The edge, and how the graphs switch; the graphs themselves if they are small."""
+        from cosim.links.graphs import MATRIX
+
+        small = self.topology.n <= MATRIX
+        facts = self.topology.facts() if small else self.topology.switching_facts()
+        return {"edge": list(self.edge), **facts}
 
 
 class _Column:

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from cosim.base.errors import ScenarioError
 from cosim.links.graphs import PRESETS, Graph, union
+from cosim.links.reachability import closure
 
 ALL = frozenset(range(1, 7))
 CHAIN = Graph.of(3, [(2, 1), (3, 2, 0.5)], "chain")  # 1 -> 2 -> 3
@@ -128,3 +129,25 @@ def test_a_graph_does_not_change_behind_its_back():
 def test_what_is_no_graph_is_refused(make, message):
     with pytest.raises(ScenarioError, match=message):
         make()
+
+
+@given(
+    n=st.integers(1, 9),
+    some=st.lists(st.tuples(st.integers(1, 9), st.integers(1, 9)), max_size=25, unique=True),
+)
+def test_roots_and_what_is_reached_are_those_of_the_transitive_closure(n, some):
+    edges = [(i, j) for i, j in some if i != j and max(i, j) <= n]
+    graph = Graph.of(n, edges)
+    flow = closure(graph.weights.T > 0)  # [j - 1, i - 1]: from j to i
+    assert graph.edges == tuple(sorted(edges))
+    assert graph.roots == {j + 1 for j in range(n) if flow[j].all()}
+    for j in range(n):
+        assert graph.reached(j + 1) == {i + 1 for i in np.flatnonzero(flow[j])}
+
+
+def test_a_large_graph_has_no_matrix_in_its_facts():
+    n = 20_000
+    ring = Graph.of(n, [(i % n + 1, i) for i in range(1, n + 1)])
+    assert len(ring.roots) == n and len(union([ring, ring]).edges) == n
+    assert ring.facts()["robots"] == n and len(ring.facts()["edges"]) == n
+    assert Graph.of(n, [(i + 1, i) for i in range(1, n)]).roots == {1}

@@ -34,7 +34,7 @@ GROUPS: Mapping[str, tuple[str, ...]] = {
     "Networks": ("network", "ping"),
     "Studies": ("bus-load", "bus-cases", "openarm-reports"),
     "Concepts": ("design", "algorithms", "real-time", "safety", "controllers", "paper", "glossary"),
-    "Reference": ("commands", "keys", "api", "models", "benchmarks", "golden"),
+    "Reference": ("commands", "keys", "api", "models", "benchmarks", "tests", "golden"),
     "中文": ("zh/index", "zh/tutorial"),
 }
 #: Pages that are made here, and pages of the checkout outside docs/.

@@ -41,7 +41,7 @@ def code_lines(text: str, known: Iterable[Block], executed: set[int]) -> tuple[i
     at, done, lines = 0, 0, 0
     for line in masked(text).splitlines(keepends=True):
         begin, at = at + len(line) - len(line.lstrip()), at + len(line)
-        if not line.strip(" \t\r\n{};"):
+        if not line.strip(" \t\r\n{};\0"):
             continue
         block = next((b for b in inside if b.begin <= begin < b.end), None)
         if block is not None:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from fmus.toolchain import compile_shared
 from tests.mutants.blocks import Marks, block_of, blocks, instrumented
+from tests.mutants.coverage import code_lines
 
 SOURCE = """\
 #define _GNU_SOURCE
@@ -81,3 +82,16 @@ def test_what_is_executed_is_marked(tmp_path: Path) -> None:
         executed.append(marks.take())
     assert executed == [[6], [1, 5, 6], [1, 3, 4, 5, 6], [2, 3, 4, 6]]
     assert marks.take() == []
+
+
+def test_lines_with_code_count_by_the_innermost_block(tmp_path: Path) -> None:
+    text = (
+        "int f(int x)\n{\n    int y = 0; /* { */\n\n    if (x) {\n"
+        "        y = 1;\n        y++;\n    }\n    // nothing\n    return y;\n}\nint g;\n"
+    )
+    (tmp_path / "a.c").write_text(text)
+    known = blocks([Path("a.c")], tmp_path)
+    inner, outer = sorted(known, key=lambda block: block.end - block.begin)
+    assert code_lines(text, known, {outer.number}) == (3, 5)
+    assert code_lines(text, known, {outer.number, inner.number}) == (5, 5)
+    assert code_lines(text, known, set()) == (0, 5)

@@ -22,8 +22,26 @@ static int not_finite(const double *x, int64_t n)
 /* Neither OK nor a warning; this includes values that FMI does not define, such as -1. */
 INLINE int failed_call(int status) { return (unsigned)status > 1u; }
 
+/* An FMU whose values are open between steps: our own. */
+INLINE void write_inputs(const unit_t *u, const double *s)
+{
+    for (int64_t i = 0; i < u->n_inputs; i++) u->values[u->inputs[i]] = s[u->input + i];
+}
+
+INLINE void read_outputs(const unit_t *u, double *s)
+{
+    for (int64_t i = 0; i < u->n_outputs; i++) s[u->output + i] = u->values[u->outputs[i]];
+}
+
 INLINE int step_fmi2(const unit_t *u, double *s, double t, int *status)
 {
+    if (u->values) {
+        write_inputs(u, s);
+        *status = ((step2_t)u->step)(u->instance, t, u->h, 1);
+        if (failed_call(*status)) return RUN_STEP;
+        read_outputs(u, s);
+        return RUN_OK;
+    }
     if (u->n_inputs) {
         *status = ((set2_t)u->set)(u->instance, u->inputs, (size_t)u->n_inputs, s + u->input);
         if (failed_call(*status)) return RUN_SET;
@@ -76,7 +94,8 @@ API int32_t engine_unit(unit_t *u, double *s, double t, int64_t hit, int32_t *st
 
 static int set_inputs(const unit_t *u, const double *s)
 {
-    if (!u->n_inputs) return 0;
+    if (u->values) write_inputs(u, s);
+    if (u->values || !u->n_inputs) return 0;
     if (u->kind == UNIT_FMI2)
         return ((set2_t)u->set)(u->instance, u->inputs, (size_t)u->n_inputs, s + u->input);
     return ((set3_t)u->set)(u->instance, u->inputs, (size_t)u->n_inputs, s + u->input,
@@ -85,7 +104,8 @@ static int set_inputs(const unit_t *u, const double *s)
 
 static int get_outputs(const unit_t *u, double *s)
 {
-    if (!u->n_outputs) return 0;
+    if (u->values) read_outputs(u, s);
+    if (u->values || !u->n_outputs) return 0;
     if (u->kind == UNIT_FMI2)
         return ((get2_t)u->get)(u->instance, u->outputs, (size_t)u->n_outputs, s + u->output);
     return ((get3_t)u->get)(u->instance, u->outputs, (size_t)u->n_outputs, s + u->output,

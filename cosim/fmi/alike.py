@@ -66,3 +66,11 @@ class CommonInstance:
         if lanes is None or lanes() < 2:
             return 0
         return structs.address(self._calls.function("_steps"))
+
+    def values_address(self) -> int:
+        """Where our own FMUs of FMI 2.0 have their values, by reference; 0: they are not open."""
+        values = getattr(self._calls.library, f"{self._calls.prefix}_values", None)
+        if values is None or self._calls.prefix != "fmi2":
+            return 0
+        function = self._calls.function("_values", c.c_void_p, result=c.c_void_p)
+        return int(function(self.handle) or 0)

@@ -206,6 +206,10 @@ class RemoteInstance:
         """There is none."""
         return 0
 
+    def values_address(self) -> int:
+        """They are in another process."""
+        return 0
+
     def do_step(self, t: float, h: float) -> None:
         """One communication step, outside of an engine."""
         self._call("do_step", t, h)

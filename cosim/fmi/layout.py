@@ -121,7 +121,7 @@ def bind(instance: Instance, layout: StepLayout, alive: list[Any]) -> structs.Un
     unit.set, unit.step, unit.get = instance.loop_functions()
     if x.plain:
         unit.kind = structs.UnitKind.FMI2 if x.fmi == "2.0" else structs.UnitKind.FMI3
-        unit.steps = instance.steps_function()
+        unit.steps, unit.values = instance.steps_function(), instance.values_address()
         for name, moves in (("inputs", x.inputs), ("outputs", x.outputs)):
             references = list(chain.from_iterable(m.references for m in moves))
             setattr(unit, name, _array_address(c.c_uint32, references, alive))

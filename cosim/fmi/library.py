@@ -118,6 +118,9 @@ class Instance(Protocol):
     def steps_function(self) -> int:
         """Address of a function that steps several instances at once; 0: there is none."""
 
+    def values_address(self) -> int:
+        """Where values can be written and read between steps, by reference; 0: they cannot."""
+
 
 @dataclass(frozen=True, slots=True)
 class TriggeredClock:

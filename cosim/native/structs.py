@@ -311,6 +311,7 @@ class UnitStruct(c.Structure):
         ("reached", c.c_double),
         ("exchange", c.c_void_p),
         ("steps", c.c_void_p),
+        ("values", c.c_void_p),
     )
 
 

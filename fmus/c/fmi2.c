@@ -238,6 +238,11 @@ fmi2Status fmi2DoStep(fmi2Component c, fmi2Real currentCommunicationPoint,
     return (fmi2Status)status;
 }
 
+fmi2Real *fmi2_values(fmi2Component c) {
+    Instance *x = c;
+    return x->values;
+}
+
 void fmi2_steps(const fmi2Component c[], size_t n, fmi2Real t, fmi2Real h, int status[]) {
     Instance *const *x = (Instance *const *)c;
     size_t allowed = 0;

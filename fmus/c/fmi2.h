@@ -69,6 +69,9 @@ EXPORT fmi2Status fmi2DoStep(fmi2Component c, fmi2Real currentCommunicationPoint
                              fmi2Boolean noSetFMUStatePriorToCurrentPoint);
 EXPORT fmi2Status fmi2CancelStep(fmi2Component c);
 EXPORT fmi2Status fmi2GetStatus(fmi2Component c, const fmi2StatusKind kind, fmi2Status *value);
+/* Not of FMI: the values of an instance by their references. Between steps, inputs may be written and
+ * outputs read there, as fmi2SetReal and fmi2GetReal do. */
+EXPORT fmi2Real *fmi2_values(fmi2Component c);
 /* Not of FMI: fmi2DoStep of n instances from one time, kernel_lanes() at once where it can be. */
 EXPORT void fmi2_steps(const fmi2Component c[], size_t n, fmi2Real t, fmi2Real h, int status[]);
 EXPORT fmi2Status fmi2GetRealStatus(fmi2Component c, const fmi2StatusKind kind, fmi2Real *value);

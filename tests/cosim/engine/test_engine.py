@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from cosim.base.errors import RunError, ScenarioError
 from cosim.engine import tables
 from cosim.engine.engine import Engine
+from cosim.fmi.alike import CommonInstance
 from cosim.loading.files import load
 from cosim.scenario.assemble import assemble
 from tests.bridge.zenoh.rehearsed import CONFIGS
@@ -297,6 +298,26 @@ def test_what_fails_while_tables_are_drawn_ahead_stops_the_run(monkeypatch):
         engine.run(40)
         with pytest.raises(RunError, match="no more rows"):
             engine.run(1)
+
+
+def test_our_own_fmus_give_the_same_bytes_without_their_further_functions(monkeypatch):
+    """Values that are open between steps, and steps of several instances, save calls only."""
+
+    def rows():
+        p = assemble(load(CONFIGS / "many.toml", ("graphs.net.n=6", "run.stop=0.9")))
+        found = np.empty((900, p.n_signals))
+        with Engine(p) as engine:
+            engine.initialize()
+            engine.run(900, found)
+            units = engine._bound.units
+            return found.tobytes(), {bool(u.values) for u in units}, any(u.steps for u in units)
+
+    expected, opened, several = rows()
+    assert opened == {True} and several
+    for name in ("values_address", "steps_function"):
+        monkeypatch.setattr(CommonInstance, name, lambda _: 0)
+        assert rows()[0] == expected
+    assert rows()[1:] == ({False}, False)
 
 
 def test_what_a_link_sends_is_converted_by_factor_and_offset():

@@ -37,18 +37,15 @@ INLINE int step_fmi2(const unit_t *u, double *s, double t, int *status)
 {
     if (u->values) {
         write_inputs(u, s);
-        *status = ((step2_t)u->step)(u->instance, t, u->h, 1);
-        if (failed_call(*status)) return RUN_STEP;
-        read_outputs(u, s);
-        return RUN_OK;
-    }
-    if (u->n_inputs) {
+    } else if (u->n_inputs) {
         *status = ((set2_t)u->set)(u->instance, u->inputs, (size_t)u->n_inputs, s + u->input);
         if (failed_call(*status)) return RUN_SET;
     }
     *status = ((step2_t)u->step)(u->instance, t, u->h, 1);
     if (failed_call(*status)) return RUN_STEP;
-    if (u->n_outputs) {
+    if (u->values) {
+        read_outputs(u, s);
+    } else if (u->n_outputs) {
         *status = ((get2_t)u->get)(u->instance, u->outputs, (size_t)u->n_outputs, s + u->output);
         if (failed_call(*status)) return RUN_GET;
     }
@@ -59,7 +56,9 @@ INLINE int step_fmi3(unit_t *u, double *s, double t, int *status)
 {
     _Bool event = 0, terminate = 0, early = 0;
     double reached = t;
-    if (u->n_inputs) {
+    if (u->values) {
+        write_inputs(u, s);
+    } else if (u->n_inputs) {
         *status = ((set3_t)u->set)(u->instance, u->inputs, (size_t)u->n_inputs, s + u->input,
                                    (size_t)u->input_count);
         if (failed_call(*status)) return RUN_SET;
@@ -67,7 +66,9 @@ INLINE int step_fmi3(unit_t *u, double *s, double t, int *status)
     *status = ((step3_t)u->step)(u->instance, t, u->h, 1, &event, &terminate, &early, &reached);
     if (failed_call(*status)) return RUN_STEP;
     if (early && !terminate) return RUN_EARLY_RETURN;
-    if (u->n_outputs) {
+    if (u->values) {
+        read_outputs(u, s);
+    } else if (u->n_outputs) {
         *status = ((get3_t)u->get)(u->instance, u->outputs, (size_t)u->n_outputs, s + u->output,
                                    (size_t)u->output_count);
         if (failed_call(*status)) return RUN_GET;

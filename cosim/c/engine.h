@@ -206,7 +206,7 @@ typedef struct {
     double reached;         /* s, where the FMU was when it ended the simulation */
     exchange_t *exchange;
     void *steps;            /* of UNIT_FMI2, UNIT_FMI3: steps_t, or NULL */
-    double *values;         /* of UNIT_FMI2: its values by reference, in place of set and get, or NULL */
+    double *values;         /* its values, which `inputs` and `outputs` then number; or NULL */
 } unit_t;
 
 /* The sender's side of a link. What its receiver writes is elsewhere: another thread may do so. */

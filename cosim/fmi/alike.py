@@ -68,9 +68,17 @@ class CommonInstance:
         return structs.address(self._calls.function("_steps"))
 
     def values_address(self) -> int:
-        """Where our own FMUs of FMI 2.0 have their values, by reference; 0: they are not open."""
-        values = getattr(self._calls.library, f"{self._calls.prefix}_values", None)
-        if values is None or self._calls.prefix != "fmi2":
+        """Where our own FMUs have their values; 0: they are not open."""
+        if getattr(self._calls.library, f"{self._calls.prefix}_values", None) is None:
             return 0
         function = self._calls.function("_values", c.c_void_p, result=c.c_void_p)
         return int(function(self.handle) or 0)
+
+    def places(self, reference: int) -> range:
+        """The entries of a variable among these values."""
+        if self._calls.prefix == "fmi2":
+            return range(reference, reference + 1)
+        size = c.c_size_t()
+        place = self._calls.function("_place", c.c_uint32, c.c_void_p, result=c.c_size_t)
+        first = int(place(reference, c.byref(size)))
+        return range(first, first + size.value)

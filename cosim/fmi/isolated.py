@@ -210,6 +210,10 @@ class RemoteInstance:
         """They are in another process."""
         return 0
 
+    def places(self, reference: int) -> range:
+        """There are none in this process. Raises FmuError."""
+        raise FmuError(f"{self._name}: its values are in another process")
+
     def do_step(self, t: float, h: float) -> None:
         """One communication step, outside of an engine."""
         self._call("do_step", t, h)

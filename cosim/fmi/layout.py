@@ -124,6 +124,8 @@ def bind(instance: Instance, layout: StepLayout, alive: list[Any]) -> structs.Un
         unit.steps, unit.values = instance.steps_function(), instance.values_address()
         for name, moves in (("inputs", x.inputs), ("outputs", x.outputs)):
             references = list(chain.from_iterable(m.references for m in moves))
+            if unit.values:
+                references = [i for r in references for i in instance.places(r)]
             setattr(unit, name, _array_address(c.c_uint32, references, alive))
             setattr(unit, f"n_{name}", len(references))
         return unit

@@ -119,7 +119,10 @@ class Instance(Protocol):
         """Address of a function that steps several instances at once; 0: there is none."""
 
     def values_address(self) -> int:
-        """Where values can be written and read between steps, by reference; 0: they cannot."""
+        """Where values can be written and read between steps; 0: they cannot."""
+
+    def places(self, reference: int) -> range:
+        """The entries of a variable among these values."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -278,6 +278,17 @@ fmi3Status fmi3DoStep(fmi3Instance instance, fmi3Float64 currentCommunicationPoi
     return (fmi3Status)status;
 }
 
+fmi3Float64 *fmi3_values(fmi3Instance c) {
+    Instance *x = c;
+    return x->values;
+}
+
+size_t fmi3_place(fmi3ValueReference reference, size_t *size) {
+    const Variable *v = &variables[reference <= declared.n_variables ? reference : 0];
+    *size = v->size;
+    return v->offset;
+}
+
 void fmi3_steps(const fmi3Instance c[], size_t n, fmi3Float64 t, fmi3Float64 h, int status[]) {
     Instance *const *x = (Instance *const *)c;
     size_t allowed = 0;

@@ -300,11 +300,13 @@ def test_what_fails_while_tables_are_drawn_ahead_stops_the_run(monkeypatch):
             engine.run(1)
 
 
-def test_our_own_fmus_give_the_same_bytes_without_their_further_functions(monkeypatch):
+@pytest.mark.parametrize("fmi", ["2.0", "3.0"])
+def test_our_own_fmus_give_the_same_bytes_without_their_further_functions(monkeypatch, fmi):
     """Values that are open between steps, and steps of several instances, save calls only."""
 
     def rows():
-        p = assemble(load(CONFIGS / "many.toml", ("graphs.net.n=6", "run.stop=0.9")))
+        version = (f"components.robot.fmi='{fmi}'", f"components.control.fmi='{fmi}'")
+        p = assemble(load(CONFIGS / "many.toml", ("graphs.net.n=6", "run.stop=0.9", *version)))
         found = np.empty((900, p.n_signals))
         with Engine(p) as engine:
             engine.initialize()

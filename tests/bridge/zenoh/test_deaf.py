@@ -19,17 +19,32 @@ from tests.bridge.zenoh.test_channel import free_ports
 FROZEN, PATIENCE = 4.0, 30.0  # s; a connection is given up after 3
 
 
+def bound_to_one_port() -> tuple[socket.socket, socket.socket]:
+    """A socket of UDP and one of TCP; which port is free for both, only trying tells."""
+    for _ in range(100):
+        stuck = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        stream = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+        try:
+            stuck.bind(("127.0.0.1", 0))
+            stream.bind(stuck.getsockname())
+        except OSError:
+            stuck.close()
+            stream.close()
+        else:
+            return stuck, stream
+    raise AssertionError("no port is free for UDP and TCP")
+
+
 def test_an_address_is_free_again_and_other_sockets_are_left_alone():
+    stuck, stream = bound_to_one_port()
     with (
-        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stuck,
+        stuck,
+        stream,
         socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other,
-        socket.socket(socket.AF_INET, socket.SOCK_STREAM) as stream,
         socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as again,
     ):
-        stuck.bind(("127.0.0.1", 0))
         other.bind(("127.0.0.1", 0))
         address = stuck.getsockname()
-        stream.bind(address)  # the same port, of TCP
         with pytest.raises(OSError, match="in use"):
             again.bind(address)
         endpoint = f"udp/127.0.0.1:{address[1]}"

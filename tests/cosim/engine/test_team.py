@@ -125,6 +125,25 @@ def test_components_in_python_are_one_part_for_the_calling_thread() -> None:
     assert recorded(python, 2)[1] == [0, 0, 0]
 
 
+def test_components_in_python_run_beside_parts_that_threads_share() -> None:
+    """The calling thread runs theirs, the first one; all others are shared."""
+    document = read_document(CONFIGS / "many.toml")
+    document["graphs"]["net"] = {"kind": "ring", "n": 12}
+    document["run"]["stop"] = 2.0
+    found = expand(document, CONFIGS / "many.toml")
+    found["components"]["alpha"] = {"model": "tests.cosim.blocks:Milliseconds", "period": 0.005}
+    found["components"]["omega"] = {"model": "tests.cosim.blocks:Clock", "period": 0.005}
+    delay = {"law": "constant", "delay": 0.05}
+    found["links"].append({"from": "omega.y[0]", "to": "alpha.u", "delay": delay})
+
+    def made() -> Plan:
+        return assemble(build(found, CONFIGS / "many.toml"))
+
+    alone, _ = recorded(made(), 1)
+    together, windows = recorded(made(), 3)
+    assert together == alone and all(windows)
+
+
 def test_a_link_that_takes_no_time_joins_its_ends() -> None:
     """Its receiver reads what its sender has sent in the same tick."""
     document = read_document(CONFIGS / "many.toml")

@@ -127,10 +127,7 @@ class Linear:
 
 def network(system: AnalyzedSystem, port: str) -> RobotNetwork | None:
     """The network that the arm `port` is part of; None where its law is not of this kind."""
-    if ("network", port) not in system.found:
-        system.found["network", port] = _network(system, port)
-    found: RobotNetwork | None = system.found["network", port]
-    return found
+    return system.once("network", port, lambda: _network(system, port))
 
 
 def _network(system: AnalyzedSystem, port: str) -> RobotNetwork | None:

@@ -7,7 +7,7 @@ output, is the source of the row, also through other components.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from math import inf, nan
@@ -36,6 +36,7 @@ LOOKS = 8000
 #: Values that stand for the distribution of the ages of a link.
 QUANTILES = 48
 
+T = TypeVar("T")
 F = TypeVar("F", Arm, DynamicFeedback, SpringDamper, Hand)
 
 
@@ -82,10 +83,16 @@ class AnalyzedSystem:
     _by_kind: dict[type, dict[str, Any]] = field(
         default_factory=dict, init=False, repr=False, compare=False
     )
-    #: What was found of the whole network, by what it is and of which arm; see ``network``.
-    found: dict[tuple[str, str], Any] = field(
+    _computed: dict[tuple[str, str], Any] = field(
         default_factory=dict, init=False, repr=False, compare=False
     )
+
+    def once(self, what: str, arm: str, compute: Callable[[], T]) -> T:
+        """What `compute` returns for an arm, computed when it is first asked for."""
+        if (what, arm) not in self._computed:
+            self._computed[what, arm] = compute()
+        found: T = self._computed[what, arm]
+        return found
 
     def with_facts(self, kind: type[F]) -> dict[str, F]:
         """Components with facts of one kind."""

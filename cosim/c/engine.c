@@ -22,57 +22,58 @@ static int not_finite(const double *x, int64_t n)
 /* Neither OK nor a warning; this includes values that FMI does not define, such as -1. */
 INLINE int failed_call(int status) { return (unsigned)status > 1u; }
 
-/* An FMU whose values are open between steps: our own. */
-INLINE void write_inputs(const unit_t *u, const double *s)
+/* The inputs of a unit of `kind`, UNIT_FMI2 or UNIT_FMI3; returns the FMU's status. The values of our own
+ * FMUs are open between steps. */
+INLINE int set_inputs(const unit_t *u, int32_t kind, const double *s)
 {
-    for (int64_t i = 0; i < u->n_inputs; i++) u->values[u->inputs[i]] = s[u->input + i];
+    s += u->input;
+    if (u->values) {
+        for (int64_t i = 0; i < u->n_inputs; i++) u->values[u->inputs[i]] = s[i];
+        return 0;
+    }
+    if (!u->n_inputs) return 0;
+    if (kind == UNIT_FMI2)
+        return ((set2_t)u->set)(u->instance, u->inputs, (size_t)u->n_inputs, s);
+    return ((set3_t)u->set)(u->instance, u->inputs, (size_t)u->n_inputs, s,
+                            (size_t)u->input_count);
 }
 
-INLINE void read_outputs(const unit_t *u, double *s)
+/* The same of the outputs. */
+INLINE int get_outputs(const unit_t *u, int32_t kind, double *s)
 {
-    for (int64_t i = 0; i < u->n_outputs; i++) s[u->output + i] = u->values[u->outputs[i]];
+    s += u->output;
+    if (u->values) {
+        for (int64_t i = 0; i < u->n_outputs; i++) s[i] = u->values[u->outputs[i]];
+        return 0;
+    }
+    if (!u->n_outputs) return 0;
+    if (kind == UNIT_FMI2)
+        return ((get2_t)u->get)(u->instance, u->outputs, (size_t)u->n_outputs, s);
+    return ((get3_t)u->get)(u->instance, u->outputs, (size_t)u->n_outputs, s,
+                            (size_t)u->output_count);
 }
 
 INLINE int step_fmi2(const unit_t *u, double *s, double t, int *status)
 {
-    if (u->values) {
-        write_inputs(u, s);
-    } else if (u->n_inputs) {
-        *status = ((set2_t)u->set)(u->instance, u->inputs, (size_t)u->n_inputs, s + u->input);
-        if (failed_call(*status)) return RUN_SET;
-    }
+    *status = set_inputs(u, UNIT_FMI2, s);
+    if (failed_call(*status)) return RUN_SET;
     *status = ((step2_t)u->step)(u->instance, t, u->h, 1);
     if (failed_call(*status)) return RUN_STEP;
-    if (u->values) {
-        read_outputs(u, s);
-    } else if (u->n_outputs) {
-        *status = ((get2_t)u->get)(u->instance, u->outputs, (size_t)u->n_outputs, s + u->output);
-        if (failed_call(*status)) return RUN_GET;
-    }
-    return RUN_OK;
+    *status = get_outputs(u, UNIT_FMI2, s);
+    return failed_call(*status) ? RUN_GET : RUN_OK;
 }
 
 INLINE int step_fmi3(unit_t *u, double *s, double t, int *status)
 {
     _Bool event = 0, terminate = 0, early = 0;
     double reached = t;
-    if (u->values) {
-        write_inputs(u, s);
-    } else if (u->n_inputs) {
-        *status = ((set3_t)u->set)(u->instance, u->inputs, (size_t)u->n_inputs, s + u->input,
-                                   (size_t)u->input_count);
-        if (failed_call(*status)) return RUN_SET;
-    }
+    *status = set_inputs(u, UNIT_FMI3, s);
+    if (failed_call(*status)) return RUN_SET;
     *status = ((step3_t)u->step)(u->instance, t, u->h, 1, &event, &terminate, &early, &reached);
     if (failed_call(*status)) return RUN_STEP;
     if (early && !terminate) return RUN_EARLY_RETURN;
-    if (u->values) {
-        read_outputs(u, s);
-    } else if (u->n_outputs) {
-        *status = ((get3_t)u->get)(u->instance, u->outputs, (size_t)u->n_outputs, s + u->output,
-                                   (size_t)u->output_count);
-        if (failed_call(*status)) return RUN_GET;
-    }
+    *status = get_outputs(u, UNIT_FMI3, s);
+    if (failed_call(*status)) return RUN_GET;
     if (!terminate) return RUN_OK;
     u->reached = reached;
     return RUN_TERMINATED;
@@ -91,26 +92,6 @@ API int32_t engine_unit(unit_t *u, double *s, double t, int64_t hit, int32_t *st
     case UNIT_EXCHANGE: return step_exchange(u, s, t, status, failed);
     default: return step_typed(u, s, t, hit, status, failed);
     }
-}
-
-static int set_inputs(const unit_t *u, const double *s)
-{
-    if (u->values) write_inputs(u, s);
-    if (u->values || !u->n_inputs) return 0;
-    if (u->kind == UNIT_FMI2)
-        return ((set2_t)u->set)(u->instance, u->inputs, (size_t)u->n_inputs, s + u->input);
-    return ((set3_t)u->set)(u->instance, u->inputs, (size_t)u->n_inputs, s + u->input,
-                            (size_t)u->input_count);
-}
-
-static int get_outputs(const unit_t *u, double *s)
-{
-    if (u->values) read_outputs(u, s);
-    if (u->values || !u->n_outputs) return 0;
-    if (u->kind == UNIT_FMI2)
-        return ((get2_t)u->get)(u->instance, u->outputs, (size_t)u->n_outputs, s + u->output);
-    return ((get3_t)u->get)(u->instance, u->outputs, (size_t)u->n_outputs, s + u->output,
-                            (size_t)u->output_count);
 }
 
 INLINE int step_unit(const engine_t *e, int64_t tick, int32_t index, failure_t *failure)
@@ -158,7 +139,7 @@ NOINLINE int step_units(const engine_t *e, int64_t tick, const operation_t *op, 
     for (; i < n; i++) {
         const unit_t *u = e->units + op[i].index;
         instances[i] = u->instance;
-        if (failed_call(set_inputs(u, e->signals))) break;
+        if (failed_call(set_inputs(u, u->kind, e->signals))) break;
     }
     if (i == n)
         ((steps_t)first->steps)(instances, (size_t)n, t, first->h, status);
@@ -169,7 +150,7 @@ NOINLINE int step_units(const engine_t *e, int64_t tick, const operation_t *op, 
         const unit_t *u = e->units + op[k].index;
         if (failed_call(status[k]))
             result = RUN_STEP;
-        else if (failed_call(status[k] = get_outputs(u, e->signals)))
+        else if (failed_call(status[k] = get_outputs(u, u->kind, e->signals)))
             result = RUN_GET;
         else if (not_finite(e->signals + u->output, u->output_count))
             result = RUN_NOT_FINITE;

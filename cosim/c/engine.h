@@ -289,7 +289,7 @@ typedef struct {
     double *record;         /* rows of `width`, or NULL */
     const columns_t *columns; /* what is recorded; then, what each part has of it */
     int64_t *recorded;      /* the number of rows in `record`, for concurrent readers; NULL */
-    int64_t n_segments, n_signals, width;
+    int64_t n_segments, width;
     int64_t row, tick;
     int64_t failed_tick;
     int64_t every;          /* ticks between two rows that are recorded; the others are only counted */

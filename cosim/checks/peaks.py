@@ -34,10 +34,7 @@ class Peaks:
 
 def peaks_of(system: AnalyzedSystem, port: str, net: RobotNetwork) -> Peaks:
     """The :func:`peaks` of the network of the arm `port`, computed once."""
-    if ("peaks", port) not in system.found:
-        system.found["peaks", port] = peaks(net)
-    found: Peaks = system.found["peaks", port]
-    return found
+    return system.once("peaks", port, lambda: peaks(net))
 
 
 def peaks(net: RobotNetwork) -> Peaks:

@@ -42,8 +42,6 @@ LEAST, ALONE = 32, 128
 WINDOW = 64
 #: What may be stepped by any thread: it does not call Python, and has no solver of its own.
 ANYWHERE = frozenset({UnitKind.NATIVE, UnitKind.FMI2, UnitKind.FMI3})
-#: Fields of an operation that C has, too.
-FIELDS = ("code", "index", "period", "source", "target", "count", "gain", "offset")
 Vector = NDArray[np.float64]
 Views = dict[str, Vector]
 
@@ -120,8 +118,7 @@ class Binding:
         state.links, state.senders = c.addressof(self.links), c.addressof(self.senders)
         state.players = c.addressof(self.players)
         state.signals = self.signals.ctypes.data
-        state.n_signals, state.width = plan.n_signals, len(self._columns)
-        state.columns = self._recorded()
+        state.width, state.columns = len(self._columns), self._recorded()
         state.h, state.tick = plan.h, tick
         for o in plan.operations:  # what there was before the start is what there is at the start
             if o.code in MEANS | SLOPES:
@@ -362,7 +359,7 @@ class Binding:
 def _operations(operations: Sequence[Operation], parts: PlanParts | None) -> NDArray[np.void]:
     """As C has them: those of the plan, then those of each part, which record for themselves."""
     found = np.zeros(len(operations), np.dtype(structs.OperationStruct))
-    for name in FIELDS:
+    for name, _ in structs.OperationStruct._fields_:
         found[name] = [getattr(op, name) for op in operations]
     if parts is None:
         return found

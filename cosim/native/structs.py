@@ -355,7 +355,7 @@ class EngineState(c.Structure):
         ("units", c.c_void_p),
         *((n, c.c_void_p) for n in ("links", "senders", "players", "gates", "signals")),
         *((n, c.c_void_p) for n in ("record", "columns", "recorded")),
-        *((n, c.c_int64) for n in ("n_segments", "n_signals", "width", "row", "tick")),
+        *((n, c.c_int64) for n in ("n_segments", "width", "row", "tick")),
         ("failed_tick", c.c_int64),
         ("every", c.c_int64),
         ("h", c.c_double),

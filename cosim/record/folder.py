@@ -19,7 +19,7 @@ PART, LIVE = "trajectories.parquet.part", "trajectories.live"
 METADATA = "run.json"
 LAST = "last.parquet"
 LINKS = "links"
-#: Tables of many links in one file, finished and while a run goes on.
+#: The file with the tables of many links: when the run has ended, and while it is active.
 TABLES, TABLE_ROWS = "links.parquet", "links.rows"
 #: Of a rehearsal: the journals of its nodes, of which trajectories are made at its end.
 NODES, JOURNAL = "nodes", ".journal"

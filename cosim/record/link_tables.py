@@ -193,6 +193,7 @@ class _Finished:
         self.names: Sequence[str] = self._file.read(columns=["link"]).column(0).to_pylist()
         self.places = {name: i for i, name in enumerate(self.names)}
         self._starts = list(self._group_starts())
+        self._read: dict[str, tuple[int, Any]] = {}  # by column, the row group that was read last
 
     def _group_starts(self) -> Iterator[int]:
         at = 0
@@ -203,8 +204,10 @@ class _Finished:
     def _row(self, name: str, column: str) -> Any:
         i = self.places[name]
         group = int(np.searchsorted(self._starts, i, side="right")) - 1
-        table = self._file.read_row_group(group, columns=[column])
-        return table.column(0).slice(i - self._starts[group], 1)
+        if self._read.get(column, (-1,))[0] != group:
+            table = self._file.read_row_group(group, columns=[column])
+            self._read[column] = group, table.column(0)
+        return self._read[column][1].slice(i - self._starts[group], 1)
 
     def rows(self, name: str) -> Rows:
         """Of a link."""

@@ -245,13 +245,9 @@ fmi2Real *fmi2_values(fmi2Component c) {
 
 void fmi2_steps(const fmi2Component c[], size_t n, fmi2Real t, fmi2Real h, int status[]) {
     Instance *const *x = (Instance *const *)c;
-    size_t allowed = 0;
-    while (allowed < n && x[allowed]->mode & STEPPING) allowed++;
-    if (allowed == n) do_steps(x, n, t, h, "fmi2DoStep", status);
-    for (size_t i = 0; i < n; i++) {
-        if (allowed < n) status[i] = (int)fmi2DoStep(x[i], t, h, fmi2True);
-        else if (status[i] == STATUS_DISCARD) x[i]->mode = STEP_FAILED;
-    }
+    do_steps(x, n, t, h, "fmi2DoStep", status);
+    for (size_t i = 0; i < n; i++)
+        if (status[i] == STATUS_DISCARD) x[i]->mode = STEP_FAILED;
 }
 
 fmi2Status fmi2GetRealStatus(fmi2Component c, const fmi2StatusKind kind, fmi2Real *value) {

@@ -313,7 +313,9 @@ void do_steps(Instance *const x[], size_t n, double t, double h, const char *fun
         Instance *const *some = x + i;
         int *answers = status + i, refused = 0;
         for (int k = 0; k < LANES; k++) {
-            answers[k] = (int)check_step(some[k], t, h, function);
+            answers[k] = legal(some[k], STEPPING, function)
+                             ? (int)check_step(some[k], t, h, function)
+                             : STATUS_ERROR;
             refused += answers[k] != STATUS_OK;
             models[k] = (Model *)some[k]->values;
         }
@@ -324,5 +326,7 @@ void do_steps(Instance *const x[], size_t n, double t, double h, const char *fun
             answers[k] = (int)end_step(some[k], t, h, why[k], function);
         }
     }
-    for (; i < n; i++) status[i] = (int)do_step(x[i], t, h, function);
+    for (; i < n; i++)
+        status[i] = legal(x[i], STEPPING, function) ? (int)do_step(x[i], t, h, function)
+                                                    : STATUS_ERROR;
 }

@@ -95,7 +95,8 @@ Status settle(Instance *x, const char *function);
 
 /* One communication step h (s) from t (s). */
 Status do_step(Instance *x, double t, double h, const char *function);
-/* The same of n instances, each with its own Status; not of a model with a clock. */
+/* The same of n instances, each with its own Status, which is an error for one that may not be stepped
+ * now; not of a model with a clock. */
 void do_steps(Instance *const x[], size_t n, double t, double h, const char *function,
               int status[]);
 

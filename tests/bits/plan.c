@@ -104,7 +104,7 @@ static void run(world_t *w, int parts)
     *e = (engine_t){.operations = w->operations, .segments = w->segments, .units = w->units,
                     .links = w->links, .senders = w->senders, .players = w->players,
                     .signals = w->signals, .record = w->rows, .columns = w->columns,
-                    .n_segments = 1, .n_signals = N, .width = N, .h = 1e-3, .every = 1,
+                    .n_segments = 1, .width = N, .h = 1e-3, .every = 1,
                     .team = parts ? &w->team : NULL};
     for (int64_t ticks = 1; e->tick < TICKS; ticks = ticks % 97 + 1) {
         const int64_t left = TICKS - e->tick;

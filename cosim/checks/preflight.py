@@ -34,6 +34,7 @@ RULES: tuple[Rule, ...] = (
     buses.lost_frames,
     lambda known: wiring.unconnected_inputs(known.plan),
     lambda known: wiring.unitless_connections(known.plan),
+    wiring.ignored_values,
     wiring.saturation,
     wiring.size,
 )

@@ -62,6 +62,24 @@ def unitless_connections(plan: Plan) -> Iterator[Finding]:
             )
 
 
+def ignored_values(system: AnalyzedSystem) -> Iterator[Finding]:
+    """Values of an SSP for variables that no FMU has: the standard has them ignored."""
+    if system.scenario.path.suffix != ".ssp":
+        return
+    from cosim.ssp.document import ignored
+
+    for sentence in ignored(system.scenario.path):
+        yield Finding(
+            rule="ignored",
+            severity="warning",
+            where="parameters",
+            number=1.0,
+            unit="1",
+            reason=f"{sentence}: its value is ignored",
+            advice="correct the name in the parameter set, or remove the parameter",
+        )
+
+
 def _connected_inputs(plan: Plan) -> list[Slot]:
     found = [w.target for w in plan.wires] + [x.target for x in plan.links]
     found += [x.age for x in plan.links if x.age is not None]

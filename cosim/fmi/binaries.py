@@ -18,8 +18,7 @@ def binary(fmu: Archive, fmi: str, identifier: str, build: bool = False) -> Path
 
     Raises FmuError naming the platforms there are.
     """
-    folder, suffix = platform_folder(fmi)
-    path = fmu.folder / "binaries" / folder / f"{identifier}{suffix}"
+    path = _library(fmu, fmi, identifier)
     if path.is_file():
         return path
     if build and has_sources(fmu):
@@ -30,10 +29,20 @@ def binary(fmu: Archive, fmi: str, identifier: str, build: bool = False) -> Path
     sources = " (it holds sources, which could be built: build = true)"
     there = ", ".join(found) if found else "none"
     raise FmuError(
-        f"{fmu.path}: no binary for this platform: expected binaries/{folder}/"
-        f"{identifier}{suffix}; platforms in the FMU: {there}"
+        f"{fmu.path}: no binary for this platform: expected binaries/{path.parent.name}/"
+        f"{path.name}; platforms in the FMU: {there}"
         f"{sources if has_sources(fmu) else ''}"
     )
+
+
+def _library(fmu: Archive, fmi: str, identifier: str) -> Path:
+    folder, suffix = platform_folder(fmi)
+    return fmu.folder / "binaries" / folder / f"{identifier}{suffix}"
+
+
+def shipped(fmu: Archive, fmi: str, identifier: str) -> bool:
+    """Whether the FMU contains a shared library for this platform, or one was compiled from it."""
+    return _library(fmu, fmi, identifier).is_file()
 
 
 def platform_folder(fmi: str) -> tuple[str, str]:

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
     from cosim.links.topology import Topology, WeightStream
 
-_ENDPOINT = re.compile(r"([A-Za-z_]\w*)\.([^\[\]]+?)(?:\[(\d+(?:,\d+)*)\])?$")
+_ENDPOINT = re.compile(r"([A-Za-z_]\w*)\.(.+?)(?:\[(\d+(?:,\d+)*)\])?$")
 Causality = Literal["input", "output"]
 
 
@@ -54,6 +54,9 @@ class ScenarioComponents:
         name, port, index = match[1], match[2], match[3]
         if name not in self.steps:
             raise ScenarioError(unknown(name, self.steps, "component"), place)
+        whole = self.slots[causality].get(text)
+        if whole is not None:
+            return whole  # also an entry of what is no whole array: an FMU's variable ``u[3]``
         slot = self.slots[causality].get(f"{name}.{port}")
         if slot is None:
             component = self.steps[name].component

@@ -28,14 +28,14 @@ def unpack(path: str | Path) -> Path:
         raise ScenarioError(str(error), str(path)) from None
 
 
-def archive_member(folder: Path, source: str, place: str) -> Path:
-    """The file that a relative URI names in the archive. Raises ScenarioError at `place`."""
+def archive_member(folder: Path, source: str, place: str, base: str = "") -> Path:
+    """The file that a URI relative to `base` names. Raises ScenarioError at `place`."""
     uri = urlsplit(source)
     if uri.scheme or uri.netloc:
         raise ScenarioError(
             f"source {source!r} is not in the archive; expected a path in it", place
         )
-    path = (folder / unquote(uri.path)).resolve()
+    path = (folder / base / unquote(uri.path)).resolve()
     if not path.is_relative_to(folder.resolve()):
         raise ScenarioError(f"source {source!r} leads out of the archive", place)
     if not path.is_file():

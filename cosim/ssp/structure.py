@@ -1,7 +1,8 @@
 """``SystemStructure.ssd`` flattened: components, one-way edges between connectors, values.
 
 SSP 1.0 and 2.0, clause 4. Systems inside systems disappear here: their connectors are stations on
-the way from an output to an input, and so are the signals of signal dictionaries.
+the way from an output to an input, and so are the signals of signal dictionaries. A component that
+is an ``.ssd`` or ``.ssp`` file itself is read as if its system stood in its place.
 """
 
 from __future__ import annotations
@@ -11,45 +12,44 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from cosim.base.errors import ScenarioError
+from cosim.fmi import archive as fmus
 from cosim.ssp import nodes
-from cosim.ssp.archive import ROOT, archive_member
+from cosim.ssp.archive import ROOT
+from cosim.ssp.connections import Connector, SspConnection, SspElement, directed
+from cosim.ssp.files import Files, SspDescription, nested
 from cosim.ssp.nodes import XmlNode
-from cosim.ssp.values import Files, SspValue, bound, linear
+from cosim.ssp.values import SspValue, bound, transformation
 
-#: A connector: the names of systems and component, and its own.
-Connector = tuple[tuple[str, ...], str]
-_SOURCES, _SINKS = ("output", "calculatedParameter"), ("input", "parameter")
 _FMU = "application/x-fmu-sharedlibrary"
-
-
-@dataclass(frozen=True, slots=True)
-class SspConnection:
-    """What feeds a connector: ``factor * value + offset``, after units unless `suppress`."""
-
-    source: Connector
-    factor: float
-    offset: float
-    suppress: bool
-    place: str
+#: Types of components that are systems, in files of their own.
+_SYSTEMS = ("application/x-ssp-definition", "application/x-ssp-package")
+_IMPLEMENTATIONS = ("any", "CoSimulation", "ModelExchange")
 
 
 @dataclass(frozen=True, slots=True)
 class SspComponent:
-    """A component: its FMU in the unpacked archive, and its place in the SSD."""
+    """A component: its FMU in the unpacked archive, how it is run, and its place in the SSD."""
 
     fmu: Path
+    implementation: str
     place: str
 
 
 @dataclass(slots=True)
 class Structure:
-    """A flattened system. `edges` and `values` are by the connector that gets them."""
+    """A flattened system. `edges` and `values` are by the connector that gets them.
+
+    `elements`: all elements by their names from the outside in; `ignored`: what is said about
+    values that belong to nobody.
+    """
 
     root: XmlNode
     system: XmlNode
     parts: dict[tuple[str, ...], SspComponent] = field(default_factory=dict)
     edges: dict[Connector, SspConnection] = field(default_factory=dict)
     values: dict[Connector, SspValue] = field(default_factory=dict)
+    elements: dict[tuple[str, ...], SspElement] = field(default_factory=dict)
+    ignored: list[str] = field(default_factory=list)
 
 
 def read(folder: Path, label: str) -> Structure:
@@ -59,69 +59,111 @@ def read(folder: Path, label: str) -> Structure:
     if system is None:
         raise ScenarioError("no <System>", root.place)
     found = Structure(root, system)
-    _Reader(Files(folder, label), found).system(system, ())
+    _Reader(found).system(SspDescription(root, system, Files(folder, label)), (), {})
     return found
 
 
 class _Reader:
     """Reads systems recursively, inner systems first, so that outer values take precedence."""
 
-    def __init__(self, files: Files, found: Structure) -> None:
-        self._files, self._found = files, found
+    def __init__(self, found: Structure) -> None:
+        self._found = found
+        self._open: list[str] = []  # places of the files that are being read
 
-    def system(self, system: XmlNode, path: tuple[str, ...]) -> None:
-        kinds: dict[str | None, dict[str, str]] = {None: _kinds(system)}
-        children: dict[str, XmlNode] = {}
-        for element in system.children("Elements"):
+    def system(
+        self, given: SspDescription, path: tuple[str, ...], outer: Mapping[str, Connector]
+    ) -> SspElement:
+        """Read a system; `outer`: the signal dictionaries of the systems around it, by name."""
+        dictionaries = {**outer, **_dictionaries(given, path)}
+        children: dict[str, SspElement] = {}
+        for element in given.system.children("Elements"):
             for child in element.children():
                 name = child.need("name")
                 if name in children:
                     raise ScenarioError(f"a second element is called {name!r}", child.place)
-                children[name] = child
-                kinds[name] = _kinds(child)
-                self._element(child, (*path, name))
-        ends = _ConnectionEnds(
-            path, kinds, {n: c for n, c in children.items() if _is_dictionary(c)}
-        )
-        for connection in system.children("Connections", "Connection"):
-            self._connect(connection, ends)
-        self._bind(system, path, children)
+                children[name] = self._element(given, child, (*path, name), dictionaries)
+        whole = SspElement(path, _kinds(given.system), children)
+        for connection in given.system.children("Connections", "Connection"):
+            self._connect(connection, whole)
+        self._bind(given.system, whole, given.files, None)
+        self._found.elements[path] = whole
+        return whole
 
-    def _element(self, child: XmlNode, path: tuple[str, ...]) -> None:
+    def _element(
+        self, given: SspDescription, child: XmlNode, path: tuple[str, ...],
+        dictionaries: Mapping[str, Connector],
+    ) -> SspElement:  # fmt: skip
         if child.tag == "System":
-            self.system(child, path)
-        elif child.tag == "Component":
-            self._component(child, path)
-        elif child.tag != "SignalDictionaryReference":
+            return self.system(SspDescription(given.root, child, given.files), path, dictionaries)
+        if child.tag == "SignalDictionaryReference":
+            name = child.need("dictionary")
+            if name not in dictionaries:
+                there = ", ".join(sorted(dictionaries)) or "none"
+                raise ScenarioError(f"no signal dictionary {name!r} (there: {there})", child.place)
+            return SspElement(path, _kinds(child), None, dictionaries[name])
+        if child.tag != "Component":
             raise ScenarioError(f"<{child.tag}> is not supported", child.place)
+        if child.get("type", _FMU) in _SYSTEMS:
+            return self._nested(given, child, path, dictionaries)
+        return self._component(given, child, path)
 
-    def _component(self, child: XmlNode, path: tuple[str, ...]) -> None:
-        kind, source = child.get("type", _FMU), child.need("source")
+    def _nested(
+        self, given: SspDescription, child: XmlNode, path: tuple[str, ...],
+        dictionaries: Mapping[str, Connector],
+    ) -> SspElement:  # fmt: skip
+        """A component that is a system: as if it stood there, its bindings after the system's."""
+        inner = nested(given, child)
+        if inner.system.place in self._open:
+            raise ScenarioError(f"source {child.get('source')!r} contains itself", child.place)
+        self._open.append(inner.system.place)
+        element = self.system(inner, path, dictionaries)
+        self._open.pop()
+        element = SspElement(path, {**element.kinds, **_kinds(child)}, element.children)
+        self._bind(child, element, given.files, inner.files)
+        return element
+
+    def _component(
+        self, given: SspDescription, child: XmlNode, path: tuple[str, ...]
+    ) -> SspElement:
+        kind = child.get("type", _FMU)
         if kind != _FMU:
             message = f"a component of type {kind!r} is not supported; expected an FMU"
             raise ScenarioError(message, child.place)
-        if child.get("implementation") in ("ModelExchange", "SourceCode"):
-            what = child.get("implementation")
-            raise ScenarioError(f"implementation {what!r}; expected CoSimulation", child.place)
-        fmu = archive_member(self._files.folder, source, child.place)
+        implementation = child.get("implementation", "any")
+        if implementation not in _IMPLEMENTATIONS:
+            words = ", ".join(_IMPLEMENTATIONS)
+            message = f"implementation {implementation!r}; expected one of {words}"
+            raise ScenarioError(message, child.place)
+        source = child.need("source")
+        fmu = given.files.path(source, child.place)
         if fmu.suffix != ".fmu":
             raise ScenarioError(f"source {source!r} is not an .fmu file", child.place)
-        self._found.parts[path] = SspComponent(fmu, child.place)
-        self._bind(child, path, {})
+        self._found.parts[path] = SspComponent(fmu, implementation, child.place)
+        element = SspElement(path, _kinds(child), None)
+        inside = Files(fmus.unpack(fmu).folder, f"{given.files.label}:{source}")
+        self._bind(child, element, given.files, inside)
+        self._found.elements[path] = element
+        return element
 
-    def _connect(self, connection: XmlNode, ends: _ConnectionEnds) -> None:
-        source, target = ends.directed(connection)
+    def _connect(self, connection: XmlNode, system: SspElement) -> None:
+        source, target = directed(connection, system)
         if target in self._found.edges:
             name = ".".join((*target[0], target[1]))
             raise ScenarioError(f"{name} is fed by a second connection", connection.place)
-        self._found.edges[target] = SspConnection(source, *linear(connection), connection.place)
+        linear, table = transformation(connection)
+        self._found.edges[target] = SspConnection(source, *linear, connection.place, table)
 
-    def _bind(
-        self, element: XmlNode, path: tuple[str, ...], children: Mapping[str, XmlNode]
-    ) -> None:
-        for binding in element.children("ParameterBindings", "ParameterBinding"):
-            for name, value in bound(binding, self._files).items():
-                self._found.values[_resolve(element, path, name, children)] = value
+    def _bind(self, node: XmlNode, element: SspElement, files: Files, inside: Files | None) -> None:
+        for binding in node.children("ParameterBindings", "ParameterBinding"):
+            for name, value in bound(binding, files, inside).items():
+                target = element.connector(name)
+                if target is None:
+                    there = ", ".join(sorted(element.children or ())) or "nothing"
+                    self._found.ignored.append(
+                        f"parameter {name!r} belongs to no element (there are: {there})"
+                    )
+                else:
+                    self._found.values[target] = value
 
 
 def _kinds(element: XmlNode) -> dict[str, str]:
@@ -131,66 +173,11 @@ def _kinds(element: XmlNode) -> dict[str, str]:
     }
 
 
-def _is_dictionary(child: XmlNode) -> bool:
-    return child.tag == "SignalDictionaryReference"
-
-
-def _resolve(
-    element: XmlNode, path: tuple[str, ...], name: str, children: Mapping[str, XmlNode]
-) -> Connector:
-    """The connector a parameter's name means: ``k``, or ``inner.controller.k`` of a system."""
-    if element.tag != "System" or name in _kinds(element):
-        return path, name
-    for child in sorted(children, key=len, reverse=True):
-        rest = name.removeprefix(f"{child}.")
-        if rest != name:
-            inner = children[child]
-            below = {c.get("name"): c for e in inner.children("Elements") for c in e.children()}
-            return _resolve(inner, (*path, child), rest, below)
-    there = ", ".join(sorted(children)) or "nothing"
-    raise ScenarioError(
-        f"parameter {name!r} belongs to no element (there are: {there})", element.place
-    )
-
-
-@dataclass(frozen=True, slots=True)
-class _ConnectionEnds:
-    """The ends a connection in the system at `path` can have; None is the system itself."""
-
-    path: tuple[str, ...]
-    kinds: Mapping[str | None, Mapping[str, str]]
-    dictionaries: Mapping[str, XmlNode]
-
-    def directed(self, connection: XmlNode) -> tuple[Connector, Connector]:
-        """(source, target): start and end do not tell the direction, kinds do (clause 4.5.4)."""
-        start, end = self._end(connection, "start"), self._end(connection, "end")
-        (first, from_first), (second, from_second) = start, end
-        if from_first is None and from_second is None:
-            return first, second  # both in dictionaries
-        if from_first == from_second:
-            raise ScenarioError("connects two sources or two sinks", connection.place)
-        forward = from_first if from_first is not None else not from_second
-        return (first, second) if forward else (second, first)
-
-    def _end(self, connection: XmlNode, which: str) -> tuple[Connector, bool | None]:
-        """An end, and whether it is a source inside this system (None: either)."""
-        name = connection.get(f"{which}Element") or None
-        connector = connection.need(f"{which}Connector")
-        if name not in self.kinds:
-            there = ", ".join(sorted(k for k in self.kinds if k)) or "none"
-            raise ScenarioError(f"no element {name!r} (there are: {there})", connection.place)
-        if name in self.dictionaries:
-            dictionary = self.dictionaries[name].need("dictionary")  # type: ignore[index]
-            return (("", dictionary), connector), None
-        if connector not in self.kinds[name]:
-            there = ", ".join(sorted(self.kinds[name])) or "none"
-            owner = name or "the system"
-            message = f"{owner} has no connector {connector!r} (there are: {there})"
-            raise ScenarioError(message, connection.place)
-        kind = self.kinds[name][connector]
-        if kind not in (*_SOURCES, *_SINKS):
-            raise ScenarioError(
-                f"{connector} is {kind!r}, which is not supported", connection.place
-            )
-        path = self.path if name is None else (*self.path, name)
-        return (path, connector), (kind in _SOURCES) != (name is None)
+def _dictionaries(given: SspDescription, path: tuple[str, ...]) -> dict[str, Connector]:
+    """The signal dictionaries of a system, by name, as the place where their signals are."""
+    found: dict[str, Connector] = {}
+    for node in given.system.children("SignalDictionaries", "SignalDictionary"):
+        if node.get("source"):
+            given.files.open(node.get("source"), "SignalDictionary", node.place)
+        found[node.need("name")] = ((*path, ""), node.need("name"))
+    return found

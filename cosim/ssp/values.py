@@ -3,20 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
-from pathlib import Path
+from dataclasses import dataclass, replace
 
-from cosim.base.errors import ScenarioError, UnitError
-from cosim.base.units import BASE, Unit, parse
-from cosim.ssp.archive import archive_member
-from cosim.ssp.nodes import XmlNode, check, read
+from cosim.base.errors import ScenarioError
+from cosim.base.units import BASE, Unit
+from cosim.ssp.connections import MapEntries
+from cosim.ssp.files import Files
+from cosim.ssp.nodes import XmlNode, check
 
-_NUMBERS = ("Real", "Integer", "Boolean", "Enumeration")
+_REALS = ("Real", "Float64", "Float32")
+_WHOLE = ("Integer", *(f"{u}Int{n}" for u in ("", "U") for n in (8, 16, 32, 64)))
+_NUMBERS = (*_REALS, *_WHOLE, "Boolean", "Enumeration")
 
 
 @dataclass(frozen=True, slots=True)
 class SspValue:
     """A value as written: its `type` (Real, ..., String), entries as text, unit and place.
+
+    `unit`: as its file defines it, or only its name.
 
     Its transformation is ``factor * value + offset``, after the unit is converted unless
     `suppress`.
@@ -25,7 +29,7 @@ class SspValue:
     type: str
     entries: tuple[str, ...]
     place: str
-    unit: Unit | None = None
+    unit: Unit | str | None = None
     factor: float = 1.0
     offset: float = 0.0
     suppress: bool = False
@@ -42,45 +46,37 @@ class SspValue:
         )
 
 
-@dataclass(frozen=True, slots=True)
-class Files:
-    """Where what an SSD refers to is: the unpacked `folder` of the archive called `label`."""
+def bound(binding: XmlNode, files: Files, inside: Files | None = None) -> dict[str, SspValue]:
+    """The values of one ParameterBinding by name, prefixed and mapped (SSP 1.0, clause 4.5.1).
 
-    folder: Path
-    label: str
-    loaded: dict[Path, XmlNode] = field(default_factory=dict)
-
-    def open(self, source: str, root: str, place: str) -> XmlNode:
-        """The root of another file of the archive. Raises ScenarioError."""
-        path = archive_member(self.folder, source, place)
-        if path not in self.loaded:
-            self.loaded[path] = read(path, f"{self.label}:{source}", root)
-        return self.loaded[path]
-
-
-def bound(binding: XmlNode, files: Files) -> dict[str, SspValue]:
-    """The values of one ParameterBinding by name, mapped and prefixed. Raises ScenarioError."""
+    `inside`: the files of the component, for sources with ``sourceBase="component"``. Raises
+    ScenarioError.
+    """
     kind = binding.get("type", "application/x-ssp-parameter-set")
     if kind != "application/x-ssp-parameter-set":
         raise ScenarioError(f"parameters of type {kind!r} are not supported", binding.place)
-    values = _set(_root(binding, "ParameterValues", "ParameterSet", files))
-    mapping = binding.child("ParameterMapping")
-    if mapping is not None:
-        values = _mapped(values, _root(binding, "ParameterMapping", "ParameterMapping", files))
+    given = _set(_root(binding, "ParameterValues", "ParameterSet", files, inside))
     prefix = binding.get("prefix")
-    return {prefix + name: value for name, value in values.items()}
+    values = {prefix + name: value for name, value in given.items()}
+    if binding.child("ParameterMapping") is None:
+        return values
+    mapping = _root(binding, "ParameterMapping", "ParameterMapping", files, inside)
+    return _mapped(values, mapping)
 
 
-def _root(binding: XmlNode, element: str, root: str, files: Files) -> XmlNode:
+def _root(binding: XmlNode, element: str, root: str, files: Files, inside: Files | None) -> XmlNode:
     """The set or mapping of a binding, from a file or from inside."""
     place = binding.child(element)
     holder = place if element == "ParameterMapping" else binding
     assert holder is not None
     source = holder.get("source")
     if source:
-        if holder.get("sourceBase", "SSD") != "SSD":
-            raise ScenarioError('sourceBase other than "SSD" is not supported', holder.place)
-        return files.open(source, root, holder.place)
+        base = holder.get("sourceBase", "SSD")
+        where = {"SSD": files, "component": inside}.get(base)
+        if where is None:
+            expected = "SSD, and component in a component"
+            raise ScenarioError(f"sourceBase is {base!r}; expected {expected}", holder.place)
+        return where.open(source, root, holder.place)
     inner = place.child(root) if place is not None else None
     if inner is None:
         raise ScenarioError(f"neither a source nor a {root} inside", binding.place)
@@ -103,17 +99,14 @@ def _set(root: XmlNode) -> dict[str, SspValue]:
 
 
 def _given(typed: XmlNode, units: Mapping[str, Unit]) -> SspValue:
+    texts = [node.need("value") for node in typed.children("Value")]
     if typed.element.get("value") is None and typed.tag != "String":
         raise ScenarioError(f"{typed.tag} has no attribute 'value'", typed.place)
     text = typed.get("value")
     entries = (text,) if typed.tag in ("String", "Binary") else tuple(text.split())
-    name, unit = typed.get("unit"), None
-    if name and typed.tag == "Real":
-        try:
-            unit = units[name] if name in units else parse(name)
-        except UnitError as error:
-            raise ScenarioError(str(error), typed.place) from None
-    return SspValue(typed.tag, entries, typed.place, unit)
+    name = typed.get("unit") if typed.tag in _REALS else ""
+    unit = units.get(name, name) if name else None
+    return SspValue(typed.tag, tuple(texts) or entries, typed.place, unit)
 
 
 def _units(root: XmlNode) -> dict[str, Unit]:
@@ -139,18 +132,22 @@ def _mapped(values: Mapping[str, SspValue], root: XmlNode) -> dict[str, SspValue
     return found
 
 
-def linear(node: XmlNode) -> tuple[float, float, bool]:
-    """(factor, offset, unit conversion suppressed) of a connection or mapping entry.
-
-    Raises ScenarioError for a transformation that is not linear.
+def transformation(node: XmlNode) -> tuple[tuple[float, float, bool], MapEntries]:
+    """(factor, offset, unit conversion suppressed) of a connection or mapping entry, and the
+    entries of a mapping transformation, () if it has none.
     """
     factor, offset = 1.0, 0.0
+    table: MapEntries = ()
     for child in node.children():
         if child.tag == "LinearTransformation":
             factor, offset = child.number("factor", 1.0), child.number("offset", 0.0)
         elif child.tag.endswith("MappingTransformation"):
-            raise ScenarioError(f"a {child.tag} on a connection is not supported", child.place)
-    return factor, offset, node.flag("suppressUnitConversion")
+            table = tuple(_entries(child).items())
+    return (factor, offset, node.flag("suppressUnitConversion")), table
+
+
+def _entries(node: XmlNode) -> dict[str, str]:
+    return {m.need("source"): m.need("target") for m in node.children("MapEntry")}
 
 
 def transformed(value: SspValue, entry: XmlNode) -> SspValue:
@@ -160,10 +157,10 @@ def transformed(value: SspValue, entry: XmlNode) -> SspValue:
     """
     for child in entry.children():
         if child.tag.endswith("MappingTransformation"):
-            table = {m.need("source"): m.need("target") for m in child.children("MapEntry")}
+            table = _entries(child)
             missing = [e for e in value.entries if e not in table]
             if missing:
                 raise ScenarioError(f"no entry for {missing[0]!r}", child.place)
             kind = child.tag.removesuffix("MappingTransformation")
             return replace(value, type=kind, entries=tuple(table[e] for e in value.entries))
-    return value.through(*linear(entry))
+    return value.through(*transformation(entry)[0])

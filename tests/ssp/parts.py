@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import zipfile
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -87,8 +88,30 @@ def embedded(parameters: dict[str, str], kind: str = "Real", unit: str = "") -> 
     return f"<ssd:ParameterValues>{values(parameters, kind, unit)}</ssd:ParameterValues>"
 
 
-def pack(path: Path, description: str, files: dict[str, str] | None = None) -> Path:
-    """Write an SSP with the FMUs of :data:`FMUS` that it names, and other `files`."""
+def part(name: str, source: str, inside: str = "", attributes: str = "", **kinds: str) -> str:
+    """A component of any source; `kinds`: the kinds of its scalar connectors."""
+    connectors = "".join(connector(port, kind) for port, kind in kinds.items())
+    return (
+        f'<ssd:Component name="{name}" source="{source}" {attributes}>'
+        f"<ssd:Connectors>{connectors}</ssd:Connectors>{inside}</ssd:Component>"
+    )
+
+
+def wire(start: str, end: str, inside: str = "", attributes: str = "") -> str:
+    """A connection of one connector, ``element.name``, with another."""
+    (a, x), (b, y) = start.split(".", 1), end.split(".", 1)
+    ends = f'startConnector="{x}" endConnector="{y}" '
+    ends += (f'startElement="{a}" ' if a else "") + (f'endElement="{b}" ' if b else "")
+    return f"<ssd:Connection {ends}{attributes}>{inside}</ssd:Connection>"
+
+
+def pack(
+    path: Path,
+    description: str,
+    files: Mapping[str, str] | None = None,
+    fmus: Mapping[str, Path] | None = None,
+) -> Path:
+    """Write an SSP with the FMUs of :data:`FMUS` that it names, other `fmus`, and `files`."""
     with zipfile.ZipFile(path, "w") as archive:
         archive.writestr("SystemStructure.ssd", description)
         for name, fmu in FMUS.items():
@@ -96,6 +119,8 @@ def pack(path: Path, description: str, files: dict[str, str] | None = None) -> P
                 archive.write(fmu("2.0"), f"resources/{name}.fmu")
         for name, text in (files or {}).items():
             archive.writestr(name, text)
+        for name, fmu in (fmus or {}).items():
+            archive.write(fmu, name)
     return path
 
 

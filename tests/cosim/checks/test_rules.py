@@ -108,8 +108,9 @@ def test_every_rule_is_among_the_cases() -> None:
         "bounded", "buffer", "backwards", "like-a-wire", "unfed", "saturation",
         "jacobi",
     }  # fmt: skip
-    # those of buses: tests/cosim/scenario/test_buses.py; of FMUs without units: test_unitless.py
-    assert len(RULES) + len(NOTES) == 28
+    # those of buses: tests/cosim/scenario/test_buses.py; of FMUs without units: test_unitless.py;
+    # of SSPs: tests/ssp/test_published.py
+    assert len(RULES) + len(NOTES) == 29
 
 
 # ---- predictions and the rest -------------------------------------------------------------------

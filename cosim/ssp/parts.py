@@ -1,0 +1,174 @@
+"""Components of an SSP: FMUs, their variables by name, and the tables of the scenario they fill."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator, Sequence
+from itertools import product
+from typing import Any
+
+from cosim.base.errors import CosimError, ScenarioError, UnitError
+from cosim.base.units import Unit, conversion
+from cosim.fmi import FmuComponent, FmuOptions, binaries
+from cosim.fmi.ports import VariableGroup
+from cosim.fmi.values import item
+from cosim.fmi.variables import TEXTS
+from cosim.scenario.connect import unknown
+from cosim.ssp.structure import SspComponent, Structure
+from cosim.ssp.values import SspValue
+
+
+def components(structure: Structure) -> dict[tuple[str, ...], SspPart]:
+    """The components of a structure by their names from the outside in. Raises ScenarioError."""
+    found: dict[tuple[str, ...], SspPart] = {}
+    names: set[str] = set()
+    for path, part in structure.parts.items():
+        name = re.sub(r"\W", "_", "_".join(path))
+        name = name if not name[0].isdigit() else f"_{name}"
+        while name in names:
+            name += "_"
+        names.add(name)
+        found[path] = SspPart(name, _fmu(part, name), part.place)
+    if not found:
+        raise ScenarioError("no components", structure.system.place)
+    return found
+
+
+def _fmu(part: SspComponent, name: str) -> FmuComponent:
+    """The FMU of a component, as the SSD says that it is run. Raises ScenarioError."""
+    wanted = part.implementation
+    try:
+        fmu = FmuComponent(part.fmu, name, options=FmuOptions(exchange=wanted == "ModelExchange"))
+    except CosimError as error:
+        raise ScenarioError(str(error), part.place) from None
+    if wanted not in ("any", *fmu.description.interfaces):
+        there = ", ".join(fmu.description.interfaces)
+        message = f"implementation is {wanted!r}, but the FMU has {there}"
+        raise ScenarioError(message, part.place)
+    return fmu
+
+
+class SspPart:
+    """A component to be: FMI variables by name, and the tables that are filled."""
+
+    def __init__(self, name: str, fmu: FmuComponent, place: str) -> None:
+        self.name, self.fmu, self._place = name, fmu, place
+        self._variables = dict(_variables(fmu))
+        self._inputs: dict[str, Any] = {}
+        self._values: dict[str, Any] = {}
+
+    def table(self) -> dict[str, Any]:
+        """Its table in the document; inputs and values appear in it later."""
+        found: dict[str, Any] = {"model": str(self.fmu.archive.path)}
+        if self.fmu.options.exchange:
+            found["kind"] = "model exchange"
+        archive, described = self.fmu.archive, self.fmu.description
+        shipped = binaries.shipped(archive, described.fmi, described.identifier)
+        if not shipped and binaries.has_sources(archive):
+            found["build"] = True
+        return {**found, "inputs": self._inputs, "parameters": self._values}
+
+    @property
+    def names(self) -> Iterable[str]:
+        """Names of all variables."""
+        return self._variables
+
+    def has(self, name: str) -> bool:
+        """Whether there is a variable of that name."""
+        return name in self._variables
+
+    def variable(self, name: str, place: str) -> tuple[VariableGroup, tuple[int, ...]]:
+        """The signal a variable is in, and its index there (0-based). Raises ScenarioError."""
+        if name not in self._variables:
+            raise ScenarioError(unknown(name, self._variables, f"variable of {self.name}"), place)
+        return self._variables[name]
+
+    def group(self, name: str) -> VariableGroup:
+        """The signal that a variable is in. Raises KeyError."""
+        return self._variables[name][0]
+
+    def endpoint(self, name: str, place: str) -> str:
+        """``component.port`` or ``component.port[i]`` of a variable."""
+        group, index = self.variable(name, place)
+        return f"{self.name}.{group.name}{_brackets(index)}"
+
+    def unit(self, name: str, place: str) -> Unit | str:
+        """The unit of a variable."""
+        return self.fmu.unit(self.variable(name, place)[0].first.unit or "1")
+
+    def feed(self, name: str, wire: Any, place: str) -> None:
+        """Wire an input."""
+        group, index = self.variable(name, place)
+        self._inputs[f"{group.name}{_brackets(index)}"] = wire
+
+    def set(self, name: str, value: SspValue) -> None:
+        """Set a parameter or start value. Raises ScenarioError."""
+        group, index = self.variable(name, value.place)
+        entries = self._entries(group, value)
+        if group.first.type in TEXTS:
+            if index:
+                message = f"{self.name}.{name}: entries of an array of texts are not supported"
+                raise ScenarioError(message, value.place)
+            self._values[group.name] = entries[0]
+            return
+        if not index:
+            many = entries if len(entries) != 1 else entries * group.size
+            if len(many) != group.size:
+                raise ScenarioError(f"{len(many)} entries, expected {group.size}", value.place)
+            self._values[group.name] = _nested(many, group.shape)
+            return
+        if len(entries) != 1:
+            raise ScenarioError(f"{len(entries)} entries, expected one", value.place)
+        nested = self._values.setdefault(group.name, _nested(_starts(group), group.shape))
+        for i in index[:-1]:
+            nested = nested[i]
+        nested[index[-1]] = entries[0]
+
+    def _entries(self, group: VariableGroup, value: SspValue) -> list[Any]:
+        if group.first.type in TEXTS:
+            return list(value.entries)
+        try:
+            numbers = [number_of(group, entry) for entry in value.entries]
+        except (ValueError, CosimError):
+            message = f"{' '.join(value.entries)!r} is no value of {self.name}.{group.name}"
+            raise ScenarioError(message, value.place) from None
+        gain, offset = 1.0, 0.0
+        own = group.first.unit
+        if value.unit is not None and value.unit != own and not value.suppress and own:
+            try:
+                gain, offset = conversion(value.unit, self.fmu.unit(own))
+            except UnitError as error:
+                raise ScenarioError(f"{self.name}.{group.name}: {error}", value.place) from None
+        return [value.factor * (gain * x + offset) + value.offset for x in numbers]
+
+
+def _variables(fmu: FmuComponent) -> Iterator[tuple[str, tuple[VariableGroup, tuple[int, ...]]]]:
+    for group in fmu.groups.values():
+        if len(group.variables) == 1 and group.first.name == group.name:
+            yield group.name, (group, ())
+        else:
+            indices = product(*(range(n) for n in group.shape))
+            for variable, index in zip(group.variables, indices, strict=True):
+                yield variable.name, (group, index)
+
+
+def _brackets(index: tuple[int, ...]) -> str:
+    return f"[{','.join(map(str, index))}]" if index else ""
+
+
+def number_of(group: VariableGroup, text: str) -> float:
+    """A value of a variable as written, in its unit; items as numbers. Raises ValueError."""
+    if group.first.type == "Enumeration" and text in group.first.items:
+        return float(item(group, text))
+    return {"true": 1.0, "false": 0.0}[text] if text in ("true", "false") else float(text)
+
+
+def _starts(group: VariableGroup) -> list[float]:
+    return [number_of(group, text) for text in group.start] or [0.0] * group.size
+
+
+def _nested(values: Sequence[Any], shape: tuple[int, ...]) -> Any:
+    if not shape:
+        return values[0]
+    part = len(values) // shape[0] if shape[0] else 0
+    return [_nested(values[i * part : (i + 1) * part], shape[1:]) for i in range(shape[0])]

@@ -110,7 +110,9 @@ def _said(package: str, room: str) -> str:
 
 
 def _modules(package: str, room: str) -> str:
-    names = sorted(p.stem for p in (ROOT / package / room).glob("*.py"))
+    folder = ROOT / package / room
+    names = [p.stem for p in folder.glob("*.py")]
+    names = sorted(names + [f"{p.parent.name}/" for p in folder.glob("*/__init__.py")])
     return ", ".join(name for name in names if not name.startswith("__"))
 
 

@@ -5,7 +5,7 @@
  * function pointers, ticks and signals only. It contains no code for Python, robots or networks,
  * and neither allocates nor prints. It is called with the GIL released, in chunks of ticks.
  */
-#include "engine.h"
+#include "mailbox.h"
 
 /* An exponent of all ones is not a finite number: one more carries into the sign bit. */
 static int not_finite(const double *x, int64_t n)
@@ -109,6 +109,9 @@ INLINE int step_unit(const engine_t *e, int64_t tick, int32_t index, failure_t *
         result = step_typed(u, s, t, (tick - u->lag) / u->period, &status, &failure->signal);
     } else if (u->kind == UNIT_EXCHANGE) {
         result = step_exchange(u, s, t, &status, &failure->signal);
+    } else if (u->kind == UNIT_REMOTE) {
+        mailbox_ask(u, s, t, (tick - u->lag) / u->period);
+        result = mailbox_answer(u, s, &u->reached, &status, &failure->signal);
     } else if (u->kind == UNIT_NATIVE) {
         if (((native_t)u->step)(u->instance, t, u->h, s + u->input, s + u->output))
             result = RUN_STEP;
@@ -125,41 +128,7 @@ INLINE int step_unit(const engine_t *e, int64_t tick, int32_t index, failure_t *
     return result;
 }
 
-/* Units of one FMU whose steps follow each other, at once. The outputs are got in their order up to the
- * first that fails; if an FMU refuses its inputs, they are stepped one by one. */
-NOINLINE int step_units(const engine_t *e, int64_t tick, const operation_t *op, failure_t *failure)
-{
-    const int64_t n = op->count + 1;
-    const unit_t *const first = e->units + op->index;
-    const double t = (double)(tick - first->lag) * e->h;
-    void *instances[AT_ONCE];
-    int status[AT_ONCE], result = RUN_OK;
-    int64_t i = 0;
-
-    for (; i < n; i++) {
-        const unit_t *u = e->units + op[i].index;
-        instances[i] = u->instance;
-        if (failed_call(set_inputs(u, u->kind, e->signals))) break;
-    }
-    if (i == n)
-        ((steps_t)first->steps)(instances, (size_t)n, t, first->h, status);
-    else
-        for (int64_t k = 0; k < n && result == RUN_OK; k++)
-            result = step_unit(e, tick, op[k].index, failure);
-    for (int64_t k = 0; k < n && i == n && result == RUN_OK; k++) {
-        const unit_t *u = e->units + op[k].index;
-        if (failed_call(status[k]))
-            result = RUN_STEP;
-        else if (failed_call(status[k] = get_outputs(u, u->kind, e->signals)))
-            result = RUN_GET;
-        else if (not_finite(e->signals + u->output, u->output_count))
-            result = RUN_NOT_FINITE;
-        if (result == RUN_OK) continue;
-        failure->index = op[k].index;
-        failure->status = status[k];
-    }
-    return result;
-}
+#include "together.h"
 
 /* Copy few numbers: a call of memcpy costs more. */
 INLINE void copy(double *target, const double *source, int64_t n)
@@ -310,9 +279,10 @@ INLINE int run_operations(engine_t *e, int64_t tick, int64_t first, int64_t last
     const operation_t *const end = e->operations + last;
 
     for (const operation_t *op = e->operations + first; op < end; op++) {
+        const operation_t *const last_done = op->code == OP_STEP ? op + op->count : op;
         const int result = run_operation(e, tick, s, op, failure);
         if (result == RUN_OK) {
-            if (op->code == OP_STEP) op += op->count;
+            op = last_done;
             continue;
         }
         if (op->code == OP_STEP)
@@ -323,6 +293,7 @@ INLINE int run_operations(engine_t *e, int64_t tick, int64_t first, int64_t last
         if (result != RUN_TERMINATED) return result;
         *ended = *failure;
         failure->operation = -1;
+        if (e->units[op->index].kind == UNIT_REMOTE) op = last_done;
     }
     return RUN_OK;
 }

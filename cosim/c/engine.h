@@ -47,16 +47,18 @@ INLINE int64_t published(const int64_t *place)
 #endif
 }
 
-#define ENGINE_ABI 16
+#define ENGINE_ABI 17
 
 enum { OP_COPY, OP_SCALE, OP_PUSH, OP_PULL, OP_STEP, OP_RECORD, OP_AGE, OP_PLAY,
        OP_AHEAD, OP_BETWEEN, OP_GATE, OP_SLOPE_AHEAD, OP_SLOPE_BETWEEN };
 enum { UNIT_CALL = 0, UNIT_NATIVE = 1, UNIT_FMI2 = 2, UNIT_FMI3 = 3, UNIT_TYPED = 4,
-       UNIT_EXCHANGE = 5 };     /* an FMU for model exchange, integrated here */
+       UNIT_EXCHANGE = 5,       /* an FMU for model exchange, integrated here */
+       UNIT_REMOTE = 6 };       /* an FMU in a process of its own, see mailbox.h */
 enum { RUN_OK, RUN_STOPPED, RUN_STEP, RUN_SET, RUN_GET, RUN_NOT_FINITE, RUN_HISTORY, RUN_TERMINATED,
        RUN_EARLY_RETURN, RUN_VALUE, RUN_EVENT, RUN_STUCK, RUN_GATE, RUN_INTERVAL,
        RUN_ENDED,               /* an FMU ended the simulation before its step */
-       RUN_SOLVER };            /* CVODE failed; the status is its own */
+       RUN_SOLVER,              /* CVODE failed; the status is its own */
+       RUN_LOST };              /* the process of an FMU does not answer; the status is LOST_... */
 enum { TYPE_F64, TYPE_F32, TYPE_I8, TYPE_U8, TYPE_I16, TYPE_U16, TYPE_I32, TYPE_U32, TYPE_I64,
        TYPE_U64, TYPE_BOOL2, TYPE_BOOL3 };
 enum { SOLVER_EULER, SOLVER_HEUN, SOLVER_RK4, SOLVER_CVODE };
@@ -205,7 +207,7 @@ typedef struct {
     int64_t period;         /* ticks */
     double reached;         /* s, where the FMU was when it ended the simulation */
     exchange_t *exchange;
-    void *steps;            /* of UNIT_FMI2, UNIT_FMI3: steps_t, or NULL */
+    void *steps;            /* of UNIT_FMI2, UNIT_FMI3: steps_t, or NULL; of UNIT_REMOTE: not NULL */
     double *values;         /* its values, which `inputs` and `outputs` then number; or NULL */
 } unit_t;
 

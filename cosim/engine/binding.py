@@ -1,7 +1,7 @@
 """A plan as ``engine.c`` sees it: its operations, units, links and players, as structs in memory.
 
-FMUs become units with the addresses of their functions; Python components, and FMUs in processes of
-their own, become call-backs.
+FMUs become units with the addresses of their functions, or with the mailbox of their process;
+Python components become call-backs.
 """
 
 from __future__ import annotations
@@ -19,13 +19,10 @@ from numpy.typing import NDArray
 from cosim.base.component import NativeComponent
 from cosim.base.errors import RunError
 from cosim.fmi import access_order
-from cosim.fmi.component import FmuComponent
 from cosim.fmi.components import stepped_fmu, terminated_at
 from cosim.fmi.failures import starting
-from cosim.fmi.isolated import RemoteInstance, RemoteStep
-from cosim.fmi.layout import StepLayout, bind, late_clock_ticks
+from cosim.fmi.layout import bind, late_clock_ticks
 from cosim.fmi.library import DISCARD
-from cosim.fmi.refusals import step_refused
 from cosim.native import structs
 from cosim.native.structs import MEANS, SLOPES, Code, EngineResult, UnitKind
 from cosim.schedule.operations import Operation
@@ -41,7 +38,7 @@ LEAST, ALONE = 32, 128
 #: Ticks in a window, at most: they cost memory, and Ctrl-C waits for its end.
 WINDOW = 64
 #: What may be stepped by any thread: it does not call Python, and has no solver of its own.
-ANYWHERE = frozenset({UnitKind.NATIVE, UnitKind.FMI2, UnitKind.FMI3})
+ANYWHERE = frozenset({UnitKind.NATIVE, UnitKind.FMI2, UnitKind.FMI3, UnitKind.REMOTE})
 Vector = NDArray[np.float64]
 Views = dict[str, Vector]
 
@@ -257,10 +254,9 @@ class Binding:
             )
             if fmu.remote is None:
                 return bind(fmu.instance, layout, self._alive)
-            function = self._remote_call_back(index, step, layout, fmu, fmu.remote)
-        else:
-            function = self._call_back(index, step)
-        call = structs.CALL(function)
+            stop = c.addressof(self.state) + structs.EngineState.stop.offset
+            return fmu.remote.bind(layout, access_order.isolated(fmu, layout), stop)
+        call = structs.CALL(self._call_back(index, step))
         self._alive.append(call)
         unit.step = structs.address(call)
         return unit
@@ -273,32 +269,6 @@ class Binding:
             if o.code in SLOPES and any(s.start <= o.target < s.start + s.size for s in step.inputs)
             for i in range(o.count)
         }
-
-    def _remote_call_back(
-        self, index: int, step: Step, layout: StepLayout, fmu: FmuComponent, remote: RemoteInstance
-    ) -> Callable[[int, float, float], int]:
-        there = access_order.isolated(fmu, layout)
-        stepped = RemoteStep(remote, layout, there, self.signals)
-        base = self.plan.h
-        remote.stopping = lambda: bool(self.state.stop)
-
-        def call(_: int, t: float, h: float) -> int:
-            try:
-                result, status, place = stepped(t, round(t / base) + layout.lag)
-                if result in ENDS:
-                    self.units[index].reached = remote.reached()
-                elif result is EngineResult.STEP and status == DISCARD:
-                    at = remote.terminated()
-                    if at is not None:
-                        result, self.units[index].reached = EngineResult.ENDED, at
-                if result is not EngineResult.OK and result not in ENDS:
-                    raise RunError(step_refused(step, self.signals, result, status, place))
-            except BaseException as error:
-                self.failure = error
-                return EngineResult.STEP
-            return result
-
-        return call
 
     def ended(self, index: int, result: EngineResult) -> Termination | None:
         """How the FMU of component `index` ended the simulation, if `result` means that."""

@@ -17,7 +17,7 @@ from cosim.fmi import archive as archives
 from cosim.fmi import binaries, clocks
 from cosim.fmi.description import read_cached
 from cosim.fmi.instances import instantiate
-from cosim.fmi.isolated import RemoteInstance
+from cosim.fmi.isolation.remote import RemoteInstance
 from cosim.fmi.library import OK, Instance, Setup
 from cosim.fmi.options import FmuOptions
 from cosim.fmi.ports import VariableGroup

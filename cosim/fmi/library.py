@@ -2,7 +2,7 @@
 
 There is one class per standard, :class:`cosim.fmi.fmi2.Instance2` (FMI 2.0.5) and
 :class:`cosim.fmi.fmi3.Instance3` (FMI 3.0.2), and one for an FMU in a separate process
-(:mod:`cosim.fmi.isolated`), with the same members. :func:`instantiate` selects the class.
+(:mod:`cosim.fmi.isolation`), with the same members. :func:`instantiate` selects the class.
 """
 
 from __future__ import annotations

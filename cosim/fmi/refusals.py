@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from cosim.fmi.component import FmuComponent
 from cosim.fmi.failures import step_failure
+from cosim.native.mailbox import Lost
 from cosim.native.structs import EngineResult
 from cosim.schedule.parts import Slot, Step
 
@@ -61,6 +62,8 @@ def step_refused(
     """
     assert isinstance(step.component, FmuComponent)
     slots = (*step.inputs, *step.outputs)
+    if result is EngineResult.LOST and step.component.remote is not None:
+        return step.component.remote.lost(Lost(status), "doStep").removeprefix(f"{step.name}: ")
     said = step.component.instance.log.said()
     exchange = step.component.description.states is not None
     return refusal(result, status, said, wrong_value(slots, signals, place), exchange)

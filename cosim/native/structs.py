@@ -11,7 +11,7 @@ from pathlib import Path
 from cosim.base.errors import CosimError
 from cosim.native.fmu_log import Log
 
-ABI = 16
+ABI = 17
 
 
 class Code(IntEnum):
@@ -46,6 +46,7 @@ class UnitKind(IntEnum):
     FMI3 = 3
     TYPED = 4
     EXCHANGE = 5
+    REMOTE = 6
 
 
 class EngineResult(IntEnum):
@@ -67,6 +68,7 @@ class EngineResult(IntEnum):
     INTERVAL = 13
     ENDED = 14
     SOLVER = 15
+    LOST = 16
 
 
 class SolverKind(IntEnum):

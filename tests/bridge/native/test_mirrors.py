@@ -14,6 +14,7 @@ import cosim.bus.settings
 import cosim.bus.structs
 import cosim.mujoco.library
 import cosim.native.fmu_log
+import cosim.native.mailbox
 import cosim.native.structs
 from bridge.native import (
     bus,
@@ -49,8 +50,10 @@ MODULES = (
     pace, safety,
 )  # fmt: skip
 HEADERS = sorted((ROOT / "bridge/c").glob("*.h"))
-ENGINE = [ROOT / "cosim/c" / name for name in ("engine.h", "fmu_log.h", "mujoco.h")]
-ENGINE_MODULES = (cosim.native.structs, cosim.native.fmu_log, cosim.mujoco.library)
+ENGINE = [ROOT / "cosim/c" / name for name in ("engine.h", "fmu_log.h", "mailbox.h", "mujoco.h")]
+ENGINE_MODULES = (
+    cosim.native.structs, cosim.native.fmu_log, cosim.native.mailbox, cosim.mujoco.library,
+)  # fmt: skip
 BUS = [ROOT / "cosim/c/bus" / name for name in ("bus.h", "length.h", "tick.h")]
 BUS_MODULES = (cosim.bus.frames, cosim.bus.settings, cosim.bus.structs)
 #: What modules have of C besides structs and enums, by its name there.

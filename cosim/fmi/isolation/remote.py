@@ -1,7 +1,8 @@
 """An FMU in a separate process: a crash or hang there does not affect the run's process.
 
-Signals travel in shared memory, one message each way starts a step and ends it. The FMU is stepped
-by the same C code as in this process, so the numbers are the same. Linux and macOS.
+Signals are in memory that both processes share, and ``mailbox.c`` asks for steps and waits for
+them; the other calls are messages (:mod:`cosim.fmi.isolation.protocol`). The FMU is stepped by the
+same C code as in this process, so the numbers are the same. Linux and macOS.
 """
 
 from __future__ import annotations
@@ -9,35 +10,33 @@ from __future__ import annotations
 import ctypes as c
 import mmap
 import os
-import pickle
 import signal
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import Any, NoReturn
 
 from cosim.base.errors import FmuError
-from cosim.fmi.isolated_worker import ANSWER, STEP
+from cosim.fmi.isolation.protocol import answered, request
 from cosim.fmi.layout import StepLayout
 from cosim.fmi.library import NEVER, Clocked, Clocks, Setup
 from cosim.fmi.options import PATIENCE, FmuOptions
 from cosim.native import fmu_log, structs
+from cosim.native.mailbox import Lost, Mailbox, MailEnd, library
 
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
-_ROOT = Path(__file__).resolve().parents[2]
+_ROOT = Path(__file__).resolve().parents[3]
 _START = (
-    "import sys; sys.path.insert(0, sys.argv.pop(1)); from cosim.fmi.isolated_worker import main; "
-    "main(*(int(a) for a in sys.argv[1:4]))"
+    "import sys; sys.path.insert(0, sys.argv.pop(1)); "
+    "from cosim.fmi.isolation.worker import main; main(*(int(a) for a in sys.argv[1:5]))"
 )
 #: Seconds between two looks whether the run was asked to stop.
 _GLANCE = 0.2
 #: Seconds a call may still take when it was.
 _GRACE = 1.0
+#: Whether each side wakes the other by a byte in its pipe: there are no futexes.
+BYTES_WAKE = sys.platform != "linux"
 
 
 class RemoteInstance:
@@ -54,66 +53,83 @@ class RemoteInstance:
     def __init__(self, setup: Setup, options: FmuOptions, scalars: int, room: int) -> None:
         if os.name != "posix":
             raise FmuError(f"{setup.name}: isolate needs Linux or macOS")
-        self._name, self._scalars = setup.name, scalars
-        self._offset = -(-(c.sizeof(fmu_log.Log) + room) // 64) * 64
-        size = self._offset + 8 * max(1, scalars)
+        self._name, self._stop = setup.name, c.c_int32()
+        offset = -(-(c.sizeof(fmu_log.Log) + room) // 64) * 64
+        size = offset + c.sizeof(Mailbox) + 8 * max(1, scalars)
         from multiprocessing.connection import Connection  # of no use to others, and slow to load
 
         with tempfile.TemporaryFile() as file:
             file.truncate(size)
             self._memory = mmap.mmap(file.fileno(), size)
-            self._process = _spawn(file.fileno(), size, self._offset)
+            self._process = _spawn(file.fileno(), size, offset, int(BYTES_WAKE))
         assert self._process.stdin is not None and self._process.stdout is not None
         self._ask = Connection(os.dup(self._process.stdin.fileno()), readable=False)
         self._answers = Connection(os.dup(self._process.stdout.fileno()), writable=False)
         self._process.stdin.close()
         self._process.stdout.close()
         self.log = fmu_log.log(self._memory, room)
-        self.stopping: Callable[[], bool] = lambda: False
+        box = c.addressof(Mailbox.from_buffer(self._memory, offset))
+        self._end = MailEnd(
+            box=box, signals=box + c.sizeof(Mailbox), stop=c.addressof(self._stop),
+            patience=options.timeout, bytes=BYTES_WAKE,
+            incoming=self._answers.fileno(), outgoing=self._ask.fileno(),
+        )  # fmt: skip
         self._timeout = max(PATIENCE, options.timeout)  # until Python runs there: no FMU's fault
         self._call("ready")
         self._timeout = options.timeout
         self._call("start", setup, room, options.memory)
 
-    def signals(self) -> NDArray[np.float64]:
-        """The shared signals, inputs first: (scalars,)."""
-        import numpy as np
-
-        return np.frombuffer(self._memory, np.float64, self._scalars, self._offset)
+    @property
+    def pid(self) -> int:
+        """The number of its process."""
+        return self._process.pid
 
     # ---- messages ----------------------------------------------------------------------------
 
     def _call(self, name: str, *arguments: Any) -> Any:
-        answer = self._exchange(b"c" + pickle.dumps((name, arguments)), name)
-        if answer[:1] == b"e":
-            raise FmuError(answer[1:].decode("utf-8", "replace"))
-        return pickle.loads(answer[1:])
-
-    def _exchange(self, message: bytes, what: str) -> bytes:
+        engine, end = library(), c.byref(self._end)
         try:
-            self._ask.send_bytes(message)
-            patience, waited, stopped = self._timeout, 0.0, False
-            while not self._answers.poll(min(_GLANCE, patience - waited)):
-                waited += _GLANCE
-                stopped = stopped or self.stopping()
-                if stopped:
-                    patience = min(patience, waited + _GRACE)
-                if waited >= patience:
-                    self._kill()
-                    after = "was stopped" if stopped else f"took longer than {patience:g} s"
-                    self._fail(f"{what} {after} and was ended")
-            return self._answers.recv_bytes()
+            engine.engine_ask(end)
+            self._ask.send_bytes(request(name, arguments))
+            lost = self._await()
+            if lost is not Lost.NOT:
+                raise FmuError(self.lost(lost, name))
+            return answered(name, self._answers.recv_bytes())
         except (EOFError, OSError):
-            self._fail(f"its process ended in {what}: {self._end()}")
+            self._fail(f"its process ended in {name}: {self._status()}")
+
+    def _await(self) -> Lost:
+        """Wait for an answer, in short turns: between them, Python handles Ctrl-C."""
+        patience, waited, stopped = self._timeout, 0.0, False
+        while waited < patience:
+            turn = min(_GLANCE, patience - waited)
+            lost = Lost(library().engine_await(c.byref(self._end), turn))
+            if lost not in (Lost.LATE, Lost.STOPPED):
+                return lost
+            waited += turn
+            if not stopped and c.c_int32.from_address(self._end.stop).value:
+                stopped, patience = True, min(patience, waited + _GRACE)
+        return Lost.STOPPED if stopped else Lost.LATE
+
+    def lost(self, why: Lost, what: str) -> str:
+        """End the process, which did not answer to `what`; returns the sentence about it."""
+        if why is Lost.ENDED:
+            return self._sentence(f"its process ended in {what}: {self._status()}")
+        self._kill()
+        after = "was stopped" if why is Lost.STOPPED else f"took longer than {self._timeout:g} s"
+        return self._sentence(f"{what} {after} and was ended")
+
+    def _sentence(self, what: str) -> str:
+        return f"{self._name}: {what} ({self.log.said()})"
 
     def _fail(self, what: str) -> NoReturn:
-        raise FmuError(f"{self._name}: {what} ({self.log.said()})")
+        raise FmuError(self._sentence(what))
 
     def _kill(self) -> None:
         self._process.kill()
         self._process.wait()
 
-    def _end(self) -> str:
+    def _status(self) -> str:
         code = self._process.wait(timeout=10)
         return signal.Signals(-code).name if code < 0 else f"exit code {code}"
 
@@ -152,11 +168,6 @@ class RemoteInstance:
     def terminated(self) -> float | None:
         """After a step that was discarded: the time (s) it came to if it ends the simulation."""
         time: float | None = self._call("terminated")
-        return time
-
-    def reached(self) -> float:
-        """The time (s) at which a step there ended the simulation."""
-        time: float = self._call("reached")
         return time
 
     def clocked_texts(self) -> dict[str, list[str]]:
@@ -231,19 +242,26 @@ class RemoteInstance:
         """Give a state saved there back."""
         self._call("free_state", state)
 
-    def bind(self, layout: StepLayout) -> None:
-        """Get ready for :meth:`step`."""
-        self._call("bind", layout)
+    def bind(self, here: StepLayout, there: StepLayout, stop: int) -> structs.UnitStruct:
+        """The engine's unit for it. `here`, `there`: where its signals are in each process; there,
+        its inputs come first, slopes last. `stop`: address of what tells the engine to stop.
+        """
+        places = here.slopes.places if here.slopes else ()
+        self._slopes = (c.c_int64 * max(1, len(places)))(*places)
+        self._end.slopes, self._end.n_slopes = c.addressof(self._slopes), len(places)
+        self._end.stop = stop
+        self._call("bind", there)
+        unit = structs.UnitStruct(
+            kind=structs.UnitKind.REMOTE, lag=here.lag, h=here.h, period=here.period,
+            input=here.input, input_count=here.input_count, output=here.output,
+            output_count=here.output_count, instance=c.addressof(self._end), steps=1,
+        )  # fmt: skip
+        return unit
 
     def late_clock_ticks(self) -> tuple[int, float]:
         """Number of late clock ticks in the other process, and their greatest delay (s)."""
         found: tuple[int, float] = self._call("late_clock_ticks")
         return found
-
-    def step(self, t: float, hit: int) -> tuple[int, int, int]:
-        """Step on the shared signals: (engine.c's result, the FMU's status, signal at fault)."""
-        answer = ANSWER.unpack(self._exchange(STEP.pack(b"s", t, hit), "doStep"))
-        return answer[1:]
 
     def free(self) -> None:
         """Free the FMU if it still answers, and end its process; may be called twice."""
@@ -262,46 +280,8 @@ class RemoteInstance:
         self._answers.close()
 
 
-class RemoteStep:
-    """A step there for a signal vector `signals` here.
-
-    `here` and `there`: where its signals are in each; there, its inputs come first, slopes last.
-    """
-
-    def __init__(
-        self,
-        remote: RemoteInstance,
-        here: StepLayout,
-        there: StepLayout,
-        signals: NDArray[np.float64],
-    ) -> None:
-        n, m = here.input_count, here.output_count
-        self._fed = signals[here.input : here.input + n]
-        self._signals = signals
-        self._sloped = list(here.slopes.places if here.slopes else ())
-        self._slopes = remote.signals()[n + m : n + m + len(self._sloped)]
-        self._given = signals[here.output : here.output + m]
-        shared = remote.signals()
-        self._inputs, self._outputs = shared[:n], shared[n : n + m]
-        self._outputs[:] = self._given  # those of clocks are held until they tick
-        self._remote, self._here = remote, here
-        remote.bind(there)
-
-    def __call__(self, t: float, tick: int) -> tuple[structs.EngineResult, int, int]:
-        """Step from `t` (s) in tick `tick`: (result, the FMU's status, signal here at fault)."""
-        here = self._here
-        self._inputs[:] = self._fed
-        if self._sloped:
-            self._slopes[:] = self._signals[self._sloped]
-        result, status, place = self._remote.step(t, (tick - here.lag) // here.period)
-        self._given[:] = self._outputs
-        fed = place < here.input_count
-        at = here.input + place if fed else here.output + place - here.input_count
-        return structs.EngineResult(result), status, at
-
-
-def _spawn(descriptor: int, size: int, offset: int) -> subprocess.Popen[bytes]:
-    numbers = [str(n) for n in (descriptor, size, offset)]
+def _spawn(descriptor: int, size: int, offset: int, bytes_wake: int) -> subprocess.Popen[bytes]:
+    numbers = [str(n) for n in (descriptor, size, offset, bytes_wake)]
     return subprocess.Popen(
         [sys.executable, "-c", _START, str(_ROOT), *numbers],
         stdin=subprocess.PIPE,

@@ -1,0 +1,63 @@
+/* together.h: steps of several units that follow each other in a tick, and need nothing of each other. Part of
+ * engine.c. */
+
+/* FMUs in processes of their own whose steps follow each other: all are asked before one is waited for. */
+static int step_remote(const engine_t *e, int64_t tick, const operation_t *op, failure_t *failure)
+{
+    int first = RUN_OK;
+
+    for (int64_t k = 0; k <= op->count; k++) {
+        const unit_t *u = e->units + op[k].index;
+        mailbox_ask(u, e->signals, (double)(tick - u->lag) * e->h, (tick - u->lag) / u->period);
+    }
+    for (int64_t k = 0; k <= op->count; k++) {
+        unit_t *u = e->units + op[k].index;
+        int32_t signal = 0;
+        int status, result = mailbox_answer(u, e->signals, &u->reached, &status, &signal);
+        if (result == RUN_OK && not_finite(e->signals + u->output, u->output_count))
+            result = RUN_NOT_FINITE;
+        if (result == RUN_OK || (first != RUN_OK && first != RUN_TERMINATED)) continue;
+        first = result; /* of those that end the simulation, the last; an error before all */
+        failure->index = op[k].index;
+        failure->status = status;
+        failure->signal = signal;
+    }
+    return first;
+}
+
+/* Units of one FMU whose steps follow each other, at once. The outputs are got in their order up to the
+ * first that fails; if an FMU refuses its inputs, they are stepped one by one. */
+NOINLINE int step_units(const engine_t *e, int64_t tick, const operation_t *op, failure_t *failure)
+{
+    const int64_t n = op->count + 1;
+    const unit_t *const first = e->units + op->index;
+    const double t = (double)(tick - first->lag) * e->h;
+    void *instances[AT_ONCE];
+    int status[AT_ONCE], result = RUN_OK;
+    int64_t i = 0;
+
+    if (first->kind == UNIT_REMOTE) return step_remote(e, tick, op, failure);
+    for (; i < n; i++) {
+        const unit_t *u = e->units + op[i].index;
+        instances[i] = u->instance;
+        if (failed_call(set_inputs(u, u->kind, e->signals))) break;
+    }
+    if (i == n)
+        ((steps_t)first->steps)(instances, (size_t)n, t, first->h, status);
+    else
+        for (int64_t k = 0; k < n && result == RUN_OK; k++)
+            result = step_unit(e, tick, op[k].index, failure);
+    for (int64_t k = 0; k < n && i == n && result == RUN_OK; k++) {
+        const unit_t *u = e->units + op[k].index;
+        if (failed_call(status[k]))
+            result = RUN_STEP;
+        else if (failed_call(status[k] = get_outputs(u, u->kind, e->signals)))
+            result = RUN_GET;
+        else if (not_finite(e->signals + u->output, u->output_count))
+            result = RUN_NOT_FINITE;
+        if (result == RUN_OK) continue;
+        failure->index = op[k].index;
+        failure->status = status[k];
+    }
+    return result;
+}

@@ -1,0 +1,98 @@
+"""The process of an isolated FMU: it does what :mod:`cosim.fmi.isolation.remote` asks, to its end.
+
+It contains one FMU. Its memory is shared: the log first, so that it survives a crash, then the
+mailbox and the signals.
+"""
+
+from __future__ import annotations
+
+import ctypes as c
+import mmap
+import os
+import signal
+from typing import Any
+
+from cosim.base.errors import FmuError
+from cosim.fmi.instances import instantiate
+from cosim.fmi.isolation import protocol
+from cosim.fmi.layout import StepLayout, bind, late_clock_ticks
+from cosim.fmi.library import Instance, Setup
+from cosim.native import fmu_log, structs
+from cosim.native.mailbox import Mailbox, MailEnd, library
+
+
+class Worker:
+    """One FMU and the memory shared with whoever steps it; the mailbox is at `offset` bytes."""
+
+    def __init__(self, memory: mmap.mmap, offset: int, bytes_wake: int) -> None:
+        self._memory = memory
+        self._box = Mailbox.from_buffer(memory, offset)
+        self._instance: Instance | None = None
+        self._alive: list[Any] = []
+        self._unit = structs.UnitStruct()
+        at = c.addressof(self._box)
+        self.end = MailEnd(
+            box=at, signals=at + c.sizeof(Mailbox), unit=c.addressof(self._unit), bytes=bytes_wake
+        )
+
+    def ready(self) -> None:
+        """The process runs."""
+
+    def start(self, setup: Setup, room: int, limit: int) -> None:
+        """Instantiate; `room`: bytes of the log, `limit`: MB of memory more than now, 0 for any."""
+        if limit:
+            _limit(limit)
+        self._instance = instantiate(setup, fmu_log.log(self._memory, room))
+
+    def bind(self, layout: StepLayout) -> None:
+        """Get ready to step."""
+        assert self._instance is not None
+        self._unit = bind(self._instance, layout, self._alive)
+        self.end.unit = c.addressof(self._unit)
+
+    def late_clock_ticks(self) -> tuple[int, float]:
+        """Number of late clock ticks, and their greatest delay (s)."""
+        return late_clock_ticks(self._unit)
+
+    def call(self, message: bytes) -> bytes:
+        """The answer to a message: what one member of this, or of the instance, returned."""
+        try:
+            name, arguments = protocol.requested(message)
+            if self._instance is not None:
+                self._instance.returned(self._box.status)  # of the last step: it may end all calls
+            owner = self if protocol.is_own(name) else self._instance
+            return protocol.answer(getattr(owner, name)(*arguments))
+        except FmuError as error:
+            return protocol.refusal(str(error))
+        except Exception as error:
+            return protocol.refusal(f"{type(error).__name__}: {error}")
+
+
+def _limit(megabytes: int) -> None:
+    import resource
+
+    with open("/proc/self/statm", encoding="ascii") as file:
+        now = int(file.read().split()[0]) * mmap.PAGESIZE
+    most = now + megabytes * 2**20
+    resource.setrlimit(resource.RLIMIT_AS, (most, most))
+
+
+def main(descriptor: int, size: int, offset: int, bytes_wake: int) -> None:
+    """Serve until the other end closes. What the FMU prints goes where errors go."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # whoever steps decides when to stop
+    from multiprocessing.connection import Connection
+
+    asked, answers = Connection(os.dup(0), writable=False), Connection(os.dup(1), readable=False)
+    os.dup2(2, 1)
+    os.close(0)
+    worker = Worker(mmap.mmap(descriptor, size), offset, bytes_wake)
+    worker.end.incoming, worker.end.outgoing = asked.fileno(), answers.fileno()
+    engine = library()
+    while engine.engine_serve(c.byref(worker.end)):
+        try:
+            answer = worker.call(asked.recv_bytes())
+            engine.engine_answer(c.byref(worker.end))
+            answers.send_bytes(answer)
+        except (EOFError, OSError):
+            break
+    os._exit(0)  # an FMU's own clean-up could wait for ever

@@ -128,6 +128,25 @@ INLINE int step_unit(const engine_t *e, int64_t tick, int32_t index, failure_t *
     return result;
 }
 
+/* The outputs of a unit whose step had this status. */
+INLINE int take_outputs(const engine_t *e, int32_t index, int status, failure_t *failure)
+{
+    const unit_t *u = e->units + index;
+    int result = RUN_OK;
+
+    if (failed_call(status))
+        result = RUN_STEP;
+    else if (failed_call(status = get_outputs(u, u->kind, e->signals)))
+        result = RUN_GET;
+    else if (not_finite(e->signals + u->output, u->output_count))
+        result = RUN_NOT_FINITE;
+    if (result != RUN_OK) {
+        failure->index = index;
+        failure->status = status;
+    }
+    return result;
+}
+
 #include "together.h"
 
 /* Copy few numbers: a call of memcpy costs more. */
@@ -355,6 +374,7 @@ API int32_t engine_run(engine_t *e, int64_t ticks)
     return RUN_OK;
 }
 
+#include "many.h"
 #include "fmu_log.h"
 
 API int32_t engine_abi(void) { return ENGINE_ABI; }

@@ -47,17 +47,7 @@ NOINLINE int step_units(const engine_t *e, int64_t tick, const operation_t *op, 
     else
         for (int64_t k = 0; k < n && result == RUN_OK; k++)
             result = step_unit(e, tick, op[k].index, failure);
-    for (int64_t k = 0; k < n && i == n && result == RUN_OK; k++) {
-        const unit_t *u = e->units + op[k].index;
-        if (failed_call(status[k]))
-            result = RUN_STEP;
-        else if (failed_call(status[k] = get_outputs(u, u->kind, e->signals)))
-            result = RUN_GET;
-        else if (not_finite(e->signals + u->output, u->output_count))
-            result = RUN_NOT_FINITE;
-        if (result == RUN_OK) continue;
-        failure->index = op[k].index;
-        failure->status = status[k];
-    }
+    for (int64_t k = 0; k < n && i == n && result == RUN_OK; k++)
+        result = take_outputs(e, op[k].index, status[k], failure);
     return result;
 }

@@ -59,7 +59,8 @@ class Binding:
 
     `inputs`, `outputs`: the signals of each component, as views. `failure`: the last exception of a
     callback. `threads`: how many will run it. `columns`: the signals in a recorded row; None: all.
-    `partition`: parts that may run apart, if that is worth it, after :meth:`bind`.
+    `partition`: parts that may run apart, if that is worth it, after :meth:`bind`. `exact`: whether
+    it can be rewound (:mod:`cosim.engine.rewind`), None: nobody has asked.
     """
 
     def __init__(
@@ -76,7 +77,8 @@ class Binding:
         self.state = structs.EngineState()
         self.failure: BaseException | None = None
         self.partition: PlanParts | None = None
-        self._columns = range(plan.n_signals) if columns is None else columns
+        self.exact: bool | None = None
+        self.columns = range(plan.n_signals) if columns is None else columns
         self._inputs, self._outputs, self._gates = inputs, outputs, gates
         self._sampled = frozenset(plan.order)
         self._kept = {name: n for bus in plan.buses for name, n in bus.history.items()}
@@ -93,7 +95,7 @@ class Binding:
                 self.units[i] = self._unit(i, step)
         self._divide()
         self._senders = self._shared_senders() if self.partition else range(len(plan.links))
-        operations = _operations(plan.operations, self.partition)
+        self.operations = operations = _operations(plan.operations, self.partition)
         self._step_at_once(operations)
         self.senders = (structs.SenderStruct * len(plan.links))()
         self.links = (structs.LinkStruct * len(plan.links))()
@@ -103,21 +105,26 @@ class Binding:
         for i, sender in enumerate(self._senders):
             self._link(i, sender, rows[i])
         self.players = (structs.PlayerStruct * len(plan.players))()
-        segments = self._segments([plan.operations], 0, tick)
+        self.segments = segments = self._segments([plan.operations], 0, tick)
+        self.first_due = bytes(segments)
         state.segments, state.n_segments = c.addressof(segments), len(segments)
         self._bind_parts(tick)
         through = (structs.GateStruct * len(plan.gates))(
             *(structs.GateStruct(*self._gates[g.name]) for g in plan.gates)
         )
         state.gates = c.addressof(through)
-        self._alive += [operations, through]
+        self._alive.append(through)
         state.operations, state.units = operations.ctypes.data, c.addressof(self.units)
         state.links, state.senders = c.addressof(self.links), c.addressof(self.senders)
         state.players = c.addressof(self.players)
         state.signals = self.signals.ctypes.data
-        state.width, state.columns = len(self._columns), self._recorded()
+        state.width, state.columns = len(self.columns), self._recorded()
         state.h, state.tick = plan.h, tick
-        for o in plan.operations:  # what there was before the start is what there is at the start
+        self.keep_last()
+
+    def keep_last(self) -> None:
+        """What there was before the start is what there is at the start."""
+        for o in self.plan.operations:
             if o.code in MEANS | SLOPES:
                 self.signals[o.index : o.index + o.count] = self.signals[o.target :][: o.count]
 
@@ -210,7 +217,7 @@ class Binding:
 
     def _recorded(self) -> int:
         """Address of the columns of a recorded row: all, then those of each part."""
-        signals = np.asarray(self._columns, dtype=np.int64)
+        signals = np.asarray(self.columns, dtype=np.int64)
         every = np.arange(len(signals))
         sets = [_stretches(every, signals, np.zeros(len(signals), bool))]
         if self.partition:

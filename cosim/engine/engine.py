@@ -20,6 +20,7 @@ from cosim.base.errors import RunError
 from cosim.base.interrupts import stop_on_signal
 from cosim.engine.binding import Binding, Termination, Vector, Views
 from cosim.engine.initialization import initialize, part
+from cosim.engine.rewind import rewind
 from cosim.engine.tables import NEVER, DrawnRows, RowTables
 from cosim.fmi import components
 from cosim.fmi.failures import not_finite, sentence
@@ -93,9 +94,7 @@ class Engine:
         Initialization Mode, and after the events at the start. At a `tick` other than 0, all
         components must be due; tables start with their first row in any case. Raises ScenarioError.
         """
-        any_tables = self.plan.links or self.plan.players
-        self._tables = RowTables(self.plan, self._buses)
-        self._drawn = DrawnRows(tick if any_tables else NEVER, (), ())
+        self._begin_tables(tick)
         for step in self.plan.components:
             components.begin_at(step.component, tick * self.plan.h)
         self.ended = initialize(self.plan, self.signals, self._inputs, self._outputs)
@@ -104,6 +103,33 @@ class Engine:
             from cosim.engine.team import Team
 
             self._team = Team(self._bound, self._threads, tick)
+
+    def _begin_tables(self, tick: int) -> None:
+        if self._tables:
+            self._tables.close()
+        any_tables = self.plan.links or self.plan.players
+        self._tables = RowTables(self.plan, self._buses)
+        self._drawn = DrawnRows(tick if any_tables else NEVER, (), ())
+
+    @property
+    def bound(self) -> Binding:
+        """What C runs of it."""
+        return self._bound
+
+    def begin_again(self, plan: Plan, signals: Vector | None = None) -> None:
+        """Stand at tick 0 of `plan` as a new engine would: see :mod:`cosim.engine.again`.
+
+        `signals` (n_signals,): those after the start, if the components have gone back there
+        already; None: they start here. Raises ScenarioError, RunError.
+        """
+        self.plan, self.ended = plan, None
+        self._begin_tables(0)
+        if signals is None:
+            self.signals[:] = 0.0
+            self.ended = initialize(plan, self.signals, self._inputs, self._outputs)
+        else:
+            self.signals[:] = signals
+        rewind(self._bound, plan)
 
     # ---- running -----------------------------------------------------------------------------
 
@@ -116,19 +142,28 @@ class Engine:
         returns a value that is not finite, and KeyboardInterrupt after the tick in which Ctrl-C was
         pressed; the rows recorded until then are in `record`.
         """
-        state = self._state
         if self.ended is not None:
             ticks = 0
-        state.row = 0  # before anything can interrupt: `rows` is then about this run
-        state.record = None if record is None else record.ctypes.data
-        state.recorded = recorded or None
+        self.record_into(record, recorded)
         with stop_on_signal(self.stop):
             result = self._run(self.tick + ticks)
-        if result not in (EngineResult.OK, EngineResult.STOPPED):
-            self.ended = self.end(result)
-            if self.ended is None:
-                raise self._error(result)
-        return int(state.row)
+        error = self.finish(result)
+        if error is not None:
+            raise error
+        return self.rows
+
+    def record_into(self, record: Vector | None, recorded: int = 0) -> None:
+        """Let the next rows go to `record` (rows, columns) from its start on; see :meth:`run`."""
+        self._state.row = 0  # before anything can interrupt: `rows` is then about this run
+        self._state.record = None if record is None else record.ctypes.data
+        self._state.recorded = recorded or None
+
+    def finish(self, result: int) -> BaseException | None:
+        """Take a result of ``engine_run``: :attr:`ended` is set, or the error is returned."""
+        if result in (EngineResult.OK, EngineResult.STOPPED):
+            return None
+        self.ended = self.end(result)
+        return self._error(EngineResult(result)) if self.ended is None else None
 
     def _run(self, end: int) -> EngineResult:
         """Run up to the tick `end`, as far as tables reach at a time."""
@@ -155,9 +190,11 @@ class Engine:
         """The C engine's own state, for code that calls ``engine_run``; see :meth:`prepare`."""
         return self._state
 
-    def prepare(self, ticks: int) -> None:
-        """Hand over the tables of the next `ticks` ticks to a loop that is run from C."""
-        self._next_tables(ticks)
+    def prepare(self, ticks: int) -> int:
+        """Hand over tables to a loop that is run from C; returns for how many of the next `ticks`
+        ticks they last.
+        """
+        return self._next_tables(ticks)
 
     def failure(self, result: int) -> BaseException:
         """The error for a result of ``engine_run`` other than OK and STOPPED."""

@@ -30,6 +30,12 @@ class CommonInstance:
         """Take note of a status that the engine got."""
         self._calls.returned(status)
 
+    def reset(self) -> None:
+        """``fmi2Reset``, ``fmi3Reset``: as after its instantiation, with nothing logged."""
+        self._calls.checked("Reset", c.c_void_p)(self.handle)
+        self._calls.started = False
+        self._calls.log.forget()
+
     def get_state(self) -> int:
         """``fmi2GetFMUstate``, ``fmi3GetFMUState``."""
         state = c.c_void_p()

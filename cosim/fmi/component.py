@@ -173,6 +173,15 @@ class FmuComponent:
         """ERROR or FATAL if an active instance returned it (:mod:`cosim.fmi.library`), else OK."""
         return OK if self._instance is None else self._instance.broken
 
+    @property
+    def ours(self) -> bool:
+        """Whether there is an instance, in this process, of one of our own models without events.
+
+        Its reset and its saved states are exact.
+        """
+        x = self._instance
+        return x is not None and not self.events and bool(x.values_address())
+
     def references(self, causality: str) -> tuple[int, ...]:
         """Value references of all carried inputs or outputs, in port order."""
         return tuple(r for g in self.carried(causality) for r in g.references)
@@ -220,8 +229,10 @@ class FmuComponent:
 
     def initialize(self, values: Values) -> None:
         """Instantiate and enter Initialization Mode with `values` set; raises FmuError."""
-        self.close()
-        self._instance = self._instantiate()
+        if not self._reset():
+            self.close()
+            self._instance = self._instantiate()
+        assert self._instance is not None
         numbers = {k: v for k, v in values.items() if self.groups[k].first.type != "Clock"}
         given = [StartValue(self.groups[k], self._checked(k, v)) for k, v in numbers.items()]
         given += [StartValue(group, texts) for group, texts in self._texts]
@@ -229,6 +240,13 @@ class FmuComponent:
         self._start = InstanceStart(self._instance, self.name, given)
         self._start.enter(self.begin)
         self.intervals = clocks.set_intervals(self, values)
+
+    def _reset(self) -> bool:
+        """Take an instance of one of our own models back to its start, where it is a new one."""
+        if not self.ours or self.broken or self.options.log:
+            return False
+        self.instance.reset()
+        return True
 
     def _instantiate(self) -> Instance:
         d, options = self.description, self.options

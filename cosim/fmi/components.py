@@ -156,6 +156,27 @@ def terminated_at(component: Component) -> float | None:
     return fmu.instance.terminated() if fmu is not None and asked else None
 
 
+def start_is_exact(component: Component) -> bool:
+    """Whether an FMU that has started can be started again, or from a saved state, to the bit."""
+    fmu = stepped_fmu(component)
+    return fmu is not None and fmu.ours
+
+
+def save_state(component: Component) -> object:
+    """The state of an FMU, for :func:`go_back` and :func:`free_state`."""
+    fmu = stepped_fmu(component)
+    assert fmu is not None
+    return fmu.get_state()
+
+
+def go_back(component: Component, state: object) -> None:
+    """Continue an FMU from a state, as if nothing had been logged since."""
+    fmu = stepped_fmu(component)
+    assert fmu is not None
+    fmu.set_state(state)
+    fmu.instance.log.forget()
+
+
 def free_state(component: Component, state: object) -> None:
     """Give back a state that was saved; Python's are collected."""
     fmu = stepped_fmu(component)

@@ -103,6 +103,9 @@ class Instance(Protocol):
     def get_state(self) -> int:
         """Save the state; returns the handle of it."""
 
+    def reset(self) -> None:
+        """Go back to as it was after its instantiation, with nothing logged."""
+
     def set_state(self, state: int) -> None:
         """Go back to a saved state."""
 

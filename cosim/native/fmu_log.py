@@ -20,6 +20,10 @@ class Log(c.Structure):
         ("line", (c.c_char * LOG_WIDTH) * LOG_LINES),
     )
 
+    def forget(self) -> None:
+        """Drop all that was logged."""
+        self.count = self.used = self.dropped = 0
+
     def tail(self, n: int = 3) -> list[str]:
         """The last `n` lines, oldest first."""
         first = max(0, self.count - min(n, LOG_LINES))

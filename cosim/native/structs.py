@@ -383,6 +383,8 @@ def library() -> c.CDLL:
     engine = c.CDLL(str(path))
     engine.engine_run.argtypes = (c.POINTER(EngineState), c.c_int64)
     engine.engine_run.restype = c.c_int32
+    engine.engine_run_many.argtypes = (c.c_void_p, c.c_int64, c.c_int64, c.c_void_p)
+    engine.engine_run_many.restype = None
     engine.engine_work.argtypes = (c.POINTER(EngineState), c.c_int32)
     engine.engine_work.restype = c.c_int32
     engine.engine_sizes.argtypes = (c.c_int32,)

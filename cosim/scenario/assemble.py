@@ -6,7 +6,8 @@ between them is :mod:`cosim.scenario.connect`'s. Every error names its place in 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
 from typing import Any
 
 from cosim.base.component import Component, NativeComponent, Parameter, Port, Preparation
@@ -19,7 +20,7 @@ from cosim.scenario.bus_nodes import connect_nodes
 from cosim.scenario.connect_links import links as connected_links
 from cosim.scenario.connect_links import stepped_buses
 from cosim.scenario.exposed import ExposedVariables
-from cosim.scenario.models import load_component
+from cosim.scenario.models import LoadedComponent, load_component
 from cosim.scenario.spec import ComponentSpec, InputSpec, Scenario
 from cosim.schedule.parts import Player, Slot, Step
 from cosim.schedule.plan import Plan, compile_plan
@@ -28,9 +29,13 @@ from cosim.schedule.plan import Plan, compile_plan
 MOST_TICKS = 2**53
 
 
-def assemble(scenario: Scenario) -> Plan:
+#: What loads a component: as :func:`cosim.scenario.models.load_component`.
+Load = Callable[[str, ComponentSpec, Path, str], LoadedComponent]
+
+
+def assemble(scenario: Scenario, load: Load = load_component) -> Plan:
     """The plan of a scenario. Raises ScenarioError, FmuError or PlanError."""
-    parts = scenario_components(scenario)
+    parts = scenario_components(scenario, load)
     connect_nodes(scenario, list(parts.steps.values()))
     wires, links, players = connect.wires(parts), connected_links(parts), _players(parts)
     connect.check_single_sources(parts, wires, links, players)
@@ -55,24 +60,26 @@ def _players(parts: connect.ScenarioComponents) -> list[Player]:
     return [*connect.weight_players(parts), *table_players(parts), *event_players(parts)]
 
 
-def scenario_components(scenario: Scenario) -> connect.ScenarioComponents:
+def scenario_components(
+    scenario: Scenario, load: Load = load_component
+) -> connect.ScenarioComponents:
     """The components of a scenario with their ticks. Raises ScenarioError, FmuError."""
     h = scenario.seconds(scenario.run.step, "run.step")
     stop = scenario.seconds(scenario.run.stop, "run.stop")
     if not 0 < h < float("inf") or not 0 < stop < float("inf"):
         raise ScenarioError(f"step {h} s and stop {stop} s must be positive", scenario.place("run"))
     ticks = _ticks(stop, h, scenario.place("run.stop"))
-    steps = _steps(scenario, h)
+    steps = _steps(scenario, h, load)
     return connect.ScenarioComponents(scenario, {c.name: c for c in steps}, h, ticks)
 
 
-def _steps(scenario: Scenario, h: float) -> list[Step]:
+def _steps(scenario: Scenario, h: float, load: Load) -> list[Step]:
     steps: list[Step] = []
     start = 0
     exposed = ExposedVariables(scenario)
     for name, spec in sorted(scenario.components.items()):
         place = scenario.place("components", name)
-        component, presets, prepared = load_component(name, spec, scenario.path.parent, place)
+        component, presets, prepared = load(name, spec, scenario.path.parent, place)
         exposed.expose(name, component)
         period = h
         if spec.period is not None:

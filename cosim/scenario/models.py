@@ -33,9 +33,11 @@ _MEMBERS = ("kind", "inputs", "outputs", "parameters", "initialize", "initial", 
 _UNPREPARED = Preparation({}, {}, {})
 
 
-def load_component(
-    name: str, spec: ComponentSpec, folder: Path, place: str
-) -> tuple[Component, Mapping[str, Any], Preparation]:
+#: A component, the presets of its model, and what the model made of the options.
+LoadedComponent = tuple[Component, Mapping[str, Any], Preparation]
+
+
+def load_component(name: str, spec: ComponentSpec, folder: Path, place: str) -> LoadedComponent:
     """The component a spec names, the model's presets, and what it made of the options.
 
     Raises ScenarioError at `place` for a model that cannot be found or made.

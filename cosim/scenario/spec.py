@@ -86,6 +86,15 @@ class ComponentSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
     bus: str = ""
     terminal: str = ""
 
+    @property
+    def values(self) -> dict[str, Value]:
+        """Parameters and start values."""
+        return {**self.parameters, **self.start}
+
+    def without_values(self) -> ComponentSpec:
+        """What is not a number of its run: neither values nor how often it steps."""
+        return msgspec.structs.replace(self, parameters={}, start={}, preset=None, period=None)
+
 
 class LinkSpec(
     msgspec.Struct,

@@ -20,12 +20,14 @@ from cosim.schedule.plan import Plan
 from cosim.sweeps import figures
 from cosim.sweeps import store as stores
 from cosim.sweeps.axes import Listed
+from cosim.sweeps.batch import run_points
 from cosim.sweeps.design import Point, count, points
-from cosim.sweeps.run_point import StudyRow, StudySetup, job, preview, run_point
+from cosim.sweeps.run_point import StudyRow, StudySetup, job, preview
 from cosim.sweeps.store import Store
 from cosim.sweeps.study import Study
 from cosim.sweeps.table import SweepTable
-from cosim.sweeps.workers import Opened, spread
+from cosim.sweeps.tasks import Tasks
+from cosim.sweeps.workers import Opened, Pool, spread
 
 STUDY, RUNS = "study.toml", "runs"
 
@@ -110,12 +112,37 @@ def _run(
         stopping()
 
     with stop_on_signal(stop):
-        rows = spread(opened, partial(run_point, common), todo, lambda: bool(pressed))
-        for point, result in rows:
-            if isinstance(result, str):
-                result = StudyRow(point.run, point.cells, point.settings, False, result)
-            store.append(result)
-            done(result)
+        tasks = Tasks(todo, len(todo))
+        for row in _rows(opened, partial(run_points, common), tasks, lambda: bool(pressed)):
+            store.append(row)
+            done(row)
+
+
+def _rows(
+    opened: Opened,
+    run: Callable[[Sequence[Point]], Sequence[StudyRow]],
+    tasks: Tasks,
+    stopped: Callable[[], bool],
+) -> Iterator[StudyRow]:
+    """The rows of points, several in one call of `run`; a row without measures if a worker died.
+
+    If a call ends its process, its points are repeated one by one.
+    """
+
+    @contextmanager
+    def known() -> Iterator[Pool]:
+        with opened() as pool:
+            tasks.use(pool)
+            yield pool
+
+    for some, result in spread(known, run, tasks, stopped):
+        if not isinstance(result, str):
+            tasks.took(result)
+            yield from result
+        elif len(some) > 1:
+            yield from _rows(opened, run, Tasks(some, len(some), alone=True), stopped)
+        else:
+            yield StudyRow(some[0].run, some[0].cells, some[0].settings, False, result)
 
 
 def _table(

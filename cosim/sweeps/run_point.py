@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from copy import deepcopy
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import isfinite, isinf, nan
 from pathlib import Path
 from typing import Any
@@ -97,7 +97,7 @@ def preview(job: StudySetup, point: Point) -> tuple[Plan, dict[str, str]]:
     scenario = scenario_of(job, point.settings)
     plan = assemble(scenario)
     units: dict[str, str] = {}
-    known = Preview({c.name: c.unit for c in _recorded(scenario, plan)})
+    known = Preview({c.name: c.unit for c in recorded_columns(scenario, plan)})
     for result in evaluate(declared_metrics.metrics(scenario), known):
         for name, _ in _named(result):
             units[name] = _unit(result, name)
@@ -113,37 +113,41 @@ def preview(job: StudySetup, point: Point) -> tuple[Plan, dict[str, str]]:
 def run_point(job: StudySetup, point: Point) -> StudyRow:
     """Run one point; what goes wrong becomes the reason of its row."""
     watch = stopwatch()
-    measures: dict[str, float] = {}
-    reason, stopped_at = "", nan
     try:
         with np.errstate(all="ignore"):  # what diverges overflows; the row says so
-            results = _measure(job, point)
-        measures = {name: value for result in results for name, value in _named(result)}
-    except RunError as error:
-        reason, stopped_at = str(error), error.time
-    except CosimError as error:
-        reason = str(error)
+            row = measured_row(job, point, *_recording(job, point))
     except Exception as error:
-        reason = sentence(error)
-    stable = not reason and _stable(job.stable, measures)
-    return StudyRow(
-        point.run, point.cells, point.settings, stable, reason, stopped_at, watch(), measures
-    )
+        row = failed_row(point, error)
+    return replace(row, wall=watch())
 
 
-def _measure(job: StudySetup, point: Point) -> tuple[MetricResult, ...]:
+def measured_row(
+    job: StudySetup, point: Point, metrics: Sequence[Metric], signals: Signals
+) -> StudyRow:
+    """The row of a run that reached its end. Raises ScenarioError."""
+    results = evaluate(metrics, signals)
+    measures = {name: value for result in results for name, value in _named(result)}
+    stable = _stable(job.stable, measures)
+    return StudyRow(point.run, point.cells, point.settings, stable, measures=measures)
+
+
+def failed_row(point: Point, error: BaseException) -> StudyRow:
+    """The row of a run that has no measures."""
+    reason = str(error) if isinstance(error, CosimError) else sentence(error)
+    stopped_at = error.time if isinstance(error, RunError) else nan
+    return StudyRow(point.run, point.cells, point.settings, False, reason, stopped_at)
+
+
+def _recording(job: StudySetup, point: Point) -> tuple[Sequence[Metric], Signals]:
     scenario = scenario_of(job, point.settings)
     plan = assemble(scenario)
     metrics = declared_metrics.metrics(scenario)
-    signals: Signals
     if job.keep is not None:
         folder = job.keep / point.run
         simulate(scenario, folder, plan=plan, force=True)
-        signals = Run.open(folder)
-    else:
-        needed = _needed_columns(metrics, _recorded(scenario, plan))
-        signals = record(plan, needed, scenario.run.record.every)
-    return evaluate(metrics, signals)
+        return metrics, Run.open(folder)
+    needed = needed_columns(metrics, recorded_columns(scenario, plan))
+    return metrics, record(plan, needed, scenario.run.record.every)
 
 
 def _stable(bounds: Mapping[str, float], measures: Mapping[str, float]) -> bool:
@@ -153,11 +157,12 @@ def _stable(bounds: Mapping[str, float], measures: Mapping[str, float]) -> bool:
     return all(isfinite(v) or (isinf(v) and name.endswith("_s")) for name, v in measures.items())
 
 
-def _recorded(scenario: Scenario, plan: Plan) -> list[Column]:
+def recorded_columns(scenario: Scenario, plan: Plan) -> list[Column]:
+    """The columns that a run of the scenario records."""
     return columns(plan, scenario.run.record.signals, scenario.place("run.record.signals"))
 
 
-def _needed_columns(metrics: Sequence[Metric], recorded: Sequence[Column]) -> list[Column]:
+def needed_columns(metrics: Sequence[Metric], recorded: Sequence[Column]) -> list[Column]:
     """The columns that the metrics read."""
     names = Preview({c.name: c.unit for c in recorded})
     wanted = {entry for m in metrics for signal in m.signals for entry in names.entries(signal)}

@@ -30,6 +30,8 @@ T = TypeVar("T")
 R = TypeVar("R")
 #: Calls handed out for each that can run: nobody waits for the next one.
 AHEAD = 2
+#: Runs in a call on a cluster, whose scheduler takes a millisecond for each.
+LEAST = 10
 #: How long a scheduler may take to answer, s.
 PATIENCE = 10.0
 #: How long a call may take to end when the parent is gone, s.
@@ -38,10 +40,11 @@ GRACE = 10.0
 
 @dataclass(frozen=True, slots=True)
 class Pool:
-    """An executor and the number of parallel calls."""
+    """An executor and the number of parallel calls. `least`: runs that make a call worth it."""
 
     executor: Executor
     slots: int
+    least: int = 1
 
 
 Opened = Callable[[], AbstractContextManager[Pool]]
@@ -103,7 +106,7 @@ def cluster(address: str) -> Iterator[Pool]:
         slots = sum(client.nthreads().values())
         if not slots:
             raise RunError(f"the scheduler at {address} has no workers")
-        yield Pool(client.get_executor(pure=False), slots)
+        yield Pool(client.get_executor(pure=False), slots, LEAST)
     finally:
         client.close()
 

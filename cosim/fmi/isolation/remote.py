@@ -234,6 +234,10 @@ class RemoteInstance:
         state: int = self._call("get_state")
         return state
 
+    def reset(self) -> None:
+        """Back to as it was instantiated."""
+        self._call("reset")
+
     def set_state(self, state: int) -> None:
         """Go back to a state saved there."""
         self._call("set_state", state)

@@ -1,0 +1,147 @@
+"""Points of a study, several at a time: what they have in common is made once.
+
+A worker keeps some places. Each has components and an engine of its own, which stay from one point
+to the next as long as only numbers change (:mod:`cosim.engine.again`). Points whose engines can run
+together (:mod:`cosim.engine.many`) do so, one in each place. The rows are those of
+:func:`cosim.sweeps.run_point.run_point`, to the bit; only `wall` is a share of the time of all.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from cosim.analysis import declared_metrics
+from cosim.analysis.metrics import Metric
+from cosim.base.clock import stopwatch
+from cosim.engine.again import RepeatedEngine
+from cosim.engine.engine import Engine
+from cosim.engine.many import can_join, together
+from cosim.engine.rewind import can_rewind
+from cosim.record import Column
+from cosim.scenario.assemble import assemble
+from cosim.scenario.kept import KeptComponents
+from cosim.sweeps.design import Point
+from cosim.sweeps.memory import Memory, record_many
+from cosim.sweeps.run_point import (
+    StudyRow,
+    StudySetup,
+    failed_row,
+    measured_row,
+    needed_columns,
+    recorded_columns,
+    run_point,
+    scenario_of,
+)
+
+#: Points that run together: four arms are a vector, and two vectors at once are quicker than one.
+PLACES = 4
+
+
+@dataclass(frozen=True, slots=True)
+class _Begun:
+    """A point whose engine is at tick 0."""
+
+    point: Point
+    engine: Engine
+    metrics: Sequence[Metric]
+    columns: Sequence[Column]
+    every: int
+
+
+class _RunPlace:
+    """Components and an engine that stay."""
+
+    def __init__(self, setup: StudySetup) -> None:
+        self._setup, self._kept, self._repeated = setup, KeptComponents(), RepeatedEngine()
+
+    def begin(self, point: Point) -> _Begun:
+        """Raises CosimError, or whatever a component raises."""
+        scenario = scenario_of(self._setup, point.settings)
+        plan = assemble(scenario, self._kept.load)
+        metrics = declared_metrics.metrics(scenario)
+        columns = needed_columns(metrics, recorded_columns(scenario, plan))
+        engine = self._repeated.begin(plan, [column.index for column in columns])
+        return _Begun(point, engine, metrics, columns, scenario.run.record.every)
+
+    def close(self) -> None:
+        """Free the FMUs."""
+        self._repeated.close()
+
+
+class _RunPlaces(threading.local):
+    """The places of this thread, for the last study."""
+
+    def __init__(self) -> None:
+        self._setup: StudySetup | None = None
+        self._places: list[_RunPlace] = []
+
+    def of(self, setup: StudySetup) -> list[_RunPlace]:
+        """Those of a study, made if it is another one."""
+        if self._setup != setup:
+            for place in self._places:
+                place.close()
+            self._setup, self._places = setup, [_RunPlace(setup) for _ in range(PLACES)]
+        return self._places
+
+
+_places = _RunPlaces()
+
+
+def run_points(setup: StudySetup, points: Sequence[Point]) -> list[StudyRow]:
+    """Run points; the rows in this order. What goes wrong with one is the reason of its row."""
+    if setup.keep is not None:
+        return [run_point(setup, point) for point in points]
+    places = _places.of(setup)
+    rows: dict[str, StudyRow] = {}
+    with np.errstate(all="ignore"):  # what diverges overflows; the row says so
+        for first in range(0, len(points), PLACES):
+            for row in _run(setup, places, points[first : first + PLACES]):
+                rows[row.run] = row
+    return [rows[point.run] for point in points]
+
+
+def _run(setup: StudySetup, places: Sequence[_RunPlace], points: Sequence[Point]) -> list[StudyRow]:
+    """One point in each place."""
+    watch = stopwatch()
+    rows: list[StudyRow] = []
+    waiting: dict[int, _Begun] = {}
+    for i, (place, point) in enumerate(zip(places, points, strict=False)):
+        try:
+            begun = place.begin(point)
+        except Exception as error:
+            rows.append(failed_row(point, error))
+            continue
+        if can_join(begun.engine):
+            waiting[i] = begun
+            continue
+        rows += _measured(setup, [begun])
+        if not can_rewind(begun.engine.bound):
+            place.close()  # not two of them at a time
+    for every in {begun.every for begun in waiting.values()}:
+        same = {i: begun.engine for i, begun in waiting.items() if begun.every == every}
+        for group in together(same):
+            rows += _measured(setup, [waiting[i] for i in group])
+    share = watch() / len(points)
+    return [replace(row, wall=share) for row in rows]
+
+
+def _measured(setup: StudySetup, group: Sequence[_Begun]) -> list[StudyRow]:
+    """The rows of engines that run together, or of one."""
+    try:
+        recorded = record_many([b.engine for b in group], group[0].columns, group[0].every)
+    except Exception as error:
+        return [failed_row(begun.point, error) for begun in group]
+    return [_row(setup, begun, found) for begun, found in zip(group, recorded, strict=True)]
+
+
+def _row(setup: StudySetup, begun: _Begun, found: Memory | BaseException) -> StudyRow:
+    if isinstance(found, BaseException):
+        return failed_row(begun.point, found)
+    try:
+        return measured_row(setup, begun.point, begun.metrics, found)
+    except Exception as error:
+        return failed_row(begun.point, error)

@@ -1,0 +1,49 @@
+"""Points in tasks: several runs in one call of a worker, which does some of them together."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from itertools import islice
+from typing import final
+
+from cosim.sweeps.batch import PLACES
+from cosim.sweeps.design import Point
+from cosim.sweeps.run_point import StudyRow
+from cosim.sweeps.workers import Pool
+
+#: How long a task should take, s: what is lost with a worker, and how often a row is seen.
+SECONDS = 0.5
+#: Runs in a task, at most.
+MOST = 256
+#: Tasks that are left for each worker, at least, so that all end at about the same time.
+SHARES = 4
+
+
+@final
+class Tasks(Iterator[Sequence[Point]]):
+    """`count` points, some at a time. How many follows from the time that runs take.
+
+    `alone`: one at a time.
+    """
+
+    def __init__(self, points: Iterable[Point], count: int, *, alone: bool = False) -> None:
+        self._points, self._left, self._alone = iter(points), count, alone
+        self._slots, self._least, self._wanted = 1, 1, PLACES
+
+    def use(self, pool: Pool) -> None:
+        """Tasks are for these workers."""
+        self._slots, self._least = pool.slots, pool.least
+
+    def took(self, rows: Sequence[StudyRow]) -> None:
+        """Take note of how long runs take."""
+        mean = sum(row.wall for row in rows) / len(rows)
+        self._wanted = min(MOST, int(SECONDS / mean)) if mean > 0 else MOST
+
+    def __next__(self) -> Sequence[Point]:
+        share = self._left // (SHARES * self._slots)
+        size = 1 if self._alone else max(1, min(max(self._wanted, self._least), share))
+        task = tuple(islice(self._points, size))
+        if not task:
+            raise StopIteration
+        self._left -= len(task)
+        return task

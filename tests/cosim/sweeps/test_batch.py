@@ -1,0 +1,102 @@
+"""Points that are run together, or one after the other in the same place: the rows of one alone."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import cache
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from cosim.sweeps import batch
+from cosim.sweeps.batch import PLACES, run_points
+from cosim.sweeps.design import Point
+from cosim.sweeps.run_point import StudyRow, StudySetup, run_point
+from tests.system.runs import CONFIG, teleoperation
+
+MASTER, CONTROL = "components.master", "components.master_control"
+#: What differs in numbers, in structure, and what cannot be run or does not reach its end.
+NUMBERS = [
+    "run.seed=3", "run.seed=4", f"{MASTER}.parameters.k_p=25.0", f"{MASTER}.start.q=[0.5, -0.5]",
+    f"{CONTROL}.parameters.K=3.0", f"{CONTROL}.parameters.lambda_M=0.5",
+    f"{MASTER}.start.q_h=[1, 2]",
+    "links.0.delay.low=0.0", "links.1.initial=[0.5, 1.5]", "metrics.holding_torque.window=0.1",
+]  # fmt: skip
+OTHERS = [
+    "run.stop='200 ms'", "run.record.every=7", f"{CONTROL}.period=0.01", f"{MASTER}.fmi='3.0'",
+    "links.0.delay={law='constant', delay=0.02}", f"{MASTER}.model='fmus.models.planar2r:Plant'",
+    "metrics.effort.of=['slave.tau_e']", f"{MASTER}.preset='other'",
+    f"{MASTER}.parameters.k_p=-1.0",
+    f"{MASTER}.parameters.substeps=1.5", f"{MASTER}.parameters.none=1", "run.algorithm='jacobi'",
+    f"{CONTROL}.parameters.K=9e5", f"{MASTER}.start.q=[1e9, 0]", f"{MASTER}.log=true",
+]  # fmt: skip
+
+
+@cache
+def study() -> StudySetup:
+    document = teleoperation(stop=0.3)
+    for link in document["links"]:
+        link["delay"] |= {"low": "30 ms", "high": "120 ms"}
+    document["figures"] = {}
+    return StudySetup(CONFIG, document, {})
+
+
+def point(number: int, chosen: Sequence[str]) -> Point:
+    return Point(f"{number}", {}, tuple(dict.fromkeys(chosen)))
+
+
+def rows(found: Sequence[StudyRow]) -> list[str]:
+    """As text: NaN is NaN."""
+    return [repr(replace(row, wall=0.0)) for row in found]
+
+
+def expected(points: Sequence[Point]) -> list[str]:
+    return rows([run_point(study(), each) for each in points])
+
+
+CHOSEN = st.lists(
+    st.one_of(
+        st.lists(st.sampled_from(NUMBERS), max_size=3),
+        st.tuples(st.sampled_from(OTHERS)),
+    ),
+    min_size=1, max_size=9,
+)  # fmt: skip
+
+
+@given(CHOSEN)
+@settings(max_examples=12, deadline=None)
+def test_rows_are_those_of_points_alone(chosen: list[Sequence[str]]) -> None:
+    points = [point(i, each) for i, each in enumerate(chosen)]
+    assert rows(run_points(study(), points)) == expected(points)
+
+
+def test_every_kind_of_point_after_every_other_one() -> None:
+    points = [point(i, [each]) for i, each in enumerate([*NUMBERS, *OTHERS, *NUMBERS])]
+    assert rows(run_points(study(), points)) == expected(points)
+    reasons = [row.reason for row in run_points(study(), points)]
+    assert sum(map(bool, reasons)) >= 5
+
+
+def test_one_that_fails_leaves_the_others_alone() -> None:
+    bad = f"{CONTROL}.parameters.K=9e5"
+    fails = [i % PLACES == 1 for i in range(3 * PLACES)]  # in the same place, again and again
+    points = [point(i, [f"run.seed={i}", *[bad] * f]) for i, f in enumerate(fails)]
+    found = run_points(study(), points)
+    assert [bool(row.reason) for row in found] == fails
+    assert rows(found) == expected(points)
+
+
+def test_engines_run_together(monkeypatch: pytest.MonkeyPatch) -> None:
+    """They do: as many as there are places, in one call."""
+    groups = []
+    record = batch.record_many
+
+    def noted(engines: list, *rest: object) -> list:
+        groups.append(len(engines))
+        return record(engines, *rest)
+
+    monkeypatch.setattr(batch, "record_many", noted)
+    run_points(study(), [point(i, [f"run.seed={i}"]) for i in range(2 * PLACES + 1)])
+    assert groups == [PLACES, PLACES, 1]

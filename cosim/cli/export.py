@@ -100,7 +100,7 @@ def export(
     plan = assemble(loaded)
     if ssp is not None:
         notes = write(loaded, plan, ssp, "fmu" if links == "fmu" else "annotation")
-        typer.echo(f"{ssp}  SSP 1.0, {len(plan.components)} FMUs, {len(plan.links)} links")
+        typer.echo(f"{ssp}  {len(plan.components)} FMUs, {len(plan.links)} links")
         for note in notes:
             typer.echo(f"note: {note}")
     if fmu is not None:

@@ -15,13 +15,14 @@ from typing import Any
 from xml.etree import ElementTree
 
 from cosim.base.errors import ScenarioError
+from cosim.scenario.spec import Scenario, as_data
 from cosim.ssp.nodes import XmlNode
 
 TYPE = "cosim-bridge.scenario"
 NAMESPACE = "urn:cosim-bridge:scenario:1"
 #: Keys of a component's table that the SSD tells itself.
 TOLD = ("model", "fmi", "sizes", "options", "preset", "parameters", "start", "inputs")
-_TABLES = ("title", "links", "topology", "metrics", "figures", "analysis")
+_TABLES = ("title", "links", "events", "topology", "metrics", "figures", "analysis")
 
 
 def write(parent: ElementTree.Element, content: Mapping[str, Any], common: str) -> None:
@@ -31,9 +32,43 @@ def write(parent: ElementTree.Element, content: Mapping[str, Any], common: str) 
     inner.text = json.dumps(content, sort_keys=True, ensure_ascii=False)
 
 
+def content(scenario: Scenario, files: dict[str, bytes]) -> dict[str, Any]:
+    """What of a scenario an SSD does not tell; files that it names are added to `files`, by their
+    names in the archive. Raises ScenarioError for two different ones of the same name.
+    """
+    data = as_data(scenario)
+    said = {k: v for k, v in data.items() if k not in ("path", "components")}
+    said["components"] = {name: missing_in_ssd(table) for name, table in data["components"].items()}
+    for table in said["components"].values():
+        for given in table.get("inputs", {}).values():
+            given["table"] = given["table"] and _packed(scenario, given["table"], files)
+    for link in said["links"]:
+        if "file" in (link["delay"] or {}):
+            link["delay"]["file"] = _packed(scenario, link["delay"]["file"], files)
+    topology = said.get("topology")
+    if topology and not isinstance(topology["graphs"], str):
+        topology["graphs"] = [_packed(scenario, graph, files) for graph in topology["graphs"]]
+    return said
+
+
+def _packed(scenario: Scenario, name: str, files: dict[str, bytes]) -> str:
+    path = scenario.path.parent / name
+    if not path.is_file():
+        return name
+    packed = f"resources/links/{path.name}"
+    if files.setdefault(packed, path.read_bytes()) != path.read_bytes():
+        raise ScenarioError(f"two different files have the name {path.name!r}", str(path))
+    return packed
+
+
 def missing_in_ssd(table: Mapping[str, Any]) -> dict[str, Any]:
-    """What of a component's table the SSD does not tell: sizes too, where they are an FMU's."""
+    """What of a component's table the SSD does not tell: tables and points that feed inputs, and
+    sizes, where they are an FMU's.
+    """
     said = {k: v for k, v in table.items() if k not in TOLD and v is not None}
+    played = {k: x for k, x in table["inputs"].items() if isinstance(x, dict) and not x["from"]}
+    if played:
+        said["inputs"] = played
     if str(table["model"]).endswith(".fmu") and table.get("sizes"):
         said["sizes"] = table["sizes"]
     return said
@@ -61,7 +96,11 @@ def apply(said: Mapping[str, Any], made: dict[str, Any], folder: Path) -> dict[s
         components.pop(name, None)
     for name, table in said.get("components", {}).items():
         if name in components:
+            played = table.pop("inputs", {})
             components[name] |= table
+            components[name]["inputs"] |= played
+            for given in played.values():
+                given["table"] = given["table"] and _file(folder, given["table"])
     made["run"] |= said.get("run", {})
     made |= {key: said[key] for key in _TABLES if said.get(key)}
     for link in made.get("links", ()):

@@ -23,7 +23,8 @@ from cosim.scenario.spec import Scenario
 from cosim.schedule.parts import Link, Slot, Step, Wire
 from cosim.schedule.plan import Plan
 from cosim.ssp.delays import build_delays
-from cosim.ssp.export import fmu_of, literal
+from cosim.ssp.export import fmu_of
+from cosim.ssp.parameters import literal
 
 _TOOL = "fmu_manipulation_toolbox"
 

@@ -47,15 +47,21 @@ def document(path: str | Path) -> dict[str, Any]:
 
     Raises ScenarioError if the SSP cannot be read or does not start at 0 s.
     """
-    return _read(Path(path))[0]
+    return read_structure(Path(path))[0]
 
 
 def ignored(path: str | Path) -> list[str]:
     """Sentences about values of an SSP that no FMU has a variable for. Raises ScenarioError."""
-    return _read(Path(path))[1].ignored
+    return read_structure(Path(path))[1].ignored
 
 
-def _read(path: Path) -> tuple[dict[str, Any], Structure]:
+def read_structure(
+    path: Path,
+) -> tuple[dict[str, Any], Structure, dict[tuple[str, ...], str]]:
+    """The document of an SSP, its structure, and the names of components by those in the SSD.
+
+    Raises ScenarioError.
+    """
     folder = unpack(path)
     structure = read(folder, str(path))
     parts = components(structure)
@@ -81,7 +87,7 @@ def _read(path: Path) -> tuple[dict[str, Any], Structure]:
             _set(structure, parts[owner], name, value)
     said = annotation.read(structure.root)
     made = annotation.apply(said, made, folder) if said is not None else made
-    return made, structure
+    return made, structure, {path: part.name for path, part in parts.items()}
 
 
 def _set(structure: Structure, part: SspPart, name: str, value: SspValue) -> None:

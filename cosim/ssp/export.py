@@ -1,5 +1,7 @@
 """A scenario as SSP 1.0: FMUs, connections and start values, for tools without links.
 
+A scenario that was read from an SSP is that SSP with its changes (:mod:`cosim.ssp.rewrite`).
+
 Every FMU is in ``resources/``, every scalar is a connector, and values are in parameter sets inside
 the components. An annotation (:mod:`cosim.ssp.annotation`) contains what SSP cannot express, so
 that the exported file gives the same run.
@@ -18,26 +20,20 @@ from cosim.base.errors import ScenarioError
 from cosim.fmi import components
 from cosim.fmi.component import FmuComponent
 from cosim.fmi.ports import VariableGroup
-from cosim.scenario.spec import Scenario, as_data
+from cosim.scenario.spec import Scenario
 from cosim.schedule.parts import Link, Slot, Step, Wire
 from cosim.schedule.plan import Plan
 from cosim.ssp import annotation
 from cosim.ssp.archive import ROOT, pack
+from cosim.ssp.parameters import SSC, SSD, SSV, binding, type_of, values_of
+from cosim.ssp.rewrite import rewrite
 
-Links = Literal["annotation", "fmu"]
-
-_NAMES = "http://ssp-standard.org/SSP1/"
-SSC, SSD, SSV = (
-    f"{_NAMES}{name}"
-    for name in (
-        "SystemStructureCommon",
-        "SystemStructureDescription",
-        "SystemStructureParameterValues",
-    )
+#: Said where an SSP is written anew.
+_FLAT = (
+    "nested systems are written flattened, and parameter sets in the components; dictionaries, "
+    "geometry and annotations of other tools are left out"
 )
-#: What every parameter set is called; Ecos applies the sets of a name.
-VALUES = "initialValues"
-_TYPES = {**dict.fromkeys(("Real", "Float64", "Float32", "Clock"), "Real"), "Boolean": "Boolean"}
+Links = Literal["annotation", "fmu"]
 
 
 def write(
@@ -49,6 +45,12 @@ def write(
     delays as the link does, tick by tick. Raises ScenarioError for what cannot be exported.
     """
     out = Path(out)
+    lost = []
+    if scenario.path.suffix == ".ssp":
+        notes = rewrite(scenario, plan, out) if links == "annotation" else None
+        if notes is not None:
+            return notes + _unseen(plan, links)
+        lost = [_FLAT]
     packer = _Packer(scenario, plan)
     with tempfile.TemporaryDirectory(prefix="ssp-") as scratch:
         if links == "fmu":
@@ -57,7 +59,7 @@ def write(
             packer.delay(build_delays(scenario, plan, Path(scratch)))
         content = packer.content()
     pack(content, out)
-    return _unseen(plan, links)
+    return lost + _unseen(plan, links)
 
 
 def _unseen(plan: Plan, links: Links) -> list[str]:
@@ -121,7 +123,9 @@ class _Packer:
         stop = repr(self._plan.ticks * self._plan.h)
         SubElement(root, f"{{{SSD}}}DefaultExperiment", startTime="0.0", stopTime=stop)
         notes = SubElement(root, f"{{{SSD}}}Annotations")
-        annotation.write(notes, self._annotated(), SSC)
+        said = annotation.content(self._scenario, self._files)
+        said["delays"] = sorted(self._delays)
+        annotation.write(notes, said, SSC)
         return {ROOT: _text(root), **self._files}
 
     def _component(self, step: Step) -> Element:
@@ -135,7 +139,7 @@ class _Packer:
                 if kind == "input" and f"{step.name}.{scalar}" not in self._fed:
                     continue  # keeps its start value, which some tools would overwrite with 0
                 connector = SubElement(connectors, f"{{{SSD}}}Connector", name=scalar, kind=kind)
-                SubElement(connector, f"{{{SSC}}}{_type(group)}")
+                SubElement(connector, f"{{{SSC}}}{type_of(group)}")
         spec = self._scenario.components[step.name]
         texts = {k: v for k, v in {**spec.parameters, **spec.start}.items() if fmu.is_text(k)}
         _parameters(element, step, fmu, texts)
@@ -168,31 +172,6 @@ class _Packer:
         after = Slot(f"{name}.y", name, "y", 0, (size,), link.target.unit)
         connections.extend(_connections(link, link.source, before))
         connections.extend(_connections(Wire(after, link.target), after, link.target))
-
-    def _annotated(self) -> dict[str, Any]:
-        """The scenario's data that is not in the SSD; the files that it names are packed."""
-        data = as_data(self._scenario)
-        said = {k: v for k, v in data.items() if k not in ("path", "components")}
-        said["components"] = {
-            name: annotation.missing_in_ssd(table) for name, table in data["components"].items()
-        }
-        said["delays"] = sorted(self._delays)
-        for link in said["links"]:
-            if "file" in link["delay"]:
-                link["delay"]["file"] = self._pack(link["delay"]["file"])
-        topology = said.get("topology")
-        if topology and not isinstance(topology["graphs"], str):
-            topology["graphs"] = [self._pack(graph) for graph in topology["graphs"]]
-        return said
-
-    def _pack(self, name: str) -> str:
-        path = self._scenario.path.parent / name
-        if not path.is_file():
-            return name
-        packed = f"resources/links/{path.name}"
-        if self._files.setdefault(packed, path.read_bytes()) != path.read_bytes():
-            raise ScenarioError(f"two different files have the name {path.name!r}", str(path))
-        return packed
 
 
 def fmu_of(step: Step, scenario: Scenario) -> FmuComponent:
@@ -235,41 +214,12 @@ def _scalars(group: VariableGroup) -> list[str]:
     return [v.name for v in group.variables]
 
 
-def _type(group: VariableGroup) -> str:
-    return _TYPES.get(group.first.type, "Integer")
-
-
 def _parameters(element: Element, step: Step, fmu: FmuComponent, texts: Mapping[str, Any]) -> None:
     """Values, start values and texts as a parameter set inside the component."""
-    given = {**step.values, **step.start}
-    if not given and not texts:
-        return
-    bindings = SubElement(element, f"{{{SSD}}}ParameterBindings")
-    binding = SubElement(bindings, f"{{{SSD}}}ParameterBinding")
-    inner = SubElement(binding, f"{{{SSD}}}ParameterValues")
-    values = SubElement(inner, f"{{{SSV}}}ParameterSet", version="1.0", name=VALUES)
-    parameters = SubElement(values, f"{{{SSV}}}Parameters")
-    for name, numbers in sorted(given.items()):
-        group = fmu.groups[name]
-        if group.first.shape:
-            entries = [(name, " ".join(literal(group, x) for x in numbers))]
-        else:
-            literals = (literal(group, x) for x in numbers)
-            entries = list(zip(_scalars(group), literals, strict=True))
-        for scalar, text in entries:
-            parameter = SubElement(parameters, f"{{{SSV}}}Parameter", name=scalar)
-            SubElement(parameter, f"{{{SSV}}}{_type(group)}", value=text)
-    for name, text in sorted(texts.items()):
-        parameter = SubElement(parameters, f"{{{SSV}}}Parameter", name=name)
-        SubElement(parameter, f"{{{SSV}}}{fmu.groups[name].first.type}", value=str(text))
-
-
-def literal(group: VariableGroup, value: float) -> str:
-    """A value, in the unit of its variable, written as the type of the variable requires."""
-    kind = _type(group)
-    if kind == "Real":
-        return repr(float(value))
-    return str(int(value)) if kind == "Integer" else ("true" if value else "false")
+    given = values_of(fmu, {**step.values, **step.start}, texts)
+    if given:
+        bindings = SubElement(element, f"{{{SSD}}}ParameterBindings")
+        bindings.append(binding(given))
 
 
 def _connections(edge: Wire | Link, source: Slot, target: Slot) -> Iterator[Element]:

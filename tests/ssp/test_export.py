@@ -20,7 +20,8 @@ from cosim.scenario.assemble import assemble
 from cosim.scenario.spec import Scenario, build
 from cosim.ssp import load
 from cosim.ssp.container import write as write_container
-from cosim.ssp.export import VALUES, Links, write
+from cosim.ssp.export import Links, write
+from cosim.ssp.parameters import VALUES
 from tests.ssp.parts import recorded
 from tests.system.runs import Document, scenario, teleoperation
 

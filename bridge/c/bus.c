@@ -98,8 +98,8 @@ int32_t bus_receive(bus_t *bus, frame_t *frame)
     return 0;
 }
 
-/* Wakes the thread that empties tx. An eventfd takes 8 bytes; that it is full means it is awake. */
-static void wake(const bus_t *bus)
+/* An eventfd takes 8 bytes; that it is full means the thread is awake. */
+void bus_wake(const bus_t *bus)
 {
     const uint64_t one = 1;
 
@@ -108,6 +108,13 @@ static void wake(const bus_t *bus)
 }
 
 int32_t bus_send(bus_t *bus, frame_t *frame)
+{
+    const int32_t error = bus_queue(bus, frame);
+    if (!error) bus_wake(bus);
+    return error;
+}
+
+int32_t bus_queue(bus_t *bus, frame_t *frame)
 {
     int32_t error = 0;
 
@@ -125,7 +132,6 @@ int32_t bus_send(bus_t *bus, frame_t *frame)
             bus->state = BUS_DOWN;
         return error;
     }
-    wake(bus);
     if (bus->state == BUS_DOWN && bus->kind == BUS_SOCKET)
         alive(bus);
     bus->sent++;

@@ -68,5 +68,8 @@ static inline void bus_leave(bus_t *bus)
  * full, also that of a ring; ...). Sets frame->t_ns where it is 0 (not on a BUS_MEMORY), and logs what was handed
  * over. A bus with error frames of its own may send them (FRAME_ERROR). Never blocks. */
 API int32_t bus_send(bus_t *bus, frame_t *frame);
+/* The same in two steps: several frames can be handed over before the thread that empties `tx` is woken. */
+API int32_t bus_queue(bus_t *bus, frame_t *frame);
+API void bus_wake(const bus_t *bus);
 
 #endif

@@ -7,6 +7,7 @@
 #define TOLERANCE 1e-9      /* ticks, as in cosim/links/grid.py */
 #define NS 1e-9             /* s */
 #define FAR 4e18            /* ticks; anything beyond is as far */
+#define FAR_TICKS 1000000000    /* of a lead */
 
 static int64_t floor_of(double x)
 {
@@ -215,3 +216,31 @@ int64_t delay_take(delay_t *d, int64_t row, int64_t now_ns)
     return d->held;
 }
 
+/* ---- lead ---- */
+
+/* The least delay of the law that is no loss, s. */
+static double least_delay(const delay_t *d)
+{
+    double least = d->n_delays > 0 ? FAR : 0.0;
+    for (int64_t i = 0; i < d->n_delays; i++)
+        if (d->delays[i] < least) least = d->delays[i];
+    return least;
+}
+
+int64_t delay_lead_ns(const delay_t *d)
+{
+    const double phase = NS * (double)(0 - d->phase_ns);
+    const int64_t h_ns = (int64_t)(d->h / NS + 0.5);
+    int64_t ticks;
+    switch (d->kind) {
+    case DELAY_NONE: return 0;
+    case DELAY_SIGNAL:  /* of the sample nearest to now - T: half a period after it, at most */
+        ticks = floor_of((least_delay(d) + phase) / d->h + (0.5 * d->period + TOLERANCE)) - d->period + 1;
+        break;
+    case DELAY_PLAYOUT: ticks = ticks_up(d, d->buffer + phase); break;
+    default: ticks = ticks_up(d, least_delay(d) + phase);
+    }
+    if (ticks > FAR_TICKS) ticks = FAR_TICKS;
+    const int64_t lead = ticks * h_ns + d->phase_ns;
+    return lead > 0 ? lead : 0;
+}

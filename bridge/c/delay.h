@@ -75,6 +75,10 @@ API void delay_put(delay_t *d, int64_t sequence, int64_t sent_ns, int64_t arriva
  * Its values are delay_values(d, sequence). now_ns, the look's nominal time, is not looked at. */
 API int64_t delay_take(delay_t *d, int64_t row, int64_t now_ns);
 
+/* The lead of the line, ns: samples sent less than this before a slot of the receiver do not change what
+ * it holds in the slot, if the network takes no time. 0 at least; by the least of the drawn delays. */
+API int64_t delay_lead_ns(const delay_t *d);
+
 /* What is held stays there when its slot is used again; any other only while it is kept. */
 static inline const double *delay_values(const delay_t *d, int64_t sequence)
 {

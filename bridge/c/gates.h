@@ -74,6 +74,8 @@ typedef struct {
     int32_t sender;         /* number of the node that sends it */
     int32_t n_forwards;
     forward_t *forwards;    /* messages that are sent on when a sample of this one is accepted */
+    int64_t promised;       /* lock-step: number of the newest sample that was sent, and may still be on its
+                             * way because no delay line gives it yet; -1: there are no such samples */
 } reception_t;
 
 /* Sequence of frames that requests a change of state from a drive with its own protocol; other frames

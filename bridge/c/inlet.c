@@ -30,6 +30,12 @@ static void as_recorded(const inlet_t *in, double *signals)
         memcpy(in->drive->tau, signals + in->target, (size_t)in->count * sizeof(double));
 }
 
+/* The newest sample that has been received, or will be although it counts already. */
+static int64_t newest(const reception_t *r)
+{
+    return r->promised > r->newest ? r->promised : r->newest;
+}
+
 /* The sample held now: from the delay line, or as recorded; NULL: none yet. */
 static const double *take(inlet_t *in)
 {
@@ -42,7 +48,7 @@ static const double *take(inlet_t *in)
         return h->values + (in->held - h->first) * h->width + in->first;
     }
     in->held = delay_take(in->delay, n->slot / in->period, n->now_ns);
-    in->newest = in->reception->newest;
+    in->newest = newest(in->reception);
     return in->held < 0 ? 0 : delay_values(in->delay, in->held);
 }
 

@@ -7,15 +7,25 @@
 #include "mail.h"
 #include "slot.h"
 
-enum { LOOK_NS = 30000, SLEEP_NS = 1000000 };
+enum { LOOK_NS = 30000, SLEEP_NS = 1000000, FLUSH_NS = 1000000 };
+
+/* Samples sent before a time, or at it. */
+static int64_t sent_by(const stream_t *s, int64_t time_ns, int32_t at_it)
+{
+    const int64_t x = time_ns - s->offset_ns;
+    if (x < 0 || (x == 0 && !at_it)) return 0;
+    const int64_t n = at_it ? x / s->period_ns + 1 : (x + s->period_ns - 1) / s->period_ns;
+    return n < s->capacity ? n : s->capacity;
+}
+
+API int64_t lockstep_sent(const stream_t *s, int64_t deadline_ns)
+{
+    return sent_by(s, deadline_ns, s->before);
+}
 
 API int64_t lockstep_needed(const stream_t *s, int64_t deadline_ns)
 {
-    const int64_t x = deadline_ns - s->offset_ns;
-    int64_t n;
-    if (x < 0 || (x == 0 && !s->before)) return 0;
-    n = s->before ? x / s->period_ns + 1 : (x + s->period_ns - 1) / s->period_ns;
-    return n < s->capacity ? n : s->capacity;
+    return s->lead_ns ? sent_by(s, deadline_ns - s->lead_ns, 1) : lockstep_sent(s, deadline_ns);
 }
 
 static int32_t has_command(const node_t *n, int32_t command)
@@ -72,32 +82,53 @@ static int64_t deadline_of(const node_t *n)
     return n->slot * n->h_ns + n->phase_ns;
 }
 
-/* The first stream that the next slot waits for, -1: none. */
-static int32_t awaited(const lockstep_t *l)
+static int64_t last_deadline(const node_t *n)
+{
+    return (n->slots - 1) * n->h_ns + n->phase_ns;
+}
+
+/* What has been sent, to the threads of the buses. */
+static void flush(lockstep_t *l)
+{
+    if (!l->unsent_ns) return;
+    for (int32_t b = 0; b < l->node->n_buses; b++) bus_wake(l->outside + b);
+    l->unsent_ns = 0;
+}
+
+/* Samples of a stream before the next slot of which the node hears in it; `all`: and at the end. */
+static int64_t wanted(const lockstep_t *l, int32_t stream, int32_t all)
+{
+    const stream_t *s = l->streams + stream;
+    return all ? lockstep_sent(s, last_deadline(l->node)) : lockstep_needed(s, deadline_of(l->node));
+}
+
+/* The first stream that the node waits for, -1: none. */
+static int32_t awaited(const lockstep_t *l, int32_t all)
 {
     for (int32_t i = 0; i < l->n_streams; i++)
-        if (l->streams[i].received < lockstep_needed(l->streams + i, deadline_of(l->node))) return i;
+        if (l->streams[i].received < wanted(l, i, all)) return i;
     return -1;
 }
 
 /* Until something may have come. The end of a run is looked for as often, too. */
-static int64_t sleep_from(const lockstep_t *l, int64_t now)
+static int64_t sleep_from(lockstep_t *l, int64_t now)
 {
+    flush(l);
     if (l->node->n_buses > 1 || l->outside->kind != BUS_RING)
         return pace_wait(now + LOOK_NS, 0, &l->node->quit);
     mail_wait(l->outside->rx, now + SLEEP_NS);
     return pace_now();
 }
 
-/* Until the next slot is due: 0, or why not. */
-static int32_t wait_for_samples(lockstep_t *l)
+/* Until the samples are there: 0, or why not. */
+static int32_t wait_for_samples(lockstep_t *l, int32_t all)
 {
     int64_t now = pace_now(), last = now;
     for (;;) {
         const int32_t came = gather(l);
         if (came < 0) return came;
-        if ((l->awaited = awaited(l)) < 0) break;
         if (ended(l->node)) return LIVE_STOPPED;
+        if ((l->awaited = awaited(l, all)) < 0) break;
         if (came) last = now;
         if (now - last > l->patience_ns) return LOCKSTEP_STALLED;
         now = sleep_from(l, now);
@@ -105,18 +136,35 @@ static int32_t wait_for_samples(lockstep_t *l)
     return 0;
 }
 
-/* Give the node what the twin would have given it by now. */
+/* The next sample of a stream, to the node. */
+static void give_sample(const lockstep_t *l, stream_t *s)
+{
+    frame_t frame = s->frames[s->given];
+    frame.t_ns = s->given * s->period_ns + s->offset_ns;
+    ring_put(l->node->buses[s->bus].rx, &frame);
+    s->given++;
+}
+
+/* Give the node what it hears before its next slot. */
 static void give(lockstep_t *l)
 {
     for (int32_t i = 0; i < l->n_streams; i++) {
         stream_t *s = l->streams + i;
-        const int64_t n = lockstep_needed(s, deadline_of(l->node));
-        for (; s->given < n; s->given++) {
-            frame_t frame = s->frames[s->given];
-            frame.t_ns = s->given * s->period_ns + s->offset_ns;
-            ring_put(l->node->buses[s->bus].rx, &frame);
-        }
+        while (s->given < wanted(l, i, 0)) give_sample(l, s);
+        if (s->lead_ns) s->reception->promised = lockstep_sent(s, deadline_of(l->node)) - 1;
     }
+}
+
+/* Whether the node has accepted the samples for which it did not wait. */
+static int32_t check_promises(lockstep_t *l)
+{
+    for (int32_t i = 0; i < l->n_streams; i++) {
+        const stream_t *s = l->streams + i;
+        if (!s->lead_ns || s->reception->newest == s->given - 1) continue;
+        l->awaited = i;
+        return LOCKSTEP_REFUSED;
+    }
+    return 0;
 }
 
 /* What the slot has sent, to the others; waits while a queue is full. */
@@ -125,18 +173,48 @@ static int32_t send(lockstep_t *l)
     frame_t frame;
     for (int32_t b = 0; b < l->node->n_buses; b++) {
         while (ring_get(l->node->buses[b].tx, &frame)) {
-            while (bus_send(l->outside + b, &frame) == ENOBUFS) {
+            while (bus_queue(l->outside + b, &frame) == ENOBUFS) {
+                bus_wake(l->outside + b);
                 if (ended(l->node)) return LIVE_STOPPED;
                 pace_wait(pace_now() + LOOK_NS, 0, &l->node->quit);
             }
+            if (!l->unsent_ns) l->unsent_ns = pace_now();
         }
     }
+    if (l->unsent_ns && pace_now() - l->unsent_ns > FLUSH_NS) flush(l);
     return 0;
 }
 
-API int32_t lockstep_run(lockstep_t *l)
+/* One slot once its samples are there: 0, or why there is no other. */
+static int32_t step(lockstep_t *l)
 {
     node_t *n = l->node;
+    int32_t result = wait_for_samples(l, 0);
+    if (result) return result;
+    give(l);
+    if ((result = node_slot(n, deadline_of(n), deadline_of(n), 0)) != 0) return result;
+    if ((result = send(l)) != 0) return result;
+    return check_promises(l);
+}
+
+/* After the last slot: the rest of what the twin hears. */
+static int32_t hear_rest(lockstep_t *l)
+{
+    const int32_t result = wait_for_samples(l, 1);
+    if (result) return result;
+    for (int32_t i = 0; i < l->n_streams; i++) {
+        while (l->streams[i].given < wanted(l, i, 1)) {
+            give_sample(l, l->streams + i);
+            node_hear(l->node, last_deadline(l->node));
+        }
+    }
+    return check_promises(l);
+}
+
+static int32_t run(lockstep_t *l)
+{
+    node_t *n = l->node;
+    int32_t result = 0;
     while (!has_command(n, COMMAND_START)) {
         if (ended(n)) return LIVE_NEVER_STARTED;
         if (gather(l) < 0) return LOCKSTEP_LOST;
@@ -147,14 +225,15 @@ API int32_t lockstep_run(lockstep_t *l)
     n->life.state = LIFE_ACTIVE;
     n->life.armed = 1;
     node_enable(n, 0);
-    while (n->slot < n->slots) {
-        int32_t result = wait_for_samples(l);
-        if (result) return result;
-        give(l);
-        result = node_slot(n, deadline_of(n), deadline_of(n), 0);
-        if (result) return result;
-        if ((result = send(l)) != 0) return result;
-    }
+    while (!result && n->slot < n->slots) result = step(l);
+    if (result || (result = hear_rest(l)) != 0) return result;
     n->life.state = LIFE_FINISHED;
     return LIVE_FINISHED;
+}
+
+API int32_t lockstep_run(lockstep_t *l)
+{
+    const int32_t result = run(l);
+    flush(l);
+    return result;
 }

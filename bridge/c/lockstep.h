@@ -5,6 +5,14 @@
  * executed once all samples have arrived that were sent before it: at an earlier time, or at the same
  * time by a node that precedes this one. The result therefore equals the twin's to the last bit, on
  * any network without losses. Buses must carry messages in order (reliable, blocking).
+ *
+ * Look-ahead: a stream with a lead feeds only delay lines that give no sample earlier than this after it
+ * was sent, so the node receives each sample that much later, in the same slot for any network, and runs up
+ * to the lead ahead of it. What the twin knows of such a sample by then is that it was sent and accepted:
+ * `promised` of its reception. If it is refused after all (range, rate), the run ends with LOCKSTEP_REFUSED.
+ *
+ * What a node sends waits in the queue of its bus until the node has to wait itself, or for FLUSH_NS; so all
+ * samples of a window are handed over at once.
  */
 #ifndef BRIDGE_LOCKSTEP_H
 #define BRIDGE_LOCKSTEP_H
@@ -12,13 +20,15 @@
 #include "node.h"
 
 /* What lockstep_run returns besides LIVE_FINISHED, LIVE_STOPPED and the engine's results. */
-enum { LOCKSTEP_STALLED = -10, LOCKSTEP_LOST = -11 };
+enum { LOCKSTEP_STALLED = -10, LOCKSTEP_LOST = -11, LOCKSTEP_REFUSED = -12 };
 
 typedef struct {
     const message_t *message;   /* whose frames it holds */
     int32_t bus;
     int32_t before;         /* at equal times its sender comes first */
     int64_t period_ns, offset_ns;   /* sample s is sent at s*period + offset */
+    int64_t lead_ns;        /* least lead of the delay lines it feeds, see delay_lead_ns; 0: no look-ahead */
+    reception_t *reception; /* of the node */
     int64_t received, given;        /* samples 0.. that are there; that the node has heard */
     int64_t capacity;       /* samples of the run */
     frame_t *frames;
@@ -32,9 +42,12 @@ typedef struct {
     int32_t awaited;        /* the stream that a slot waits for, -1: none */
     int64_t patience_ns;    /* without anything new: stalled */
     int64_t found;          /* LOST: number of the sample that came instead, modulo 65536 */
+    int64_t unsent_ns;      /* since when something waits to be handed over (CLOCK_MONOTONIC); 0: nothing */
 } lockstep_t;
 
-/* Samples a slot at deadline_ns (relative) needs: 0 .. this - 1. */
+/* Samples sent before a slot at deadline_ns (relative): 0 .. this - 1. */
+API int64_t lockstep_sent(const stream_t *s, int64_t deadline_ns);
+/* Those of them that the slot needs. */
 API int64_t lockstep_needed(const stream_t *s, int64_t deadline_ns);
 
 /* All slots to the end; waits for COMMAND_START first. Reads clocks, to wait and for patience only. */

@@ -112,6 +112,11 @@ class DelayLine:
         self.reset()
 
     @property
+    def lead_ns(self) -> int:
+        """Samples sent less than this before a look do not change what it gives, ns."""
+        return int(self._library.delay_lead_ns(c.byref(self.struct)))
+
+    @property
     def address(self) -> int:
         """Of the `delay_t`, valid as long as this lives."""
         return c.addressof(self.struct)
@@ -143,6 +148,7 @@ def _declared() -> c.CDLL:
     lib.delay_reset.restype = None
     lib.delay_put.argtypes = (line, c.c_int64, c.c_int64, c.c_int64, c.POINTER(c.c_double))
     lib.delay_put.restype = None
+    lib.delay_lead_ns.argtypes, lib.delay_lead_ns.restype = (line,), c.c_int64
     lib.delay_take.argtypes = (line, c.c_int64, c.c_int64)
     lib.delay_take.restype = c.c_int64
     return lib

@@ -9,9 +9,9 @@ from bridge.native.bus import BusStruct
 from bridge.native.frame import Frame
 from bridge.native.library import library
 from bridge.native.message import Message
-from bridge.native.node import NodeStruct
+from bridge.native.node import NodeStruct, Reception
 
-STALLED, LOST = -10, -11
+STALLED, LOST, REFUSED = -10, -11, -12
 
 
 class StreamStruct(c.Structure):
@@ -23,14 +23,20 @@ class StreamStruct(c.Structure):
         ("before", c.c_int32),
         ("period_ns", c.c_int64),
         ("offset_ns", c.c_int64),
+        ("lead_ns", c.c_int64),
+        ("reception", c.POINTER(Reception)),
         ("received", c.c_int64),
         ("given", c.c_int64),
         ("capacity", c.c_int64),
         ("frames", c.POINTER(Frame)),
     )
 
+    def sent(self, deadline_ns: int) -> int:
+        """Samples sent before a slot at `deadline_ns` (relative to the start)."""
+        return int(_declared().lockstep_sent(c.byref(self), deadline_ns))
+
     def needed(self, deadline_ns: int) -> int:
-        """Samples that a slot at `deadline_ns` (relative to the start) needs."""
+        """Those of them that the slot needs."""
         return int(_declared().lockstep_needed(c.byref(self), deadline_ns))
 
 
@@ -45,11 +51,12 @@ class LockstepStruct(c.Structure):
         ("awaited", c.c_int32),
         ("patience_ns", c.c_int64),
         ("found", c.c_int64),
+        ("unsent_ns", c.c_int64),
     )
 
 
 def run(struct: LockstepStruct) -> int:
-    """All slots; the GIL is released. FINISHED, STOPPED, STALLED, LOST, or the engine's result."""
+    """All slots, without the GIL: FINISHED, STOPPED, STALLED, LOST, REFUSED or the engine's."""
     return int(_declared().lockstep_run(c.byref(struct)))
 
 
@@ -57,6 +64,6 @@ def run(struct: LockstepStruct) -> int:
 def _declared() -> c.CDLL:
     lib = library()
     lib.lockstep_run.argtypes, lib.lockstep_run.restype = (c.POINTER(LockstepStruct),), c.c_int32
-    lib.lockstep_needed.argtypes = (c.POINTER(StreamStruct), c.c_int64)
-    lib.lockstep_needed.restype = c.c_int64
+    for function in (lib.lockstep_sent, lib.lockstep_needed):
+        function.argtypes, function.restype = (c.POINTER(StreamStruct), c.c_int64), c.c_int64
     return lib

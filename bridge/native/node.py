@@ -82,6 +82,7 @@ class Reception(c.Structure):
         ("sender", c.c_int32),
         ("n_forwards", c.c_int32),
         ("forwards", c.POINTER(ForwardStruct)),
+        ("promised", c.c_int64),
     )
 
 

@@ -3,6 +3,9 @@
 The same nodes, codecs and delay lines as on the wall clock; the result is the twin's to the last
 bit, however long the network takes and wherever the nodes are. A deployment asks for it with
 ``options.lockstep = true`` of its Zenoh buses, and has no others: CAN may lose frames.
+
+A node runs ahead of its peers by what the delays of its links allow (look-ahead), unless
+``options.lookahead = false``.
 """
 
 from __future__ import annotations
@@ -47,6 +50,11 @@ def is_lockstep(system: System) -> bool:
     return bool(asked)
 
 
+def looks_ahead(system: System) -> bool:
+    """Whether nodes run ahead of samples that the delays of links still hold back."""
+    return all(bus.options.get("lookahead", True) for bus in system.deployment.buses.values())
+
+
 def _patience(system: System) -> float:
     d = system.deployment
     said = {
@@ -69,6 +77,7 @@ class Lockstep:
         journal: Path,
     ) -> None:
         self._system, self._name = system, name
+        self._ahead = looks_ahead(system)
         self._patience = _patience(system)
         inside = {
             bus: Bus.from_rings(Ring(RING), Ring(RING), number, kind=BusKind.MEMORY)
@@ -109,9 +118,21 @@ class Lockstep:
             before=order.index(carried.node) < order.index(self._name),
             period_ns=carried.period_ns,
             offset_ns=carried.offset_ns,
+            lead_ns=self._lead(message) if self._ahead else 0,
+            reception=c.pointer(self.wired.inlet_bindings.receptions[message]),
             capacity=capacity,
             frames=(Frame * capacity)(),
         )
+
+    def _lead(self, message: str) -> int:
+        """How long after it was sent a sample has its first effect here, ns."""
+        bindings, plan = self.wired.inlet_bindings, self.wired.plan
+        leads = [
+            0 if struct.drive else self.wired.lines[inlet.target.name].lead_ns
+            for inlet, struct in zip(plan.inlets, bindings.inlets, strict=False)
+            if inlet.message == message
+        ]
+        return min(leads, default=0)
 
     def run(self) -> int:
         """To the end; what :func:`bridge.native.lockstep.run` returns."""
@@ -120,7 +141,7 @@ class Lockstep:
     def error(self, result: int) -> str:
         """Which sample did not come; "" where it ended for another reason."""
         s = self.wired.struct
-        if result not in (native.STALLED, native.LOST):
+        if result not in (native.STALLED, native.LOST, native.REFUSED):
             return ""
         stream = self._streams[self.struct.awaited]
         message = self._system.received_by(self._name)[self.struct.awaited]
@@ -130,6 +151,12 @@ class Lockstep:
             return (
                 f"{at}: sample {stream.received} of {message} from node {sender} is lost: number "
                 f"{self.struct.found} (modulo 65536) came; did {sender} start again?"
+            )
+        if result == native.REFUSED:
+            return (
+                f"{at}: sample {stream.given - 1} of {message} from node {sender} (or one just "
+                "before it) is outside its range or rate, but slots before this one counted it as "
+                "received; expected only samples that are accepted, or options.lookahead = false"
             )
         return (
             f"{at}: waits for sample {stream.received} of {message} from node {sender}; nothing "

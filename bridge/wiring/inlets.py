@@ -71,7 +71,7 @@ class InletBindings:
         r.max_age_ns = self._max_age(carried)
         limits = ranges.limits(self._system, self._name, carried)
         r.limits = (messages.Limit * len(limits))(*limits)
-        r.newest = r.arrival_ns = r.previewed_ns = -1
+        r.newest = r.arrival_ns = r.previewed_ns = r.promised = -1
         r.accept_simulated = not self._real
         r.sender = self._system.deployment.nodes[carried.node].number
         self.receivers[carried.name] = receiver

@@ -1,7 +1,9 @@
 """A Zenoh session between rings, so that a tick never waits for it.
 
 Sending: a thread sleeps on a descriptor, empties the ring and puts. Receiving: Zenoh's threads call
-back, which stamps the arrival and copies the sample into the ring; a tick runs no Python.
+back, which stamps the arrival and copies the sample into the ring; a tick runs no Python. In
+lock-step with look-ahead all samples that wait are put as one payload a message, and what the ring
+has no room for waits in the network.
 """
 
 from __future__ import annotations
@@ -20,6 +22,7 @@ from bridge.native.bus import Bus
 from bridge.native.frame import Frame, Ring
 from bridge.native.journal import Journal
 from bridge.native.mail import frame_reader, frame_writer, keep_thread
+from bridge.zenoh import batches
 from bridge.zenoh.lost_peers import LOOK, LostPeers
 from bridge.zenoh.options import ZenohOptions
 from bridge.zenoh.presence import Presence, wait_until_there
@@ -33,8 +36,10 @@ from bridge.zenoh.session import (
 )
 from bridge.zenoh.socket_release import release
 from bridge.zenoh.wakeup import Wake
-from cosim.base.clock import monotonic_ns
+from cosim.base.clock import monotonic_ns, sleep
 
+#: Free places that a receiver in lock-step leaves in its ring, and s between two looks for more.
+ROOM, PAUSE = 256, 0.001
 ENCODING = "application/octet-stream;cosim.sample.v1"
 
 
@@ -74,6 +79,8 @@ class ZenohAttachment:
         self._name, self.names, self.traffic, self._options = name, names, traffic, options
         self._config = configure(options, traffic.node, access)
         self._rx, self._tx = Ring(capacity), Ring(capacity)
+        self._joins = options.lockstep and options.lookahead
+        self._most = capacity - ROOM  # frames that wait in lock-step, about
         self._refused, self._restarts, self._left, self._fault = 0, 0, 0, ""
         self._silence = LostPeers(
             names.senders(traffic.steady), lease_time(self._config), period=traffic.period,
@@ -85,7 +92,8 @@ class ZenohAttachment:
         self._wake = Wake()
         self._open()
         self.bus = Bus.from_rings(self._rx, self._tx, number, log, wake=self._wake.inn)
-        self._threads = [threading.Thread(target=self._send, name=f"zenoh {name}", daemon=True)]
+        send = self._send_batches if self._joins else self._send
+        self._threads = [threading.Thread(target=send, name=f"zenoh {name}", daemon=True)]
         if not options.lockstep:  # in which a lost sample is waited for in vain
             self._threads.append(threading.Thread(target=self._mend, daemon=True))
         for thread in self._threads:
@@ -209,7 +217,15 @@ class ZenohAttachment:
             counts[key] += 1
             bring(sample.payload.to_bytes())
 
-        return zenoh.handlers.Callback(receive, indirect=False)
+        def receive_all(message: zenoh.Sample) -> None:
+            keep_thread()
+            for sample in batches.samples_of(message):
+                while len(self._rx) > self._most and not self._stop.is_set():
+                    sleep(PAUSE)
+                bring(sample)
+
+        called = receive_all if self._joins else receive
+        return zenoh.handlers.Callback(called, indirect=False)
 
     def _send(self) -> None:
         """Frames of the ring, to their publishers; sleeps until `bus_send` wakes it."""
@@ -221,12 +237,38 @@ class ZenohAttachment:
         while self._tx.get(frame):  # sent before the stop
             self._put(frame)
 
+    def _send_batches(self) -> None:
+        """As :meth:`_send`; all frames of a message that wait, as one payload."""
+        frame = Frame()
+        take = frame_reader(self._tx, self._wake.out, frame)
+        while not self._stop.is_set():
+            if take():
+                self._put_all(frame)
+        if self._tx.get(frame):
+            self._put_all(frame)
+
+    def _put_all(self, frame: Frame) -> None:
+        """This frame, and those that wait behind it."""
+        waiting = {frame.id: [frame.payload]}
+        while self._tx.get(frame):
+            waiting.setdefault(frame.id, []).append(frame.payload)
+        for number, samples in waiting.items():
+            if len(samples) == 1:
+                self._put_payload(number, samples[0])
+            else:
+                self._put_payload(number, batches.joined(samples), batches.ENCODING)
+
     def _put(self, frame: Frame) -> None:
+        self._put_payload(frame.id, frame.payload)
+
+    def _put_payload(
+        self, number: int, payload: bytes, encoding: zenoh.Encoding | None = None
+    ) -> None:
         try:
-            self._publishers[frame.id].put(frame.payload)
+            self._publishers[number].put(payload, encoding=encoding)
         except (zenoh.ZError, KeyError) as error:
             self._refused += 1
-            self._fault = f"frame {frame.id:#x}: {error}"
+            self._fault = f"frame {number:#x}: {error}"
 
 
 def control_publisher(

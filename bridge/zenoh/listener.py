@@ -20,6 +20,7 @@ from bridge.native.bus import TrafficStruct, traffic_add
 from bridge.native.frame import DATA, Frame, Ring
 from bridge.native.mail import frame_writer, keep_thread
 from bridge.zenoh.access import MONITOR
+from bridge.zenoh.batches import samples_of
 from bridge.zenoh.node_channel import rules_of, traffic_of
 from bridge.zenoh.options import ZenohOptions, check_endpoint, endpoints_of, options_of
 from bridge.zenoh.presence import Presence
@@ -106,7 +107,8 @@ class ZenohEar:
 
         def receive(sample: zenoh.Sample) -> None:
             keep_thread()
-            bring(sample.payload.to_bytes()[:DATA])
+            for data in samples_of(sample):
+                bring(data[:DATA])
 
         return self.session.declare_subscriber(
             key,

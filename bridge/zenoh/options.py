@@ -9,6 +9,7 @@
 ``wait``         how long a node waits for its peers before it says ready; 0: not at all.
                  In lock-step also for a sample
 ``lockstep``     no clock: nodes advance as samples arrive, of which none is dropped
+``lookahead``    in lock-step: nodes run ahead by the least delay of their links (default: true)
 ``insecure``     allow endpoints beyond this machine without TLS
 """
 
@@ -26,7 +27,7 @@ from cosim.base.errors import ScenarioError
 PROTOCOLS = ("tcp", "udp", "tls", "quic", "unixsock-stream", "ws")
 ENCRYPTED = ("tls", "quic")
 RELIABILITY = ("best-effort", "reliable")
-KNOWN = ("listen", "connect", "keys", "reliability", "wait", "insecure", "lockstep")
+KNOWN = ("listen", "connect", "keys", "reliability", "wait", "insecure", "lockstep", "lookahead")
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,6 +43,7 @@ class ZenohOptions:
     wait: float = 30.0
     insecure: bool = False
     lockstep: bool = False
+    lookahead: bool = True
 
 
 def options_of(deployment: Deployment, bus: str, node: str) -> ZenohOptions:
@@ -68,6 +70,7 @@ def options_of(deployment: Deployment, bus: str, node: str) -> ZenohOptions:
         wait=deployment.seconds(given.get("wait", 30.0), "buses", bus, "options", "wait"),
         insecure=_switch(given.get("insecure", False), f"{place}.insecure"),
         lockstep=_switch(given.get("lockstep", False), f"{place}.lockstep"),
+        lookahead=_switch(given.get("lookahead", True), f"{place}.lookahead"),
     )
     if found.reliability not in RELIABILITY:
         raise ScenarioError(

@@ -52,7 +52,7 @@ CASES = {
     ),
     # TCP only: what is lost is sent again, and nobody minds when it comes
     "lock-step": Case(
-        1.0,
+        100.0,
         stall,
         LOCK_STEP,
         links={"*": BAD},

@@ -12,7 +12,7 @@ from bridge.native.delay import DelayLine
 from cosim.base.errors import PlanError
 from cosim.links.grid import Grid
 from cosim.links.semantics import PacketSemantics, PlayoutSemantics, SignalSemantics
-from tests.bridge.lines import MS, RULES, N, arrivals, arrived, drive, line, links, rows_of
+from tests.bridge.lines import LOOKS, MS, RULES, N, arrivals, arrived, drive, line, links, rows_of
 
 
 @pytest.mark.parametrize("capacity", [0, 3, -4])
@@ -63,6 +63,43 @@ def test_slots_that_are_later_by_what_the_network_takes_change_nothing(kind, lin
     coming = [(j, s + sender, a + sender) for j, s, a in arrivals(grid, [later] * N)]
     d = line(kind, grid, T, phase_ns=later)
     assert drive(d, grid, coming, phase=sender + later) == rows_of(RULES[kind], grid, T)
+
+
+# ---- without a network: samples that come as late as they may ----
+
+
+@given(
+    kind=st.sampled_from([native.SIGNAL, native.LAST, native.STAMP, native.FIFO, native.PLAYOUT]),
+    link=links(losses=False),
+    phase=st.integers(-(10**7), 10**7),
+)
+def test_a_sample_is_not_needed_before_the_lead(kind, link, phase):
+    """What is put when it is as old as the lead is held as if it had come at once."""
+    grid, T = link
+    h_ns = round(grid.h * 1e9)
+    buffer = max(T) if kind == native.PLAYOUT else 0.0
+    at_once, late = (line(kind, grid, T, buffer=buffer, phase_ns=phase) for _ in range(2))
+    put = {at_once: 0, late: 0}
+    for row in range(LOOKS):
+        for d, lead in ((at_once, 0), (late, late.lead_ns)):
+            while put[d] * grid.n_s * h_ns + lead <= row * grid.n_r * h_ns + phase:
+                sent = put[d] * grid.n_s * h_ns
+                d.put(put[d], sent, sent, [float(put[d])])
+                put[d] += 1
+        assert late.take(row) == at_once.take(row)
+
+
+def test_the_lead_is_the_least_delay_in_whole_ticks():
+    grid = Grid(5, 1, 0.001)
+    delays = [0.0402, 0.03, np.inf, np.nan]
+    leads = {kind: line(kind, grid, delays).lead_ns for kind in RULES}
+    assert leads.pop(native.SIGNAL) == 28 * MS  # it holds the nearest: half a period later
+    assert set(leads.values()) == {30 * MS}
+    assert line(native.NONE, grid, delays).lead_ns == 0
+    assert line(native.PLAYOUT, grid, [0.001], buffer=0.0201).lead_ns == 21 * MS
+    assert line(native.LAST, grid, [0.0]).lead_ns == line(native.LAST, grid, []).lead_ns == 0
+    assert line(native.LAST, grid, delays, phase_ns=MS // 2).lead_ns == 30 * MS + MS // 2
+    assert line(native.LAST, grid, [np.inf]).lead_ns == 10**9 * MS
 
 
 # ---- with a network ----

@@ -69,7 +69,7 @@ CONSTANTS = {
     "SAMPLE_THERE": node.THERE, "LIVE_FINISHED": node.FINISHED, "LIVE_STOPPED": node.STOPPED,
     "LIVE_NEVER_STARTED": node.NEVER_STARTED, "LIVE_FAULT": node.FAULT,
     "LIVE_NOT_JOINED": node.NOT_JOINED, "LOCKSTEP_STALLED": lockstep.STALLED,
-    "LOCKSTEP_LOST": lockstep.LOST,
+    "LOCKSTEP_LOST": lockstep.LOST, "LOCKSTEP_REFUSED": lockstep.REFUSED,
     **{f"EPOCH_{name.upper()}": i for i, name in enumerate(epoch.SIGNALS)},
     **{f"FAULT_{name}": getattr(faults, name) for name in (
         "DROP", "BURST", "DELAY", "JITTER", "DUPLICATE", "REORDER", "CORRUPT", "FORGE", "REPLAY",

@@ -65,7 +65,7 @@ class TestContract(BusContract):
     @pytest.fixture
     def connect(self, tmp_path: Path) -> Callable[..., object]:
         def connected(log: Journal, accepts: object) -> tuple[ZenohAttachment, Peer]:
-            ours, theirs = both(endpoint(tmp_path), log, lockstep=True)
+            ours, theirs = both(endpoint(tmp_path), log, lockstep=True, lookahead=False)
             return ours, Peer(theirs)
 
         return connected

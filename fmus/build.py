@@ -75,6 +75,8 @@ SHIPPED: dict[str, tuple[dict[str, int], ...]] = {
     "grasp": ({},),
     "encoder": ({},),
     "arm_teleoperation": ({},),
+    "arm_task": ({},),
+    "arm_tip": ({},),
     "arm_pd": (),  # compiled when first used, as the next
     "arm_nuno_adaptive": (),
     "arm_chopra": (),

@@ -1,13 +1,17 @@
 /* arm_law.h - the adaptive law of the paper for a serial arm; equations in
- * fmus/models/arm_teleoperation.py.
+ * fmus/models/arm_teleoperation.py, in the coordinates of the tip in fmus/models/arm_task.py.
  *
- *     tau = -K s + Y(q, dq, z, dz) theta_hat + J dz,  dtheta_hat = -Gamma Y^T s,  s = dq - z
- *     dz  = -alpha dq + lambda_M (dq - z) - lambda sum_j w_j (xi - xi_in_j)
+ *     tau = -K s + Y(q, dq, v, a) theta_hat + J a,  dtheta_hat = -Gamma Y^T s,  s = dq - v
+ *
+ * with the reference velocity v and a = dv/dt. In joint space
+ *
+ *     v = z,  dz = -alpha dq + lambda_M (dq - z) - lambda sum_j w_j (xi - xi_in_j)
  *
  * The law is sampled: the outputs are those of t_k. The state for t_k + h is kept in z_next and
  * theta_hat_next until the next step.
  *
- * A model includes this file once, after it has defined NETWORKED (neighbours.h).
+ * A model includes this file once, after it has defined NETWORKED (neighbours.h) and TASK: 1, z has
+ * the coordinates of the tip, 0: those of the joints.
  */
 #ifndef ARM_LAW_H
 #define ARM_LAW_H
@@ -21,28 +25,49 @@
 #include "natural.h"
 #include "neighbours.h"
 
-enum { JOINTS = ENTRIES(q) };
+enum { JOINTS = ENTRIES(q), STATES = ENTRIES(z) };
 
 typedef struct {
-    double xi[JOINTS], dz[JOINTS], s[JOINTS], tau[JOINTS], Ys[10 * JOINTS];
+    double xi[STATES], dz[STATES], v[JOINTS], a[JOINTS], s[JOINTS], feedback[JOINTS];
+    double tau[JOINTS], Ys[10 * JOINTS];
+    double x[STATES], dx[STATES], sigma; /* of a task */
     int saturated, stale;
 } Law;
+
+/* refer() computes xi, dz, v, a, s and the feedback of s, of the state z. */
+#if TASK
+#include "arm_task.h"
+#else
+static inline void refer(const Model *x, const Chain *chain, const Pose *pose, const double *z,
+                         Law *y) {
+    (void)chain, (void)pose;
+    for (int i = 0; i < JOINTS; i++) {
+        y->xi[i] = x->dq[i] + x->alpha * x->q[i];
+        y->v[i] = z[i];
+        y->s[i] = x->dq[i] - z[i];
+        y->dz[i] = -x->alpha * x->dq[i] + x->lambda_M * y->s[i] - coupling(x, i, y->xi[i]);
+        y->a[i] = y->dz[i];
+        y->feedback[i] = x->K[i] * y->s[i];
+    }
+}
+static inline void give_task(Model *x, const Law *y) { (void)x, (void)y; }
+static inline const char *task_problem(const Model *x) { return (void)x, NULL; }
+#endif
 
 /* The law as of t_k, with the state z, theta_hat. */
 static inline void law(const Model *x, const double *z, const double *theta_hat, Law *y) {
     const Chain chain = CHAIN_OF(x);
     const int inertial = x->lambda_c > 0.0; /* Remark 3: K = lambda_c M_hat, inside Y */
-    double dz[JOINTS], tau[JOINTS];
-    for (int i = 0; i < JOINTS; i++) {
-        y->xi[i] = x->dq[i] + x->alpha * x->q[i];
-        y->s[i] = x->dq[i] - z[i];
-        y->dz[i] = -x->alpha * x->dq[i] + x->lambda_M * y->s[i] - coupling(x, i, y->xi[i]);
-        dz[i] = inertial ? y->dz[i] - x->lambda_c * y->s[i] : y->dz[i];
-    }
-    chain_feedforward(&chain, (int)x->gravity, theta_hat, x->q, x->dq, z, dz, y->s, tau, y->Ys);
+    Pose pose[CHAIN_MOST];
+    double a[JOINTS], tau[JOINTS];
+    chain_pose(&chain, x->q, pose);
+    refer(x, &chain, pose, z, y);
+    for (int i = 0; i < JOINTS; i++)
+        a[i] = inertial ? y->a[i] - x->lambda_c * y->s[i] : y->a[i];
+    chain_feedforward(&chain, pose, (int)x->gravity, theta_hat, x->dq, y->v, a, y->s, tau, y->Ys);
     y->saturated = 0;
     for (int i = 0; i < JOINTS; i++) {
-        if (!inertial) tau[i] -= x->K[i] * y->s[i];
+        if (!inertial) tau[i] -= y->feedback[i];
         y->tau[i] = limited(tau[i], x->tau_max[i]);
         y->saturated |= y->tau[i] != tau[i];
     }
@@ -50,16 +75,17 @@ static inline void law(const Model *x, const double *z, const double *theta_hat,
 }
 
 static inline int finite_law(const Law *y) {
-    return all_finite(y->tau, JOINTS) && all_finite(y->xi, JOINTS) && all_finite(y->s, JOINTS) &&
-           all_finite(y->dz, JOINTS) && all_finite(y->Ys, 10 * JOINTS);
+    return all_finite(y->tau, JOINTS) && all_finite(y->xi, STATES) && all_finite(y->s, JOINTS) &&
+           all_finite(y->dz, STATES) && all_finite(y->Ys, 10 * JOINTS);
 }
 
 static inline void give(Model *x, const Law *y) {
     for (int i = 0; i < JOINTS; i++) {
         x->tau[i] = y->tau[i];
-        x->xi[i] = y->xi[i];
         x->s[i] = y->s[i];
     }
+    for (int i = 0; i < STATES; i++) x->xi[i] = y->xi[i];
+    give_task(x, y);
 }
 
 /* Checks of values that depend on several variables, which a minimum or maximum cannot express. */
@@ -67,6 +93,7 @@ static inline const char *check(const Model *x) {
     const Chain chain = CHAIN_OF(x);
     const char *problem = chain_problem(&chain);
     if (problem) return problem;
+    if (task_problem(x)) return task_problem(x);
     for (int i = 0; i < JOINTS; i++)
         for (int k = 0; k < 10; k++)
             if (!(x->theta_min[i][k] <= x->theta_hat[i][k] &&
@@ -90,10 +117,9 @@ const char *model_initial(Model *x) {
     law(x, x->z, x->theta_hat[0], &y);
     if (!finite_law(&y)) return LAW_DIVERGED;
     give(x, &y);
-    for (int i = 0; i < JOINTS; i++) {
-        x->z_next[i] = x->z[i];
+    for (int i = 0; i < STATES; i++) x->z_next[i] = x->z[i];
+    for (int i = 0; i < JOINTS; i++)
         for (int k = 0; k < 10; k++) x->theta_hat_next[i][k] = x->theta_hat[i][k];
-    }
     return NULL;
 }
 
@@ -119,11 +145,11 @@ const char *model_step(Model *x, double t, double h) {
     give(x, &y);
     const double advance = y.saturated ? 0.0 : h; /* anti-windup */
     const double adapt = y.stale ? 0.0 : advance;
-    for (int i = 0; i < JOINTS; i++) {
+    for (int i = 0; i < STATES; i++) {
         x->z[i] = x->z_next[i];
         x->z_next[i] += advance * y.dz[i];
-        adapt_link(x, i, y.Ys + 10 * i, adapt);
     }
+    for (int i = 0; i < JOINTS; i++) adapt_link(x, i, y.Ys + 10 * i, adapt);
     return NULL;
 }
 

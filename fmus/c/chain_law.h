@@ -137,12 +137,10 @@ enum { NO_GRAVITY, COMPENSATED, ADAPTED };
 /* tau (n,): Y theta with the rotors' inertia, and g(q) of the table where it is compensated; and
  * Ys (n, 10) = Y^T s. Y contains gravity where it is adapted.
  */
-static inline void chain_feedforward(const Chain *chain, int gravity, const double *theta,
-                                     const double *q, const double *dq, const double *z,
+static inline void chain_feedforward(const Chain *chain, const Pose *pose, int gravity,
+                                     const double *theta, const double *dq, const double *z,
                                      const double *dz, const double *s, double *tau, double *Ys) {
-    Pose pose[CHAIN_MOST];
     double base[6] = {0.0}, g[CHAIN_MOST];
-    chain_pose(chain, q, pose);
     if (gravity == ADAPTED) base_acceleration(chain, base);
     chain_law(chain, pose, theta, base, dq, z, dz, s, tau, Ys);
     if (gravity == COMPENSATED) {

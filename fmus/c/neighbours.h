@@ -3,7 +3,7 @@
  *     lambda sum_j w_j (xi - xi_in_j)
  *
  * Included after NETWORKED is defined: 1, the model has xi_in, w, age, lambda, age_max and age_fade;
- * 0, one arm alone.
+ * 0, one arm alone. TASK is 1 for a model that has `listens`, too.
  */
 #ifndef NEIGHBOURS_H
 #define NEIGHBOURS_H
@@ -31,11 +31,18 @@ static inline double weight(const Model *x, int j) {
     return late < x->age_fade ? (1.0 - late / x->age_fade) * x->w[j] : 0.0;
 }
 
-/* lambda sum_j w_j (xi - xi_in_j) of joint i. */
+/* The part of entry i of what neighbour j sends that counts. */
+#if defined(TASK) && TASK
+#define HEARD(x, j, i) (x)->listens[j][i]
+#else
+#define HEARD(x, j, i) 1.0
+#endif
+
+/* lambda sum_j w_j (xi - xi_in_j) of entry i, a joint or a coordinate. */
 static inline double coupling(const Model *x, int i, double xi) {
     double consensus = 0.0;
     for (int j = 0; j < NEIGHBOURS; j++)
-        consensus += weight(x, j) * (xi - x->xi_in[j][i]);
+        consensus += HEARD(x, j, i) * weight(x, j) * (xi - x->xi_in[j][i]);
     return x->lambda * consensus;
 }
 #else

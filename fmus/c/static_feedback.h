@@ -34,7 +34,9 @@ typedef struct {
 #ifdef SERIAL_ARM
 static inline void feedforward(const Model *x, const double *theta_hat, Law *y, double *tau) {
     const Chain chain = CHAIN_OF(x);
-    chain_feedforward(&chain, (int)x->gravity, theta_hat, x->q, x->dq, y->z, y->dz, y->s, tau,
+    Pose pose[CHAIN_MOST];
+    chain_pose(&chain, x->q, pose);
+    chain_feedforward(&chain, pose, (int)x->gravity, theta_hat, x->dq, y->z, y->dz, y->s, tau,
                       y->Ys);
 }
 

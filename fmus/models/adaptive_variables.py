@@ -33,13 +33,16 @@ def _inputs(n: int) -> tuple[Variable, ...]:
     )
 
 
-def network_inputs(joints: int, n: int) -> tuple[Variable, ...]:
-    """What an arm of `joints` receives from `n` neighbours: xi_in (n, joints), w (n,), age (n,)."""
+def network_inputs(joints: int, n: int, unit: str = _RATE) -> tuple[Variable, ...]:
+    """What an arm of `joints` receives from `n` neighbours: xi_in (n, joints), w (n,), age (n,).
+
+    `unit` is that of xi_in.
+    """
     if n == 0:
         return ()
     return (
         Variable(
-            *("xi_in", "input", (n, joints), _RATE), description="Received xi, a row a neighbour"
+            *("xi_in", "input", (n, joints), unit), description="Received xi, a row a neighbour"
         ),
         Variable(
             *("w", "input", (n,), "1", 1.0, "Weight of each neighbour's edge, 0 = inactive"),

@@ -47,6 +47,8 @@ Source: the paper, eqs (29)-(32), (42)-(45), (47), (61), (76)-(81), Remark 3, Th
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 from cosim.base.errors import ScenarioError
 from fmus.model import Model, Terminal, Variable
 from fmus.models import chain, serial_arm
@@ -84,7 +86,7 @@ def model(joints: int = 7, neighbours: int = 1) -> Model:
             arm.dq,
             *network_inputs(joints, neighbours),
             *_outputs(arm, neighbours),
-            *_gains(arm),
+            *gains(arm),
             *(coupling_gains() if neighbours else ()),
             *chain.variables(arm),
         ),
@@ -116,7 +118,8 @@ def _outputs(arm: Joints, neighbours: int) -> tuple[Variable, ...]:
     )
 
 
-def _gains(arm: Joints) -> tuple[Variable, ...]:
+def gains(arm: Joints) -> tuple[Variable, ...]:
+    """Parameters of the law, without those of the coupling: gains, bounds and limits."""
     size = (arm.count, 10)
     text = "Feedback lambda_c M_hat s in place of K s (Remark 3), 0 = off"
     return (
@@ -139,43 +142,66 @@ def law(x: Values, t: float, h: float, q: Array, dq: Array, *network: Array) -> 
     `q`, `dq` (n,) rad, rad/s. `network`: xi_in (k, n) rad/s, w (k,) without a unit and age (k,) s
     of k neighbours, or nothing.
     """
-    z, theta_hat = x["z_next"], x["theta_hat_next"]
+    z = x["z_next"]
     xi = dq + x["alpha"] * q
     pull, stale = coupling(x, xi, *network) if network else (np.zeros_like(q), False)
     dz = -x["alpha"] * dq + x["lambda_M"] * (dq - z) - pull
-    s = dq - z
-    inertial = x["lambda_c"] > 0
-    wanted_dz = dz - x["lambda_c"] * s
-    Y, known = serial_arm.linear(x, q, dq, z, wanted_dz)
-    wanted = Y @ theta_hat.ravel() + known - (0.0 if inertial else x["K"] * s)
-    tau = np.clip(wanted, -x["tau_max"], x["tau_max"])
-    now = {"tau": tau, "xi": xi, "s": s, "z": z, "theta_hat": theta_hat}
-    if (tau != wanted).any():
+    wanted = Wanted(z, dz, dz, x["K"] * (dq - z), stale)
+    return {"xi": xi} | controlled(x, h, q, dq, wanted)
+
+
+class Wanted(NamedTuple):
+    """What the torque follows: `v`, `a` (n,) velocity and acceleration, rad/s, rad/s2.
+
+    `dz`: rate of the state z; `feedback` (n,) of s, N.m, in whose place lambda_c M_hat s stands
+    with `lambda_c` > 0; `stale`: whether a neighbour's signal is too old.
+    """
+
+    v: Array
+    a: Array
+    dz: Array
+    feedback: Array
+    stale: bool
+
+
+def controlled(x: Values, h: float, q: Array, dq: Array, wanted: Wanted) -> Values:
+    """tau and s, and z and theta_hat with those a step h, s, later; `q`, `dq` (n,) rad, rad/s."""
+    z, theta_hat, s = x["z_next"], x["theta_hat_next"], dq - wanted.v
+    Y, known = serial_arm.linear(x, q, dq, wanted.v, wanted.a - x["lambda_c"] * s)
+    free = Y @ theta_hat.ravel() + known - (0.0 if x["lambda_c"] > 0 else wanted.feedback)
+    tau = np.clip(free, -x["tau_max"], x["tau_max"])
+    now = {"tau": tau, "s": s, "z": z, "theta_hat": theta_hat}
+    if (tau != free).any():
         return now | {"z_next": z, "theta_hat_next": theta_hat}
-    if not stale:
-        wanted_theta = _adapted(x, theta_hat, (Y.T @ s).reshape(theta_hat.shape), h)
-        theta_hat = np.clip(wanted_theta, x["theta_min"], x["theta_max"])
-    return now | {"z_next": z + h * dz, "theta_hat_next": theta_hat}
+    if not wanted.stale:
+        following = _adapted(x, theta_hat, (Y.T @ s).reshape(theta_hat.shape), h)
+        theta_hat = np.clip(following, x["theta_min"], x["theta_max"])
+    return now | {"z_next": z + h * wanted.dz, "theta_hat_next": theta_hat}
 
 
 def start(x: Values, *inputs: Array) -> Values:
     """State at the start. Raises ScenarioError, also where theta_hat is outside of its bounds."""
-    chain.check(chain.of_values(x), "arm_teleoperation")
+    return checked(x, "arm_teleoperation")
+
+
+def checked(x: Values, place: str) -> Values:
+    """State at the start; `place` of the messages. Raises ScenarioError for values of `x`."""
+    chain.check(chain.of_values(x), place)
     low, start, high = x["theta_min"], x["theta_hat"], x["theta_max"]
     for i in np.argwhere((start < low) | (start > high)):
         at = tuple(i)
         raise ScenarioError(
             f"starts at {start[at]:g}, expected from {low[at]:g} to {high[at]:g}",
-            f"arm_teleoperation.theta_hat[{at[0]},{at[1]}]",
+            f"{place}.theta_hat[{at[0]},{at[1]}]",
         )
     for link, theta in enumerate(x["theta_hat"]):
         if x["natural"] > 0 and (theta[0] <= 0 or chain.unphysical(theta) is not None):
             raise ScenarioError(
                 "no body has these parameters; natural adaptation starts from one (`estimate`)",
-                f"arm_teleoperation.theta_hat[{link}]",
+                f"{place}.theta_hat[{link}]",
             )
     if "lambda" in x and x["alpha"] <= 0:
-        raise ScenarioError("alpha is 0, expected more than 0 with neighbours", "arm_teleoperation")
+        raise ScenarioError("alpha is 0, expected more than 0 with neighbours", place)
     return {"z_next": x["z"], "theta_hat_next": x["theta_hat"]}
 
 

@@ -55,6 +55,7 @@ def prepare(model: Callable[..., Model], options: Mapping[str, Any], folder: Pat
         "tau_max": np.minimum(robot.effort, NO_TORQUE),
         "damping": robot.damping,
         "friction": robot.friction,
+        "tip": robot.tip.r,
     }
     if "estimate" in options:
         if "theta_hat" not in declared:

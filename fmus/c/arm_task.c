@@ -1,0 +1,4 @@
+/* arm_task.c - the adaptive law in the coordinates of the arm's tip, with neighbours. */
+#define NETWORKED 1
+#define TASK 1
+#include "arm_law.h"

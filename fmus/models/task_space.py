@@ -1,0 +1,104 @@
+"""The tip of a serial arm as coordinates of a task: place, Jacobian, damped inverse, null motion.
+
+The tip p of a chain (``chain``) gives the coordinates, with `frame` F and the point `x_0` of the
+base, and J = dp/dq::
+
+    x = scale F (p(q) - x_0),      dx = scale F J dq
+
+A joint velocity v that gives the tip the velocity w = z / scale, and moves the joints towards psi
+as far as the tip does not notice, is with J for F J::
+
+    v   = psi + J'(J J' + mu^2)^-1 (w - J psi)  =  J# w + (1 - J# J) psi
+    psi = -u / (1 + |u| / psi_max),   u = k_n (q - q_n) + k_l (a^2 - b^2) / margin
+    a   = max(0, q - (q_max - margin)),   b = max(0, (q_min + margin) - q)      for each joint
+
+The damping is 0 away from singularities, so that J J# = 1 there, and grows smoothly as sigma, an
+estimate of the smallest singular value from below, falls under `sigma_0`::
+
+    sigma^2 = 1 / Σ_k 1/sigma_k^2  (sigma_min / sqrt(m) <= sigma <= sigma_min of m coordinates)
+    mu^2    = (sigma_0 / 2)^2 (1 - (sigma / sigma_0)^2)^2   for sigma < sigma_0, else 0
+
+All functions here are those of the definitions, for real or complex arguments; derivatives are taken
+by complex steps, to the last digit: f'(q) = Im f(q + i e) / e for a tiny e. ``arm_task.h`` has them
+in closed form.
+
+Source: Y. Nakamura, H. Hanafusa, "Inverse kinematic solutions with singularity robustness for robot
+manipulator control", J. Dynamic Systems, Measurement, and Control 108(3), 1986; A. Liégeois,
+"Automatic supervisory control of the configuration and behavior of multibody mechanisms", IEEE
+Trans. Systems, Man, and Cybernetics 7(12), 1977; W. Squire, G. Trapp, "Using complex variables to
+estimate derivatives of real functions", SIAM Review 40(1), 1998; the smooth sigma is our own.
+"""
+
+from __future__ import annotations
+
+from fmus.models import chain
+from fmus.models.chain import Table
+from fmus.numeric import Array, np
+from fmus.reference import Values
+
+#: Step of the derivatives: its square vanishes against any number here.
+_TINY = 1e-40
+
+
+def tip(table: Table, point: Array, q: Array) -> Array:
+    """p (3,), m, in the base, of the `point` (3,), m, of the last link; `q` (n,) rad or m."""
+    *_, (R, r) = chain.placements(table, q)
+    return np.asarray(r + R @ point)
+
+
+def jacobian(table: Table, point: Array, q: Array) -> Array:
+    """J = dp/dq, (3, n); `point`, `q` as of :func:`tip`."""
+    p, columns = tip(table, point, q), []
+    for kind, (R, r) in zip(table.joint_type, chain.placements(table, q), strict=True):
+        columns.append(R[:, 2] if kind else np.cross(R[:, 2], p - r))
+    return np.array(columns).T
+
+
+def rows(x: Values, q: Array) -> Array:
+    """F J, (m, n), of the values `x` of a model of a task; `q` (n,) rad or m."""
+    return np.asarray(x["frame"] @ jacobian(chain.of_values(x), x["tip"], q))
+
+
+def place(x: Values, q: Array) -> Array:
+    """The coordinates (m,), m, of the tip at `q` (n,) rad or m."""
+    at = tip(chain.of_values(x), x["tip"], q) - x["x_0"]
+    return np.asarray(x["scale"] * (x["frame"] @ at))
+
+
+def has(x: Values) -> Array:
+    """Which coordinates (m,) the arm has: those whose row of `frame` is not 0."""
+    return np.asarray(x["frame"].any(axis=1))
+
+
+def inverse(x: Values, J: Array) -> tuple[Array, Array]:
+    """((J J' + mu^2)^-1 (m, m), sigma), of the rows J (m, n); missing coordinates are apart."""
+    A = J @ J.T + np.diag(np.where(has(x), 0.0, 1.0))
+    unit, limit = np.eye(len(A)), x["sigma_0"] ** 2
+    squared = 1.0 / np.diag(np.linalg.inv(A + 1e-6 * limit * unit))[has(x)].sum()
+    missing = 1.0 - squared / limit
+    mu_squared = limit / 4.0 * missing**2 if missing.real > 0.0 else 0.0
+    return np.linalg.inv(A + mu_squared * unit), np.sqrt(squared)
+
+
+def null_velocity(x: Values, q: Array) -> Array:
+    """Psi (n,), rad/s, at `q` (n,) rad."""
+    over = _positive(q - (x["q_max"] - x["margin"]))
+    under = _positive(x["q_min"] + x["margin"] - q)
+    u = x["k_n"] * (q - x["q_n"]) + x["k_l"] * (over**2 - under**2) / x["margin"]
+    return np.asarray(-u / (1.0 + u * np.sign(u.real) / x["psi_max"]))
+
+
+def velocity(x: Values, q: Array, w: Array) -> Array:
+    """The joint velocity v (n,), rad/s, for a velocity `w` (m,), m/s, of the tip before scaling."""
+    J, psi = rows(x, q), null_velocity(x, q)
+    return np.asarray(psi + J.T @ (inverse(x, J)[0] @ (w - J @ psi)))
+
+
+def acceleration(x: Values, q: Array, dq: Array, w: Array, dw: Array) -> Array:
+    """dv/dt (n,), rad/s2, while q and w change by `dq` (n,) rad/s and `dw` (m,) m/s2."""
+    moved = velocity(x, q + 1j * _TINY * dq, w + 1j * _TINY * dw)
+    return np.asarray(moved.imag / _TINY)
+
+
+def _positive(x: Array) -> Array:
+    return np.asarray(np.where(x.real > 0.0, x, 0.0))

@@ -14,6 +14,7 @@ PAGE = ROOT / "docs" / "models.md"
 if str(ROOT) not in sys.path:
     sys.path.insert(0, str(ROOT))
 
+from cosim.base.errors import CosimError  # noqa: E402
 from fmus.build import SHIPPED  # noqa: E402
 from fmus.model import Model, Variable  # noqa: E402
 
@@ -24,6 +25,7 @@ PAPER = {
     "xi": "(47)",
     "teleoperation": "(42)-(45), (61), (76)-(81), Remark 3; Theorems 3, 4, 5",
     "arm_teleoperation": "as teleoperation, for serial arms",
+    "arm_task": "as teleoperation, in coordinates of the tip",
     "adaptive": "(29)-(32), Remark 3, Sec. IV-C; Theorem 2",
     "damping": "(24); Theorem 1",
     "pointmass": "(17), (18), Sec. III",
@@ -80,7 +82,7 @@ def counted_shapes(
     """Shapes in words, of the variables with a dimension that is one of the sizes."""
     found: dict[str, tuple[str, ...]] = {}
     for key, value in sizes.items():
-        larger = {v.name: v.shape for v in module.model(**{key: value + 1}).variables}
+        larger = {v.name: v.shape for v in _neighbour(module, key, value).variables}
         for v in model.variables:
             shape = larger[v.name]
             if len(shape) > len(v.shape):  # rows where there are several
@@ -90,6 +92,14 @@ def counted_shapes(
                 pairs = zip(v.shape, shape, strict=True)
                 found[v.name] = tuple(str(a) if a == b else key for a, b in pairs)
     return found
+
+
+def _neighbour(module: ModuleType, key: str, value: int) -> Model:
+    """The model of the next size, or of the one before where there is none."""
+    try:
+        return module.model(**{key: value + 1})
+    except CosimError:
+        return module.model(**{key: value - 1})
 
 
 def table(variables: Iterable[Variable], shapes: Mapping[str, tuple[str, ...]]) -> list[str]:

@@ -21,25 +21,24 @@ paper; a is exact here, with dJ/dt. Where J has full row rank and is not damped,
 
     J s = dx - z,    dxi = -lambda Σ_j w_j (xi - xi_j) + lambda_M (J s) + d(J s)/dt
 
-which is (48) in x: Theorems 3 to 5 hold for the tips as for joints, because J s is in L2, too. It
-takes: full row rank all along the motion, with sigma >= sigma_0; psi and dpsi/dt bounded
-(|psi_i| <= psi_max by construction); J and dJ/dt bounded, which revolute joints have. The null motion
-v - J# z is invisible at the tip, J (1 - J# J) = 0. With psi = 0 a push in the null space moves the
-arm for ever, as in Theorem 2; with a posture it meets a spring of stiffness K k_n.
+which is (48) in x: Theorems 3 to 5 hold for the tips as for joints, because J s is in L2, too. They
+take full row rank all along the motion, with sigma >= sigma_0; a bounded null motion psi with a
+bounded rate (|psi_i| <= psi_max by construction); and J and dJ/dt bounded, as of revolute joints.
+The null motion is invisible at the tip: J (1 - J# J) = 0. With psi = 0 a push that the tip does not
+notice moves the joints for ever, as in Theorem 2; with a posture it meets a spring of K k_n.
 
-Near a singularity J# is damped, and J J# = 1 - mu^2 (J J' + mu^2)^-1. V still decreases, v stays
-bounded by 1.3 sqrt(m) / sigma_0 |z / scale| and psi, but z is no longer followed in the direction
-that is lost, and the agreement there is not proved. What is sent is dx = J dq, the motion that there
-is, not the one that is wanted; and lambda_M (dx - z) keeps z bounded.
+Near a singularity J# is damped, and J J# = 1 - mu^2 (J J' + mu^2)^-1. V still decreases, and
+|v| <= 1.3 / sigma_0 |z / scale| + |psi|; but z is no longer followed in the direction that is lost,
+and the agreement is not proved there. What is sent is dx = J dq, the motion that there is, not the
+one that is wanted; lambda_M (dx - z) keeps z bounded.
 
 A row of F that is 0 is a coordinate that the arm does not have, such as the height of a planar arm.
 It sends 0 for it. `listens` l_j (a row a neighbour) tells the others not to take part: 0 for the
 coordinates of the neighbour that do not count. Each coordinate is a network of its own, and its
 graph must have a spanning tree.
 
-At rest a force f on the tip (conjugate to x) meets f = K_x (lambda alpha / lambda_M) (x - x_j),
-the same on both sides, where K is small against J' K_x J; with K alone it depends on the posture,
-f = (J K^-1 J')^-1 (lambda alpha / lambda_M) (x - x_j).
+At rest a force f on the tip, conjugate to x, is f = (K_x + (J K^-1 J')^-1) (lambda alpha / lambda_M)
+(x - x_j): the same on both sides where K is small, because K_x does not depend on the posture.
 
 The rest is as of ``arm_teleoperation``: theta_hat (n, 10), Gamma, `natural`, gravity, `lambda_c`
 (in place of K and K_x), limits and bounds, ages. `tip` is the point of the last link, which a

@@ -165,7 +165,7 @@ class Wanted(NamedTuple):
 
 
 def controlled(x: Values, h: float, q: Array, dq: Array, wanted: Wanted) -> Values:
-    """tau and s, and z and theta_hat with those a step h, s, later; `q`, `dq` (n,) rad, rad/s."""
+    """Torque and s; z and theta_hat, and those a step h, s, later; `q`, `dq` (n,) rad, rad/s."""
     z, theta_hat, s = x["z_next"], x["theta_hat_next"], dq - wanted.v
     Y, known = serial_arm.linear(x, q, dq, wanted.v, wanted.a - x["lambda_c"] * s)
     free = Y @ theta_hat.ravel() + known - (0.0 if x["lambda_c"] > 0 else wanted.feedback)

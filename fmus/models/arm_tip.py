@@ -27,7 +27,7 @@ from fmus.model import Causality, Model, Terminal, Variable
 from fmus.models import chain, task_space
 from fmus.models.joints import TORQUE, Joints
 from fmus.models.robot import of_robot
-from fmus.numeric import Array
+from fmus.numeric import Array, np
 from fmus.reference import Values, derive
 
 _HAND = ("x_h", "dx_h", "grip")
@@ -118,14 +118,12 @@ def law(
     dx = J @ dq
     f_h = grip * (x["K_h"] * (x_h - at) + x["B_h"] * (dx_h - dx))
     depth = n @ (at - x["x_w"])
-    push = max(0.0, x["k_w"] * depth + x["b_w"] * (n @ dx)) if depth > 0.0 else 0.0
-    f_e = n * push
+    push = x["k_w"] * depth + x["b_w"] * (n @ dx)
+    f_e = n * np.where(depth > 0.0, np.maximum(0.0, push), 0.0)
     return {"tau_ext": J.T @ (f_h - f_e), "x": at, "f_h": f_h, "f_e": f_e}
 
 
-def start(
-    x: Values, q: Array, dq: Array, x_h: Array, dx_h: Array, grip: Array
-) -> Values:
+def start(x: Values, q: Array, dq: Array, x_h: Array, dx_h: Array, grip: Array) -> Values:
     """Outputs at the start, as `law`. Raises ScenarioError for a table that no arm has."""
     chain.check(chain.of_values(x), "arm_tip")
     return law(x, 0.0, 0.0, q, dq, x_h, dx_h, grip)

@@ -18,9 +18,9 @@ estimate of the smallest singular value from below, falls under `sigma_0`::
     sigma^2 = 1 / Σ_k 1/sigma_k^2  (sigma_min / sqrt(m) <= sigma <= sigma_min of m coordinates)
     mu^2    = (sigma_0 / 2)^2 (1 - (sigma / sigma_0)^2)^2   for sigma < sigma_0, else 0
 
-All functions here are those of the definitions, for real or complex arguments; derivatives are taken
-by complex steps, to the last digit: f'(q) = Im f(q + i e) / e for a tiny e. ``arm_task.h`` has them
-in closed form.
+so that |J#| <= 3 sqrt(3) / (4 sigma_0) everywhere. Functions here follow the definitions, for real
+or complex arguments; derivatives are taken by complex steps, f'(q) = Im f(q + i e) / e for a tiny
+e, to the last digit. ``arm_task.h`` has them in closed form.
 
 Source: Y. Nakamura, H. Hanafusa, "Inverse kinematic solutions with singularity robustness for robot
 manipulator control", J. Dynamic Systems, Measurement, and Control 108(3), 1986; A. Liégeois,
@@ -41,13 +41,13 @@ _TINY = 1e-40
 
 
 def tip(table: Table, point: Array, q: Array) -> Array:
-    """p (3,), m, in the base, of the `point` (3,), m, of the last link; `q` (n,) rad or m."""
+    """The place (3,), m, in the base, of the `point` (3,), m, of the last link; `q` (n,) rad."""
     *_, (R, r) = chain.placements(table, q)
     return np.asarray(r + R @ point)
 
 
 def jacobian(table: Table, point: Array, q: Array) -> Array:
-    """J = dp/dq, (3, n); `point`, `q` as of :func:`tip`."""
+    """The matrix J = dp/dq, (3, n); `point`, `q` as of :func:`tip`."""
     p, columns = tip(table, point, q), []
     for kind, (R, r) in zip(table.joint_type, chain.placements(table, q), strict=True):
         columns.append(R[:, 2] if kind else np.cross(R[:, 2], p - r))

@@ -1,0 +1,282 @@
+"""The paper's law for tips: C and NumPy, what its theory promises, special cases that are known."""
+
+from __future__ import annotations
+
+from functools import partial
+
+import numpy as np
+import pytest
+
+from cosim.base.errors import CosimError, FmuError
+from fmus.models import arm_task, arm_tip, chain, task_space
+from fmus.models.arm_task import ArmTask
+from fmus.models.arm_teleoperation import ArmTeleoperation
+from fmus.models.arm_tip import ArmTip
+from fmus.models.chain import Table
+from tests.fmus.chains import random_chain
+from tests.fmus.test_arm_teleoperation import H, Values, motion, played, values_of
+from tests.tiers import first_fast
+
+pytestmark = pytest.mark.usefixtures("compiled_once")
+
+
+def task_values(n: int, m: int, neighbours: int = 1, seed: int = 0, **given: object) -> Values:
+    """Random tables, gains, frames and null motions; `given` instead of some of them."""
+    rng = np.random.default_rng(seed)
+    made = values_of(n, rng) | {
+        "z": rng.uniform(-1, 1, m),
+        "tip": rng.uniform(-0.3, 0.3, 3),
+        "frame": rng.normal(size=(m, 3)),
+        "x_0": rng.uniform(-1, 1, 3),
+        "scale": np.array(1.7),
+        "K_x": rng.uniform(0, 20, m),
+        "q_n": rng.uniform(-1, 1, n),
+        "k_n": rng.uniform(0, 3, n),
+        "k_l": rng.uniform(0, 3, n),
+        "q_min": rng.uniform(-1, -0.5, n),
+        "q_max": rng.uniform(0.5, 1, n),
+        "margin": rng.uniform(0.1, 0.4, n),
+        "psi_max": rng.uniform(0.5, 2, n),
+        "sigma_0": np.array(0.05),
+    }
+    if neighbours:
+        made["listens"] = rng.choice([0.0, 0.5, 1.0], (neighbours, m))
+    return made | {name: np.asarray(value, dtype=float) for name, value in given.items()}
+
+
+CASES = [
+    (5, 3, 2, {"gravity": 2, "lambda_c": 3.0, "age_max": 0.5, "age_fade": 0.4}),
+    (4, 3, 1, {"sigma_0": 1.0, "gravity": 1, "tau_max": np.full(4, 40.0)}),  # always damped
+    (3, 2, 0, {"gravity": 0, "sigma_0": 0.3}),  # sometimes
+    (2, 3, 1, {"frame": [[1, 0, 0], [0.3, 1, 0], [0, 0, 0]]}),
+    (6, 1, 2, {"natural": 0.5}),
+]
+
+
+@pytest.mark.parametrize(("n", "m", "neighbours", "given"), first_fast(CASES, 2))
+def test_c_equals_numpy(n: int, m: int, neighbours: int, given: dict[str, object]) -> None:
+    """The reference differentiates the definition of v, the C code has dv/dt in closed form."""
+    values = task_values(n, m, neighbours, n, **given)
+    made = {"joints": n, "coordinates": m, "neighbours": neighbours}
+    reference = ArmTask(**made)
+    u = motion(reference, 25, 5)
+    in_numpy = played(reference, values, u)
+    in_c = played(arm_task.kernel(**made), values, u)
+    assert np.allclose(in_c, in_numpy, rtol=1e-11, atol=1e-11)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_jacobian_is_the_derivative_of_the_place(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    table, point, q = random_chain(rng, 6), rng.uniform(-0.3, 0.3, 3), rng.uniform(-2, 2, 6)
+    place = partial(task_space.tip, table, point)
+    steps = 1e-6 * np.eye(6)
+    found = np.array([(place(q + e) - place(q - e)) / 2e-6 for e in steps]).T
+    assert np.allclose(task_space.jacobian(table, point, q), found, rtol=0, atol=1e-9)
+    twist = list(chain.jacobians(table, q))[-1]  # of the last link, in its own frame
+    *_, (R, _) = chain.placements(table, q)
+    by_twist = R @ (twist[3:] - chain.skew(point) @ twist[:3])
+    assert np.allclose(task_space.jacobian(table, point, q), by_twist, rtol=0, atol=1e-12)
+
+
+def reference_velocity(values: Values, n: int, m: int, u: Values) -> tuple[Values, np.ndarray]:
+    """Outputs of the C code at the start, and dq - s, which is v."""
+    kernel = arm_task.kernel(joints=n, coordinates=m)
+    kernel.initialize(values)
+    y = kernel.initial(u)
+    return {k: np.array(a) for k, a in y.items()}, u["dq"] - np.array(y["s"])
+
+
+def state(n: int, m: int, seed: int) -> Values:
+    rng = np.random.default_rng(seed)
+    return {
+        "q": rng.uniform(-1, 1, n),
+        "dq": rng.uniform(-1, 1, n),
+        "xi_in": rng.uniform(-1, 1, (1, m)),
+    }
+
+
+@pytest.mark.parametrize(("n", "m"), [(7, 3), (3, 3), (2, 2)])
+def test_the_tip_follows_z_and_does_not_notice_the_null_motion(n: int, m: int) -> None:
+    """J s = dx - z where J has full rank, whatever psi is."""
+    values, u = task_values(n, m, seed=2, sigma_0=1e-3), state(n, m, 3)
+    for k in (0.0, 3.0):
+        values |= {"k_n": np.full(n, k), "k_l": np.full(n, 2 * k)}
+        y, v = reference_velocity(values, n, m, u)
+        J = values["scale"] * task_space.rows(values, u["q"])
+        assert y["sigma"] > 1e-2
+        assert np.allclose(J @ y["s"], J @ u["dq"] - values["z"], rtol=0, atol=1e-12)
+        assert np.allclose(y["xi"], J @ u["dq"] + 0.5 * y["x"], rtol=0, atol=1e-12)
+        null = v - np.linalg.pinv(J) @ values["z"]
+        assert np.linalg.norm(J @ null) < 1e-12
+        assert (np.linalg.norm(null) > 0.1) == (k > 0 and n > m)
+
+
+def test_the_null_motion_goes_to_the_posture_and_away_from_limits() -> None:
+    """It is bounded by psi_max, also far from the posture."""
+    values = task_values(4, 1, seed=4, k_n=np.ones(4), k_l=np.zeros(4), psi_max=np.full(4, 0.5))
+    assert (np.abs(values["q_max"] - values["margin"]) > 0.05).all()
+    u = state(4, 1, 5)
+    psi = task_space.null_velocity(values, u["q"])
+    assert (np.sign(psi) == np.sign(values["q_n"] - u["q"])).all()
+    far = task_space.null_velocity(values, u["q"] + 1e6)
+    assert np.allclose(far, -0.5, atol=1e-5)
+    values |= {"k_n": np.zeros(4), "k_l": np.ones(4)}
+    assert not task_space.null_velocity(values, np.zeros(4)).any()
+    assert (task_space.null_velocity(values, values["q_max"]) < 0.0).all()
+    assert (task_space.null_velocity(values, values["q_min"]) > 0.0).all()
+
+
+def stretched(angle: float) -> Values:
+    """Two links of 1 m in a plane, bent by `angle` rad; straight is singular."""
+    return {"q": np.array([0.0, angle]), "dq": np.zeros(2), "xi_in": np.zeros((1, 2))}
+
+
+PLANE: Values = {
+    "origin": np.array([[0.0, 0, 0], [1, 0, 0]]),
+    "tip": np.array([1.0, 0, 0]),
+    "gravity": np.array(0.0),
+    "Gamma": np.zeros((2, 10)),
+}
+
+
+def test_at_a_singularity_the_joints_stay_slow() -> None:
+    """|v| <= 3 sqrt(3)/(4 sigma_0) |z|, whereas the undamped inverse grows beyond all bounds."""
+    sigma_0, z = 0.2, np.array([-0.3, 0.1])
+    bound = 0.75 * np.sqrt(3.0) / sigma_0 * np.linalg.norm(z)
+    speeds = {}
+    for angle in (0.0, 1e-4, 0.05, 0.2, 0.3, 0.45, 1.0, 2.0, np.pi):
+        given = {**PLANE, "sigma_0": np.array(sigma_0), "z": z}
+        y, v = reference_velocity(given, 2, 2, stretched(angle))
+        speeds[angle] = float(np.linalg.norm(v))
+        J = task_space.jacobian(chain.of_values(full(given)), PLANE["tip"], np.array([0, angle]))[
+            :2
+        ]
+        exact = np.abs(J @ v - z).max() < 1e-12
+        assert exact == (y["sigma"] >= sigma_0)
+    assert max(speeds.values()) < bound
+    free = reference_velocity({**PLANE, "sigma_0": np.array(1e-6), "z": z}, 2, 2, stretched(1e-4))
+    assert np.linalg.norm(free[1]) > 100 * bound
+    assert speeds[0.3] > 0.5 * bound
+
+
+def full(given: Values) -> Values:
+    """`given` with the defaults of the others."""
+    declared = arm_task.model(joints=2, coordinates=2).variables
+    return {v.name: np.reshape(v.starts, v.shape) for v in declared} | given
+
+
+def test_sigma_is_just_below_the_smallest_singular_value() -> None:
+    for seed in range(10):
+        values, u = task_values(4, 3, seed=seed, frame=np.eye(3)), state(4, 3, seed)
+        y, _ = reference_velocity(values, 4, 3, u)
+        least = np.linalg.svd(task_space.rows(values, u["q"]), compute_uv=False)[-1]
+        assert least / np.sqrt(3) * (1 - 1e-3) <= y["sigma"] <= least + 1e-4
+
+
+def test_of_three_orthogonal_slides_it_is_the_law_of_the_joints() -> None:
+    """Their tip's coordinates are the joints' positions, so that both laws are one."""
+    rng = np.random.default_rng(6)
+    turn = np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])  # z to x, then on to y and to z
+    table = random_chain(rng, 3)
+    slides = Table(
+        np.ones(3), np.array([turn] * 3), np.zeros((3, 3)), table.inertia, table.armature, table.g
+    )
+    axes = np.array([R[:, 2] for R, _ in chain.placements(slides, np.zeros(3))])
+    common = values_of(3, rng) | slides.values()
+    # K_x 4 in each direction, and K the rest.
+    of_tip = common | {"frame": axes, "K": common["K"] - 0.9, "K_x": np.full(3, 0.9)}
+    joints, tip = ArmTeleoperation(joints=3), arm_task.kernel(joints=3)
+    u = motion(joints, 20, 8)
+    joints.initialize(common)
+    tip.initialize(of_tip)
+    for k, given in enumerate(u):
+        a, b = joints.step(k * H, H, given), tip.step(k * H, H, given)
+        for name in ("tau", "xi", "s", "z", "theta_hat"):
+            assert np.allclose(a[name], b[name], rtol=1e-10, atol=1e-10)
+
+
+def test_a_coordinate_that_is_missing_changes_nothing_else() -> None:
+    """A planar arm in a network of three coordinates is one in a network of two."""
+    flat, high = arm_task.kernel(joints=2, coordinates=2), arm_task.kernel(joints=2)
+    plane = {**PLANE, "K_x": np.full(2, 5.0), "z": np.array([0.3, -0.2])}
+    flat.initialize(plane)
+    frame = np.array([[1.0, 0, 0], [0, 1, 0], [0, 0, 0]])
+    high.initialize(plane | {"frame": frame, "K_x": np.full(3, 5.0), "z": np.array([0.3, -0.2, 0])})
+    for k, u in enumerate(motion(flat, 20, 3)):
+        xi_in = np.array([[*u["xi_in"][0], 7.0]])
+        a, b = flat.step(k * H, H, u), high.step(k * H, H, u | {"xi_in": xi_in})
+        for name in ("tau", "s", "theta_hat", "sigma"):
+            assert np.allclose(a[name], b[name], rtol=0, atol=1e-12)
+        assert np.allclose(b["xi"], [*np.array(a["xi"]), 0.0])
+        assert np.array(b["z"])[2] == 0.0
+
+
+def test_who_does_not_listen_to_a_coordinate_is_not_moved_by_it() -> None:
+    values = task_values(4, 3, seed=1, listens=[[1, 1, 0]])
+    kernel = arm_task.kernel(joints=4)
+    ends = []
+    for other in (0.0, 5.0):
+        kernel.initialize(values)
+        u = state(4, 3, 2)
+        u["xi_in"] = np.array([[0.1, 0.2, other]])
+        for k in range(3):
+            y = kernel.step(k * H, H, u)
+        ends.append(np.array(y["tau"]))
+    assert np.array_equal(*ends)
+
+
+@pytest.mark.parametrize(
+    ("given", "says"),
+    [
+        ({"frame": np.zeros((3, 3))}, "row"),
+        ({"theta_min": np.full((2, 10), 0.1)}, "theta_hat"),
+        ({"alpha": 0.0}, "alpha"),
+        ({"inertia": -np.ones((2, 10))}, "mass"),
+    ],
+)
+@pytest.mark.parametrize("made", [ArmTask, arm_task.kernel])
+def test_values_that_cannot_be_are_refused(
+    made: object, given: dict[str, object], says: str
+) -> None:
+    component = made(joints=2)  # type: ignore[operator]
+    with pytest.raises(CosimError, match=says):
+        component.initialize({k: np.asarray(v, dtype=float) for k, v in given.items()})
+        component.initial(motion(component, 1, 1)[0])
+
+
+@pytest.mark.parametrize(
+    ("sizes", "says"),
+    [({"neighbours": -1}, "neighbours is -1"), ({"coordinates": 4}, "coordinates is 4")],
+)
+def test_sizes_that_cannot_be_are_refused(sizes: dict[str, int], says: str) -> None:
+    with pytest.raises(FmuError, match=says):
+        arm_task.model(**sizes)
+
+
+def test_hand_and_wall_at_the_tip_in_c_and_numpy() -> None:
+    rng = np.random.default_rng(3)
+    values = random_chain(rng, 5).values() | {
+        "tip": rng.uniform(-0.3, 0.3, 3),
+        "K_h": rng.uniform(0, 100, 3),
+        "B_h": rng.uniform(0, 9, 3),
+        "k_w": np.array(500.0),
+        "b_w": np.array(90.0),
+        "x_w": np.array([0.0, 0.0, 0.1]),
+    }
+    reference, kernel = ArmTip(joints=5), arm_tip.kernel(joints=5)
+    for component in (reference, kernel):
+        component.initialize(values)
+    touched = 0
+    for k, u in enumerate(motion(reference, 40, 4)):
+        a, b = reference.step(k * H, H, u), kernel.step(k * H, H, u)
+        for name in a:
+            assert np.allclose(a[name], b[name], rtol=0, atol=1e-11)
+        J = task_space.jacobian(chain.of_values(values), values["tip"], u["q"])
+        f = np.array(a["f_h"]) - np.array(a["f_e"])
+        assert np.array(a["tau_ext"]) @ u["dq"] == pytest.approx(f @ (J @ u["dq"]))  # power
+        depth = 0.1 - np.array(a["x"])[2]
+        touched += depth > 0
+        assert np.array(a["f_e"])[2] <= 0.0  # it pushes into the wall, along the normal
+        assert not (depth <= 0 and np.array(a["f_e"]).any())
+    assert 0 < touched < 40

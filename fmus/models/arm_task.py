@@ -116,7 +116,8 @@ def _outputs(arm: Joints, m: int, neighbours: int) -> tuple[Variable, ...]:
     feedback = ("K", "K_x", "alpha", "lambda_M", "lambda_c", "tau_max", "gravity")
     network = ("lambda", "listens", "age_max", "age_fade") if neighbours else ()
     state = ("z", "theta_hat")
-    everything = (*state, *feedback, *network, "tip", "frame", "scale", "x_0", *null, *chained)
+    task = ("tip", "frame", "scale", "x_0", "sigma_0")
+    everything = (*state, *feedback, *network, *task, *null, *chained)
     theta_hat, theta_hat_next = serial_arm.estimate(arm)
     size, motion = (m,), ("q", "dq")
     return (
@@ -134,7 +135,7 @@ def _outputs(arm: Joints, m: int, neighbours: int) -> tuple[Variable, ...]:
         Variable(
             *("s", "output", (arm.count,), RATE, 0.0, "Sliding vector: dq - v"),
             depends=motion,
-            start_depends=("z", *null, *where),
+            start_depends=("z", "sigma_0", *null, *where),
         ),
         Variable(
             *("sigma", "output", (), "m/rad", 0.0, "About the least singular value of J / scale"),

@@ -69,7 +69,7 @@ def model(joints: int = 7) -> Model:
             Variable("b_w", "parameter", (), "N.s/m", 0.0, "Damping of the wall", minimum=0.0),
             _vector("x_w", "parameter", "m", "A point of the wall's surface"),
             Variable(
-                *("normal", "parameter", (3,), "1", (0.0, 0.0, -1.0)), "Unit vector into the wall"
+                *("normal", "parameter", (3,), "1", (1.0, 0.0, 0.0)), "Unit vector into the wall"
             ),
             _vector("tip", "parameter", "m", "Tip in the frame of the last link"),
             *table,

@@ -263,6 +263,7 @@ def test_hand_and_wall_at_the_tip_in_c_and_numpy() -> None:
         "k_w": np.array(500.0),
         "b_w": np.array(90.0),
         "x_w": np.array([0.0, 0.0, 0.1]),
+        "normal": np.array([0.0, 0.0, -1.0]),
     }
     reference, kernel = ArmTip(joints=5), arm_tip.kernel(joints=5)
     for component in (reference, kernel):

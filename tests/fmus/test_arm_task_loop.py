@@ -27,7 +27,7 @@ FLOOR = """
 [components.floor]
 model = "fmus.models.arm_tip"
 options = { urdf = "robots/six_axis.urdf", base = "link0", tip = "link6" }
-parameters = { k_w = 2000.0, b_w = 50.0, x_w = [0.0, 0.0, 0.52] }
+parameters = { k_w = 2000.0, b_w = 50.0, x_w = [0.0, 0.0, 0.52], normal = [0, 0, -1] }
 inputs = { q = "slave.q", dq = "slave.dq" }
 """
 

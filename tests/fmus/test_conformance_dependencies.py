@@ -76,6 +76,8 @@ class Probe:
                 near = low * (high / low) ** more
             if v.name == "q_w":
                 near -= 2.0  # so that the arm is in the wall
+            if v.name in ("q_min", "q_max") and self.model.identifier == "arm_task":
+                near = more  # so that some joints are near a limit, and others not
             if v.name in OFF_DIAGONAL:
                 near = OFF_DIAGONAL[v.name] * more
             still = v.type != "real" or (v.causality == "parameter" and rng.random() < 0.4)

@@ -124,7 +124,7 @@ def law(
 
 
 def start(x: Values, q: Array, dq: Array, x_h: Array, dx_h: Array, grip: Array) -> Values:
-    """Outputs at the start, as `law`. Raises ScenarioError for a table that no arm has."""
+    """Outputs at the start, (n,) and (3,), as `law`. Raises ScenarioError for a table of no arm."""
     chain.check(chain.of_values(x), "arm_tip")
     return law(x, 0.0, 0.0, q, dq, x_h, dx_h, grip)
 

@@ -37,7 +37,7 @@ It sends 0 for it. `listens` l_j (a row a neighbour) tells the others not to tak
 coordinates of the neighbour that do not count. Each coordinate is a network of its own, and its
 graph must have a spanning tree.
 
-At rest a force f on the tip, conjugate to x, is f = (K_x + (J K^-1 J')^-1) (lambda alpha / lambda_M)
+At rest a force on the tip, conjugate to x, is (K_x + (J K^-1 J')^-1) (lambda alpha / lambda_M)
 (x - x_j): the same on both sides where K is small, because K_x does not depend on the posture.
 
 The rest is as of ``arm_teleoperation``: theta_hat (n, 10), Gamma, `natural`, gravity, `lambda_c`

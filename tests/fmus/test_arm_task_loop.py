@@ -1,4 +1,4 @@
-"""Three arms of 7, 6 and 2 joints under the law of their tips: what the theory says, in a scenario."""
+"""Three arms of 7, 6 and 2 joints under the law of their tips: what the theory says, at work."""
 
 from __future__ import annotations
 

@@ -92,6 +92,15 @@ INLINE void run_all(many_t *m, int64_t tick, int64_t place)
     }
 }
 
+/* A copy in all executions, which have it from and to the same places. */
+INLINE void copy_all(const many_t *m, const operation_t *op)
+{
+    for (int64_t k = 0; k < m->n; k++) {
+        double *const s = m->engines[m->running[k]]->signals;
+        copy(s + op->target, s + op->source, op->count);
+    }
+}
+
 /* All executions have done a tick. */
 INLINE void next_tick(many_t *m, int64_t tick)
 {
@@ -106,8 +115,9 @@ INLINE void next_tick(many_t *m, int64_t tick)
     }
 }
 
-/* Runs `ticks` ticks of up to MANY engines without teams, which are at the same tick and have the same
- * operations but for gains and offsets; results[k] is what engine_run returns for engine k. */
+/* Runs `ticks` ticks of up to MANY engines without teams, which are at the same tick, have the same
+ * operations but for gains and offsets, and the same `every`; results[k] is what engine_run returns for
+ * engine k. Rows are those of ticks k with k mod every = 0, and no others. */
 API void engine_run_many(engine_t *const *engines, int64_t n, int64_t ticks, int32_t *results)
 {
     many_t m = {engines, results, n, {0}, {{0}}};
@@ -129,7 +139,9 @@ API void engine_run_many(engine_t *const *engines, int64_t n, int64_t ticks, int
                 if (op->code == OP_STEP && first->units[op->index].steps) {
                     step_all(&m, tick, i, op->count);
                     i += op->count;
-                } else {
+                } else if (op->code == OP_COPY) {
+                    copy_all(&m, op);
+                } else if (op->code != OP_RECORD || tick % first->every == 0) {
                     run_all(&m, tick, i);
                 }
             }

@@ -108,7 +108,7 @@ class Engine:
         if self._tables:
             self._tables.close()
         any_tables = self.plan.links or self.plan.players
-        self._tables = RowTables(self.plan, self._buses)
+        self._tables = RowTables(self.plan, self._buses, kept=self._keep_tables is not None)
         self._drawn = DrawnRows(tick if any_tables else NEVER, (), ())
 
     @property

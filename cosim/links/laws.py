@@ -70,6 +70,7 @@ class Law(Protocol):
         """The metadata of a run: the law's name and its values, SI."""
 
 
+@lru_cache(maxsize=64)
 def decimal_fraction(seconds: float) -> Fraction:
     """A time, s, as the decimal number that was written, not the nearest binary: 0.03 is 3/100."""
     return Fraction(repr(float(seconds)))

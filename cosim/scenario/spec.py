@@ -244,7 +244,7 @@ def build(document: Mapping[str, Any], path: str | Path) -> Scenario:
     """A scenario from an already parsed document. Raises ScenarioError."""
     path = Path(path)
     toml.check_numbers(document, str(path))
-    if _has_many(document):
+    if has_many(document):
         from cosim.scenario.arrays import expand
 
         document = expand(document, path)
@@ -278,7 +278,7 @@ def build(document: Mapping[str, Any], path: str | Path) -> Scenario:
     )
 
 
-def _has_many(document: Mapping[str, Any]) -> bool:
+def has_many(document: Mapping[str, Any]) -> bool:
     """Whether there are graphs or counted components."""
     components = document.get("components")
     links = document.get("links")

@@ -17,6 +17,7 @@ import numpy as np
 from cosim.analysis import declared_metrics
 from cosim.analysis.metrics import Metric
 from cosim.base.clock import stopwatch
+from cosim.base.settings import parts
 from cosim.engine.again import RepeatedEngine
 from cosim.engine.engine import Engine
 from cosim.engine.many import can_join, together
@@ -24,21 +25,41 @@ from cosim.engine.rewind import can_rewind
 from cosim.record import Column
 from cosim.scenario.assemble import assemble
 from cosim.scenario.kept import KeptComponents
+from cosim.scenario.reseeded import can_reseed, reseeded
+from cosim.scenario.spec import build
+from cosim.schedule.plan import Plan
+from cosim.sweeps.axes import setting_path
 from cosim.sweeps.design import Point
 from cosim.sweeps.memory import Memory, record_many
 from cosim.sweeps.run_point import (
     StudyRow,
     StudySetup,
+    document_of,
     failed_row,
     measured_row,
     needed_columns,
     recorded_columns,
     run_point,
-    scenario_of,
 )
 
 #: Points that run together: four arms are a vector, and two vectors at once are quicker than one.
 PLACES = 4
+#: How a setting of the seed begins, as axes write it.
+SEED = "run.seed="
+
+
+@dataclass(frozen=True, slots=True)
+class _Prepared:
+    """What is run: `others` are the settings but for the seed, by which the next point may have
+    the same plan with another seed (`can_reseed`).
+    """
+
+    others: Sequence[str]
+    plan: Plan
+    metrics: Sequence[Metric]
+    columns: Sequence[Column]
+    every: int
+    can_reseed: bool
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,10 +67,8 @@ class _Begun:
     """A point whose engine is at tick 0."""
 
     point: Point
+    prepared: _Prepared
     engine: Engine
-    metrics: Sequence[Metric]
-    columns: Sequence[Column]
-    every: int
 
 
 class _RunPlace:
@@ -57,19 +76,43 @@ class _RunPlace:
 
     def __init__(self, setup: StudySetup) -> None:
         self._setup, self._kept, self._repeated = setup, KeptComponents(), RepeatedEngine()
+        self._last: _Prepared | None = None
 
     def begin(self, point: Point) -> _Begun:
         """Raises CosimError, or whatever a component raises."""
-        scenario = scenario_of(self._setup, point.settings)
+        last, self._last = self._last, None
+        others, seed = _seed(point.settings)
+        if last is not None and seed is not None and last.can_reseed and others == last.others:
+            prepared = replace(last, plan=reseeded(last.plan, seed))
+        else:
+            prepared = self._prepare(point.settings, others)
+        columns = [column.index for column in prepared.columns]
+        engine = self._repeated.begin(prepared.plan, columns)
+        self._last = prepared
+        return _Begun(point, prepared, engine)
+
+    def _prepare(self, settings: Sequence[str], others: Sequence[str]) -> _Prepared:
+        document = document_of(self._setup, settings)
+        scenario = build(document, self._setup.path)
         plan = assemble(scenario, self._kept.load)
         metrics = declared_metrics.metrics(scenario)
         columns = needed_columns(metrics, recorded_columns(scenario, plan))
-        engine = self._repeated.begin(plan, [column.index for column in columns])
-        return _Begun(point, engine, metrics, columns, scenario.run.record.every)
+        every = scenario.run.record.every
+        last = all(parts(setting_path(s)) not in (["run"], ["run", "seed"]) for s in others)
+        again = last and can_reseed(document, plan)
+        return _Prepared(others, plan, metrics, columns, every, again)
 
     def close(self) -> None:
         """Free the FMUs."""
         self._repeated.close()
+
+
+def _seed(settings: Sequence[str]) -> tuple[Sequence[str], int | None]:
+    """(the settings without those of the seed, the seed); None: it is not set to a plain number."""
+    seeds = [s.removeprefix(SEED) for s in settings if s.startswith(SEED)]
+    plain = bool(seeds) and all(seed.isdecimal() and len(seed) < 10 for seed in seeds)
+    others = tuple(s for s in settings if not s.startswith(SEED))
+    return others, int(seeds[-1]) if plain else None
 
 
 class _RunPlaces(threading.local):
@@ -121,8 +164,8 @@ def _run(setup: StudySetup, places: Sequence[_RunPlace], points: Sequence[Point]
         rows += _measured(setup, [begun])
         if not can_rewind(begun.engine.bound):
             place.close()  # not two of them at a time
-    for every in {begun.every for begun in waiting.values()}:
-        same = {i: begun.engine for i, begun in waiting.items() if begun.every == every}
+    for every in {begun.prepared.every for begun in waiting.values()}:
+        same = {i: begun.engine for i, begun in waiting.items() if begun.prepared.every == every}
         for group in together(same):
             rows += _measured(setup, [waiting[i] for i in group])
     share = watch() / len(points)
@@ -131,8 +174,9 @@ def _run(setup: StudySetup, places: Sequence[_RunPlace], points: Sequence[Point]
 
 def _measured(setup: StudySetup, group: Sequence[_Begun]) -> list[StudyRow]:
     """The rows of engines that run together, or of one."""
+    first = group[0].prepared
     try:
-        recorded = record_many([b.engine for b in group], group[0].columns, group[0].every)
+        recorded = record_many([b.engine for b in group], first.columns, first.every)
     except Exception as error:
         return [failed_row(begun.point, error) for begun in group]
     return [_row(setup, begun, found) for begun, found in zip(group, recorded, strict=True)]
@@ -142,6 +186,6 @@ def _row(setup: StudySetup, begun: _Begun, found: Memory | BaseException) -> Stu
     if isinstance(found, BaseException):
         return failed_row(begun.point, found)
     try:
-        return measured_row(setup, begun.point, begun.metrics, found)
+        return measured_row(setup, begun.point, begun.prepared.metrics, found)
     except Exception as error:
         return failed_row(begun.point, error)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import final
 
 import numpy as np
@@ -13,7 +13,6 @@ from cosim.base.errors import CosimError
 from cosim.engine.again import RepeatedEngine
 from cosim.engine.engine import Engine
 from cosim.engine.many import can_join, run_many
-from cosim.engine.rewind import can_rewind
 from cosim.record import Column
 from cosim.schedule.plan import Plan
 
@@ -44,7 +43,11 @@ class Memory:
 
     def array(self, prefix: str) -> Array:
         """Entries of a signal, (n, m)."""
-        return self._x[[self._place[name] for name in self.entries(prefix)]].T
+        places = [self._place[name] for name in self.entries(prefix)]
+        first, n = places[0], len(places)
+        if places == list(range(first, first + n)):
+            return self._x[first : first + n].T
+        return self._x[places].T
 
     def unit(self, prefix: str) -> str:
         """Unit of a signal."""
@@ -73,12 +76,10 @@ def record_many(
 
     More than one can run together (:func:`cosim.engine.many.together`).
     """
-    every_row = [_Rows(engine, columns, every) for engine in engines]
-    going = dict(enumerate(every_row))
+    going = {i: _Rows(engine, columns, every) for i, engine in enumerate(engines)}
     found: dict[int, Memory | BaseException] = {}
     while going:
-        failed = _run_chunk([rows.engine for rows in going.values()], going)
-        for i, error in zip(list(going), failed, strict=True):
+        for i, error in zip(list(going), _run_chunk(list(going.values())), strict=True):
             if error is not None:
                 found[i] = error
                 del going[i]
@@ -87,49 +88,56 @@ def record_many(
     return [found[i] for i in range(len(engines))]
 
 
-def _run_chunk(engines: Sequence[Engine], going: Mapping[int, _Rows]) -> list[BaseException | None]:
-    buffers = [rows.begin() for rows in going.values()]
-    ticks = min(len(buffers[0]), engines[0].plan.ticks - engines[0].tick)
-    if len(engines) > 1 or can_join(engines[0]):
-        return run_many(engines, ticks, buffers)
+def _run_chunk(going: Sequence[_Rows]) -> list[BaseException | None]:
+    first, engine = going[0], going[0].engine
+    buffers = [rows.begin() for rows in going]
+    ticks = min(len(buffers[0]) * first.every, engine.plan.ticks - engine.tick)
+    if first.joins:
+        return run_many([rows.engine for rows in going], ticks, buffers)
+    ticks = min(len(buffers[0]), ticks)
     try:
-        engines[0].run(ticks, buffers[0])
+        engine.run(ticks, buffers[0])
     except CosimError as error:
         return [error]
-    if engines[0].tick < going[next(iter(going))].first + ticks and engines[0].ended is None:
+    if engine.tick < first.first + ticks and engine.ended is None:
         raise KeyboardInterrupt
     return [None]
 
 
 class _Rows:
-    """The rows of one run: `engine` writes those of a chunk to a buffer, from tick `first` on."""
+    """The rows of one run: `engine` writes those of a chunk to a buffer, from tick `first` on.
+
+    `joins`: whether it runs together with others, and writes the rows that are wanted only. A
+    component of another one may end it in a tick between them, whose row is then the last.
+    """
 
     def __init__(self, engine: Engine, columns: Sequence[Column], every: int) -> None:
-        self.engine, self._columns, self._every = engine, columns, every
+        self.engine, self.every, self.joins = engine, every, can_join(engine)
+        self._columns = columns
         ticks = engine.plan.ticks
         self._ticks = np.arange(0, ticks + 1, every, dtype=np.int64)
         if self._ticks[-1] != ticks:
             self._ticks = np.append(self._ticks, ticks)
-        self._index = np.array([column.index for column in columns], dtype=np.intp)
         self._x = np.empty((len(columns), len(self._ticks)))
         rows = max(64, min(_CHUNK_TICKS, _CHUNK_VALUES // max(1, len(columns))))
         self._buffer = np.empty((min(rows, ticks), len(columns)))
         self._filled = self.first = 0
         self._last: Array | None = None
-        # without a row of every tick, there is none of the tick in which a component ends the run
-        engine.state.every = every if can_rewind(engine.bound) else 1
+        engine.state.every = every if self.joins else 1
 
     def begin(self) -> Array:
-        """The buffer for the next chunk, (ticks, columns)."""
+        """The buffer for the next chunk, (rows, columns)."""
         self.first = self.engine.tick
         return self._buffer
 
     def take(self) -> bool:
         """Keep what is in the buffer; return whether that was the last of it."""
         engine, done = self.engine, self.engine.rows
-        if done > engine.tick - self.first:  # it ended in a tick that is recorded already
-            self._last = self._buffer[done - 1].copy()
-        part = self._buffer[-self.first % self._every : done : self._every]
+        part = self._buffer[:done]
+        if not self.joins:
+            if done > engine.tick - self.first:  # it ended in a tick that is recorded already
+                self._last = part[-1].copy()
+            part = part[-self.first % self.every :: self.every]
         self._x[:, self._filled : self._filled + len(part)] = part.T
         self._filled += len(part)
         return engine.tick >= engine.plan.ticks or engine.ended is not None
@@ -139,5 +147,6 @@ class _Rows:
         engine = self.engine
         ticks = np.append(self._ticks[self._ticks < engine.tick], engine.tick)
         x = self._x[:, : len(ticks)]
-        x[:, -1] = engine.signals[self._index] if self._last is None else self._last
+        index = [column.index for column in self._columns]
+        x[:, -1] = engine.signals[index] if self._last is None else self._last
         return Memory(self._columns, (ticks * engine.plan.h).astype(np.float64), x)

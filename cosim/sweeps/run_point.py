@@ -82,10 +82,15 @@ def job(study: Study, keep: Path | None) -> StudySetup:
 
 def scenario_of(job: StudySetup, settings: Sequence[str]) -> Scenario:
     """The scenario with these settings. Raises ScenarioError."""
+    return build(document_of(job, settings), job.path)
+
+
+def document_of(job: StudySetup, settings: Sequence[str]) -> dict[str, Any]:
+    """The scenario with these settings, as parsed. Raises ScenarioError."""
     document = deepcopy(dict(job.document))
     for setting in settings:
         change(document, setting)
-    return build(document, job.path)
+    return document
 
 
 def preview(job: StudySetup, point: Point) -> tuple[Plan, dict[str, str]]:

@@ -19,10 +19,11 @@ from tests.system.runs import CONFIG, teleoperation
 MASTER, CONTROL = "components.master", "components.master_control"
 #: What differs in numbers, in structure, and what cannot be run or does not reach its end.
 NUMBERS = [
-    "run.seed=3", "run.seed=4", "run.seed =5", "run={step=1e-3, stop=0.3, seed=6}", f"{MASTER}.parameters.k_p=25.0", f"{MASTER}.start.q=[0.5, -0.5]",
-    f"{CONTROL}.parameters.K=3.0", f"{CONTROL}.parameters.lambda_M=0.5",
-    f"{MASTER}.start.q_h=[1, 2]",
-    "links.0.delay.low=0.0", "links.1.initial=[0.5, 1.5]", "metrics.holding_torque.window=0.1",
+    "run.seed=3", "run.seed=4", "run.seed =5", "run={step=1e-3, stop=0.3, seed=6}",
+    f"{MASTER}.parameters.k_p=25.0", f"{MASTER}.start.q=[0.5, -0.5]",
+    f"{MASTER}.start.q_h=[1, 2]", f"{CONTROL}.parameters.K=3.0",
+    f"{CONTROL}.parameters.lambda_M=0.5", "links.0.delay.low=0.0", "links.1.initial=[0.5, 1.5]",
+    "metrics.holding_torque.window=0.1",
 ]  # fmt: skip
 OTHERS = [
     "run.stop='200 ms'", "run.record.every=7", f"{CONTROL}.period=0.01", f"{MASTER}.fmi='3.0'",

@@ -12,7 +12,8 @@ PAGE = ROOT / "docs" / "openarm-reports.md"
 if str(ROOT) not in sys.path:
     sys.path.insert(0, str(ROOT))
 
-from cosim.bus.host_loop import BlockingLoop, DriveBus, blocking_loop, fixed_rate  # noqa: E402
+from cosim.bus.drive_bus import DriveBus
+from cosim.bus.host_loop import BlockingLoop, blocking_loop, fixed_rate  # noqa: E402
 from cosim.bus.timing import CLASSIC, BusTiming, FrameFormat, mean  # noqa: E402
 
 SLOW, FAST = BusTiming(1e6), BusTiming(1e6, 5e6, fd=True)

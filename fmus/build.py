@@ -82,6 +82,7 @@ SHIPPED: dict[str, tuple[dict[str, int], ...]] = {
     "arm_chopra": (),
     "arm_wang2014": (),
     "arm_abdessameud2014": (),
+    "elastic_joint": (),
 }
 
 #: Options of the compiler that the numbers depend on, for who builds the sources in an FMU.

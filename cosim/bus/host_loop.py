@@ -1,47 +1,25 @@
 """A program that commands drives over a simulated bus: what its blocking reads make of it.
 
-Each drive answers a command with one frame, after its turn-around time. It has one mailbox for
-that, in which a newer answer replaces an older one that is still waiting. The host writes commands
-and reads answers; each direction of its adapter takes a latency. This is enough to say which
-control rate a program reaches and which answers never get through.
+This is enough to say which control rate a program reaches, which answers never get through, and how
+old states and references are when they act.
 
 The loops here are those of programs for arms with MIT-mode drives: commands at a fixed rate,
-whatever is answered (:func:`fixed_rate`), and writes and blocking reads in turn
-(:func:`blocking_loop`).
+whatever is answered (:func:`fixed_rate`), writes and blocking reads in turn
+(:func:`blocking_loop`), and two arms that follow each other, with a thread each
+(:func:`bilateral_loop`).
 """
 
 from __future__ import annotations
 
-from collections import deque
+import heapq
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, final
 
 import numpy as np
+from numpy.typing import NDArray
 
-from cosim.bus.frames import BusEvent, BusFrame
-from cosim.bus.settings import BusNodeSettings
-from cosim.bus.simulation import SimulatedBus
-from cosim.bus.timing import CLASSIC, BusTiming, FrameFormat
-
-#: Identifier with which all drives are asked for their state; it loses against their answers.
-REFRESH = 0x7FF
-
-
-@dataclass(frozen=True, slots=True)
-class DriveBus:
-    """A bus with drives 1 to `drives`: identifiers i of commands and 0x10 + i of answers, 8 bytes.
-
-    `turn_around`: from the end of a command to the answer's readiness, s; `latency`: of the host's
-    adapter, s, in each direction; `seed`: of the bytes, which decide the stuff bits.
-    """
-
-    drives: int
-    timing: BusTiming
-    format: FrameFormat = CLASSIC
-    turn_around: float = 30e-6
-    latency: float = 0.0
-    seed: int = 0
+from cosim.bus.drive_bus import DriveBus, DrivenBus
 
 
 class LoopCount(NamedTuple):
@@ -52,70 +30,9 @@ class LoopCount(NamedTuple):
     answered: float
 
 
-@final
-class _Simulation:
-    """The bus as the host sees it; times in ps."""
-
-    def __init__(self, spec: DriveBus) -> None:
-        nodes = [BusNodeSettings("host", queue_length=1024)]
-        nodes += [BusNodeSettings(f"drive {i + 1}", queue_length=2) for i in range(spec.drives)]
-        kinds = (BusEvent.STARTED, BusEvent.SENT)
-        self._bus = SimulatedBus(spec.timing, nodes, record=kinds, seed=spec.seed)
-        self._spec, self._random = spec, np.random.default_rng(spec.seed)
-        self._pending: dict[int, int] = {}  # request of the answer that waits, by node
-        self._asked: dict[int, int] = {}  # drive that a refresh is for, by request
-        self._step = round(spec.turn_around * 1e12)
-        self._intermission = round(3e12 / spec.timing.bitrate)
-        self.latency = round(spec.latency * 1e12)
-        self.arrived: deque[int] = deque()  # when the host can read an answer
-        self.sent = self.answers = self.busy = 0
-        self._begun = 0
-
-    def command(self, at: int, drive: int, *, refresh: bool = False) -> None:
-        """Write a command for a drive, or ask it for its state, at the host's time `at`."""
-        identifier = REFRESH if refresh else drive
-        ready = max(at + self.latency, self._bus.now_ps)
-        self._asked[self._bus.request(0, ready, self._frame(identifier))] = drive
-        self.sent += 1
-
-    def advance(self, until: int) -> None:
-        """Simulate to `until`; drives answer what they have heard."""
-        while self._bus.now_ps < until:
-            for event in self._bus.step(min(until, self._bus.now_ps + self._step)):
-                time, request, node, kind = event[0], event[1], event[4], event[7]
-                if kind == BusEvent.STARTED:
-                    self._begun = time
-                    continue
-                self.busy += time - self._begun + self._intermission
-                if node == 0:
-                    self._answer(self._asked.pop(request), time)
-                    continue
-                self.answers += 1
-                self.arrived.append(time + self.latency)
-                if self._pending[node] == request:
-                    del self._pending[node]
-
-    def _answer(self, drive: int, heard: int) -> None:
-        if (waiting := self._pending.get(drive)) is not None:
-            self._bus.abort(drive, waiting)  # the newest wins; what is being sent is finished
-        ready = max(heard + self._step, self._bus.now_ps)
-        self._pending[drive] = self._bus.request(drive, ready, self._frame(0x10 + drive))
-
-    def _frame(self, identifier: int) -> BusFrame:
-        return BusFrame(identifier, self._random.bytes(8), self._spec.format)
-
-    def wait(self, now: int, timeout: int) -> int | None:
-        """When the next answer is read by a call at `now`, or None after `timeout` without one."""
-        while not self.arrived or self.arrived[0] > now + timeout:
-            if self._bus.now_ps >= now + timeout:
-                return None
-            self.advance(min(now + timeout, self._bus.now_ps + self._step))
-        return max(now, self.arrived.popleft())
-
-
 def fixed_rate(spec: DriveBus, rate: float, seconds: float = 1.0) -> LoopCount:
     """All commands written at once, `rate` times a second, for `seconds`, whatever comes back."""
-    simulation = _Simulation(spec)
+    simulation = DrivenBus(spec)
     period = round(1e12 / rate)
     cycles = int(seconds * rate)
     for k in range(cycles):
@@ -150,7 +67,7 @@ def blocking_loop(
     specs: Sequence[DriveBus], loop: BlockingLoop, seconds: float = 1.0, seed: int = 0
 ) -> LoopCount:
     """The rate of a program that runs `loop` over these buses in turn, for `seconds`."""
-    arms = [_Simulation(spec) for spec in specs]
+    arms = [DrivenBus(spec) for spec in specs]
     random = np.random.default_rng(seed)
     now, cycles = 0, 0
     while now < seconds * 1e12:
@@ -172,13 +89,122 @@ def blocking_loop(
 
 
 def _read(
-    arm: _Simulation, now: int, timeout: float, loop: BlockingLoop, random: np.random.Generator
+    arm: DrivenBus, now: int, timeout: float, loop: BlockingLoop, random: np.random.Generator
 ) -> int:
     """When a read that begins at `now` returns, ps."""
     left = round(timeout * 1e12)
-    while (at := arm.wait(now, left)) is not None:
-        if at > now:
-            at += int(random.uniform(0.0, loop.jitter) * 1e12)
-        now = at
+    while (answer := arm.wait(now, left)) is not None:
+        if answer.at > now:
+            now = answer.at + int(random.uniform(0.0, loop.jitter) * 1e12)
         left = left if loop.every_frame else 0
     return now + left
+
+
+@dataclass(frozen=True, slots=True)
+class BilateralLoop:
+    """Three threads with one `period`, s: one of each arm, and one that exchanges their states.
+
+    The thread of an arm writes a command to each drive from the state and the reference in memory,
+    waits for `pause`, s, and reads what has arrived, or for `first`, s, if nothing has. The third
+    copies the last state of each arm to the other's reference. A wake-up is late by up to `jitter`,
+    s, uniform; `stalls` times a second it is late by one of `stall`, s, uniform. A thread that is
+    late runs the cycles that it missed one after the other.
+    """
+
+    period: float = 2e-3
+    pause: float = 200e-6
+    first: float = 220e-6
+    jitter: float = 60e-6
+    stalls: float = 0.0
+    stall: tuple[float, float] = (5e-3, 30e-3)
+
+
+class CommandTimes(NamedTuple):
+    """Commands that one drive heard: when, and when the states in them were taken; s, (n,) each.
+
+    `own`: the drive's own state, `other`: that of the same drive of the other arm.
+    """
+
+    heard: NDArray[np.float64]
+    own: NDArray[np.float64]
+    other: NDArray[np.float64]
+
+
+def bilateral_loop(
+    specs: tuple[DriveBus, DriveBus],
+    loop: BilateralLoop,
+    drive: int,
+    seconds: float = 1.0,
+    seed: int = 0,
+) -> tuple[CommandTimes, CommandTimes]:
+    """What `drive` of each arm hears when two arms on these buses follow each other."""
+    run = _Bilateral(specs, loop, drive, seed)
+    run.until(round(seconds * 1e12))
+    return run.commands(0), run.commands(1)
+
+
+@final
+class _Bilateral:
+    """The threads of two arms; times in ps."""
+
+    def __init__(
+        self, specs: tuple[DriveBus, DriveBus], loop: BilateralLoop, drive: int, seed: int
+    ) -> None:
+        self._arms = [DrivenBus(spec) for spec in specs]
+        self._drives = [spec.drives for spec in specs]
+        self._loop, self._drive = loop, drive
+        self._random = np.random.default_rng(seed)
+        self._state: list[int | None] = [None, None]  # when the last state read was taken
+        self._reference: list[int | None] = [None, None]
+        self._period = round(loop.period * 1e12)
+        # what happens next: when, the thread, the time it was due, and whether it reads
+        self._next: list[tuple[int, int, int, bool]] = []
+        for thread in range(3):
+            due = int(self._random.uniform(0.0, self._period))
+            heapq.heappush(self._next, (due, thread, due, False))
+
+    def until(self, end: int) -> None:
+        """Run all threads to `end`."""
+        while self._next[0][0] < end:
+            now, thread, due, reads = heapq.heappop(self._next)
+            if thread == 2:
+                self._reference = [self._state[1], self._state[0]]
+                self._wake(thread, due, now)
+            elif reads:
+                self._wake(thread, due, self._read(thread, now))
+            else:
+                self._write(thread, now)
+                read = now + round(self._loop.pause * 1e12) + self._late()
+                heapq.heappush(self._next, (read, thread, due, True))
+
+    def _wake(self, thread: int, due: int, now: int) -> None:
+        """The next cycle of a thread that is done at `now`."""
+        due += self._period
+        at = due + self._late()
+        if self._random.random() < self._loop.stalls * self._loop.period:
+            at += int(self._random.uniform(*self._loop.stall) * 1e12)
+        heapq.heappush(self._next, (max(at, now), thread, due, False))
+
+    def _late(self) -> int:
+        return int(self._random.uniform(0.0, self._loop.jitter) * 1e12)
+
+    def _write(self, arm: int, now: int) -> None:
+        bus, tag = self._arms[arm], (self._state[arm], self._reference[arm])
+        bus.advance(now)
+        for drive in range(1, self._drives[arm] + 1):
+            bus.command(now, drive, tag=tag)
+
+    def _read(self, arm: int, now: int) -> int:
+        """When the read that begins at `now` returns."""
+        left = round(self._loop.first * 1e12)
+        while (answer := self._arms[arm].wait(now, left)) is not None:
+            now, left = max(now, answer.at), 0
+            if answer.drive == self._drive:
+                self._state[arm] = answer.sampled
+        return now + left
+
+    def commands(self, arm: int) -> CommandTimes:
+        """Of the commands that had both states."""
+        rows = [(c.at, *c.tag) for c in self._arms[arm].heard if c.drive == self._drive]
+        known = [row for row in rows if None not in row]
+        return CommandTimes(*(1e-12 * np.array(known, dtype=np.float64).reshape(-1, 3).T))

@@ -6,7 +6,8 @@ from runpy import run_path
 
 import pytest
 
-from cosim.bus.host_loop import BlockingLoop, DriveBus, blocking_loop, fixed_rate
+from cosim.bus.drive_bus import DriveBus
+from cosim.bus.host_loop import BlockingLoop, blocking_loop, fixed_rate
 from cosim.bus.timing import CLASSIC, BusTiming, FrameFormat, mean
 from tests.cosim.comparison.parts import ROOT
 

@@ -77,12 +77,12 @@ SHIPPED: dict[str, tuple[dict[str, int], ...]] = {
     "arm_teleoperation": ({},),
     "arm_task": ({},),
     "arm_tip": ({},),
+    "elastic_joint": ({},),
     "arm_pd": (),  # compiled when first used, as the next
     "arm_nuno_adaptive": (),
     "arm_chopra": (),
     "arm_wang2014": (),
     "arm_abdessameud2014": (),
-    "elastic_joint": (),
 }
 
 #: Options of the compiler that the numbers depend on, for who builds the sources in an FMU.

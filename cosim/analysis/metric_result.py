@@ -15,7 +15,8 @@ from cosim.analysis.signals import Array
 class MetricResult:
     """The result of a metric: `value` in `unit`, and further results as text and as numbers.
 
-    `parts`, by name, are in `unit`, in s if the name ends in ``_s``, or pure numbers (``_share``).
+    `parts`, by name, are in `unit`, in s if the name ends in ``_s``, in Hz (``_hz``), or pure
+    numbers (``_share``).
     """
 
     name: str
@@ -27,7 +28,8 @@ class MetricResult:
 
     def unit_of(self, part: str) -> str:
         """The unit of a part."""
-        return "s" if part.endswith("_s") else "1" if part.endswith("_share") else self.unit
+        units = {"_s": "s", "_hz": "Hz", "_share": "1"}
+        return next((u for end, u in units.items() if part.endswith(end)), self.unit)
 
     @property
     def text(self) -> str:

@@ -9,6 +9,8 @@ norm           ‖x‖₂ = sqrt(∫ |x|² dt)
 integral_abs   ∫ |x| dt
 rms            sqrt(∫ |x|² dt / (t_n - t_0))
 tail_mean      mean of |x| over the rows of the last `window` seconds
+vibration      half of max - min in the last `window` seconds, of the entry where it is greatest;
+               its frequency from the times at which it crosses the middle between the two
 peak           max over time and entries of |x_i|
 final          x(t_n); |x(t_n)| for more than one entry
 rms_free       and ``rms_contact``, ``energy``: see :mod:`cosim.analysis.contact_metrics`
@@ -27,6 +29,7 @@ from math import inf, isfinite, nan, sqrt
 from typing import Literal, cast, get_args
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cosim.analysis.contact_metrics import Phase, PhaseError, PortEnergy
 from cosim.analysis.metric_result import MetricResult as MetricResult
@@ -34,15 +37,17 @@ from cosim.analysis.metric_result import integral, interval_text, length, root_m
 from cosim.analysis.signals import Array, Signals, Stack, stack
 from cosim.base.errors import ScenarioError
 
-Kind = Literal["norm", "integral_abs", "rms", "tail_mean", "peak", "final"]
+Kind = Literal["norm", "integral_abs", "rms", "tail_mean", "vibration", "peak", "final"]
 Distance = Literal["max", "euclidean"]
 
 _PHASES = get_args(Phase)
 _KINDS = ("error", *get_args(Kind), *_PHASES, "energy")
 #: Keys that a kind needs, and that it takes besides.
 _NEEDS = {
-    "error": ("target",), "tail_mean": ("window",), **dict.fromkeys(_PHASES, ("target", "contact")),
-}  # fmt: skip
+    "error": ("target",),
+    **dict.fromkeys(("tail_mean", "vibration"), ("window",)),
+    **dict.fromkeys(_PHASES, ("target", "contact")),
+}
 _TAKES = {**_NEEDS, "error": ("target", "within")}
 
 
@@ -114,7 +119,7 @@ class Error:
 class Measure:
     """A number of the stacked signals `of` by themselves; `kind` as in the table above.
 
-    `window`: s, of ``tail_mean``.
+    `window`: s, of ``tail_mean`` and ``vibration``.
     """
 
     name: str
@@ -217,11 +222,36 @@ def _rms(s: Stack, _: float) -> _Measured:
 
 
 def _tail_mean(s: Stack, window: float) -> _Measured:
-    tail = s.t >= s.t[-1] - window * (1 + 1e-9)
+    tail, words = _tail(s, window)
+    return float(length(s.x[tail]).mean()), words, {}
+
+
+def _tail(s: Stack, window: float) -> tuple[NDArray[np.bool_], str]:
+    """Which rows are in the last `window` seconds (n,), and words for it."""
     words = f"over the last {window:.4g} s"
     if s.t[-1] - s.t[0] < window * (1 - 1e-9):
         words = f"{interval_text(s.t)}, which is all there is"
-    return float(length(s.x[tail]).mean()), words, {}
+    return s.t >= s.t[-1] - window * (1 + 1e-9), words
+
+
+def _vibration(s: Stack, window: float) -> _Measured:
+    tail, words = _tail(s, window)
+    x, t = s.x[tail], s.t[tail]
+    swing = np.ptp(x, axis=0)
+    entry = int(np.argmax(swing))
+    frequency = _frequency(x[:, entry] - 0.5 * (x[:, entry].max() + x[:, entry].min()), t)
+    words = f"{words} ({s.names[entry]}), {frequency:.4g} Hz"
+    return 0.5 * float(swing[entry]), words, {"frequency_hz": frequency}
+
+
+def _frequency(x: Array, t: Array) -> float:
+    """Hz, of `x` (n,) by the times `t` (n,) at which it crosses 0; 0 with less than a period."""
+    before = np.flatnonzero((x[:-1] < 0.0) != (x[1:] < 0.0))
+    if len(before) < 3:
+        return 0.0
+    ends = before[[0, -1]]
+    first, last = t[ends] - x[ends] * (t[ends + 1] - t[ends]) / (x[ends + 1] - x[ends])
+    return float(0.5 * (len(before) - 1) / (last - first))
 
 
 def _peak(s: Stack, _: float) -> _Measured:
@@ -244,6 +274,7 @@ _MEASURES: Mapping[Kind, Callable[[Stack, float], _Measured]] = {
     "integral_abs": _integral_abs,
     "rms": _rms,
     "tail_mean": _tail_mean,
+    "vibration": _vibration,
     "peak": _peak,
     "final": _final,
 }

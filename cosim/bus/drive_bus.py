@@ -54,7 +54,7 @@ class Answer(NamedTuple):
 
 
 @final
-class Command(NamedTuple):
+class HeardCommand(NamedTuple):
     """When a drive heard a command, ps, which one, and what the host had attached to it."""
 
     at: int
@@ -85,7 +85,7 @@ class DrivenBus:
         self._spacing = round(spec.spacing * 1e12)
         self._delivered = -self._spacing  # when the host got the last answer
         self.arrived: deque[Answer] = deque()
-        self.heard: list[Command] = []
+        self.heard: list[HeardCommand] = []
         self.sent = self.answers = self.busy = 0
         self._begun = 0
 
@@ -115,7 +115,7 @@ class DrivenBus:
                     del self._pending[node]
 
     def _answer(self, drive: int, tag: object, heard: int) -> None:
-        self.heard.append(Command(heard, drive, tag))
+        self.heard.append(HeardCommand(heard, drive, tag))
         if (waiting := self._pending.get(drive)) is not None:
             self._bus.abort(drive, waiting)  # the newest wins; what is being sent is finished
         ready = max(heard + self._step, self._bus.now_ps)

@@ -137,7 +137,7 @@ def bilateral_loop(
     seconds: float = 1.0,
     seed: int = 0,
 ) -> tuple[CommandTimes, CommandTimes]:
-    """What `drive` of each arm hears when two arms on these buses follow each other."""
+    """What `drive` of each arm hears in `seconds`, s, if two arms follow each other."""
     run = _Bilateral(specs, loop, drive, seed)
     run.until(round(seconds * 1e12))
     return run.commands(0), run.commands(1)
@@ -205,6 +205,10 @@ class _Bilateral:
 
     def commands(self, arm: int) -> CommandTimes:
         """Of the commands that had both states."""
-        rows = [(c.at, *c.tag) for c in self._arms[arm].heard if c.drive == self._drive]
+        rows = [
+            (command.at, *command.tag)
+            for command in self._arms[arm].heard
+            if command.drive == self._drive and isinstance(command.tag, tuple)
+        ]
         known = [row for row in rows if None not in row]
         return CommandTimes(*(1e-12 * np.array(known, dtype=np.float64).reshape(-1, 3).T))

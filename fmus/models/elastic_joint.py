@@ -27,6 +27,7 @@ substeps; inputs are held over the step.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 from cosim.base.errors import ScenarioError
 from fmus.model import Model, Terminal, Variable
@@ -60,7 +61,7 @@ def _ports(arm: Joints) -> tuple[Variable, ...]:
         arm.input("q_d", "rad", "Commanded position"),
         arm.input("dq_d", RATE, "Commanded velocity"),
         arm.input("dq_c", RATE, "Velocity whose friction is compensated"),
-        arm.input("tau_ext", TORQUE, "External torque on the link"),
+        replace(arm.input("tau_ext", TORQUE, "External torque on the link"), optional=True),
         arm.vector("q", "output", "rad", "Position of the motor", settable=True),
         arm.vector("dq", "output", RATE, "Velocity of the motor", settable=True),
         arm.vector("e", "output", "rad", "Twist of the gear", settable=True),

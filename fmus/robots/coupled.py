@@ -6,13 +6,13 @@ difference of the two (sign -1) and in their sum (sign +1), with their motion x:
 
     dx/dt = A x + sign B x(t - T) + C x(t - T_o)
 
-The rigid joint of inertia M without friction is stable in the difference up to (T_o plays no part)::
+The rigid joint of inertia M without friction is stable in the difference up to T*::
 
     T* = (2 / w) atan(D w / K),   w = sqrt(2 K / M)          M s^2 + (D s + K)(1 + exp(-s T)) = 0
 
-An oscillation that a limit of the torque stops has the frequency at which the loop is on its border
-with the torque scaled by a factor N < 1; the describing function of the limit gives the torque that
-belongs to N, and the dynamics of the joint the motion.
+An oscillation that grows ends where the limit of the torque and the dry friction, compensated or
+not, leave the loop on its border: they act by their describing functions, which depend on the
+amplitude.
 
 Source: own construction; T* is the exact border of the rigid case. Roots: D. Breda, S. Maset, R.
 Vermiglio, "Pseudospectral differencing methods for characteristic roots of delay differential
@@ -26,6 +26,8 @@ from dataclasses import dataclass
 from math import asin, atan, pi, sqrt
 from typing import NamedTuple, final
 
+from numpy.typing import NDArray
+
 from fmus.models import elastic_joint
 from fmus.numeric import Array, np
 from fmus.reference import Values
@@ -34,14 +36,14 @@ _STATES = 6  # of a joint
 _NODES = 16  # of the motion during a delay
 
 
-class Mode(NamedTuple):
+class LeastDamped(NamedTuple):
     """The least damped motion: `growth`, 1/s, positive if unstable, and `frequency`, Hz."""
 
     growth: float
     frequency: float
 
 
-class Cycle(NamedTuple):
+class LimitCycle(NamedTuple):
     """A limit cycle: `frequency`, Hz, and amplitudes of `torque`, N.m, and joint, `angle`, rad."""
 
     frequency: float
@@ -57,88 +59,110 @@ def rigid_limit(K: float, D: float, M: float) -> float:
 
 @final
 @dataclass(frozen=True, slots=True)
-class Pair:
-    """Two joints with the same parameters: those of ``elastic_joint`` for one joint, each (1,).
-
-    Friction is linear here, with the slope that tanh has at rest.
-    """
+class CoupledJoints:
+    """Two joints with the same parameters: those of ``elastic_joint`` for one joint, each (1,)."""
 
     values: Values
 
-    def mode(self, delay: float, own: float, scale: float = 1.0) -> Mode:
-        """The least damped motion of the pair.
+    def mode(self, delay: float, own: float, amplitude: float = 0.0) -> LeastDamped:
+        """The least damped motion of the pair; with an `amplitude` of the joints, rad, that motion.
 
-        `delay`, `own`: T and T_o, s; `scale`: factor N of the torque of the drive. The sum of the
-        pair can move without a force: its root at 0 does not count.
+        `delay`, `own`: T and T_o, s. The sum of the pair can move without a force: its root at 0
+        does not count.
         """
-        found = []
-        A, b = self._passive(), self._response_to_torque()
-        for sign in (-1.0, 1.0):
-            s = roots(A, b, *self._gains(sign, scale), delay, own)
-            s = s[(np.abs(s) > 1.0) & (s.imag >= 0.0)]
-            found += [Mode(float(x.real), float(x.imag) / (2 * pi)) for x in s]
-        return max(found)
+        found = self._least_damped(delay, own, 1.0, 0.0)
+        for _ in range(4 if amplitude > 0.0 else 0):  # the frequency decides the velocity
+            omega = 2 * pi * found.frequency
+            torque = amplitude * abs(self.stiffness(1j * omega, amplitude * omega))
+            scale = _limited_gain(torque / float(self.values["tau_max"][0]))
+            found = self._least_damped(delay, own, scale, amplitude * omega)
+        return found
 
-    def onset(self, own: float, longest: float = 0.1) -> tuple[float, float]:
-        """The least delay T, s, at which the pair is unstable, and the frequency, Hz.
+    def onset(self, own: float = 0.0, longest: float = 0.1) -> tuple[float, float]:
+        """The delay T, s, from which on the pair vibrates, and its frequency there, Hz.
 
-        `longest`: the greatest delay that is looked at; beyond, (inf, nan). `own`: T_o, s.
+        `longest`: the greatest delay that is looked at; beyond, (inf, nan). T_o is T + `own`, s.
         """
-        step = 0.5e-3
-        delays = np.arange(step, longest, step)
-        for T in delays:
-            if self.mode(float(T), own).growth > 0.0:
-                low, high = float(T) - step, float(T)
+        step = 1e-3
+        for low in np.arange(2 * step, longest, step):
+            if self.mode(low + step, low + step + own).growth > 0.0:
+                low, high = float(low), float(low) + step
                 for _ in range(12):
                     middle = 0.5 * (low + high)
-                    if self.mode(middle, own).growth > 0.0:
-                        high = middle
-                    else:
-                        low = middle
-                return high, self.mode(high, own).frequency
+                    stable = self.mode(middle, middle + own).growth <= 0.0
+                    low, high = (middle, high) if stable else (low, middle)
+                return high, self.mode(high, high + own).frequency
         return float("inf"), float("nan")
 
-    def cycle(self, delay: float, own: float) -> Cycle | None:
-        """The limit cycle at `tau_max`, from describing functions; None if stable or unlimited."""
-        if self.mode(delay, own).growth <= 0.0 or self.mode(delay, own, 1e-3).growth > 0.0:
-            return None
-        low, high = 1e-3, 1.0  # of the factor: stable, unstable
-        for _ in range(30):
-            middle = sqrt(low * high)
-            low, high = (middle, high) if self.mode(delay, own, middle).growth <= 0.0 else (
-                low, middle,
-            )  # fmt: skip
-        frequency = self.mode(delay, own, high).frequency
-        torque = high * _input_over_limit(high) * float(self.values["tau_max"][0])
-        return Cycle(frequency, torque, torque / abs(self.stiffness(2j * pi * frequency)))
+    def cycle(self, delay: float, own: float, largest: float = 1.0) -> LimitCycle | None:
+        """The limit cycle at which a small oscillation ends, by describing functions.
 
-    def stiffness(self, s: complex) -> complex:
-        """Torque of the drive over the motion of the motor at `s`, 1/s; N.m/rad."""
-        A, b = self._passive(), self._response_to_torque()
+        None if it decays, or is not stopped below the amplitude `largest`, rad.
+        """
+        if self.mode(delay, own).growth <= 0.0:
+            return None
+        low = 1e-6
+        for high in np.geomspace(1e-5, largest, 60):
+            if self.mode(delay, own, float(high)).growth <= 0.0:
+                break
+            low = float(high)
+        else:
+            return None
+        for _ in range(12):
+            middle = sqrt(low * high)
+            grows = self.mode(delay, own, middle).growth > 0.0
+            low, high = (middle, high) if grows else (low, middle)
+        frequency = self.mode(delay, own, low).frequency
+        omega = 2 * pi * frequency
+        return LimitCycle(frequency, low * abs(self.stiffness(1j * omega, low * omega)), low)
+
+    def stiffness(self, s: complex, velocity: float = 0.0) -> complex:
+        """Torque of the drive over the motion of the motor at `s`, 1/s; N.m/rad.
+
+        `velocity`: the amplitude of the velocity, rad/s, on which dry friction depends.
+        """
+        A, b = self._passive(velocity), self._response_to_torque()
         return complex(1.0 / np.linalg.solve(s * np.eye(_STATES) - A, b)[0])
 
-    def _passive(self) -> Array:
+    def _least_damped(self, delay: float, own: float, scale: float, velocity: float) -> LeastDamped:
+        """With the torque times `scale`, and dry friction for the amplitude `velocity`, rad/s."""
+        found = []
+        A, b = self._passive(velocity), self._response_to_torque()
+        for sign in (-1.0, 1.0):
+            s = roots(A, b, *self._gains(sign, scale, velocity), delay, own)
+            s = s[(np.abs(s) > 1.0) & (s.imag >= 0.0)]
+            found += [LeastDamped(float(x.real), float(x.imag) / (2 * pi)) for x in s]
+        return max(found)
+
+    def _passive(self, velocity: float) -> Array:
         """The matrix of the joint without its drive, (6, 6)."""
         x = {**self.values, "friction": np.zeros(1)}
-        x["damping"] = self.values["damping"] + self.values["friction"] / self.values["v_f"]
+        x["damping"] = x["damping"] + self._slope("friction", "v_f", velocity)
         zero = np.zeros(1)
         columns = [elastic_joint.rate(x, y[:, None], zero, zero)[:, 0] for y in np.eye(_STATES)]
         return np.array(columns).T
+
+    def _slope(self, torque: str, at: str, velocity: float) -> float:
+        """What F tanh(dq / v) is for a sine of dq, by its describing function, N.m.s/rad."""
+        F, v = float(self.values[torque][0]), float(self.values[at][0])
+        return F / v * _tanh_gain(velocity / v)
 
     def _response_to_torque(self) -> Array:
         """The rate of the state by one N.m of the drive, (6,)."""
         rest = np.zeros((_STATES, 1))
         return elastic_joint.rate(self.values, rest, np.ones(1), np.zeros(1))[:, 0]
 
-    def _gains(self, sign: float, scale: float) -> tuple[Array, Array, Array]:
+    def _gains(self, sign: float, scale: float, velocity: float) -> tuple[Array, Array, Array]:
         """Torque per position and velocity: of the joint now, of the other, of its own past."""
         x = self.values
         spring = scale * np.array([x["K_p"][0], x["K_d"][0]])
-        slope = scale * float((x["F_v"] + x["F_c"] / x["v_c"])[0])
+        slope = scale * (float(x["F_v"][0]) + self._slope("F_c", "v_c", velocity))
         return -spring, sign * spring, np.array([0.0, slope])
 
 
-def roots(A: Array, b: Array, now: Array, past: Array, own: Array, T: float, T_o: float) -> Array:
+def roots(
+    A: Array, b: Array, now: Array, past: Array, own: Array, T: float, T_o: float
+) -> NDArray[np.complex128]:
     """Characteristic roots, 1/s, of dx/dt = (A + b now) x + b past x(t - T) + b own x(t - T_o).
 
     A (n, n), b (n,); `now`, `past`, `own` (2,): gains of the first two states; delays in s. They
@@ -160,7 +184,7 @@ def roots(A: Array, b: Array, now: Array, past: Array, own: Array, T: float, T_o
         acts = np.kron(_weights(at, c, -delay), gains[None, :])[0]
         whole[:n, :2] += np.outer(b, acts[:2])
         whole[:n, n:] += np.outer(b, acts[2:])
-    return np.linalg.eigvals(whole)
+    return np.asarray(np.linalg.eigvals(whole), dtype=np.complex128)
 
 
 def _weights(at: Array, c: Array, t: float) -> Array:
@@ -169,14 +193,30 @@ def _weights(at: Array, c: Array, t: float) -> Array:
     if (hit := np.abs(distance) < 1e-12).any():
         return hit[None, :].astype(np.float64)
     w = 1.0 / (c * distance)
-    return (w / w.sum())[None, :]
+    return np.asarray(w / w.sum())[None, :]
 
 
-def _input_over_limit(N: float) -> float:
-    """The amplitude over the limit, of a sine whose limited form has N times its fundamental."""
-    low, high = 1.0, 4.0 / (pi * N) + 1.0
+def _limited_gain(torque: float) -> float:
+    """The gain of a limit whose output has a fundamental of `torque` limits; 0 where none has."""
+    if torque <= 1.0:
+        return 1.0
+    if torque >= 4.0 / pi:
+        return 0.0
+    low, high = 1.0, 1e6  # of the input over the limit
     for _ in range(60):
-        r = 0.5 * (low + high)
-        found = 2.0 / pi * (asin(1.0 / r) + sqrt(1.0 - 1.0 / r**2) / r)
-        low, high = (r, high) if found > N else (low, r)
-    return low
+        r = sqrt(low * high)
+        low, high = (r, high) if r * _limit(r) < torque else (low, r)
+    return _limit(low)
+
+
+def _limit(r: float) -> float:
+    """The describing function of a limit for an input of `r` > 1 limits."""
+    return 2.0 / pi * (asin(1.0 / r) + sqrt(1.0 - 1.0 / r**2) / r)
+
+
+def _tanh_gain(x: float) -> float:
+    """The fundamental of tanh(x sin) over x; 1 for x = 0."""
+    if x < 1e-6:
+        return 1.0
+    sine = np.sin(2 * pi * (np.arange(64) + 0.5) / 64)
+    return float(2.0 * np.mean(np.tanh(x * sine) * sine) / x)

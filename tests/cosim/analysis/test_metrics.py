@@ -244,3 +244,14 @@ def test_declarations_that_make_no_sense(declared: dict[str, object], sentence: 
     arguments = {"of": ["x"], "place": "a.toml at metrics.m", **declared}
     with pytest.raises(ScenarioError, match=rf"^a\.toml at metrics\.m.*: {sentence}"):
         metric("m", **arguments)  # type: ignore[arg-type]
+
+
+def test_vibration_is_the_swing_of_the_last_seconds_and_its_frequency() -> None:
+    """The greatest entry counts, not what was before, nor where it swings about."""
+    x = np.stack([0.1 * np.sin(2 * pi * 12.7 * T), 0.5 + 0.3 * np.sin(2 * pi * 3.3 * T)], axis=1)
+    x[T < 5] *= 4.0
+    r = number("vibration", x, window=2.0)
+    assert r.value == pytest.approx(0.3, rel=1e-3) and "x[1]" in r.detail
+    assert r.parts["frequency_hz"] == pytest.approx(3.3, rel=1e-3)
+    still = number("vibration", np.exp(-T), window=1.0)
+    assert still.parts["frequency_hz"] == 0.0 and still.value < 1e-4

@@ -4,10 +4,17 @@ from __future__ import annotations
 
 from runpy import run_path
 
+import numpy as np
 import pytest
 
 from cosim.bus.drive_bus import DriveBus
-from cosim.bus.host_loop import BlockingLoop, blocking_loop, fixed_rate
+from cosim.bus.host_loop import (
+    BilateralLoop,
+    BlockingLoop,
+    bilateral_loop,
+    blocking_loop,
+    fixed_rate,
+)
 from cosim.bus.timing import CLASSIC, BusTiming, FrameFormat, mean
 from tests.cosim.comparison.parts import ROOT
 
@@ -59,6 +66,38 @@ def test_what_lets_the_loop_run_at_a_millisecond() -> None:
     silent = blocking_loop(two, BlockingLoop(every_frame=False, ask=0.0, period=1e-3), 0.05)
     assert silent.rate == pytest.approx(1000.0, rel=0.02)
     assert silent.answered > 0.99 and silent.load == pytest.approx(0.80, abs=0.02)
+
+
+def test_an_adapter_that_delivers_answers_one_by_one_takes_its_time_for_each() -> None:
+    """7 times 125 us between the answers of each read, instead of the time of the bus."""
+    quiet = BlockingLoop(jitter=0.0)
+    spec = DriveBus(8, FAST, FD, spacing=125e-6)
+    cycle = 1 / blocking_loop([spec] * 2, quiet, 0.1).rate
+    frame = FAST.time_ns(mean(8, FD)) * 1e-9
+    asked = 2 * frame + 30e-6  # answers win against the questions that wait
+    commanded = 9 * frame  # and lose against commands
+    read = asked + commanded + 2 * (7 * 125e-6)
+    assert cycle == pytest.approx(2 * (read + 1.5e-3) + quiet.controller, rel=0.02)
+
+
+def test_states_are_used_two_cycles_after_they_were_taken() -> None:
+    """Read in the next cycle, used in the one after; a third thread brings the other arm's."""
+    for period, spec in ((2e-3, DriveBus(8, SLOW)), (1e-3, DriveBus(8, FAST, FD))):
+        loop = BilateralLoop(period=period, jitter=0.0)
+        for arm in bilateral_loop((spec, spec), loop, 2, 0.2):
+            assert len(arm.heard) == pytest.approx(0.2 / period, abs=6)
+            assert arm.heard - arm.own == pytest.approx(2 * period, abs=50e-6)
+            age = arm.heard - arm.other
+            assert (age > period).all() and (age < 4 * period).all()
+
+
+def test_the_latency_of_an_adapter_counts_twice_and_stalls_make_states_old() -> None:
+    spec = DriveBus(8, SLOW, latency=4e-3)
+    quiet = BilateralLoop(jitter=0.0)
+    arm, _ = bilateral_loop((spec, spec), quiet, 2, 0.2)
+    assert np.median(arm.heard - arm.own) == pytest.approx(12e-3, abs=50e-6)
+    late, _ = bilateral_loop((DriveBus(8, SLOW),) * 2, BilateralLoop(stalls=20.0), 2, 0.5)
+    assert (late.heard - late.own).max() > 15e-3
 
 
 @pytest.mark.slow

@@ -13,7 +13,7 @@ from math import inf, pi
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cosim.analysis.facts import Array, DynamicFeedback
+from cosim.analysis.facts import Arm, Array, DynamicFeedback
 from cosim.analysis.network import Complex, RobotNetwork, spread
 
 #: Where p stands for 0, 1/s: well below any corner, well above rounding.
@@ -23,21 +23,22 @@ _ZERO = 1e-6
 # ---- O3, O4, O5: slow pole, felt damping, stiffness ---------------------------------------------
 
 
-def felt_damping(net: RobotNetwork, K: float) -> float:
+def felt_damping(net: RobotNetwork, K: float, friction: float = 0.0) -> float:
     """O4, tau_h over velocity under a constant push, N.m.s/rad; inf where it comes to rest.
 
-    One robot: K alpha/lambda_M. Two: K alpha (2 + lambda (T_12 + T_21))/lambda_M.
+    One robot: K alpha/lambda_M + D, where D is the viscous `friction` of the joint. Two:
+    K alpha (2 + lambda (T_12 + T_21))/lambda_M + 2 D.
     """
-    damping = 1 / (_ZERO * net.quasi_static(_ZERO, K)).real
+    damping = 1 / (_ZERO * net.quasi_static(_ZERO, K, friction)).real
     return damping if damping < 1e-3 / _ZERO else inf
 
 
-def felt_stiffness(net: RobotNetwork, K: float) -> float:
+def felt_stiffness(net: RobotNetwork, K: float, friction: float = 0.0) -> float:
     """Torque over displacement under a constant push, N.m/rad; 0 where it moves for ever.
 
     alpha K for one robot with lambda_M = 0 (O2: M^t -> 1/(alpha K)).
     """
-    stiffness = 1 / net.quasi_static(_ZERO, K).real
+    stiffness = 1 / net.quasi_static(_ZERO, K, friction).real
     return stiffness if stiffness > 1e3 * _ZERO else 0.0
 
 
@@ -161,12 +162,26 @@ def passive_limit(law: DynamicFeedback, M: Array, K: Sequence[float]) -> float:
     """O9, the lambda_M up to which a robot is passive to its operator, theta known, 1/s.
 
     alpha + lambda_min(K M⁻¹); with Remark 3 alpha + lambda_c, whatever the inertia. `M` (m, m)
-    kg.m2; `K` N.m.s/rad, one value or m.
+    kg.m2; `K` N.m.s/rad, one value or m, with the viscous friction of the joints.
     """
     if law.lambda_c:
         return law.alpha + law.lambda_c
     diagonal = np.diag(spread(K, len(M)))
     return float(law.alpha + np.linalg.eigvals(diagonal @ np.linalg.inv(M)).real.min())
+
+
+def worst_passive_limit(law: DynamicFeedback, arm: Arm) -> tuple[float, int]:
+    """The passive limit in the posture of the workspace where it is least, 1/s, and its joint."""
+    if law.lambda_c:
+        return law.alpha + law.lambda_c, 0
+    least, joint, _ = arm.slowest(damped(law.K, arm))
+    return law.alpha + least, joint
+
+
+def damped(K: Sequence[float], arm: Arm) -> tuple[float, ...]:
+    """The feedback gain of each joint with its viscous friction, N.m.s/rad."""
+    friction = arm.friction
+    return tuple((spread(K, len(friction)) + friction).tolist())
 
 
 def grip_stable(law: DynamicFeedback, M: float, K: float, k_p: float, k_d: float) -> bool:
@@ -187,16 +202,22 @@ def stiffest_grip(law: DynamicFeedback, M: float, K: float, k_d: float = 0.0) ->
 
 
 def stiffest_network_grip(
-    net: RobotNetwork, q: Sequence[float], ratio: float = 0.0, count: int = 800
+    net: RobotNetwork,
+    q: Sequence[float],
+    k_p: Sequence[float] = (1.0,),
+    k_d: Sequence[float] = (0.0,),
+    count: int = 800,
 ) -> float:
-    """The k_p, alike for all joints, at which a grip at the port begins to swing, theta known.
+    """The multiple of a grip at the port at which it begins to swing, theta known.
 
-    Its damping is k_d = `ratio` k_p (s). There det(1 + (k_p + k_d jω) G(jω)) = 0: an eigenvalue of
-    (1 + ratio jω) G crosses the negative real axis at -1/k_p. The least of them over `count`
-    frequencies, N.m/rad; inf where there is none. One robot, undamped: :func:`stiffest_grip`.
+    `k_p` (N.m/rad) and `k_d` (N.m.s/rad) of the grip: one for all joints, or one each. At x times
+    this grip det(1 + x (k_p + k_d jω) G(jω)) = 0: an eigenvalue of (k_p + k_d jω) G crosses the
+    negative real axis at -1/x. The least x over `count` frequencies; inf where there is none. With
+    k_p = 1 and no damping it is a stiffness. One robot: :func:`stiffest_grip`.
     """
     p = 1j * np.geomspace(0.05, 500.0, count)
-    G = (1 + ratio * p)[:, None, None] * net.at(q, net.true_estimates()).gain(p)
+    grip = spread(k_p, len(q)) + p[:, None] * spread(k_d, len(q))
+    G = grip[:, :, None] * net.at(q, net.true_estimates()).gain(p)
     eigenvalues = np.linalg.eigvals(G)
     least, before = inf, eigenvalues[0]
     for here in eigenvalues[1:]:

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib.util import find_spec
 from math import inf
 from typing import Literal, TypeAlias
@@ -53,13 +53,18 @@ class Spring:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Arm:
-    """A robot without friction, M(q) ddq + C dq + g = tau + tau_ext + tau_h - tau_e.
+    """A robot, M(q) ddq + C dq + g + damping dq = tau + tau_ext + tau_h - tau_e.
 
     `inertia(parameters, q)` is M, (m, m), kg.m2, for any parameters, `parameters` those that are
     true; `inertia_range` the least and greatest eigenvalue of M(q) over the workspace, `heaviest` a
-    posture that has the greatest; `gravity` the parameters of g, all 0 if there is none, N.m; `q`
-    where it starts; `h_max` the longest step
-    that the integrator of grip and wall takes in a communication step, as a share of it.
+    posture that has the greatest; `gravity` the parameters of g, all 0 if there is none, N.m;
+    `weight(gravity, q)` is g, (m,), N.m, where it is known; `q` where it starts; `damping` is the
+    viscous friction, N.m.s/rad, () for none; `h_max` the longest step that the integrator of grip
+    and wall takes in a communication step, as a share of it.
+
+    `workspace`: M in `postures`, which stand for the workspace, (k, m, m) kg.m2 and (k, m) rad. A
+    model whose joints differ gives them: the least eigenvalue of M belongs to one joint, and the
+    greatest gain perhaps to another.
 
     The strings are names of ports: control torque in, external torque in, position, velocity,
     torque of the operator and torque on the environment out.
@@ -73,6 +78,10 @@ class Arm:
     q: Vector
     grip: Spring
     wall: Spring
+    damping: Vector = ()
+    weight: Callable[[Sequence[float], Sequence[float]], Array] | None = None
+    workspace: Array | None = field(default=None, compare=False)
+    postures: Array | None = field(default=None, compare=False)
     h_max: float = 1.0
     torque: str = "tau"
     external: str = "tau_ext"
@@ -80,6 +89,35 @@ class Arm:
     rate: str = "dq"
     hand: str = "tau_h"
     environment: str = "tau_e"
+
+    @property
+    def friction(self) -> Vector:
+        """The viscous friction of each joint, N.m.s/rad."""
+        return self.damping or (0.0,) * len(self.q)
+
+    def fastest(self, gains: Sequence[float]) -> tuple[float, int]:
+        """The greatest eigenvalue of M⁻¹ diag(gains) in the workspace, and the joint it is most at.
+
+        `gains`: one for all joints or one each, N.m.s/rad (the result is 1/s) or N.m/rad (1/s²).
+        """
+        return self._extreme(gains, greatest=True)[:2]
+
+    def slowest(self, gains: Sequence[float]) -> tuple[float, int, Vector]:
+        """The least eigenvalue of M⁻¹ diag(gains) in the workspace, the joint, and the posture."""
+        return self._extreme(gains, greatest=False)
+
+    def _extreme(self, gains: Sequence[float], *, greatest: bool) -> tuple[float, int, Vector]:
+        each = np.broadcast_to(np.asarray(gains, dtype=np.float64), (len(self.q),))
+        if self.workspace is None or self.postures is None:
+            i = 0 if greatest else 1
+            gain = each.max() if greatest else each.min()
+            return float(gain) / self.inertia_range[i], int(np.argmax(each == gain)), self.heaviest
+        root = np.sqrt(each)
+        values, vectors = np.linalg.eigh(root[:, None] * np.linalg.inv(self.workspace) * root)
+        at = -1 if greatest else 0
+        k = int(np.argmax(values[:, -1]) if greatest else np.argmin(values[:, 0]))
+        joint = int(np.argmax(np.abs(vectors[k, :, at])))
+        return float(values[k, at]), joint, tuple(self.postures[k].tolist())
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

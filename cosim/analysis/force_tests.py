@@ -237,12 +237,12 @@ def _pushed(
     ends = np.linspace(quarter, len(t) - 1, PARTS + 1).astype(int)
     velocities = np.diff(y[ends], axis=0) / np.diff(t[ends])[:, None]
     late, tail = velocities[-1], velocities[PARTS // 2 :]
-    K = each_feedback(net, y.shape[1])
+    K, D = each_feedback(net, y.shape[1]), net.arms[net.port].friction if net else ()
     if np.abs(late).max() * 10.0 <= 1e-3 * np.abs(y[-1]).max():
         yield quantity(
             "push_stiffness", "felt stiffness, push", FORCE / y[-1], units["stiffness"],
             f"{how}: comes to rest",
-            expected=[closed.felt_stiffness(net, k) for k in K] if net else (),
+            expected=[closed.felt_stiffness(net, *x) for x in zip(K, D, strict=True)] if net else (),
             formula="αK: lambda_M = 0" if net else "",
         )  # fmt: skip
         return
@@ -260,7 +260,7 @@ def _pushed(
         "push_damping", "felt damping, push", FORCE / velocity, units["damping"],
         f"{how}: force over mean velocity from {t[-1] * (0.8125 if steady else 0.25):.3g} s on",
         error=share * np.abs(FORCE / velocity),
-        expected=[closed.felt_damping(net, k) for k in K] if net else (),
+        expected=[closed.felt_damping(net, *x) for x in zip(K, D, strict=True)] if net else (),
         formula=_damping_formula(net),
     )  # fmt: skip
 
@@ -269,7 +269,9 @@ def _damping_formula(net: RobotNetwork | None) -> str:
     if net is None:
         return ""
     few = {1: "O4, Kα/λ_M", 2: "O4, Kα(2 + λΣT)/λ_M"}
-    return few.get(len(net.laws), "A(p)/p for p -> 0, mean graph")
+    friction = {1: " + D", 2: " + 2 D"} if any(net.arms[net.port].damping) else {}
+    n = len(net.laws)
+    return few.get(n, "A(p)/p for p -> 0, mean graph") + friction.get(n, "")
 
 
 def each_feedback(net: RobotNetwork | None, m: int) -> list[float]:

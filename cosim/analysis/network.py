@@ -3,15 +3,16 @@
 With the estimate at rest, M_hat = M(theta_hat), and delays T_ij, robots i in one posture each
 obey, in the Laplace variable p (matrices over joints, blocks over robots)::
 
-    A(p) q = tau_h,   A = (M - M_hat) p² + (M_hat p + K) (p + alpha)/(p + lambda_M) L(p)
+    A(p) q = tau_h,   A = (M - M_hat) p² + D p + (M_hat p + K) (p + alpha)/(p + lambda_M) L(p)
 
     L(p) = p + lambda Σ_j w_ij  on the diagonal,   - lambda w_ij exp(-p T_ij)  off it
 
 If a delay jumps, exp(-p T_ij) is the mean over the distribution of T_ij. This is the average
 behaviour of the robots if a delay is redrawn faster than they move. The equations follow from
-s = (p + alpha)/(p + lambda_M) L q and M p² q = -K s + M_hat p (p q - s) + tau_h. A single robot has
-L = p; for M_hat = M its admittance is dq/tau_h = (p + lambda_M)/((M p + K)(p + alpha)). SI; no
-gravity; Remark 3 is K = lambda_c M_hat.
+s = (p + alpha)/(p + lambda_M) L q and M p² q = -D p q - K s + M_hat p (p q - s) + tau_h, where D is
+the viscous friction of the arm. A single robot without friction has L = p; for M_hat = M its
+admittance is dq/tau_h = (p + lambda_M)/((M p + K)(p + alpha)). SI; no gravity; Remark 3 is
+K = lambda_c M_hat.
 
 Source: own construction, the linearisation of the paper's (42)-(45), (61) and (76)-(81).
 """
@@ -72,7 +73,7 @@ class RobotNetwork:
             law.lambda_c * M_hat[i] if law.lambda_c else np.diag(spread(law.K, m))
             for i, law in enumerate(self.laws)
         ]
-        return Linear(self, M, M_hat, np.array(K))
+        return Linear(self, M, M_hat, np.array(K), np.array([arm.friction for arm in self.arms]))
 
     def true_estimates(self) -> tuple[tuple[float, ...], ...]:
         """The estimates that are right: M_hat = M."""
@@ -82,21 +83,30 @@ class RobotNetwork:
         """The estimates at the start."""
         return tuple(law.theta_hat for law in self.laws)
 
-    def quasi_static(self, p: complex, K: float) -> complex:
-        """G(p) of a joint without inertia, rad/(N.m); `K` the feedback gain of that joint."""
+    def quasi_static(self, p: complex, K: float, friction: float = 0.0) -> complex:
+        """G(p) of a joint without inertia, rad/(N.m).
+
+        `K`: the feedback gain of that joint, and `friction` its viscous friction, N.m.s/rad, the
+        same for all robots.
+        """
         law = self.law
-        reduced = complex(np.linalg.inv(self.L(p))[self.port, self.port])
-        return (p + law.lambda_M) / (p + law.alpha) * reduced / K
+        A = K * (p + law.alpha) / (p + law.lambda_M) * self.L(p)
+        A += friction * p * np.eye(len(self.laws))
+        return complex(np.linalg.inv(A)[self.port, self.port])
 
 
 @dataclass(frozen=True, slots=True)
 class Linear:
-    """The robots of `net` in one posture: `M`, `M_hat`, kg.m2, `K`, N.m.s/rad, (n, m, m) each."""
+    """The robots of `net` in one posture: `M`, `M_hat`, kg.m2, `K`, N.m.s/rad, (n, m, m) each.
+
+    `friction`: the viscous friction of the joints, (n, m) N.m.s/rad.
+    """
 
     net: RobotNetwork
     M: Array
     M_hat: Array
     K: Array
+    friction: Array
 
     def A(self, p: ArrayLike) -> Complex:
         """From positions to torques, (..., n m, n m), N.m/rad, for one p or several, (...)."""
@@ -108,7 +118,10 @@ class Linear:
         feedback = (self.M_hat * s + self.K) * (s + alpha) / (s + lambda_M)  # (..., n, m, m)
         blocks = np.einsum("...iab,...ij->...iajb", feedback, self.net.L(p))
         own = np.arange(n)
-        blocks[..., own, :, own, :] += np.moveaxis((self.M - self.M_hat) * s * s, -3, 0)
+        friction = self.friction[:, :, None] * np.eye(m)
+        blocks[..., own, :, own, :] += np.moveaxis(
+            (self.M - self.M_hat) * s * s + friction * s, -3, 0
+        )
         return np.asarray(blocks.reshape(*p.shape, n * m, n * m))
 
     def gain(self, p: ArrayLike) -> Complex:

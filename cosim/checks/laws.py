@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from math import inf, isfinite, log
 
 import numpy as np
 
 from cosim.analysis import closed_form as closed
 from cosim.analysis.facts import Arm, DynamicFeedback
-from cosim.analysis.network import RobotNetwork, network
+from cosim.analysis.network import RobotNetwork, network, spread
 from cosim.analysis.system import AnalyzedSystem
 from cosim.checks.finding import Finding, Severity
 from cosim.checks.sampling import known_laws
+
+#: Torques of gravity that are this close are compensated, N.m.
+COMPENSATED = 1e-3
 
 
 def dynamic(system: AnalyzedSystem) -> Iterator[tuple[str, DynamicFeedback, Arm]]:
@@ -25,11 +28,12 @@ def dynamic(system: AnalyzedSystem) -> Iterator[tuple[str, DynamicFeedback, Arm]
 def passivity(system: AnalyzedSystem) -> Iterator[Finding]:
     """O9: lambda_M <= alpha + lambda_min(K M⁻¹), in the heaviest posture; alpha + lambda_c."""
     for name, law, arm in dynamic(system):
-        M = arm.inertia(arm.parameters, arm.heaviest)
-        limit = closed.passive_limit(law, M, law.K)
+        limit, joint = closed.worst_passive_limit(law, arm)
         margin = limit - law.lambda_M
         if margin >= 0:
             continue
+        many = arm.workspace is not None and not law.lambda_c
+        least = f", least for joint {joint + 1}" if many else ""
         yield Finding(
             rule="passivity",
             severity="warning",
@@ -37,8 +41,8 @@ def passivity(system: AnalyzedSystem) -> Iterator[Finding]:
             number=margin,
             unit="1/s",
             reason=f"lambda_M = {law.lambda_M:g} 1/s is above the passive limit {limit:.3g} 1/s"
-            " (exact estimates, heaviest posture): oscillations with a stiff grip or contact can"
-            " grow",
+            f" (exact estimates, heaviest posture{least}): oscillations with a stiff grip or"
+            " contact can grow",
             advice=f"lower lambda_M to {limit:.3g}, raise K, or use lambda_c (Remark 3)"
             if not law.lambda_c else f"lower lambda_M to alpha + lambda_c = {limit:.3g}",
         )  # fmt: skip
@@ -54,12 +58,13 @@ def grip(system: AnalyzedSystem) -> Iterator[Finding]:
         if net is None or net.law.lambda_c or not min(net.arms[net.port].grip.stiffness):
             continue
         arm, law = net.arms[net.port], net.law
-        k_p, k_d = max(arm.grip.stiffness), min(arm.grip.damping)
+        stiffness, damping = arm.grip.stiffness, arm.grip.damping
+        k_p, k_d = max(stiffness), min(damping)
         failing = [
             q for q in (arm.q, arm.heaviest)
             if not all(closed.grip_stable(law, float(M), min(law.K), k_p, k_d)
                        for M in np.linalg.eigvalsh(arm.inertia(arm.parameters, q)))
-            and closed.stiffest_network_grip(net, q, k_d / k_p, 300) < k_p
+            and closed.stiffest_network_grip(net, q, stiffness, damping, 300) < 1.0
         ]  # fmt: skip
         if not failing:
             continue
@@ -136,7 +141,9 @@ def gravity(system: AnalyzedSystem) -> Iterator[Finding]:
             continue
         adapts = isinstance(law, DynamicFeedback)
         knows = law.theta_g if not adapts or law.gravity == "compensated" else ()  # type: ignore[union-attr]
-        if weight and tuple(knows) != tuple(arm.gravity):
+        if arm.weight is not None:
+            yield from _weight(name, arm, knows or (0.0,) * len(arm.gravity))
+        elif weight and tuple(knows) != tuple(arm.gravity):
             found = f"compensates {list(knows)}" if any(knows) else "compensates nothing"
             yield Finding(
                 rule="gravity",
@@ -150,6 +157,26 @@ def gravity(system: AnalyzedSystem) -> Iterator[Finding]:
             )
 
 
+def _weight(name: str, arm: Arm, knows: Sequence[float]) -> Iterator[Finding]:
+    """The torque of gravity where the arm starts, against the one that is compensated."""
+    assert arm.weight is not None
+    missing = arm.weight(arm.gravity, arm.q) - arm.weight(knows, arm.q)
+    joint = int(np.argmax(np.abs(missing)))
+    torque = float(np.abs(missing).max())
+    if torque <= COMPENSATED:
+        return
+    yield Finding(
+        rule="gravity",
+        severity="warning",
+        where=name,
+        number=torque,
+        unit="N.m",
+        reason=f"where the arm starts, gravity and what is compensated differ by {torque:.3g} N.m"
+        f" at joint {joint + 1}: the arm sags, or coupled arms stay apart",
+        advice="give the controller the arm's inertia and payload, and compensate gravity",
+    )
+
+
 # ---- what follows from the gains ----------------------------------------------------------------
 
 
@@ -159,36 +186,43 @@ def prediction(system: AnalyzedSystem) -> Iterator[Finding]:
         net = network(system, start)
         if net is None or net.law.lambda_c:
             continue
-        K, where = min(net.law.K), start
-        damping = closed.felt_damping(net, K)
-        if isfinite(damping):
+        where, friction = start, net.arms[net.port].friction
+        joints = list(zip(spread(net.law.K, len(friction)), friction, strict=True))
+        damping = [closed.felt_damping(net, K, D) for K, D in joints]
+        if all(isfinite(d) for d in damping):
             yield _note(
                 "felt-damping",
                 where,
-                damping,
+                min(damping),
                 "N.m.s/rad",
-                f"a hand that moves it slowly will feel {damping:.3g} N.m.s/rad (O4)",
+                f"a hand that moves it slowly will feel {_each(damping)} N.m.s/rad (O4)",
             )
         else:
-            stiffness = closed.felt_stiffness(net, K)
+            stiffness = [closed.felt_stiffness(net, K, D) for K, D in joints]
             yield _note(
                 "felt-stiffness",
                 where,
-                stiffness,
+                min(stiffness),
                 "N.m/rad",
-                f"a hand will feel a spring of {stiffness:.3g} N.m/rad (O2)",
+                f"a hand will feel a spring of {_each(stiffness)} N.m/rad (O2)",
             )
-        yield from _coupling(net, where, K)
+        yield from _coupling(net, where, [K for K, _ in joints])
         yield from _pole(net, where)
 
 
-def _coupling(net: RobotNetwork, where: str, K: float) -> Iterator[Finding]:
+def _each(values: Sequence[float]) -> str:
+    """One number if all are alike, else that of each joint."""
+    texts = [f"{x:.3g}" for x in values]
+    return texts[0] if len(set(texts)) == 1 else ", ".join(texts)
+
+
+def _coupling(net: RobotNetwork, where: str, K: Sequence[float]) -> Iterator[Finding]:
     weight = net.coupling[net.port].sum() / net.law.lambda_ if net.law.lambda_ else 0.0
     if len(net.laws) == 2 and weight and net.law.lambda_M:
-        kappa = closed.static_stiffness(net.law, weight, K)
+        kappa = [closed.static_stiffness(net.law, weight, k) for k in K]
         yield _note(
-            "stiffness", where, kappa, "N.m/rad",
-            f"at rest the arms are coupled by a spring of {kappa:.3g} N.m/rad (O5): a larger"
+            "stiffness", where, min(kappa), "N.m/rad",
+            f"at rest the arms are coupled by a spring of {_each(kappa)} N.m/rad (O5): a larger"
             " lambda_M is easier to move, and softer",
         )  # fmt: skip
 

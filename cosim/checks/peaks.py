@@ -3,7 +3,7 @@
 Each joint is computed separately, with inertia M_jj at the start, estimate 0 in the feed-forward,
 mean weights and no delays::
 
-    M ddq = -K (dq - z) + k_p (q_h - q) - k_d dq,   dz = -alpha dq + lambda_M (dq - z) - coupling
+    M ddq = -K (dq - z) + k_p (q_h - q) - (k_d + D) dq,   dz = -alpha dq + lambda_M (dq - z) - coupling
 
 The estimate is accurate to about a factor of two.
 """
@@ -58,7 +58,7 @@ def _linear(net: RobotNetwork, j: int) -> tuple[Array, Array, Array]:
     M = np.array([arm.inertia(arm.parameters, arm.q)[j, j] for arm in arms])
     K = np.array([law.K[j % len(law.K)] for law in laws])
     k_p = np.array([arm.grip.stiffness[j] for arm in arms])
-    k_d = np.array([arm.grip.damping[j] for arm in arms])
+    k_d = np.array([arm.grip.damping[j] + arm.friction[j] for arm in arms])
     q_h = np.array([arm.grip.place[j] for arm in arms])
     alpha = np.array([law.alpha for law in laws])
     lambda_M = np.array([law.lambda_M for law in laws])

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from cosim.analysis.facts import Arm, DynamicFeedback, Hand, Law, SpringDamper
-from cosim.analysis.network import network
+from cosim.analysis.network import network, spread
 from cosim.analysis.system import AnalyzedSystem
 from cosim.checks.finding import Finding, Severity
 from cosim.checks.peaks import peaks_of
@@ -40,13 +40,19 @@ def feedback(system: AnalyzedSystem) -> Iterator[Finding]:
         gain = law.lambda_c if remark3 else max(law.feedback)  # type: ignore[union-attr]
         if not gain:
             continue
-        least = 1.0 if remark3 else arm.inertia_range[0]
+        least, joint = 1.0, 0
+        if not remark3:
+            rate, joint = arm.fastest(law.feedback)
+            gain = law.feedback[joint % len(law.feedback)]
+            least = gain / rate
         ratio = T * gain / (share * least)
-        visited = [1.0] if remark3 else [_least(arm, q) for q in _postures(arm)]
-        fails = any(T * gain > share * M for M in visited)
+        visited = [gain] if remark3 else [_fastest(arm, q, law.feedback) for q in _postures(arm)]
+        fails = any(T * M > share for M in visited)
         severity: Severity = "error" if fails else "warning" if ratio > CLOSE else "note"
-        what = "lambda_c" if remark3 else "K"
-        bound = "2" if remark3 else f"{share:g} λ_min(M) = {share * least:.3g} kg.m2"
+        many = arm.workspace is not None and not remark3
+        what = "lambda_c" if remark3 else f"K of joint {joint + 1}" if many else "K"
+        inertia = f"{share:g} times its inertia" if many else f"{share:g} λ_min(M)"
+        bound = "2" if remark3 else f"{inertia} = {share * least:.3g} kg.m2"
         posture = "" if remark3 else " in the lightest posture"
         yield Finding(
             rule="sampling",
@@ -66,8 +72,10 @@ def _postures(arm: Arm) -> list[Sequence[float]]:
     return [arm.q, arm.grip.place] if any(arm.grip.stiffness) else [arm.q]
 
 
-def _least(arm: Arm, q: Sequence[float]) -> float:
-    return float(np.linalg.eigvalsh(arm.inertia(arm.parameters, q))[0])
+def _fastest(arm: Arm, q: Sequence[float], K: Sequence[float]) -> float:
+    """The greatest eigenvalue of M⁻¹ K in one posture, 1/s."""
+    inverse = np.linalg.inv(arm.inertia(arm.parameters, q))
+    return float(np.linalg.eigvals(inverse * spread(K, len(q))).real.max())
 
 
 def adaptation(system: AnalyzedSystem) -> Iterator[Finding]:
@@ -111,7 +119,8 @@ def contact(system: AnalyzedSystem) -> Iterator[Finding]:
             if not spring.is_present:
                 continue
             k, b = max(spring.stiffness), max(spring.damping)
-            number = max(h * max(k / least, 0.0) ** 0.5, h * b / least)
+            number = max(h * arm.fastest(spring.stiffness)[0] ** 0.5,
+                         h * arm.fastest(spring.damping)[0])  # fmt: skip
             if number <= 1.0:
                 continue
             severity: Severity = "error" if number > RK4 else "warning"
@@ -137,10 +146,12 @@ def sampled_hand(system: AnalyzedSystem) -> Iterator[Finding]:
         T = system.period(wire.source.component)
         law = system.facts.get(system.controls.get(wire.target.component, ""))
         known = isinstance(law, DynamicFeedback | SpringDamper)
-        damping = min(law.feedback) if known else 0.0  # type: ignore[union-attr]
-        k_p, k_d = max(spring.stiffness), max(spring.damping)
-        makes, takes = k_p * T / 2, min(spring.damping) + damping
-        overshoots = T * k_d > 2 * arm.inertia_range[0]
+        damping = spread(law.feedback if known else (0.0,), len(arm.q))  # type: ignore[union-attr]
+        k_d, m = max(spring.damping), len(arm.q)
+        energy, braked = spread(spring.stiffness, m) * T / 2, spread(spring.damping, m) + damping
+        joint = int(np.argmax(energy - braked))
+        makes, takes = float(energy[joint]), float(braked[joint])
+        overshoots = T * arm.fastest(spring.damping)[0] > 2
         if makes < takes and not overshoots:
             continue
         reason = f"k_p T/2 = {makes:.3g} N.m.s/rad is not below the damping, {takes:.3g}"

@@ -7,6 +7,7 @@ that has one; :mod:`cosim.analysis.facts` describes the argument and the result.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -15,17 +16,16 @@ from cosim.analysis.facts import (
     Arm,
     DynamicFeedback,
     Facts,
-    Gravity,
     Hand,
     Spring,
     SpringDamper,
     Values,
     Vector,
 )
+from fmus.models import serial_facts
 from fmus.models.dynamics import inertia, regressor
 from fmus.numeric import Array
 
-_GRAVITY: tuple[Gravity, ...] = ("none", "compensated", "adapted")
 #: Postures that stand for the workspace, rad: M depends on the second joint only, evenly.
 _POSTURES = np.linspace(0.0, np.pi, 121)
 
@@ -94,7 +94,7 @@ def adaptive(values: Values) -> DynamicFeedback | None:
     if any(values.get("K_off", ())) or any(values.get("Gamma_off", ())):
         return None
     network = "lambda" in values
-    gravity = _GRAVITY[int(values["gravity"][0])] if "gravity" in values else "none"
+    gravity = serial_facts.GRAVITY[int(values["gravity"][0])] if "gravity" in values else "none"
     return DynamicFeedback(
         K=values["K"],
         Gamma=values["Gamma"],
@@ -195,6 +195,16 @@ def abdessameud2014(values: Values) -> SpringDamper:
     )
 
 
+def _serial(law: Callable[[Values], SpringDamper]) -> Callable[[Values], SpringDamper]:
+    """The facts of a law for a serial arm, which compensates or adapts gravity by its table."""
+
+    def facts(values: Values) -> SpringDamper:
+        treated = values["gravity"][0] > 0
+        return replace(law(values), theta_g=serial_facts.weights(values) if treated else ())
+
+    return facts
+
+
 def wave(values: Values) -> SpringDamper:
     """Either end of a wave line: b, or the damper towards the reference, on the own velocity."""
     return _proved("waves", values, values.get("K_d", values["b"]))
@@ -240,6 +250,14 @@ FACTS: Mapping[str, Callable[[Values], Facts | None]] = {
     "chopra": chopra,
     "wang2014": wang2014,
     "abdessameud2014": abdessameud2014,
+    "arm": serial_facts.arm,
+    "arm_adaptive": serial_facts.adaptive,
+    "arm_teleoperation": serial_facts.adaptive,
+    "arm_pd": serial_facts.pd,
+    "arm_nuno_adaptive": _serial(nuno_adaptive),
+    "arm_chopra": _serial(chopra),
+    "arm_wang2014": _serial(wang2014),
+    "arm_abdessameud2014": _serial(abdessameud2014),
     "wave_impedance": wave,
     "wave_admittance": wave,
 }

@@ -33,6 +33,19 @@ def felt_damping(net: RobotNetwork, K: float, friction: float = 0.0) -> float:
     return damping if damping < 1e-3 / _ZERO else inf
 
 
+def felt_when_pushed(net: RobotNetwork, q: Sequence[float], K: Sequence[float]) -> list[float]:
+    """What a constant push on every joint alike feels at each joint, N.m.s/rad; `K` of each joint.
+
+    Gravity g(q) that a held torque compensates is late by T_s/2, which is a damping g'(q) T_s/2
+    that couples the joints; without it each joint is a case of O4. `q` (m,) rad.
+    """
+    if net.held_weights(q) is None:
+        friction = net.arms[net.port].friction
+        return [felt_damping(net, k, D) for k, D in zip(K, friction, strict=True)]
+    gain = net.at(q, net.true_estimates()).gain(np.array([_ZERO]))[0].real
+    return [float(1 / v) for v in _ZERO * gain.sum(axis=1)]
+
+
 def felt_stiffness(net: RobotNetwork, K: float, friction: float = 0.0) -> float:
     """Torque over displacement under a constant push, N.m/rad; 0 where it moves for ever.
 

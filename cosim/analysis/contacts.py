@@ -31,8 +31,11 @@ def margin(bench: Bench) -> Iterator[Quantity]:
     M = arm.inertia(arm.parameters, bench.q)
     here = closed.passive_limit(law, M, closed.damped(law.K, arm))
     worst, _ = closed.worst_passive_limit(law, arm)
-    formula = "α + λ_min(K M⁻¹) - λ_M, K with the friction" if any(arm.damping) else (
-        "α + λ_c - λ_M (Remark 3)" if law.lambda_c else "α + λ_min(K M⁻¹) - λ_M")
+    formula = (
+        "α + λ_min(K M⁻¹) - λ_M, K with the friction"
+        if any(arm.damping)
+        else ("α + λ_c - λ_M (Remark 3)" if law.lambda_c else "α + λ_min(K M⁻¹) - λ_M")
+    )
     for name, where, limit in (("margin", "here", here), ("margin_worst", "worst posture", worst)):
         yield quantity(
             name, f"passivity margin, {where}", limit - law.lambda_M, "1/s", f"O9: {formula}",

@@ -134,10 +134,13 @@ _VERDICT = {
 
 
 def sampling_note(bench: Bench) -> str:
-    """A note on the change of a continuous closed form by sampling, ωT_s/4."""
+    """A note on the change of a continuous closed form by sampling: ωT_s/4; of inertia, K T_s/2."""
     system = bench.system
     period = system.period(system.controls.get(bench.port.arm, bench.port.arm))
-    return f"closed form, ± {100 * HIGHEST * period / 4:.2g} %: not sampled"
+    net = bench.network
+    late = max(net.law.feedback) * period / 2 if net is not None else 0.0
+    of_inertia = f", of inertia ± {late:.2g}" if late else ""
+    return f"closed form, ± {100 * HIGHEST * period / 4:.2g} %{of_inertia}: not sampled"
 
 
 def _admittance(units: Mapping[str, str]) -> str:
@@ -197,7 +200,7 @@ def by_push(bench: Bench) -> Iterator[Quantity]:
     net = bench.network
     yield _growth(t, y, net, how)
     if bench.port.response != bench.port.rate:
-        yield from _pushed(t, y, net, how, bench.units)
+        yield from _pushed(t, y, net, how, bench)
     if net is not None and bench.known:
         members = bench.port.members or (bench.port.response,)
         moved = np.mean([run.array(name) for name in members], axis=0)
@@ -231,18 +234,19 @@ def _growth(t: Array, y: Array, net: RobotNetwork | None, how: str) -> Quantity:
 
 
 def _pushed(
-    t: Array, y: Array, net: RobotNetwork | None, how: str, units: Mapping[str, str]
+    t: Array, y: Array, net: RobotNetwork | None, how: str, bench: Bench
 ) -> Iterator[Quantity]:
+    units = bench.units
     quarter = int(np.searchsorted(t, t[-1] / 4))
     ends = np.linspace(quarter, len(t) - 1, PARTS + 1).astype(int)
     velocities = np.diff(y[ends], axis=0) / np.diff(t[ends])[:, None]
     late, tail = velocities[-1], velocities[PARTS // 2 :]
-    K, D = each_feedback(net, y.shape[1]), net.arms[net.port].friction if net else ()
+    K = each_feedback(net, y.shape[1])
     if np.abs(late).max() * 10.0 <= 1e-3 * np.abs(y[-1]).max():
         yield quantity(
             "push_stiffness", "felt stiffness, push", FORCE / y[-1], units["stiffness"],
             f"{how}: comes to rest",
-            expected=[closed.felt_stiffness(net, *x) for x in zip(K, D, strict=True)] if net else (),
+            expected=[closed.felt_stiffness(net, k) for k in K] if net else (),
             formula="αK: lambda_M = 0" if net else "",
         )  # fmt: skip
         return
@@ -260,7 +264,7 @@ def _pushed(
         "push_damping", "felt damping, push", FORCE / velocity, units["damping"],
         f"{how}: force over mean velocity from {t[-1] * (0.8125 if steady else 0.25):.3g} s on",
         error=share * np.abs(FORCE / velocity),
-        expected=[closed.felt_damping(net, *x) for x in zip(K, D, strict=True)] if net else (),
+        expected=closed.felt_when_pushed(net, bench.q, K) if net else (),
         formula=_damping_formula(net),
     )  # fmt: skip
 
@@ -269,9 +273,10 @@ def _damping_formula(net: RobotNetwork | None) -> str:
     if net is None:
         return ""
     few = {1: "O4, Kα/λ_M", 2: "O4, Kα(2 + λΣT)/λ_M"}
-    friction = {1: " + D", 2: " + 2 D"} if any(net.arms[net.port].damping) else {}
-    n = len(net.laws)
-    return few.get(n, "A(p)/p for p -> 0, mean graph") + friction.get(n, "")
+    arm, n = net.arms[net.port], len(net.laws)
+    friction = {1: " + D", 2: " + 2 D"} if any(arm.damping) else {}
+    late = ", and g' T_s/2" if arm.weight is not None and any(arm.gravity) else ""
+    return few.get(n, "A(p)/p for p -> 0, mean graph") + friction.get(n, "") + late
 
 
 def each_feedback(net: RobotNetwork | None, m: int) -> list[float]:

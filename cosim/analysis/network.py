@@ -8,11 +8,12 @@ obey, in the Laplace variable p (matrices over joints, blocks over robots)::
     L(p) = p + lambda Σ_j w_ij  on the diagonal,   - lambda w_ij exp(-p T_ij)  off it
 
 If a delay jumps, exp(-p T_ij) is the mean over the distribution of T_ij. This is the average
-behaviour of the robots if a delay is redrawn faster than they move. The equations follow from
-s = (p + alpha)/(p + lambda_M) L q and M p² q = -D p q - K s + M_hat p (p q - s) + tau_h, where D is
-the viscous friction of the arm. A single robot without friction has L = p; for M_hat = M its
-admittance is dq/tau_h = (p + lambda_M)/((M p + K)(p + alpha)). SI; no gravity; Remark 3 is
-K = lambda_c M_hat.
+behaviour of the robots if a delay is redrawn faster than they move. The equations follow from s =
+(p + alpha)/(p + lambda_M) L q and M p² q = -D p q - K s + M_hat p (p q - s) + tau_h, where D is the
+viscous friction of the arm. Gravity that is compensated by a torque held for a period T_s is late
+by half of it, so that A has g'(q) (1 - (1 - exp(-p T_s))/(p T_s)) more. A single robot without
+friction has L = p; for M_hat = M its admittance is dq/tau_h = (p + lambda_M)/((M p + K)(p +
+alpha)). SI; Remark 3 is K = lambda_c M_hat.
 
 Source: own construction, the linearisation of the paper's (42)-(45), (61) and (76)-(81).
 """
@@ -30,6 +31,9 @@ from cosim.analysis.system import AnalyzedSystem
 
 Complex = NDArray[np.complex128]
 
+#: Step of the derivative of gravity, rad.
+STEP = 1e-4
+
 
 @dataclass(frozen=True, slots=True)
 class RobotNetwork:
@@ -37,7 +41,7 @@ class RobotNetwork:
 
     `coupling` (n, n): lambda w_ij, 1/s; `delay` (n, n): mean T_ij, s; `jitter`: differences from
     that mean, s, equally likely, of the edges (i, j) whose delay varies; `outside` (n,): lambda w
-    of rows from unknown senders, which count as standing still.
+    of rows from unknown senders, which count as standing still; `periods`: of the laws, s.
     """
 
     names: tuple[str, ...]
@@ -48,6 +52,7 @@ class RobotNetwork:
     outside: Array
     port: int
     jitter: Mapping[tuple[int, int], Vector] = field(default_factory=dict)
+    periods: Vector = ()
 
     @property
     def law(self) -> DynamicFeedback:
@@ -73,7 +78,19 @@ class RobotNetwork:
             law.lambda_c * M_hat[i] if law.lambda_c else np.diag(spread(law.K, m))
             for i, law in enumerate(self.laws)
         ]
-        return Linear(self, M, M_hat, np.array(K), np.array([arm.friction for arm in self.arms]))
+        friction = np.array([arm.friction for arm in self.arms])
+        return Linear(self, M, M_hat, np.array(K), friction, self.held_weights(q))
+
+    def held_weights(self, q: Sequence[float]) -> Array | None:
+        """dg/dq of the robots whose gravity is compensated, (n, m, m) N.m/rad; None without any."""
+        m = len(q)
+        found = np.zeros((len(self.laws), m, m))
+        for i, (law, arm) in enumerate(zip(self.laws, self.arms, strict=True)):
+            if self.periods and law.gravity == "compensated" and arm.weight is not None:
+                for k, side in enumerate(STEP * np.eye(m)):
+                    ends = [arm.weight(arm.gravity, np.add(q, x).tolist()) for x in (side, -side)]
+                    found[i, :, k] = (ends[0] - ends[1]) / (2 * STEP)
+        return found if found.any() else None
 
     def true_estimates(self) -> tuple[tuple[float, ...], ...]:
         """The estimates that are right: M_hat = M."""
@@ -99,7 +116,8 @@ class RobotNetwork:
 class Linear:
     """The robots of `net` in one posture: `M`, `M_hat`, kg.m2, `K`, N.m.s/rad, (n, m, m) each.
 
-    `friction`: the viscous friction of the joints, (n, m) N.m.s/rad.
+    `friction`: the viscous friction of the joints, (n, m) N.m.s/rad; `weight`: dg/dq of gravity
+    that is compensated, (n, m, m) N.m/rad.
     """
 
     net: RobotNetwork
@@ -107,6 +125,7 @@ class Linear:
     M_hat: Array
     K: Array
     friction: Array
+    weight: Array | None = None
 
     def A(self, p: ArrayLike) -> Complex:
         """From positions to torques, (..., n m, n m), N.m/rad, for one p or several, (...)."""
@@ -122,6 +141,11 @@ class Linear:
         blocks[..., own, :, own, :] += np.moveaxis(
             (self.M - self.M_hat) * s * s + friction * s, -3, 0
         )
+        if self.weight is not None:
+            T = np.asarray(self.net.periods)[:, None, None]
+            blocks[..., own, :, own, :] += np.moveaxis(
+                self.weight * (1 + np.expm1(-s * T) / (s * T)), -3, 0
+            )
         return np.asarray(blocks.reshape(*p.shape, n * m, n * m))
 
     def gain(self, p: ArrayLike) -> Complex:
@@ -178,7 +202,8 @@ def _network(system: AnalyzedSystem, port: str) -> RobotNetwork | None:
     arms = tuple(system.arms[str(system.arm_of(name))] for name in names)
     chosen = tuple(laws[name] for name in names)
     at = names.index(start)
-    return RobotNetwork(tuple(names), arms, chosen, coupling, delay, outside, at, jitter)
+    periods = tuple(system.period(name) for name in names)
+    return RobotNetwork(tuple(names), arms, chosen, coupling, delay, outside, at, jitter, periods)
 
 
 def spread(values: Sequence[float], m: int) -> Array:

@@ -12,6 +12,7 @@ from cosim.analysis.facts import Arm, DynamicFeedback
 from cosim.analysis.network import RobotNetwork, network, spread
 from cosim.analysis.system import AnalyzedSystem
 from cosim.checks.finding import Finding, Severity
+from cosim.checks.peaks import settling
 from cosim.checks.sampling import known_laws
 
 #: Torques of gravity that are this close are compensated, N.m.
@@ -238,10 +239,22 @@ def _pole(net: RobotNetwork, where: str) -> Iterator[Finding]:
     rate = float(roots[0].real)
     away = float(np.abs(np.asarray(place) - np.asarray(arm.q)).max())
     text = f"the slowest pole with the hand is {rate:.3g} 1/s with exact estimates (O3)"
-    if away > 0.05:
+    if arm.workspace is not None:  # the pole is that of one joint, the error perhaps of another
+        text += _settling(net)
+    elif away > 0.05:
         soonest = log(away / 0.05) / -rate
         text += f"; the error is below 0.05 rad after {soonest:.2g} s at the earliest"
     yield _note("slow-pole", where, rate, "1/s", text)
+
+
+def _settling(net: RobotNetwork) -> str:
+    seconds = settling(net, 0.05)
+    if not isfinite(seconds):
+        return ""
+    return (
+        f"; every joint is within 0.05 rad of the hand after about {seconds:.2g} s (linear motion"
+        " of each joint alone, without delays)"
+    )
 
 
 def _note(rule: str, where: str, number: float, unit: str, reason: str) -> Finding:

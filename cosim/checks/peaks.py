@@ -3,7 +3,8 @@
 Each joint is computed separately, with inertia M_jj at the start, estimate 0 in the feed-forward,
 mean weights and no delays::
 
-    M ddq = -K (dq - z) + k_p (q_h - q) - (k_d + D) dq,   dz = -alpha dq + lambda_M (dq - z) - coupling
+    M ddq = -K (dq - z) + k_p (q_h - q) - (k_d + D) dq
+    dz    = -alpha dq + lambda_M (dq - z) - coupling
 
 The estimate is accurate to about a factor of two.
 """
@@ -11,6 +12,7 @@ The estimate is accurate to about a factor of two.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import inf
 
 import numpy as np
 
@@ -50,6 +52,20 @@ def peaks(net: RobotNetwork) -> Peaks:
         s = states[:, n : 2 * n] - states[:, 2 * n :]
         tau = np.maximum(tau, np.abs(K * s).max(axis=0))
     return Peaks(np.sqrt(dz), tau)
+
+
+def settling(net: RobotNetwork, within: float) -> float:
+    """When every joint at the port stays within so many rad of the place of its hand, s.
+
+    By the same motion of each joint alone; inf if it takes longer than the motion is computed for.
+    """
+    arm, last = net.arms[net.port], 0.0
+    for j, place in enumerate(arm.grip.place):
+        states = _states(*_linear(net, j))
+        outside = np.flatnonzero(np.abs(states[:, net.port] - place) > within)
+        if len(outside):
+            last = max(last, _STEP * (outside[-1] + 1))
+    return last if last < _STEP * 2**_DOUBLINGS else inf
 
 
 def _linear(net: RobotNetwork, j: int) -> tuple[Array, Array, Array]:

@@ -47,7 +47,7 @@ def feedback(system: AnalyzedSystem) -> Iterator[Finding]:
             least = gain / rate
         ratio = T * gain / (share * least)
         visited = [gain] if remark3 else [_fastest(arm, q, law.feedback) for q in _postures(arm)]
-        fails = any(T * M > share for M in visited)
+        fails = any(share < T * M for M in visited)
         severity: Severity = "error" if fails else "warning" if ratio > CLOSE else "note"
         many = arm.workspace is not None and not remark3
         what = "lambda_c" if remark3 else f"K of joint {joint + 1}" if many else "K"

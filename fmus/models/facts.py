@@ -251,7 +251,6 @@ FACTS: Mapping[str, Callable[[Values], Facts | None]] = {
     "wang2014": wang2014,
     "abdessameud2014": abdessameud2014,
     "arm": serial_facts.arm,
-    "arm_adaptive": serial_facts.adaptive,
     "arm_teleoperation": serial_facts.adaptive,
     "arm_pd": serial_facts.pd,
     "arm_nuno_adaptive": _serial(nuno_adaptive),

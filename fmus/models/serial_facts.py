@@ -1,8 +1,8 @@
 """Facts of a serial arm of n joints, and of the laws that have its table.
 
-The inertia of an arm depends on most of its joints. A fixed set of postures within the limits stands
-for the workspace: random ones of a fixed seed, the start, and the place of the hand. The extremes
-over them are close to those of the workspace, but no bounds.
+The inertia of an arm depends on most of its joints. A fixed set of postures within the limits
+stands for the workspace: random ones of a fixed seed, the start, and the place of the hand. The
+extremes over them are close to those of the workspace, but no bounds.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ _POSTURES, _FEW = 256, 16
 
 
 def table_of(values: Values, inertia: Sequence[float] | None = None) -> Table:
-    """The table among the `values` of a model, with its own inertia or with `inertia` (10 n,)."""
+    """The table among the `values` of a model; `inertia` (10 n,) in SI, kg, in place of its own."""
     n = len(values["armature"])
     return Table(
         joint_type=np.asarray(values["joint_type"]),
@@ -37,7 +37,10 @@ def table_of(values: Values, inertia: Sequence[float] | None = None) -> Table:
 
 
 def weights(values: Values) -> Vector:
-    """What gravity needs of a table, m and m c of each link and g; all 0 without gravity."""
+    """What gravity needs of a table, (k,), all 0 without gravity.
+
+    m (kg) and m c (kg.m) of each link, and g, m/s2.
+    """
     moments = np.reshape(values["inertia"], (-1, 10))[:, :4].ravel()
     found = (*moments.tolist(), *values["g"])
     return found if any(values["g"]) else (0.0,) * len(found)
@@ -202,5 +205,3 @@ def _slope(values: Values) -> Vector:
     """The slope at rest of the friction that is compensated, N.m.s/rad."""
     terms = zip(values["F_v"], values["F_c"], values["v_c"], strict=True)
     return tuple(viscous + dry / speed for viscous, dry, speed in terms)
-
-

@@ -18,6 +18,10 @@ from cosim.fmi.components import free_state, go_back, save_state
 from cosim.schedule.parts import Link
 from cosim.schedule.plan import Plan
 
+#: Ticks for which tables are drawn at once: short runs come one after the other, and each drawing
+#: costs as much as many rows.
+LONGEST = 1 << 17
+
 
 @dataclass(frozen=True, slots=True)
 class _Start:
@@ -57,7 +61,7 @@ class RepeatedEngine:
             return engine
         self.close()
         self._columns = recorded
-        self._engine = engine = Engine(plan, columns=recorded)
+        self._engine = engine = Engine(plan, columns=recorded, longest=LONGEST)
         engine.initialize()
         if can_rewind(engine.bound) and engine.ended is None:
             self._start = _saved(engine)

@@ -42,7 +42,8 @@ class Engine:
     `gates`: (address of the function, of its context) of each gate of the plan, by its name; those
     of the plan's buses come with them. `threads`: how many share the components; the results are
     the same for any number. `columns`: the signals in a recorded row; None: all of them. `every`: a
-    row is filled in at ticks k with k mod every = 0 only.
+    row is filled in at ticks k with k mod every = 0 only. `longest`: ticks for which tables are
+    drawn at once, at most; 0: as :mod:`cosim.engine.tables` says.
     """
 
     def __init__(
@@ -53,8 +54,9 @@ class Engine:
         threads: int = 1,
         columns: Sequence[int] | None = None,
         every: int = 1,
+        longest: int = 0,
     ) -> None:
-        self.plan, self._threads = plan, threads
+        self.plan, self._threads, self._longest = plan, threads, longest
         self.signals: Vector = np.zeros(plan.n_signals)
         self.ended: Termination | None = None
         self._keep_tables = keep_tables
@@ -108,7 +110,7 @@ class Engine:
         if self._tables:
             self._tables.close()
         any_tables = self.plan.links or self.plan.players
-        self._tables = RowTables(self.plan, self._buses, kept=self._keep_tables is not None)
+        self._tables = RowTables(self.plan, self._buses, self._longest)
         self._drawn = DrawnRows(tick if any_tables else NEVER, (), ())
 
     @property

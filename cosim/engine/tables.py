@@ -17,9 +17,8 @@ from cosim.engine.binding import Vector
 from cosim.schedule.parts import RunningBus
 from cosim.schedule.plan import Plan
 
-#: Ticks for which tables are drawn at once: at least, at most, and where nobody keeps their rows;
-#: bytes of all tables together.
-STRETCH, LONGEST, UNKEPT, TOGETHER = 1024, 16_384, 1 << 17, 1 << 27
+#: Ticks for which tables are drawn at once: at least, at most; bytes of all tables together.
+STRETCH, LONGEST, TOGETHER = 1024, 16_384, 1 << 27
 #: Links from which on the next stretch is drawn in a thread.
 MANY = 256
 #: A tick after all others.
@@ -39,16 +38,16 @@ class RowTables:
     """All tables and players of a plan, from their first rows on.
 
     `buses`: those that fill in tables while they run, by link: rows of such plans are made for one
-    call of the engine. `kept`: whether somebody keeps the rows, and gets them now and then.
+    call of the engine. `longest`: ticks drawn at once, at most; 0: :data:`LONGEST`.
     """
 
-    def __init__(self, plan: Plan, buses: Mapping[str, RunningBus], *, kept: bool = True) -> None:
+    def __init__(self, plan: Plan, buses: Mapping[str, RunningBus], longest: int = 0) -> None:
         self._plan, self._buses = plan, buses
         self._streams = [link.table.stream() for link in plan.links]
         self._played = [player.source.stream() for player in plan.players]
         bytes_a_tick = sum(4 / x.table.grid.n_r for x in plan.links)
-        longest = LONGEST if kept else UNKEPT
-        self._stretch = min(longest, max(STRETCH, int(TOGETHER / max(1.0, bytes_a_tick))))
+        most = max(STRETCH, int(TOGETHER / max(1.0, bytes_a_tick)))
+        self._stretch = min(longest or LONGEST, most)
         self._thread: Thread | None = None
         self._ahead: list[DrawnRows | BaseException] = []
 

@@ -172,6 +172,7 @@ def changed(plan: Plan, change: Change) -> Plan:
         plan.algorithm,
         [*(p for p in plan.players if not _hits(p.target, taken)), *players],
         plan.later if plan.algorithm == "gauss-seidel" else (),
+        adaptive=plan.adaptive,
     )
 
 

@@ -57,7 +57,7 @@ INLINE int step_fmi2(const unit_t *u, double *s, double t, int *status)
 {
     *status = set_inputs(u, UNIT_FMI2, s);
     if (failed_call(*status)) return RUN_SET;
-    *status = ((step2_t)u->step)(u->instance, t, u->h, 1);
+    *status = ((step2_t)u->step)(u->instance, t, u->h, !u->repeats);
     if (failed_call(*status)) return RUN_STEP;
     *status = get_outputs(u, UNIT_FMI2, s);
     return failed_call(*status) ? RUN_GET : RUN_OK;
@@ -69,7 +69,8 @@ INLINE int step_fmi3(unit_t *u, double *s, double t, int *status)
     double reached = t;
     *status = set_inputs(u, UNIT_FMI3, s);
     if (failed_call(*status)) return RUN_SET;
-    *status = ((step3_t)u->step)(u->instance, t, u->h, 1, &event, &terminate, &early, &reached);
+    *status = ((step3_t)u->step)(u->instance, t, u->h, !u->repeats, &event, &terminate, &early,
+                                 &reached);
     if (failed_call(*status)) return RUN_STEP;
     if (early && !terminate) return RUN_EARLY_RETURN;
     *status = get_outputs(u, UNIT_FMI3, s);
@@ -94,11 +95,11 @@ API int32_t engine_unit(unit_t *u, double *s, double t, int64_t hit, int32_t *st
     }
 }
 
-INLINE int step_unit(const engine_t *e, int64_t tick, int32_t index, failure_t *failure)
+/* A step of a unit from t (s); `tick`: the one in which it ends. */
+INLINE int step_from(const engine_t *e, int64_t tick, double t, int32_t index, failure_t *failure)
 {
     unit_t *u = e->units + index;
     double *s = e->signals;
-    double t = (double)(tick - u->lag) * e->h;
     int status = 0, result = RUN_OK;
 
     if (u->kind == UNIT_FMI2) {
@@ -126,6 +127,11 @@ INLINE int step_unit(const engine_t *e, int64_t tick, int32_t index, failure_t *
         failure->status = status;
     }
     return result;
+}
+
+INLINE int step_unit(const engine_t *e, int64_t tick, int32_t index, failure_t *failure)
+{
+    return step_from(e, tick, (double)(tick - e->units[index].lag) * e->h, index, failure);
 }
 
 /* The outputs of a unit whose step had this status. */
@@ -249,6 +255,8 @@ static void draw(const operation_t *op, double h, double *s)
     }
 }
 
+#include "macro.h"
+
 /* Executes one operation; returns RUN_OK or why not, and then which unit, link or gate in *failure. */
 INLINE int run_operation(engine_t *e, int64_t tick, double *s, const operation_t *op,
                          failure_t *failure)
@@ -282,6 +290,7 @@ INLINE int run_operation(engine_t *e, int64_t tick, double *s, const operation_t
             return RUN_GATE;
         }
         break;
+    case OP_MACRO: return run_macro(e, tick, e->macros + op->index, failure);
     case OP_RECORD:
         if (e->record) record(e, tick, op);
         break;
@@ -386,6 +395,8 @@ API size_t engine_sizes(int32_t which)
                                    sizeof(gate_t), sizeof(triggered_t), sizeof(partition_t),
                                    sizeof(exchange_t), sizeof(segment_t), sizeof(failure_t),
                                    sizeof(team_t), sizeof(member_t), sizeof(stretch_t),
-                                   sizeof(columns_t), sizeof(sender_t), sizeof(part_t)};
-    return which >= 0 && which < 21 ? sizes[which] : 0;
+                                   sizeof(columns_t), sizeof(sender_t), sizeof(part_t),
+                                   sizeof(block_t), sizeof(rollback_t), sizeof(bond_t),
+                                   sizeof(macro_t)};
+    return which >= 0 && which < 25 ? sizes[which] : 0;
 }

@@ -47,10 +47,11 @@ INLINE int64_t published(const int64_t *place)
 #endif
 }
 
-#define ENGINE_ABI 17
+#define ENGINE_ABI 18
 
 enum { OP_COPY, OP_SCALE, OP_PUSH, OP_PULL, OP_STEP, OP_RECORD, OP_AGE, OP_PLAY,
-       OP_AHEAD, OP_BETWEEN, OP_GATE, OP_SLOPE_AHEAD, OP_SLOPE_BETWEEN };
+       OP_AHEAD, OP_BETWEEN, OP_GATE, OP_SLOPE_AHEAD, OP_SLOPE_BETWEEN,
+       OP_MACRO };              /* components that are stepped together, with an error control */
 enum { UNIT_CALL = 0, UNIT_NATIVE = 1, UNIT_FMI2 = 2, UNIT_FMI3 = 3, UNIT_TYPED = 4,
        UNIT_EXCHANGE = 5,       /* an FMU for model exchange, integrated here */
        UNIT_REMOTE = 6 };       /* an FMU in a process of its own, see mailbox.h */
@@ -58,7 +59,9 @@ enum { RUN_OK, RUN_STOPPED, RUN_STEP, RUN_SET, RUN_GET, RUN_NOT_FINITE, RUN_HIST
        RUN_EARLY_RETURN, RUN_VALUE, RUN_EVENT, RUN_STUCK, RUN_GATE, RUN_INTERVAL,
        RUN_ENDED,               /* an FMU ended the simulation before its step */
        RUN_SOLVER,              /* CVODE failed; the status is its own */
-       RUN_LOST };              /* the process of an FMU does not answer; the status is LOST_... */
+       RUN_LOST,                /* the process of an FMU does not answer; the status is LOST_... */
+       RUN_STATE };             /* a state could not be saved, or not be restored */
+enum { ROLE_COUNTED, ROLE_DIRECT, ROLE_HELD }; /* of an output in macro steps, see macro.h */
 enum { TYPE_F64, TYPE_F32, TYPE_I8, TYPE_U8, TYPE_I16, TYPE_U16, TYPE_I32, TYPE_U32, TYPE_I64,
        TYPE_U64, TYPE_BOOL2, TYPE_BOOL3 };
 enum { SOLVER_EULER, SOLVER_HEUN, SOLVER_RK4, SOLVER_CVODE };
@@ -94,6 +97,8 @@ typedef struct {
 } columns_t;
 
 typedef int32_t (*call_t)(int32_t unit, double t, double h); /* returns RUN_... */
+typedef int32_t (*saving_t)(int32_t unit, int32_t back); /* save, or go back; not 0: it failed */
+typedef int (*state_t)(void *, void *);
 /* A step from t (s) of length h (s): it reads the inputs and writes the outputs; not 0: it failed. */
 typedef int32_t (*native_t)(void *instance, double t, double h, const double *inputs,
                             double *outputs);
@@ -209,7 +214,66 @@ typedef struct {
     exchange_t *exchange;
     void *steps;            /* of UNIT_FMI2, UNIT_FMI3: steps_t, or NULL; of UNIT_REMOTE: not NULL */
     double *values;         /* its values, which `inputs` and `outputs` then number; or NULL */
+    int32_t repeats;        /* its steps may be done again: it must be able to go back */
+    int32_t reserved;
 } unit_t;
+
+/* Memory of the engine that is part of the state of a unit; `size` in bytes. */
+typedef struct {
+    void *place;
+    int64_t size;
+} block_t;
+
+/* A unit that can go back to where a step began. */
+typedef struct {
+    void *save, *restore;   /* FMI functions, or NULL */
+    void *call;             /* without them: saving_t */
+    void *state;            /* the FMU's, once it has been saved */
+    const block_t *blocks;  /* what else is part of it, */
+    char *copies;           /* and what this was */
+    const uint8_t *roles;   /* of its outputs: ROLE_... */
+    int64_t n_blocks;
+    int32_t unit;
+    int32_t coupled;        /* it has inputs from the others */
+    int32_t ended;          /* it ended the simulation in the last step */
+    int32_t reserved;
+} rollback_t;
+
+/* A pair of wires between two components: power flows from the one to the other and is the product of
+ * effort and flow, which are lists of `count` signals. */
+typedef struct {
+    int64_t effort, effort_input;   /* output of the first component, input of the second */
+    int64_t flow, flow_input;       /* output of the second, input of the first */
+    int64_t effort_start, flow_start;   /* into the outputs at the start of a macro step */
+    int64_t count, residual;        /* residual: into signals, energy that the coupling has made */
+    double effort_gain, flow_gain;  /* of the two wires */
+    double total, largest;          /* of all periods; of one, its magnitude */
+} bond_t;
+
+enum { MACRO_LEVELS = 31 };
+
+/* Components that exchange values several times in each of their periods, as often as a tolerance needs. */
+typedef struct {
+    rollback_t *members;
+    const operation_t *wires;   /* among them; `index`: 1, the value is held */
+    bond_t *bonds;
+    double *memory;         /* vectors: inputs at the start; outputs then, after the first sweep and the
+                             * last one, their changes by direct feed-through, their largest values */
+    int64_t n_members, n_wires, n_bonds, n_inputs, n_outputs;
+    int64_t period;         /* ticks */
+    int64_t steps, rejections, size; /* into signals: of the last period; the least size, s */
+    double tolerance, absolute;
+    double error;           /* of the last step, in tolerances; of `error_level` */
+    int32_t level, error_level; /* a step is the period divided by 2 to the level */
+    int32_t halvings;       /* the highest level */
+    int32_t iterations;     /* sweeps after the first one, at most */
+    int32_t direct;         /* some outputs have direct feed-through */
+    int32_t repeated;       /* the last step was done again: the next one is no longer */
+    int64_t accepted[MACRO_LEVELS], rejected[MACRO_LEVELS];
+    int64_t forced;         /* steps of the least size, accepted with a larger error */
+    double worst;           /* the largest error of an accepted step, in tolerances */
+    double forced_at;       /* s, the first of the forced ones */
+} macro_t;
 
 /* The sender's side of a link. What its receiver writes is elsewhere: another thread may do so. */
 typedef struct {
@@ -287,6 +351,7 @@ typedef struct {
     sender_t *senders;      /* one a link */
     player_t *players;
     gate_t *gates;
+    macro_t *macros;
     double *signals;
     double *record;         /* rows of `width`, or NULL */
     const columns_t *columns; /* what is recorded; then, what each part has of it */

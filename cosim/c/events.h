@@ -104,8 +104,8 @@ static int advance(const doing_t *d, double t)
         const double next = x->variable ? next_time(x) : DBL_MAX;
         const int cut = next < end - slack && next > now + slack;
         if (cut) length = next - now;
-        *d->status = ((step3_t)u->step)(u->instance, now, length, 1, &event, &terminate, &early,
-                                        &reached);
+        *d->status = ((step3_t)u->step)(u->instance, now, length, !u->repeats, &event, &terminate,
+                                        &early, &reached);
         if (failed_call(*d->status)) return RUN_STEP;
         if (terminate) {
             u->reached = reached;

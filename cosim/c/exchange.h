@@ -257,8 +257,8 @@ static int complete(const exchanging_t *d, int *event, int *terminate)
     *event = *terminate = 0;
     if (!x->completed) return RUN_OK;
     if (x->fmi == 2)
-        return did(d, ((completed2_t)x->completed)(d->fmu, 1, event, terminate), RUN_STEP);
-    result = did(d, ((completed3_t)x->completed)(d->fmu, 1, &wants, &ends), RUN_STEP);
+        return did(d, ((completed2_t)x->completed)(d->fmu, !d->unit->repeats, event, terminate), RUN_STEP);
+    result = did(d, ((completed3_t)x->completed)(d->fmu, !d->unit->repeats, &wants, &ends), RUN_STEP);
     *event = wants, *terminate = ends;
     return result;
 }

@@ -135,7 +135,7 @@ static int step_typed2(const unit_t *u, const double *s, double t, int *status)
     const int result = u->typed->slopes ? set_slopes(u->typed, u->instance, s, status) : RUN_OK;
 
     if (result != RUN_OK) return result;
-    *status = ((step2_t)u->step)(u->instance, t, u->h, 1);
+    *status = ((step2_t)u->step)(u->instance, t, u->h, !u->repeats);
     return failed_call(*status) ? RUN_STEP : RUN_OK;
 }
 

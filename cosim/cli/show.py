@@ -15,6 +15,7 @@ from cosim.cli.options import Json, Set, Strict, Verify
 if TYPE_CHECKING:
     from cosim.bus.accounting import BusHistory
     from cosim.scenario.spec import Scenario
+    from cosim.schedule.macro import MacroGroup
     from cosim.schedule.parts import Link, Slot, Step, Wire
     from cosim.schedule.plan import Plan
 
@@ -255,8 +256,28 @@ def _order(plan: Plan) -> list[list[str]]:
         if plan.algorithm == "gauss-seidel":
             why = _gauss_seidel_order(plan, step, plan.later[:i])
             number += i > 0
+        if plan.algorithm == "adaptive":
+            why = _macro_steps(plan, step)
         rows.append([f"{number}.", step.name, span, _due(step), why])
     return rows
+
+
+def _macro_steps(plan: Plan, step: Step) -> str:
+    """With which others a component is stepped, and how finely."""
+    assert plan.adaptive is not None
+    group = _group(plan, step)
+    if group is None:
+        return "no macro steps: input held over the step, output at its end"
+    others = [c.name for c in (plan.components[i] for i in group.components) if c.name != step.name]
+    together = f" with {', '.join(others)}" if others else ""
+    least = step.period * plan.h / 2**group.halvings
+    tolerance = f"tolerance {plan.adaptive.tolerance:g}"
+    return f"macro steps{together}, at least {least:.3g} s, {tolerance}"
+
+
+def _group(plan: Plan, step: Step) -> MacroGroup | None:
+    number = plan.components.index(step)
+    return next((group for group in plan.groups if number in group.components), None)
 
 
 def _gauss_seidel_order(plan: Plan, step: Step, before: Sequence[str]) -> str:
@@ -320,6 +341,11 @@ def _samples(plan: Plan, edge: Wire | Link, step: Step) -> str:
     if line and source.kind == "continuous":
         how = "value and slope" if edge.target.port in step.sloped else "the mean"
         hold = f", as {how} of a line through the last two over {step.period * plan.h:g} s"
+    group = _group(plan, step) if plan.groups else None
+    if group is not None and edge in group.wires:
+        if edge.target.port in step.discrete:
+            return f"value at the start of each macro step{factor}"
+        return f"mean of the values at both ends of each macro step{factor}"
     return f"{_available_value(plan, source, step)}{factor}{hold}"
 
 

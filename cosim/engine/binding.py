@@ -128,6 +128,10 @@ class Binding:
             if o.code in MEANS | SLOPES:
                 self.signals[o.index : o.index + o.count] = self.signals[o.target :][: o.count]
 
+    def fail(self, error: BaseException) -> None:
+        """Keep the exception of a call-back: it is the reason why the run stops."""
+        self.failure = error
+
     def _divide(self) -> None:
         """Divide the plan into parts, if there are enough of them."""
         least = LEAST if self._threads > 1 else ALONE
@@ -242,6 +246,12 @@ class Binding:
                     start, n = _extent(slots)
                     owner[start : start + n] = number
                     late[start : start + n] = i in parts.late
+        for group in self.plan.groups:
+            for slot in group.slots:
+                owner[slot.start] = owner[
+                    self.plan.components[group.components[0]].outputs[0].start
+                ]
+                late[slot.start] = True
         return owner, late
 
     def _unit(self, index: int, step: Step) -> structs.UnitStruct:

@@ -10,7 +10,7 @@ import ctypes as c
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import nullcontext
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,7 @@ from cosim.base.errors import RunError
 from cosim.base.interrupts import stop_on_signal
 from cosim.engine.binding import Binding, Termination, Vector, Views
 from cosim.engine.initialization import initialize, part
+from cosim.engine.macro_steps import Feedthrough, MacroBinding, measure
 from cosim.engine.rewind import rewind
 from cosim.engine.tables import NEVER, DrawnRows, RowTables
 from cosim.fmi import components
@@ -63,6 +64,8 @@ class Engine:
         self._inputs = [_views(self.signals, s.inputs, writable=False) for s in plan.components]
         self._outputs = [_views(self.signals, s.outputs, writable=True) for s in plan.components]
         self._team: Team | None = None
+        self._macros: MacroBinding | None = None
+        self._direct: Feedthrough = {}
         self._tables: RowTables | None = None
         self._drawn = DrawnRows(0, (), ())
         self._buses: dict[str, RunningBus] = {}  # of links whose table the run fills in
@@ -99,8 +102,13 @@ class Engine:
         self._begin_tables(tick)
         for step in self.plan.components:
             components.begin_at(step.component, tick * self.plan.h)
-        self.ended = initialize(self.plan, self.signals, self._inputs, self._outputs)
+        self.ended = initialize(self.plan, self.signals, self._inputs, self._outputs, self._measure)
         self._bound.bind(tick)
+        if self.plan.groups:
+            self._macros = MacroBinding(
+                self.plan, self._bound.units, self.signals, self._direct, self._bound.fail
+            )
+            self._state.macros = c.addressof(self._macros.macros)
         if self._bound.partition is not None:
             from cosim.engine.team import Team
 
@@ -132,6 +140,10 @@ class Engine:
         else:
             self.signals[:] = signals
         rewind(self._bound, plan)
+
+    def _measure(self) -> None:
+        """Find the direct feed-through of groups, while all are in their initial states."""
+        self._direct = measure(self.plan, self._inputs)
 
     # ---- running -----------------------------------------------------------------------------
 
@@ -278,6 +290,10 @@ class Engine:
         """Number of late clock ticks of each FMU, and their greatest delay (s)."""
         return self._bound.late_clock_ticks()
 
+    def macro_steps(self) -> list[dict[str, Any]]:
+        """What each group with macro steps has done so far, as plain data."""
+        return [] if self._macros is None else self._macros.facts()
+
     def logs(self) -> dict[str, str]:
         """The log texts of FMUs with logging enabled, by component; also after :meth:`close`."""
         return {
@@ -308,9 +324,11 @@ class Engine:
         if self._team:
             self._team.close()
             self._team = None
+        saved = {} if self._macros is None else self._macros.saved()
         components.close(
-            [s.component for s in self.plan.components], state.failed_index, state.failed_status
-        )
+            [s.component for s in self.plan.components], state.failed_index, state.failed_status,
+            saved,
+        )  # fmt: skip
 
 
 def _views(signals: Vector, slots: Sequence[Slot], *, writable: bool) -> Views:

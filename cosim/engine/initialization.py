@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 
 import numpy as np
 
@@ -16,15 +16,20 @@ from cosim.schedule.plan import Plan
 
 
 def initialize(
-    plan: Plan, signals: Vector, inputs: Sequence[Views], outputs: Sequence[Views]
+    plan: Plan,
+    signals: Vector,
+    inputs: Sequence[Views],
+    outputs: Sequence[Views],
+    settled: Callable[[], None] = lambda: None,
 ) -> Termination | None:
     """Start all components, and fill in `signals` (n_signals,), in the units of the signals.
 
     Initial outputs are propagated along wires and links until no value changes, with FMUs in
-    Initialization Mode. Then each FMU leaves this mode, with the events at its start. Its outputs
-    are read again, because they may differ, and are propagated. `inputs`, `outputs`: the signals of
-    each component. Returns how an FMU ended the simulation in these events. Raises ScenarioError if
-    a component does not start, RunError if an output is not a finite number.
+    Initialization Mode. `settled` is called then. Each FMU leaves this mode, with the events at its
+    start. Its outputs are read again, because they may differ, and are propagated. `inputs`,
+    `outputs`: the signals of each component. Returns how an FMU ended the simulation in these
+    events. Raises ScenarioError if a component does not start, RunError if an output is not a
+    finite number.
     """
     fed: defaultdict[str, list[Wire | Link]] = defaultdict(list)
     edges: list[Wire | Link] = [*plan.wires, *plan.links]
@@ -52,6 +57,7 @@ def initialize(
 
     unsettled = set(range(len(plan.components)))  # whose outputs may still be computed
     settle(unsettled)
+    settled()
     ended = None
     for i in _exits(plan):
         unsettled.remove(i)

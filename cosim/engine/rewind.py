@@ -22,6 +22,7 @@ def can_rewind(bound: Binding) -> bool:
         bound.exact = (
             bound.partition is None
             and not bound.plan.gates
+            and not bound.plan.groups
             and all(unit.values for unit in bound.units)
             and all(start_is_exact(step.component) for step in bound.plan.components)
         )

@@ -61,6 +61,7 @@ class RunOutcome:
     ]  # clocks of FMUs: how often, and by how much (s)
     ended: Termination | None = None  # by an FMU, before its time
     shared: bool = False
+    macro_steps: Sequence[Mapping[str, Any]] = ()  # what each group with macro steps has done
 
 
 def columns(plan: Plan, wanted: Sequence[str] = (), place: str = "") -> list[Column]:
@@ -75,6 +76,7 @@ def columns(plan: Plan, wanted: Sequence[str] = (), place: str = "") -> list[Col
     changed = [p.target for p in plan.players if "from" in p.source.facts()]
     received |= {f"{x.component}.{x.port}" for x in (*(x.target for x in plan.links), *changed)}
     slots |= {name: s for name, s in every.items() if name in received}
+    slots |= {s.name: s for group in plan.groups for s in group.slots}
     if wanted:
         slots = {name: every[name] for w in wanted for name in _named(w, every, place)}
     return _columns([slot for _, slot in sorted(slots.items())])
@@ -156,11 +158,12 @@ def simulate(
             _loop(engine, plan, recorder, rows, taken, sparse=every > 1, progress=progress)
         except BaseException as error:
             _save_failure(error, recorder, everything, folder)
+            facts |= _macro_facts(engine)
             raise
         recorder.close()
         wall = watch()
         late, shared = engine.late_clock_ticks(), engine.shares
-        facts |= {
+        facts |= _macro_facts(engine) | {
             "status": FINISHED,
             "wall": wall,
             "texts": engine.texts(),
@@ -170,8 +173,13 @@ def simulate(
     statistics = {name: counted.result() for name, counted in counts.items()}
     return RunOutcome(
         folder, plan, engine.tick, engine.tick * plan.h, wall, statistics, late, engine.ended,
-        shared,
+        shared, facts.get("macro_steps", ()),
     )  # fmt: skip
+
+
+def _macro_facts(engine: Engine) -> dict[str, Any]:
+    found = engine.macro_steps()
+    return {"macro_steps": found} if found else {}
 
 
 def _table_writers(
@@ -279,7 +287,8 @@ def _save_failure(
 
 
 def _everything(plan: Plan) -> list[Column]:
-    return _columns([s for c in plan.components for s in (*c.inputs, *c.outputs)])
+    slots = [s for c in plan.components for s in (*c.inputs, *c.outputs)]
+    return _columns([*slots, *(s for group in plan.groups for s in group.slots)])
 
 
 def stop_metadata(error: BaseException) -> dict[str, Any]:

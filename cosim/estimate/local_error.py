@@ -132,6 +132,9 @@ def _not_repeatable(plan: Plan) -> dict[str, str]:
     """Continuous components that cannot do a step again, and why."""
     continuous = (s for s in plan.components if s.kind == "continuous")
     reasons = ((s.name, _reason(s)) for s in continuous)
+    coupled = {plan.components[i].name for group in plan.groups for i in group.components}
+    own = "is stepped with an estimate of its own (macro steps)"
+    reasons = ((name, own if name in coupled else reason) for name, reason in reasons)
     return {name: reason for name, reason in reasons if reason}
 
 

@@ -52,6 +52,12 @@ class CommonInstance:
         free = self._calls.checked(f"Free{self.STATE}", c.c_void_p, c.c_void_p)
         free(self.handle, c.byref(c.c_void_p(state)))
 
+    def state_functions(self) -> tuple[int, int]:
+        """Addresses of the functions that save the state, and that restore it."""
+        names = (f"Get{self.STATE}", f"Set{self.STATE}")
+        save, restore = (structs.address(self._calls.function(n)) for n in names)
+        return save, restore
+
     def free(self) -> None:
         """Terminate and FreeInstance, as far as they may be called."""
         if self.handle:

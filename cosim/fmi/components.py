@@ -13,6 +13,7 @@ from cosim.base.units import Unit
 from cosim.fmi.component import FmuComponent
 from cosim.fmi.driver import FmuDriver
 from cosim.fmi.library import FATAL, OK, WARNING
+from cosim.fmi.ports import REAL
 
 
 def stepped_fmu(component: Component) -> FmuComponent | None:
@@ -117,15 +118,57 @@ def reason_not_repeatable(component: Component) -> str:
         return f"cannot save its state (no {' and no '.join(missing)})" if missing else ""
     if fmu.description.states is not None:
         return "is integrated here, and the state of its solver is not saved"
+    return _reason_fixed(fmu)
+
+
+def reason_not_rolled_back(component: Component) -> str:
+    """Why the engine cannot repeat steps of a component with other lengths; "": it can."""
+    fmu = stepped_fmu(component)
+    if fmu is None:
+        return reason_not_repeatable(component)
+    if fmu.options.isolate:
+        return "is in a process of its own (isolate)"
+    return _reason_fixed(fmu)
+
+
+def _reason_fixed(fmu: FmuComponent) -> str:
+    """What an FMU cannot do: save its state, or step as long as it is told."""
     flags, two = fmu.description.flags, fmu.description.fmi == "2.0"
     save = "canGetAndSetFMUstate" if two else "canGetAndSetFMUState"
     vary = "canHandleVariableCommunicationStepSize"
     if not flags.get(save):
         return f"cannot save its state ({save})"
-    if not flags.get(vary):
+    if not flags.get(vary) and fmu.description.states is None:
         return f"cannot do a step in halves ({vary})"
     clocks = fmu.events and any(v.type == "Clock" for v in fmu.description.variables)
     return "has clocks" if clocks else ""
+
+
+def feedthrough(component: Component, *, start: bool = False) -> Mapping[str, frozenset[str]]:
+    """The inputs on which outputs depend directly, as an FMU declares it.
+
+    What is not declared is left out. `start`: in Initialization Mode.
+    """
+    fmu = fmu_of(component)
+    if fmu is None:
+        return {}
+    known = fmu.description.dependencies[start]
+    port = {v.name: g.name for g in fmu.groups.values() for v in g.variables}
+    return {
+        g.name: frozenset(port[name] for v in g.variables for name in known[v.name])
+        for g in fmu.carried("output")
+        if all(v.name in known for v in g.variables)
+    }
+
+
+def jumping_outputs(component: Component) -> frozenset[str]:
+    """Outputs that an FMU declares as no continuous real numbers."""
+    fmu = fmu_of(component)
+    outputs = () if fmu is None else fmu.carried("output")
+    return frozenset(
+        g.name for g in outputs
+        if g.first.type not in REAL or any(v.variability != "continuous" for v in g.variables)
+    )  # fmt: skip
 
 
 # ---- while it runs --------------------------------------------------------------------------
@@ -202,16 +245,26 @@ def log_text(component: Component) -> str:
     return "" if fmu is None else fmu.log_text()
 
 
-def close(components: Sequence[Component], failed: int, status: int) -> None:
+def close(
+    components: Sequence[Component],
+    failed: int,
+    status: int,
+    saved: Mapping[int, int] | None = None,
+) -> None:
     """Free the FMUs, after a step of component `failed` returned `status`.
 
-    After a fatal status the standard forbids every call to any instance of that FMU.
+    `saved`: states that were saved, by the number of the component: they are freed before. After a
+    fatal status the standard forbids every call to any instance of that FMU.
     """
     fmus = [x for x in map(fmu_of, components) if x is not None]
     broken = stepped_fmu(components[failed]) if status not in (OK, WARNING) else None
     if broken is not None:
         broken.instance.returned(status)
     fatal = {x.archive.sha256 for x in fmus if x.broken == FATAL}
+    for number, state in (saved or {}).items():
+        x = stepped_fmu(components[number])
+        if x is not None and x.broken == OK and x.archive.sha256 not in fatal:
+            x.instance.free_state(state)
     for x in fmus:
         x.close(abandon=x.archive.sha256 in fatal and x.remote is None)
 

@@ -14,6 +14,7 @@ from xml.etree import ElementTree
 from cosim.base.errors import FmuError
 from cosim.base.units import BASE, Unit
 from cosim.fmi.continuous_states import ContinuousStates, read_states
+from cosim.fmi.dependencies import Dependencies, read_dependencies
 from cosim.fmi.ports import VariableGroup, groups
 from cosim.fmi.variables import FmuVariable, variables2, variables3
 
@@ -42,6 +43,7 @@ class Description:
     step_attributes: Mapping[str, str] = field(default_factory=dict)
     interfaces: tuple[str, ...] = ("CoSimulation",)  # of those in INTERFACES, what there is
     states: ContinuousStates | None = None  # None: it is run by co-simulation
+    dependencies: tuple[Dependencies, Dependencies] = ({}, {})  # in a run, and at its start
     derived: dict[Any, Any] = field(default_factory=dict, repr=False, compare=False)
 
     @cached_property
@@ -143,6 +145,7 @@ def _describe(
         states=read_states(root, interface, fmi, variables)
         if interface.tag == "ModelExchange"
         else None,
+        dependencies=read_dependencies(root, fmi, variables),
     )
 
 

@@ -112,6 +112,9 @@ class Instance(Protocol):
     def free_state(self, state: int) -> None:
         """Give a saved state back."""
 
+    def state_functions(self) -> tuple[int, int]:
+        """Addresses of the functions that save the state, and that restore it."""
+
     def free(self) -> None:
         """Terminate and free the instance; may be called twice."""
 

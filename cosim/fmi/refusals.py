@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from cosim.fmi.component import FmuComponent
 from cosim.fmi.failures import step_failure
+from cosim.fmi.library import status_name
 from cosim.native.mailbox import Lost
 from cosim.native.structs import EngineResult
 from cosim.schedule.parts import Slot, Step
@@ -37,6 +38,8 @@ def refusal(
             f"CVODE returned {status}: it found no step that keeps the tolerance, or a state is no "
             f"number ({said})"
         )
+    if result is EngineResult.STATE:
+        return f"its state could not be saved or restored: {status_name(status)} ({said})"
     if result is EngineResult.EVENT:
         return f"a call in Event Mode failed ({said})"
     if result is EngineResult.INTERVAL:

@@ -120,6 +120,7 @@ def _check(plan: Plan, only: str) -> None:
     unknown = {o.code for o in plan.operations} - _KNOWN
     if unknown and not only:
         what = "signals over a simulated bus" if Code.GATE in unknown else "extrapolated inputs"
+        what = "macro steps (adaptive)" if Code.MACRO in unknown else what
         raise ScenarioError(
             f"the scenario has {what}, which have no linear model here; expected wires and links"
         )

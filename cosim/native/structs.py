@@ -11,7 +11,7 @@ from pathlib import Path
 from cosim.base.errors import CosimError
 from cosim.native.fmu_log import Log
 
-ABI = 17
+ABI = 18
 
 
 class Code(IntEnum):
@@ -30,6 +30,7 @@ class Code(IntEnum):
     GATE = 10
     SLOPE_AHEAD = 11
     SLOPE_BETWEEN = 12
+    MACRO = 13
 
 
 #: A line through the last two values: its mean over a step; its slope and the value it begins with.
@@ -69,6 +70,15 @@ class EngineResult(IntEnum):
     ENDED = 14
     SOLVER = 15
     LOST = 16
+    STATE = 17
+
+
+class OutputRole(IntEnum):
+    """``ROLE_``: what an output is in macro steps."""
+
+    COUNTED = 0
+    DIRECT = 1
+    HELD = 2
 
 
 class SolverKind(IntEnum):
@@ -90,7 +100,10 @@ class ClockKind(IntEnum):
 
 
 CALL = c.CFUNCTYPE(c.c_int32, c.c_int32, c.c_double, c.c_double)
+SAVING = c.CFUNCTYPE(c.c_int32, c.c_int32, c.c_int32)
 TEXTS = c.CFUNCTYPE(c.c_int32)
+#: ``MACRO_LEVELS``: how often a period may be halved, with no time at all.
+MACRO_LEVELS = 31
 
 
 class OperationStruct(c.Structure):
@@ -314,6 +327,52 @@ class UnitStruct(c.Structure):
         ("exchange", c.c_void_p),
         ("steps", c.c_void_p),
         ("values", c.c_void_p),
+        ("repeats", c.c_int32),
+        ("reserved", c.c_int32),
+    )
+
+
+class BlockStruct(c.Structure):
+    """``block_t``."""
+
+    _fields_ = (("place", c.c_void_p), ("size", c.c_int64))
+
+
+class RollbackStruct(c.Structure):
+    """``rollback_t``."""
+
+    _fields_ = (
+        *((n, c.c_void_p) for n in ("save", "restore", "call", "state", "blocks", "copies")),
+        ("roles", c.c_void_p),
+        ("n_blocks", c.c_int64),
+        *((n, c.c_int32) for n in ("unit", "coupled", "ended", "reserved")),
+    )
+
+
+class BondStruct(c.Structure):
+    """``bond_t``."""
+
+    _fields_ = (
+        *((n, c.c_int64) for n in ("effort", "effort_input", "flow", "flow_input")),
+        *((n, c.c_int64) for n in ("effort_start", "flow_start", "count", "residual")),
+        *((n, c.c_double) for n in ("effort_gain", "flow_gain", "total", "largest")),
+    )
+
+
+class MacroStruct(c.Structure):
+    """``macro_t``."""
+
+    _fields_ = (
+        *((n, c.c_void_p) for n in ("members", "wires", "bonds", "memory")),
+        *((n, c.c_int64) for n in ("n_members", "n_wires", "n_bonds", "n_inputs", "n_outputs")),
+        *((n, c.c_int64) for n in ("period", "steps", "rejections", "size")),
+        *((n, c.c_double) for n in ("tolerance", "absolute", "error")),
+        *((n, c.c_int32) for n in ("level", "error_level", "halvings", "iterations")),
+        *((n, c.c_int32) for n in ("direct", "repeated")),
+        ("accepted", c.c_int64 * MACRO_LEVELS),
+        ("rejected", c.c_int64 * MACRO_LEVELS),
+        ("forced", c.c_int64),
+        *((n, c.c_double) for n in ("worst", "forced_at")),
     )
 
 
@@ -355,7 +414,7 @@ class EngineState(c.Structure):
         ("segments", c.c_void_p),
         ("team", c.c_void_p),
         ("units", c.c_void_p),
-        *((n, c.c_void_p) for n in ("links", "senders", "players", "gates", "signals")),
+        *((n, c.c_void_p) for n in ("links", "senders", "players", "gates", "macros", "signals")),
         *((n, c.c_void_p) for n in ("record", "columns", "recorded")),
         *((n, c.c_int64) for n in ("n_segments", "width", "row", "tick")),
         ("failed_tick", c.c_int64),
@@ -397,6 +456,7 @@ def library() -> c.CDLL:
         *(TickerStruct, Typed, GateStruct, TriggeredStruct, PartitionStruct),
         *(ExchangeStruct, SegmentStruct, FailureStruct, TeamStruct),
         *(MemberStruct, StretchStruct, ColumnsStruct, SenderStruct, PartStruct),
+        *(BlockStruct, RollbackStruct, BondStruct, MacroStruct),
     )
     expected = [c.sizeof(t) for t in structs]
     found = [engine.engine_sizes(i) for i in range(len(expected))]

@@ -34,6 +34,7 @@ from cosim.reporting.html import (
     table,
     write_page,
 )
+from cosim.reporting.macro_steps import macro_section
 from cosim.reporting.marks import failure, marks
 from cosim.reporting.recorded import recorded_scenario
 from cosim.scenario.spec import PanelSpec, Scenario
@@ -72,7 +73,8 @@ def write_report(
         folder / REPORT, title, subtitle, judged or verdict(facts, scenario, results),
         cards(_numbers(facts, results)), data,
         "".join([
-            findings(facts), extend(data), _links(run, facts, data), _details(run, facts, results)
+            findings(facts), extend(data), _links(run, facts, data), macro_section(facts),
+            _details(run, facts, results),
         ]),
     )  # fmt: skip
 

@@ -20,6 +20,7 @@ from cosim.scenario.bus_nodes import connect_nodes
 from cosim.scenario.connect_links import links as connected_links
 from cosim.scenario.connect_links import stepped_buses
 from cosim.scenario.exposed import ExposedVariables
+from cosim.scenario.macro import adaptive_settings, check_groups
 from cosim.scenario.models import LoadedComponent, load_component
 from cosim.scenario.spec import ComponentSpec, InputSpec, Scenario
 from cosim.schedule.parts import Player, Slot, Step
@@ -39,14 +40,17 @@ def assemble(scenario: Scenario, load: Load = load_component) -> Plan:
     connect_nodes(scenario, list(parts.steps.values()))
     wires, links, players = connect.wires(parts), connected_links(parts), _players(parts)
     connect.check_single_sources(parts, wires, links, players)
+    adaptive = adaptive_settings(scenario)
     try:
-        return compile_plan(
+        plan = compile_plan(
             parts.h, parts.ticks, list(parts.steps.values()), wires, links,
             scenario.run.algorithm, players, scenario.run.order,
-            buses=stepped_buses(parts, links),
+            buses=stepped_buses(parts, links), adaptive=adaptive,
         )  # fmt: skip
     except PlanError as error:
         raise PlanError(f"{scenario.path}: {error}") from None
+    check_groups(plan, scenario)
+    return plan
 
 
 def _players(parts: connect.ScenarioComponents) -> list[Player]:

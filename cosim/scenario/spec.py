@@ -27,14 +27,39 @@ class RecordSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
     signals: tuple[str, ...] = ()
 
 
+class BondSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """A power bond: two inputs, fed by wires in both directions between two components."""
+
+    effort: str
+    flow: str
+
+
+class AdaptiveSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Macro steps of ``"adaptive"``, see :class:`cosim.schedule.macro.AdaptiveSettings`.
+
+    `absolute`: None, 0.01 of the tolerance; `smallest`: None, the period over 2^10.
+    """
+
+    tolerance: Annotated[float, msgspec.Meta(gt=0)] = 1e-4
+    absolute: Annotated[float, msgspec.Meta(ge=0)] | None = None
+    smallest: Number | None = None
+    iterations: Annotated[int, msgspec.Meta(ge=1, le=1000)] = 1
+    fixed: tuple[str, ...] = ()
+    bonds: tuple[BondSpec, ...] = ()
+
+
 class RunSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """How long, how finely and how: `order` is for ``"gauss-seidel"``, all components by name."""
+    """How long, how finely and how.
+
+    `order` is for ``"gauss-seidel"``: all components by name; `adaptive` for ``"adaptive"``.
+    """
 
     step: Number
     stop: Number
     seed: Annotated[int, msgspec.Meta(ge=0)] = 0
-    algorithm: Literal["sampled", "jacobi", "gauss-seidel"] = "sampled"
+    algorithm: Literal["sampled", "jacobi", "gauss-seidel", "adaptive"] = "sampled"
     order: tuple[str, ...] = ()
+    adaptive: AdaptiveSpec | None = None
     record: RecordSpec = RecordSpec()
 
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from typing import TypeVar
 
 from cosim.native.structs import Code
+from cosim.schedule.macro import MacroGroup
 from cosim.schedule.parts import Gate, Link, Player, Step, Wire
 
 T = TypeVar("T")
@@ -100,6 +101,7 @@ def compile_operations(
     found: Connections,
     order: Sequence[str],
     later: Sequence[str],
+    groups: Sequence[MacroGroup] = (),
     *,
     newest: bool,
 ) -> tuple[Operation, ...]:
@@ -108,6 +110,7 @@ def compile_operations(
     `order`: sampled components, in their order; `later`: components that step over an interval, in
     their order, each with the inputs at its start. `newest`: but wires from components earlier in
     `later` are copied right before the step, with the values just computed (Gauss-Seidel).
+    `groups`: components of `later` that are stepped together.
     """
     index = {c.name: i for i, c in enumerate(steps)}
     held = [steps[index[name]] for name in later]
@@ -124,6 +127,7 @@ def compile_operations(
     operations.append(Operation(Code.RECORD, count=1))
     place = {name: i for i, name in enumerate(later)} if newest else {}
     late: list[Operation] = []
+    together = {i for group in groups for i in group.components}
     for i, c in enumerate(held):
         wires = found.wires.get(c.name, ())
         before = [place.get(w.source.component, i) < i for w in wires]
@@ -131,8 +135,32 @@ def compile_operations(
         last = [w for w, b in zip(wires, before, strict=True) if b]
         operations += [*_received(c, found, periods), *_copies(found, now, c.period)]
         late += _copies(found, last, c.period, c.period - 1)
-        late.append(Operation(Code.STEP, index[c.name], c.period, first=c.period - 1))
+        if index[c.name] not in together:
+            late.append(Operation(Code.STEP, index[c.name], c.period, first=c.period - 1))
+    late += [
+        Operation(Code.MACRO, i, group.period, first=group.period - 1)
+        for i, group in enumerate(groups)
+    ]
     return (*operations, *late)
+
+
+def group_copies(group: MacroGroup, discrete: Mapping[str, frozenset[str]]) -> list[Operation]:
+    """The wires among a group as copies; `index` 1: the value is held over a macro step.
+
+    `discrete`: inputs of each component that change in jumps.
+    """
+    return [
+        Operation(
+            Code.SCALE,
+            int(w.target.port in discrete[w.target.component]),
+            source=w.source.start,
+            target=w.target.start,
+            count=w.target.size,
+            gain=w.gain,
+            offset=w.offset,
+        )
+        for w in group.wires
+    ]
 
 
 def _pushes(c: Step, found: Connections) -> list[Operation]:

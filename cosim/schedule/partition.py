@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 
 from cosim.native.structs import Code
 from cosim.schedule.operations import Operation
-from cosim.schedule.parts import Step
 from cosim.schedule.plan import Plan
 
 
@@ -52,6 +51,9 @@ def partition(
         if staged and w.source.component not in now and plan.algorithm != "gauss-seidel":
             continue
         parts.join(number[w.source.component], number[w.target.component])
+    for group in plan.groups:
+        for i in group.components[1:]:
+            parts.join(group.components[0], i)
     for x in plan.links:
         if x.table.minimum_delay_ticks < 1:
             parts.join(number[x.source.component], number[x.target.component])
@@ -67,7 +69,7 @@ def partition(
     ends = [(part_of[number[x.source.component]], part_of[number[x.target.component]])
             for x in plan.links]  # fmt: skip
     operations: list[list[int]] = [[] for _ in groups]
-    owners = _Owners(plan.components)
+    owners = _Owners(plan)
     for i, op in enumerate(plan.operations):
         if op.code == Code.RECORD:
             for part in operations:
@@ -98,16 +100,20 @@ def merged(parts: PlanParts, count: int, alone: int) -> PlanParts:
 def _second(plan: Plan) -> int:
     """The first step over an interval, with which the second stage of a tick begins."""
     record = next(i for i, op in enumerate(plan.operations) if op.code == Code.RECORD)
-    steps = (i for i, op in enumerate(plan.operations) if i > record and op.code == Code.STEP)
+    stepping = (Code.STEP, Code.MACRO)
+    steps = (i for i, op in enumerate(plan.operations) if i > record and op.code in stepping)
     return next(steps, len(plan.operations))
 
 
 class _Owners:
     """The component to which an operation belongs: that of its input, or of the output it sends."""
 
-    def __init__(self, components: Sequence[Step]) -> None:
+    def __init__(self, plan: Plan) -> None:
+        self._groups = plan.groups
         slots = sorted(
-            (slot.start, i) for i, c in enumerate(components) for slot in (*c.inputs, *c.outputs)
+            (slot.start, i)
+            for i, c in enumerate(plan.components)
+            for slot in (*c.inputs, *c.outputs)
         )
         self._starts = [start for start, _ in slots]
         self._owners = [i for _, i in slots]
@@ -116,6 +122,8 @@ class _Owners:
         """Its number."""
         if op.code == Code.STEP:
             return op.index
+        if op.code == Code.MACRO:
+            return self._groups[op.index].components[0]
         signal = op.source if op.code == Code.PUSH else op.target
         return self._owners[bisect_right(self._starts, signal) - 1]
 

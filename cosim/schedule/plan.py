@@ -14,6 +14,7 @@ from functools import cached_property
 from itertools import pairwise
 
 from cosim.base.errors import PlanError
+from cosim.schedule.macro import AdaptiveSettings, MacroGroup, macro_groups
 from cosim.schedule.operations import Connections, Line, Operation, compile_operations
 from cosim.schedule.order import CycleError, sequence, topological
 from cosim.schedule.parts import Gate, Link, Player, Slot, Step, SteppedBus, Wire
@@ -42,6 +43,8 @@ class Plan:
     later: tuple[str, ...] = ()
     gates: tuple[Gate, ...] = ()
     buses: tuple[SteppedBus, ...] = ()
+    adaptive: AdaptiveSettings | None = None
+    groups: tuple[MacroGroup, ...] = ()
 
     def component(self, name: str) -> Step:
         """The component of that name, which must be there (they are sorted by name)."""
@@ -63,7 +66,8 @@ class Plan:
 
     @cached_property
     def _slots(self) -> Mapping[str, Slot]:
-        return {s.name: s for c in self.components for s in (*c.inputs, *c.outputs)}
+        own = {s.name: s for group in self.groups for s in group.slots}
+        return {s.name: s for c in self.components for s in (*c.inputs, *c.outputs)} | own
 
     @cached_property
     def _feeders(self) -> tuple[list[int], list[tuple[int, Feeder]]]:
@@ -84,6 +88,7 @@ def compile_plan(
     order: Sequence[str] = (),
     gates: Iterable[Gate] = (),
     buses: Sequence[SteppedBus] = (),
+    adaptive: AdaptiveSettings | None = None,
 ) -> Plan:
     """Order the components and lay out the operations of a tick.
 
@@ -92,13 +97,14 @@ def compile_plan(
     list all components, and for an invalid extrapolation. After the slots of the components, the
     signal vector contains the last values of extrapolated signals, and slopes. `buses`: those
     simulated inside the ticks, which fill the tables of their links; their gates are added to
-    `gates`.
+    `gates`. `adaptive`: for ``"adaptive"``; the signals of its groups come last.
     """
     steps = tuple(sorted(components, key=lambda c: c.name))
     wires_ = tuple(sorted(wires, key=lambda w: w.target.start))
     links_ = tuple(sorted(links, key=lambda x: x.name))
     players_ = tuple(sorted(players, key=lambda p: p.target.start))
-    sampled = {c.name for c in steps if c.kind == "sampled" and algorithm == "sampled"}
+    computes = algorithm in ("sampled", "adaptive")
+    sampled = {c.name for c in steps if c.kind == "sampled" and computes}
     now = _order(sampled, wires_, links_)
     later = _later([c.name for c in steps if c.name not in sampled], wires_, algorithm, order)
     n_signals = sum(s.size for c in steps for s in (*c.inputs, *c.outputs))
@@ -107,20 +113,28 @@ def compile_plan(
     gates_ = tuple(sorted(every_gate, key=lambda g: g.name))
     connections = Connections.of(wires_, links_, players_, lines, n_signals, gates_)
     newest = algorithm == "gauss-seidel"
+    end = n_signals + sum(line.room for line in lines)
+    if adaptive is None and algorithm == "adaptive":
+        adaptive = AdaptiveSettings()
+    groups = () if adaptive is None else macro_groups(
+        steps, wires_, frozenset(sampled), adaptive, h, end
+    )  # fmt: skip
     return Plan(
         h=h,
         ticks=ticks,
         algorithm=algorithm,
-        n_signals=n_signals + sum(line.room for line in lines),
+        n_signals=end + sum(len(group.slots) for group in groups),
         components=steps,
         wires=wires_,
         links=links_,
         players=players_,
-        operations=compile_operations(steps, connections, now, later, newest=newest),
+        operations=compile_operations(steps, connections, now, later, groups, newest=newest),
         order=now,
         later=later,
         gates=gates_,
         buses=tuple(buses),
+        adaptive=adaptive,
+        groups=groups,
     )
 
 

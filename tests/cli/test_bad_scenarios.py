@@ -27,7 +27,7 @@ WRONG = [
     ("components.nobody.period=1", "no 'nobody' in components (there are: master, "),
     # keys
     ("components.master.colour=1", "at components.master: no key 'colour'"),
-    ("run.colour=1", "(there are: algorithm, order, record, seed, step, stop)"),
+    ("run.colour=1", "(there are: adaptive, algorithm, order, record, seed, step, stop)"),
     ("run.record.colour=1", "at run.record: no key 'colour'"),
     ("colour=1", "unknown key 'colour'; expected one of title, run, "),
     ("links.0.colour=1", "at links.0: no key 'colour'"),
@@ -48,7 +48,10 @@ WRONG = [
     ("run.stop=-1", "must be positive"),
     ("run.record.every=0", "at run.record.every: Expected `int` >= 1"),
     ("run.seed=-1", "at run.seed: Expected `int` >= 0"),
-    ("run.algorithm=newton", "value 'newton'; expected one of sampled, jacobi, gauss-seidel"),
+    (
+        "run.algorithm=newton",
+        "value 'newton'; expected one of sampled, jacobi, gauss-seidel, adaptive",
+    ),
     # metrics and figures
     (
         "metrics.tracking_error.target=[1, 2, 3]",

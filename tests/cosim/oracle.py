@@ -12,11 +12,12 @@ from cosim.fmi import FmuComponent
 from cosim.native.structs import Code
 from cosim.schedule.parts import Link, Player, Slot, Step
 from cosim.schedule.plan import Plan
+from tests.cosim.oracle_macro import OracleGroup
 
 
 def execute(plan: Plan) -> np.ndarray:
     """Run a plan from start to stop; returns (ticks + 1, n_signals), as a recording is."""
-    signals = start(plan)
+    signals, groups = start(plan)
     tables = [link.table.stream().rows(_hits(plan, link)) for link in plan.links]
     sent: list[list[np.ndarray]] = [[] for _ in plan.links]
     before = [signals[_range(link.target)].copy() for link in plan.links]
@@ -61,14 +62,19 @@ def execute(plan: Plan) -> np.ndarray:
                 u = _values(signals, step.inputs)
                 y = step.component.step(first * plan.h, step.period * plan.h, u)
                 _store(signals, step, y)
+            elif op.code == Code.MACRO:
+                groups[op.index].period(tick)
             elif op.code == Code.RECORD:
                 rows.append(signals.copy())
     rows.append(signals.copy())
     return np.array(rows)
 
 
-def start(plan: Plan) -> np.ndarray:
-    """Signals at the start: initial outputs travel along every connection until nothing changes."""
+def start(plan: Plan) -> tuple[np.ndarray, list[OracleGroup]]:
+    """Signals at the start: initial outputs travel along every connection until nothing changes.
+
+    And the groups with macro steps.
+    """
     signals = np.zeros(plan.n_signals)
     for step in plan.components:
         shapes = {p.name: p.shape for p in step.component.parameters}
@@ -77,6 +83,7 @@ def start(plan: Plan) -> np.ndarray:
             signals[_range(slot)] = step.start.get(port.name) or port.default or 0.0
     inside = {s.name for s in plan.components}  # whose outputs may still be computed
     _travel(plan, signals, inside)
+    groups = [OracleGroup(plan, group, signals) for group in plan.groups]
     fmus = [s for s in plan.components if isinstance(s.component, FmuComponent)]
     plants = [s for s in fmus if s.name not in plan.order]
     sampled = [plan.component(n) for n in plan.order if plan.component(n) in fmus]
@@ -87,7 +94,7 @@ def start(plan: Plan) -> np.ndarray:
             if slot.port in found:
                 signals[_range(slot)] = np.reshape(found[slot.port], -1)
         _travel(plan, signals, inside)
-    return signals
+    return signals, groups
 
 
 def _travel(plan: Plan, signals: np.ndarray, inside: set[str]) -> None:

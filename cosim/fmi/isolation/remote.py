@@ -213,6 +213,10 @@ class RemoteInstance:
         """There are none in this process."""
         raise FmuError(f"{self._name}: its functions are in another process")
 
+    def state_functions(self) -> tuple[int, int]:
+        """There are none in this process."""
+        raise FmuError(f"{self._name}: its functions are in another process")
+
     def steps_function(self) -> int:
         """There is none."""
         return 0

@@ -24,7 +24,7 @@ def told(p):
     Over its interval [a, b) a component holds what those before it in the order have at b, and
     what the others (itself among them) had at a.
     """
-    signals = start(p)
+    signals, _ = start(p)
     y = {c.name: [signals[c.outputs[0].start]] for c in p.components}
     held = {c.name: signals[c.inputs[0].start] for c in p.components}
     for tick in range(p.ticks):

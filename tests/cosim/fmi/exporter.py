@@ -204,7 +204,7 @@ def sloped2(attributes: str = 'canInterpolateInputs="true"') -> str:
 </ModelVariables><ModelStructure/></fmiModelDescription>"""
 
 
-def strict2() -> str:
+def strict2(attributes: str = "") -> str:
     """An FMU that writes down its calls and goes wrong as it is told: see ``strict2.c``."""
 
     def scalar(name: str, reference: int, causality: str, typed: str, more: str = "") -> str:
@@ -225,7 +225,7 @@ def strict2() -> str:
         scalar("status", 11, "parameter", '<Integer start="0"/>', fixed),
     )
     return f"""<fmiModelDescription fmiVersion="2.0" modelName="strict" guid="t">
-<CoSimulation modelIdentifier="strict2" canHandleVariableCommunicationStepSize="true"/>
+<CoSimulation modelIdentifier="strict2" canHandleVariableCommunicationStepSize="true" {attributes}/>
 <ModelVariables>{"".join(variables)}</ModelVariables><ModelStructure/></fmiModelDescription>"""
 
 

@@ -15,7 +15,7 @@ FMI void *fmi2Instantiate(const char *name, int kind, const char *token, const c
 }
 FMI void fmi2FreeInstance(fmu_t *m)
 {
-    called(m, "FreeInstance", ~DEAD);
+    called(m, m->saved ? "FreeInstance LEAK" : "FreeInstance", ~DEAD);
     if (m->state != DEAD) free(m);
 }
 FMI int fmi2SetupExperiment(fmu_t *m, int a, double tolerance, double t0, int b, double t1)
@@ -52,7 +52,7 @@ FMI int fmi2NewDiscreteStates(fmu_t *m, info_t *info)
 }
 FMI int fmi2CompletedIntegratorStep(fmu_t *m, int no_set, int *event, int *terminate)
 {
-    (void)no_set;
+    if (no_set) m->promised = m->t;
     *event = m->model == WRAPS && m->x[0] > 1.0, *terminate = 0;
     return called(m, "CompletedIntegratorStep", CONTINUOUS);
 }
@@ -102,5 +102,32 @@ FMI int fmi2SetInteger(fmu_t *m, const uint32_t *r, size_t n, const int *v)
 #define UNUSED(name) FMI int fmi2##name(void) { return 3; }
 FMI const char *fmi2GetTypesPlatform(void) { return "default"; }
 UNUSED(SetDebugLogging) UNUSED(Reset) UNUSED(GetBoolean) UNUSED(GetString) UNUSED(SetBoolean)
-UNUSED(SetString) UNUSED(GetFMUstate) UNUSED(SetFMUstate) UNUSED(FreeFMUstate)
+UNUSED(SetString)
 UNUSED(SerializedFMUstateSize) UNUSED(SerializeFMUstate) UNUSED(DeSerializeFMUstate)
+
+/* Saved states; the time of one must not be before what the importer has promised. */
+FMI int fmi2GetFMUstate(fmu_t *m, fmu_t **state)
+{
+    if (!*state) {
+        *state = calloc(1, sizeof **state);
+        m->saved++;
+    }
+    **state = *m;
+    return called(m, "GetFMUstate", MADE | STARTING | IN_EVENT | CONTINUOUS);
+}
+FMI int fmi2SetFMUstate(fmu_t *m, const fmu_t *state)
+{
+    const int saved = m->saved, early = state->t < m->promised;
+    const int result = called(m, early ? "SetFMUstate ILLEGAL" : "SetFMUstate",
+                              MADE | STARTING | IN_EVENT | CONTINUOUS);
+    *m = *state;
+    m->saved = saved;
+    return result;
+}
+FMI int fmi2FreeFMUstate(fmu_t *m, fmu_t **state)
+{
+    if (*state) m->saved--;
+    free(*state);
+    *state = NULL;
+    return called(m, "FreeFMUstate", MADE | STARTING | IN_EVENT | CONTINUOUS | OVER);
+}

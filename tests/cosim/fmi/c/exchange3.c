@@ -12,7 +12,7 @@ FMI void *fmi3InstantiateModelExchange(const char *name, const char *token, cons
 }
 FMI void fmi3FreeInstance(fmu_t *m)
 {
-    called(m, "FreeInstance", ~DEAD);
+    called(m, m->saved ? "FreeInstance LEAK" : "FreeInstance", ~DEAD);
     if (m->state != DEAD) free(m);
 }
 FMI int fmi3EnterInitializationMode(fmu_t *m, bool a, double tolerance, double t0, bool b, double t1)
@@ -44,7 +44,7 @@ FMI int fmi3UpdateDiscreteStates(fmu_t *m, bool *again, bool *terminate, bool *n
 }
 FMI int fmi3CompletedIntegratorStep(fmu_t *m, bool no_set, bool *event, bool *terminate)
 {
-    (void)no_set;
+    if (no_set) m->promised = m->t;
     *event = m->model == WRAPS && m->x[0] > 1.0, *terminate = false;
     return called(m, "CompletedIntegratorStep", CONTINUOUS);
 }
@@ -96,4 +96,31 @@ FMI int fmi3SetInt32(fmu_t *m, const uint32_t *r, size_t n, const int32_t *v, si
     for (size_t i = 0; i < n; i++)
         if (set_whole(m, r[i], v[i])) return 3;
     return 0;
+}
+
+/* Saved states; the time of one must not be before what the importer has promised. */
+FMI int fmi3GetFMUState(fmu_t *m, fmu_t **state)
+{
+    if (!*state) {
+        *state = calloc(1, sizeof **state);
+        m->saved++;
+    }
+    **state = *m;
+    return called(m, "GetFMUState", MADE | STARTING | IN_EVENT | CONTINUOUS);
+}
+FMI int fmi3SetFMUState(fmu_t *m, const fmu_t *state)
+{
+    const int saved = m->saved, early = state->t < m->promised;
+    const int result = called(m, early ? "SetFMUState ILLEGAL" : "SetFMUState",
+                              MADE | STARTING | IN_EVENT | CONTINUOUS);
+    *m = *state;
+    m->saved = saved;
+    return result;
+}
+FMI int fmi3FreeFMUState(fmu_t *m, fmu_t **state)
+{
+    if (*state) m->saved--;
+    free(*state);
+    *state = NULL;
+    return called(m, "FreeFMUState", MADE | STARTING | IN_EVENT | CONTINUOUS | OVER);
 }

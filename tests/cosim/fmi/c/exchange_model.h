@@ -28,8 +28,8 @@ enum { MADE = 1, STARTING = 2, IN_EVENT = 4, CONTINUOUS = 8, OVER = 16, BROKEN =
 enum { X0, X1, DX0, DX1, U, MU, PERIOD, WHEN, AT, Z, MODEL = 20, STATUS, LAST, GEAR, EVENTS, HEARD };
 
 typedef struct {
-    double x[2], u, mu, period, when, at, t, latest;
-    int model, status, last, gear, events, heard, state, slips, stopped, evaluations;
+    double x[2], u, mu, period, when, at, t, latest, promised;
+    int model, status, last, gear, events, heard, state, slips, stopped, evaluations, saved;
 } fmu_t;
 
 static int called(fmu_t *m, const char *name, int allowed)

@@ -9,6 +9,7 @@
  * JUMPS       gives 0 in Initialization Mode, and `gain` once that is left
  * RETURNS     its fmi2DoStep at `when` returns `status`
  * ENDS        the same with discard, and says that it wants to end the simulation
+ * LONG        its fmi2DoStep discards steps longer than `when`
  * The state x starts at 1 (or as it is told) and is an integral: x' = gain u.
  */
 #include <stddef.h>
@@ -17,13 +18,13 @@
 #include <stdlib.h>
 
 #define FMI __attribute__((visibility("default")))
-enum { NORMAL, RESETS, LATER, IGNORES, JUMPS, RETURNS, ENDS };
+enum { NORMAL, RESETS, LATER, IGNORES, JUMPS, RETURNS, ENDS, LONG = 8 };
 enum { MADE = 1, INITIALIZING = 2, STEPPING = 4, FAILED = 8, BROKEN = 16, DEAD = 32, OVER = 64 };
 enum { U, GAIN, WHEN, X, Y, RATE, HOW = 10, STATUS };
 
 typedef struct {
-    double u, gain, when, x, y, t, rate;
-    int how, status, state;
+    double u, gain, when, x, y, t, rate, promised;
+    int how, status, state, saved;
 } fmu_t;
 
 static int called(fmu_t *m, const char *name, int allowed)
@@ -61,7 +62,7 @@ FMI void *fmi2Instantiate(const char *name, int kind, const char *token, const c
 }
 FMI void fmi2FreeInstance(fmu_t *m)
 {
-    called(m, "FreeInstance", ~DEAD);
+    called(m, m->saved ? "FreeInstance LEAK" : "FreeInstance", ~DEAD);
     if (m->state != DEAD) free(m);
 }
 FMI int fmi2Terminate(fmu_t *m)
@@ -92,11 +93,46 @@ FMI int fmi2ExitInitializationMode(fmu_t *m)
     m->state = STEPPING;
     return result;
 }
+static int gap(double a, double b) { return a - b > 1e-9 || b - a > 1e-9; }
+
+/* Saved states: how many there are, and whether one may be gone back to. */
+FMI int fmi2GetFMUstate(fmu_t *m, fmu_t **state)
+{
+    const int result = called(m, "GetFMUstate", MADE | INITIALIZING | STEPPING | FAILED);
+    if (!*state) {
+        *state = calloc(1, sizeof **state);
+        m->saved++;
+    }
+    **state = *m;
+    return result;
+}
+FMI int fmi2SetFMUstate(fmu_t *m, const fmu_t *state)
+{
+    const int saved = m->saved, early = !state || state->t < m->promised;
+    const int result = called(m, early ? "SetFMUstate ILLEGAL" : "SetFMUstate",
+                              MADE | INITIALIZING | STEPPING | FAILED);
+    if (early) return 3;
+    *m = *state;
+    m->saved = saved;
+    return result;
+}
+FMI int fmi2FreeFMUstate(fmu_t *m, fmu_t **state)
+{
+    const int result = called(m, "FreeFMUstate", MADE | INITIALIZING | STEPPING | FAILED | OVER);
+    if (*state) m->saved--;
+    free(*state);
+    *state = NULL;
+    return result;
+}
 FMI int fmi2DoStep(fmu_t *m, double t, double h, int prior)
 {
-    const int result = called(m, "DoStep", STEPPING);
-    (void)prior;
-    if (t >= m->when && m->how >= RETURNS) {
+    const int result = called(m, gap(t, m->t) ? "DoStep ILLEGAL" : "DoStep", STEPPING);
+    if (prior) m->promised = t;
+    if (m->how == LONG && h > m->when) {
+        m->state = FAILED;
+        return 2;
+    }
+    if (t >= m->when && (m->how == RETURNS || m->how == ENDS)) {
         const int status = m->how == ENDS ? 2 : m->status;
         m->state = status == 4 ? DEAD : status == 2 ? FAILED : BROKEN;
         return status;

@@ -5,6 +5,7 @@
  * RETURNS its fmi3DoStep at `when` returns `status`
  * ENDS    its fmi3DoStep at `when` asks for the end after half of the step
  * EVENT   an event at `when`, in its step, asks for the end; at when < 0: the one at the start
+ * LONG    its fmi3DoStep discards steps longer than `when`
  */
 #include <stdbool.h>
 #include <stddef.h>
@@ -14,14 +15,14 @@
 
 #define FMI __attribute__((visibility("default")))
 typedef void (*log_t)(void *, int, const char *, const char *);
-enum { NORMAL, LATER = 2, IGNORES, JUMPS, RETURNS, ENDS, EVENT };
+enum { NORMAL, LATER = 2, IGNORES, JUMPS, RETURNS, ENDS, EVENT, LONG };
 enum { MADE = 1, INITIALIZING = 2, STEPPING = 4, IN_EVENT = 8, BROKEN = 16, DEAD = 32, OVER = 64 };
 enum { U, GAIN, WHEN, X, Y, RATE, HOW = 10, STATUS };
 
 typedef struct {
-    double u, gain, when, x, y, t, rate;
+    double u, gain, when, x, y, t, rate, promised;
     int32_t how, status;
-    int state;
+    int state, saved;
     bool events, ending;
 } fmu_t;
 
@@ -61,7 +62,7 @@ FMI void *fmi3InstantiateCoSimulation(const char *name, const char *token, const
 }
 FMI void fmi3FreeInstance(fmu_t *m)
 {
-    called(m, "FreeInstance", ~DEAD);
+    called(m, m->saved ? "FreeInstance LEAK" : "FreeInstance", ~DEAD);
     if (m->state != DEAD) free(m);
 }
 FMI int fmi3Terminate(fmu_t *m)
@@ -111,13 +112,45 @@ FMI int fmi3EnterStepMode(fmu_t *m)
     else begin(m);
     return result;
 }
+static int gap(double a, double b) { return a - b > 1e-9 || b - a > 1e-9; }
+
+/* Saved states: how many there are, and whether one may be gone back to. */
+FMI int fmi3GetFMUState(fmu_t *m, fmu_t **state)
+{
+    const int result = called(m, "GetFMUState", MADE | INITIALIZING | STEPPING | IN_EVENT);
+    if (!*state) {
+        *state = calloc(1, sizeof **state);
+        m->saved++;
+    }
+    **state = *m;
+    return result;
+}
+FMI int fmi3SetFMUState(fmu_t *m, const fmu_t *state)
+{
+    const int saved = m->saved, early = !state || state->t < m->promised;
+    const int result = called(m, early ? "SetFMUState ILLEGAL" : "SetFMUState",
+                              MADE | INITIALIZING | STEPPING | IN_EVENT);
+    if (early) return 3;
+    *m = *state;
+    m->saved = saved;
+    return result;
+}
+FMI int fmi3FreeFMUState(fmu_t *m, fmu_t **state)
+{
+    const int result = called(m, "FreeFMUState", MADE | INITIALIZING | STEPPING | IN_EVENT | OVER);
+    if (*state) m->saved--;
+    free(*state);
+    *state = NULL;
+    return result;
+}
 FMI int fmi3DoStep(fmu_t *m, double t, double h, bool prior, bool *event, bool *terminate,
                    bool *early, double *last)
 {
-    const int result = called(m, "DoStep", STEPPING);
-    (void)prior;
+    const int result = called(m, gap(t, m->t) ? "DoStep ILLEGAL" : "DoStep", STEPPING);
+    if (prior) m->promised = t;
     *event = *terminate = *early = false;
     *last = t + h;
+    if (m->how == LONG && h > m->when) return 2;
     if (t >= m->when && m->how == RETURNS) {
         m->state = m->status == 4 ? DEAD : m->status == 2 ? STEPPING : BROKEN;
         return m->status;

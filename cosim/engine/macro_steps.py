@@ -1,0 +1,214 @@
+"""Groups with macro steps as ``macro.h`` sees them, and what they have done."""
+
+from __future__ import annotations
+
+import copy
+import ctypes as c
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cosim.engine.binding import Vector, Views
+from cosim.engine.feedthrough import direct_outputs
+from cosim.fmi import components
+from cosim.native import structs
+from cosim.native.structs import OutputRole
+from cosim.schedule.macro import BondWires, MacroGroup
+from cosim.schedule.operations import group_copies
+from cosim.schedule.parts import Step
+from cosim.schedule.plan import Plan
+
+#: Of each component in a group, its outputs with direct feed-through from the group, (scalars,).
+Feedthrough = Mapping[int, NDArray[np.bool_]]
+
+
+def coupled_inputs(group: MacroGroup, step: Step) -> frozenset[str]:
+    """Ports of a component that the group feeds, and whose values change within a period."""
+    ports = {w.target.port for w in group.wires if w.target.component == step.name}
+    return frozenset(ports - step.discrete)
+
+
+def measure(plan: Plan, inputs: Sequence[Views]) -> dict[int, NDArray[np.bool_]]:
+    """The feed-through of all groups, by component, (scalars,) of its outputs.
+
+    All must be in their initial states. `inputs`: the signals of each component.
+    """
+    return {
+        i: direct_outputs(plan.components[i], inputs[i], ports)
+        for group in plan.groups
+        for i in group.components
+        if (ports := coupled_inputs(group, plan.components[i]))
+    }
+
+
+class MacroBinding:
+    """The structs of all groups of a plan, and the memory to which they point.
+
+    `units`: of each component, which are told that their steps are repeated. `failed` is called
+    with an exception of a Python component.
+    """
+
+    def __init__(
+        self,
+        plan: Plan,
+        units: c.Array[structs.UnitStruct],
+        signals: Vector,
+        direct: Feedthrough,
+        failed: Callable[[BaseException], None],
+    ) -> None:
+        self._plan, self._units, self._signals, self._direct = plan, units, signals, direct
+        self._failed = failed
+        self._alive: list[Any] = []
+        self._states: dict[int, object] = {}
+        self.macros = (structs.MacroStruct * len(plan.groups))()
+        self._bonds: list[c.Array[structs.BondStruct]] = []
+        self._members = [self._group(i, group) for i, group in enumerate(plan.groups)]
+
+    def saved(self) -> dict[int, int]:
+        """Handles of the states that FMUs have saved, by component, once."""
+        found = {r.unit: int(r.state) for members in self._members for r in members if r.state}
+        for members in self._members:
+            for r in members:
+                r.state = None
+        return found
+
+    def _group(self, index: int, group: MacroGroup) -> c.Array[structs.RollbackStruct]:
+        plan, settings = self._plan, self._plan.adaptive
+        assert settings is not None
+        steps = [plan.components[i] for i in group.components]
+        members = (structs.RollbackStruct * len(steps))(
+            *(self._member(group, i) for i in group.components)
+        )
+        operations = group_copies(group, {s.name: s.discrete for s in steps})
+        wires = np.zeros(len(operations), np.dtype(structs.OperationStruct))
+        for name, _ in structs.OperationStruct._fields_:
+            wires[name] = [getattr(op, name) for op in operations]
+        start = [self._signals[s.start : s.start + s.size] for x in steps for s in x.outputs]
+        largest = np.abs(np.concatenate([np.zeros(0), *start]))
+        n_inputs, n_outputs = sum(op.count for op in operations), len(largest)
+        memory = np.zeros(max(1, n_inputs + 5 * n_outputs))
+        memory[n_inputs + 4 * n_outputs : n_inputs + 5 * n_outputs] = largest
+        bonds = (structs.BondStruct * len(group.bonds))(
+            *(self._bond(group, b) for b in group.bonds)
+        )
+        self.macros[index] = structs.MacroStruct(
+            members=c.addressof(members), n_members=len(members), wires=wires.ctypes.data,
+            n_wires=len(wires), bonds=c.addressof(bonds), n_bonds=len(bonds),
+            memory=memory.ctypes.data, n_inputs=n_inputs, n_outputs=n_outputs,
+            period=group.period, steps=group.steps.start, rejections=group.rejections.start,
+            size=group.size.start, tolerance=settings.tolerance, absolute=settings.absolute,
+            halvings=group.halvings, iterations=settings.iterations,
+            direct=any(self._direct[i].any() for i in group.components if i in self._direct),
+        )  # fmt: skip
+        self._alive += [members, wires, memory]
+        self._bonds.append(bonds)
+        return members
+
+    def _member(self, group: MacroGroup, index: int) -> structs.RollbackStruct:
+        step, unit = self._plan.components[index], self._units[index]
+        found = structs.RollbackStruct(unit=index, coupled=bool(coupled_inputs(group, step)))
+        unit.repeats = 1
+        jumps = components.jumping_outputs(step.component)
+        roles = [
+            OutputRole.HELD if s.port in jumps else OutputRole.COUNTED
+            for s in step.outputs
+            for _ in range(s.size)
+        ]
+        role = np.array(roles, np.uint8)
+        if index in self._direct:
+            role[self._direct[index] & (role == OutputRole.COUNTED)] = OutputRole.DIRECT
+        found.roles = role.ctypes.data
+        fmu = components.stepped_fmu(step.component)
+        if fmu is None:
+            call = structs.SAVING(self._call_back(step))
+            found.call = structs.address(call)
+            self._alive.append(call)
+        else:
+            found.save, found.restore = fmu.instance.state_functions()
+        blocks = _engine_memory(unit)
+        copies = (c.c_char * max(1, sum(size for _, size in blocks)))()
+        array = (structs.BlockStruct * len(blocks))(*(structs.BlockStruct(*b) for b in blocks))
+        found.blocks, found.n_blocks = c.addressof(array), len(array)
+        found.copies = c.addressof(copies)
+        self._alive += [role, array, copies]
+        return found
+
+    def _call_back(self, step: Step) -> Callable[[int, int], int]:
+        """Saves the state of a Python component; it may keep what it is given, and change it."""
+
+        def call(unit: int, back: int) -> int:
+            try:
+                if back:
+                    step.component.set_state(copy.deepcopy(self._states[unit]))
+                else:
+                    self._states[unit] = copy.deepcopy(step.component.get_state())
+            except BaseException as error:
+                self._failed(error)
+                return 1
+            return 0
+
+        return call
+
+    def _bond(self, group: MacroGroup, bond: BondWires) -> structs.BondStruct:
+        first, place = {}, 0
+        for i in group.components:
+            for slot in self._plan.components[i].outputs:
+                first[slot.name] = place - slot.start
+                place += slot.size
+        effort, flow = bond.effort, bond.flow
+        starts = [
+            w.source.start + first[f"{w.source.component}.{w.source.port}"] for w in (effort, flow)
+        ]
+        return structs.BondStruct(
+            effort.source.start, effort.target.start, flow.source.start, flow.target.start,
+            *starts, effort.target.size, bond.residual.start, effort.gain, flow.gain,
+        )  # fmt: skip
+
+    def facts(self) -> list[dict[str, Any]]:
+        """What each group has done: steps by their sizes (s), kept and done again."""
+        return [
+            _facts(self._plan, group, macro, bonds)
+            for group, macro, bonds in zip(self._plan.groups, self.macros, self._bonds, strict=True)
+        ]
+
+
+def _facts(
+    plan: Plan,
+    group: MacroGroup,
+    macro: structs.MacroStruct,
+    bonds: c.Array[structs.BondStruct],
+) -> dict[str, Any]:
+    period = group.period * plan.h
+    sizes = [
+        {"size": period / 2**k, "accepted": macro.accepted[k], "rejected": macro.rejected[k]}
+        for k in range(group.halvings + 1)
+        if macro.accepted[k] or macro.rejected[k]
+    ]
+    return {
+        "components": [plan.components[i].name for i in group.components],
+        "accepted": sum(macro.accepted),
+        "rejected": sum(macro.rejected),
+        "sizes": sizes,
+        "largest_error": macro.worst,
+        "forced": macro.forced,
+        "forced_at": macro.forced_at if macro.forced else None,
+        "bonds": [
+            {"name": b.name, "signal": b.residual.name, "total": x.total, "largest": x.largest}
+            for b, x in zip(group.bonds, bonds, strict=True)
+        ],
+    }
+
+
+def _engine_memory(unit: structs.UnitStruct) -> list[tuple[int, int]]:
+    """(address, bytes) of what the engine itself keeps of the state of an FMU."""
+    blocks = []
+    if unit.typed:
+        typed = structs.Typed.from_address(unit.typed)
+        blocks.append((unit.typed + structs.Typed.next_event.offset, 8))
+        accesses = (structs.Access * typed.n_discrete).from_address(typed.discrete)
+        blocks += [(a.held, 8 * a.count) for a in accesses]
+    if unit.exchange:
+        blocks.append((unit.exchange + structs.ExchangeStruct.now.offset, 16))
+    return blocks

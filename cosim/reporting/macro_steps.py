@@ -1,0 +1,68 @@
+"""What groups with macro steps did (``algorithm = "adaptive"``), as lines and as a table."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from cosim.reporting.html import table
+
+#: Components of a group that are named.
+NAMED = 4
+
+
+def macro_lines(groups: Sequence[Mapping[str, Any]]) -> list[tuple[str, str]]:
+    """(what, text) of each group; `groups`: ``macro_steps`` of ``run.json``."""
+    found = []
+    for group in groups:
+        sizes = [row["size"] for row in group["sizes"] if row["accepted"]]
+        if not sizes:
+            continue
+        span = (
+            f"{min(sizes):.3g} s" if len(sizes) == 1 else f"{min(sizes):.3g} to {max(sizes):.3g} s"
+        )
+        found.append((
+            "macro steps",
+            f"{group['accepted']} of {span}, {group['rejected']} repeated  {_names(group)}",
+        ))  # fmt: skip
+        if group["forced"]:
+            found.append(("", _forced(group)))
+        found += [
+            (
+                "coupling energy",
+                f"{bond['total']:.3g} J made in all, at most {bond['largest']:.3g} J in a period"
+                f"  {bond['name']}",
+            )
+            for bond in group["bonds"]
+        ]
+    return found
+
+
+def _names(group: Mapping[str, Any]) -> str:
+    names = group["components"]
+    more = f" and {len(names) - NAMED} more" if len(names) > NAMED else ""
+    return ", ".join(names[:NAMED]) + more
+
+
+def _forced(group: Mapping[str, Any]) -> str:
+    return (
+        f"{group['forced']} of the smallest size exceed the tolerance, by a factor of up to "
+        f"{group['largest_error']:.3g}, first at t = {group['forced_at']:.6g} s"
+    )
+
+
+def macro_section(facts: Mapping[str, Any]) -> str:
+    """The steps of each group by their sizes, as HTML; "" for a run without any."""
+    groups = facts.get("macro_steps") or ()
+    head = ["components", "size in s", "kept", "repeated"]
+    rows = [
+        (_names(group), f"{row['size']:.6g}", str(row["accepted"]), str(row["rejected"]))
+        for group in groups
+        for row in group["sizes"]
+    ]
+    said = "".join(
+        f"<p>{what}: {text}</p>" for what, text in macro_lines(groups) if what != "macro steps"
+    )
+    return (
+        f"<h2>Macro steps</h2>{table(head, rows, 3)}{said.replace('<p>: ', '<p>')}" if rows else ""
+    )

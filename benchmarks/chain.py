@@ -29,7 +29,7 @@ sys.path.append(str(Path(__file__).resolve().parents[1]))
 
 from benchmarks import tables
 from fmus import kernel, toolchain
-from fmus.models import arm, arm_teleoperation, chain, pd
+from fmus.models import arm, arm_task, arm_teleoperation, chain, pd
 from fmus.models.chain import Table
 
 C = Path(__file__).parent / "c"
@@ -40,6 +40,8 @@ MODELS: tuple[tuple[str, ModuleType, dict[str, float]], ...] = (
     ("controller pd", pd, {}),
     ("controller arm_teleoperation, gravity adapted", arm_teleoperation, {"gravity": 2.0}),
     ("controller arm_teleoperation, gravity compensated", arm_teleoperation, {"gravity": 1.0}),
+    ("controller arm_task, 3 coordinates", arm_task, {"gravity": 1.0, "k_n": 1.0, "k_l": 1.0}),
+    ("controller arm_task, damped", arm_task, {"gravity": 1.0, "k_n": 1.0, "sigma_0": 9.0}),
 )
 PINOCCHIO_FLAGS = (
     "-O3", "-std=c++17", "-DNDEBUG", "-DBOOST_FUSION_INVOKE_MAX_ARITY=10",

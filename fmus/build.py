@@ -75,7 +75,7 @@ SHIPPED: dict[str, tuple[dict[str, int], ...]] = {
     "grasp": ({},),
     "encoder": ({},),
     "arm_teleoperation": ({},),
-    "arm_task": ({},),
+    "arm_task": ({}, {"coordinates": 6}),
     "arm_tip": ({},),
     "elastic_joint": ({},),
     "arm_pd": (),  # compiled when first used, as the next

@@ -30,7 +30,7 @@ enum { JOINTS = ENTRIES(q), STATES = ENTRIES(z) };
 typedef struct {
     double xi[STATES], dz[STATES], v[JOINTS], a[JOINTS], s[JOINTS], feedback[JOINTS];
     double tau[JOINTS], Ys[10 * JOINTS];
-    double x[STATES], dx[STATES], sigma; /* of a task */
+    double x[STATES], sigma; /* of a task */
     int saturated, stale;
 } Law;
 
@@ -52,6 +52,7 @@ static inline void refer(const Model *x, const Chain *chain, const Pose *pose, c
 }
 static inline void give_task(Model *x, const Law *y) { (void)x, (void)y; }
 static inline const char *task_problem(const Model *x) { return (void)x, NULL; }
+static inline void begin_task(Model *x) { (void)x; }
 #endif
 
 /* The law as of t_k, with the state z, theta_hat. */
@@ -114,6 +115,7 @@ const char *model_initial(Model *x) {
     Law y;
     const char *why = check(x);
     if (why != NULL) return why;
+    begin_task(x);
     law(x, x->z, x->theta_hat[0], &y);
     if (!finite_law(&y)) return LAW_DIVERGED;
     give(x, &y);

@@ -1,19 +1,20 @@
-/* chain_tip.h - the tip of a serial chain in the frame of its base: place, velocity, Jacobian.
+/* chain_tip.h - the tip of a serial chain in the frame of its base: place, orientation, Jacobian.
  *
- *     revolute     J_i = a_i x (p - o_i)      a_i, o_i: axis and origin of joint i in the base
- *     prismatic    J_i = a_i
+ *     revolute     J_i = (a_i x (p - o_i), a_i)     a_i, o_i: axis and origin of joint i in the base
+ *     prismatic    J_i = (a_i, 0)
  *
  * and dJ_i by the same formula differentiated: an axis turns with the link before its joint, and an
- * origin moves with it. A point has no orientation, so J has three rows. Our own derivation.
+ * origin moves with it. Our own derivation.
  */
 #ifndef CHAIN_TIP_H
 #define CHAIN_TIP_H
 
 #include "chain.h"
 
-/* m, m/s; J (3, n) with dp = J dq, m/rad or 1, and its rate dJ, row by row. */
+/* Place and velocity, m and m/s, orientation R and angular velocity, rad/s; J (6, n) of velocity and
+ * angular velocity, and its rate dJ, row by row. */
 typedef struct {
-    double p[3], dp[3], J[3][CHAIN_MOST], dJ[3][CHAIN_MOST];
+    double p[3], dp[3], R[9], omega[3], J[6][CHAIN_MOST], dJ[6][CHAIN_MOST];
 } Tip;
 
 /* The axis of a joint and the origin of its link in the base, and their rates. */
@@ -28,12 +29,13 @@ static inline void multiply(const double A[9], const double B[9], double C[9]) {
             C[3 * i + k] = A[3 * i] * B[k] + A[3 * i + 1] * B[3 + k] + A[3 * i + 2] * B[6 + k];
 }
 
-/* The point `tip` (3,), m, of the last link: its place and velocity, and each joint in the base. */
+/* Tip, but for J and dJ, of the point `tip` (3,), m, of the last link; and each joint in the base. */
 static inline void place_tip(const Chain *chain, const Pose *pose, const double tip[3],
                              const double *dq, JointInBase *joint, Tip *at) {
-    double R[9] = {1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0}, next[9], step[3];
-    double omega[3] = {0.0};
-    UNROLLED for (int k = 0; k < 3; k++) at->p[k] = at->dp[k] = 0.0;
+    static const double unit[9] = {1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0};
+    double *R = at->R, *omega = at->omega, next[9], step[3];
+    UNROLLED for (int k = 0; k < 9; k++) R[k] = unit[k];
+    UNROLLED for (int k = 0; k < 3; k++) at->p[k] = at->dp[k] = omega[k] = 0.0;
     for (int i = 0; i < chain->n; i++) {
         JointInBase *here = &joint[i];
         rotate(R, pose[i].r, step);
@@ -75,6 +77,8 @@ static inline void chain_tip(const Chain *chain, const Pose *pose, const double 
         UNROLLED for (int k = 0; k < 3; k++) {
             at->J[k][i] = slides ? here->axis[k] : J[k];
             at->dJ[k][i] = slides ? here->axis_rate[k] : dJ[k];
+            at->J[k + 3][i] = slides ? 0.0 : here->axis[k];
+            at->dJ[k + 3][i] = slides ? 0.0 : here->axis_rate[k];
         }
     }
 }

@@ -2,9 +2,10 @@
 
 The law of ``arm_teleoperation`` couples joint by joint, and so equal arms. Here the arms exchange
 the motion of their tips, so that arms of any kinematics agree on the place x of the tip: seven
-joints, six, or a planar arm. For one arm and its neighbours j, with m coordinates::
+joints, six, or a planar arm. One to three coordinates are the place, six have the turn of the tip
+as well (``task_space``). For one arm and its neighbours j, with m coordinates::
 
-    x          = scale F (p(q) - x_0),   dx = J dq                             (``task_space``)
+    x          = scale F (p(q) - x_0)  (and the turn),   dx = J dq
     xi         = dx + alpha x                                                  sent, (47)
     dz         = -alpha dx + lambda_M (dx - z) - lambda Σ_j w_j l_j (xi - xi_in_j)
     v          = J# z + (1 - J# J) psi,   a = dv/dt
@@ -32,10 +33,15 @@ Near a singularity J# is damped, and J J# = 1 - mu^2 (J J' + mu^2)^-1. V still d
 and the agreement is not proved there. What is sent is dx = J dq, the motion that there is, not the
 one that is wanted; lambda_M (dx - z) keeps z bounded.
 
-A row of F that is 0 is a coordinate that the arm does not have, such as the height of a planar arm.
-It sends 0 for it. `listens` l_j (a row a neighbour) tells the others not to take part: 0 for the
-coordinates of the neighbour that do not count. Each coordinate is a network of its own, and its
+`lacks` marks coordinates that the arm does not have, such as the height of a planar arm. It sends 0
+for them. `listens` l_j (a row a neighbour) tells the others not to take part: 0 for the coordinates
+of the neighbour that do not count. Each coordinate of the place is a network of its own, and its
 graph must have a spanning tree.
+
+The turn of the tip is counted from the posture q_0, about the axes of F, as twice the vector part
+of the quaternion of the short way, times `length`: a coordinate in m like the others, for turns of
+less than pi. The theorems hold for it within this range, because x is then one function of q with a
+regular Jacobian, whose end sigma tells. Beyond, the turn jumps to the other short way.
 
 At rest a force on the tip, conjugate to x, is (K_x + (J K^-1 J')^-1) (lambda alpha / lambda_M)
 (x - x_j): the same on both sides where K is small, because K_x does not depend on the posture.
@@ -71,18 +77,19 @@ _SOURCES = ("arm_law.h", "arm_task.h", "chain_tip.h", "contact.c", "contact.h", 
 
 
 def model(joints: int = 7, coordinates: int = 3, neighbours: int = 1) -> Model:
-    """Declare the controller of an arm of `joints` whose tip has 1 to 3 `coordinates`.
+    """Declare the controller of an arm of `joints` whose tip has 1, 2, 3 or 6 `coordinates`.
 
     It receives xi from `neighbours` >= 0. Raises FmuError for other numbers.
     """
     if neighbours < 0:
         raise FmuError(f"neighbours is {neighbours}, expected at least 0")
-    if coordinates not in (1, 2, 3):
-        raise FmuError(f"coordinates is {coordinates}, expected 1, 2 or 3")
+    if coordinates not in (1, 2, 3, 6):
+        raise FmuError(f"coordinates is {coordinates}, expected 1, 2, 3 or 6")
     arm = Joints(joints)
     whom = f"{neighbours} neighbour(s)" if neighbours else "one arm alone"
     network = Terminal("network", ("xi", "xi_in", "w", "age"), "Signals of the neighbours")
-    stem = "arm_task" if neighbours else "arm_task_alone"
+    turning = coordinates == 6
+    stem = "arm_task" + ("_turn" if turning else "") + ("" if neighbours else "_alone")
     return Model(
         identifier=f"{stem}_n{neighbours}" if neighbours > 1 else stem,
         description=f"Adaptive controller of the tip of a serial arm, {whom}",
@@ -94,11 +101,15 @@ def model(joints: int = 7, coordinates: int = 3, neighbours: int = 1) -> Model:
             *_outputs(arm, coordinates, neighbours),
             *gains(arm),
             *_task(coordinates),
+            *(_turn(arm) if turning else ()),
             *_null(arm),
             *(_network(coordinates, neighbours) if neighbours else ()),
             *chain.variables(arm),
         ),
-        sources=(f"{stem}.c", *_SOURCES, "neighbours.h", *serial_arm.SOURCES),
+        sources=(
+            *(f"{stem}.c", *_SOURCES, *(("tip_turn.h",) if turning else ())),
+            *("neighbours.h", *serial_arm.SOURCES),
+        ),
         step=1e-3,
         terminals=(
             Terminal("joints", ("q", "dq", "tau"), "Position and velocity in, torque out"),
@@ -111,12 +122,13 @@ def model(joints: int = 7, coordinates: int = 3, neighbours: int = 1) -> Model:
 def _outputs(arm: Joints, m: int, neighbours: int) -> tuple[Variable, ...]:
     received = ("xi_in", "w", "age") if neighbours else ()
     chained = tuple(v.name for v in chain.variables(arm))
-    where = ("joint_type", "rotation", "origin", "tip", "frame", "scale")
+    turn = ("q_0", "length") if m == 6 else ()
+    where = ("joint_type", "rotation", "origin", "tip", "frame", "lacks", *turn, "scale")
     null = tuple(v.name for v in _null(arm))
     feedback = ("K", "K_x", "alpha", "lambda_M", "lambda_c", "tau_max", "gravity")
     network = ("lambda", "listens", "age_max", "age_fade") if neighbours else ()
     state = ("z", "theta_hat")
-    task = ("tip", "frame", "scale", "x_0", "sigma_0")
+    task = ("tip", "frame", "lacks", *turn, "scale", "x_0", "sigma_0")
     everything = (*state, *feedback, *network, *task, *null, *chained)
     theta_hat, theta_hat_next = serial_arm.estimate(arm)
     size, motion = (m,), ("q", "dq")
@@ -152,7 +164,8 @@ def _outputs(arm: Joints, m: int, neighbours: int) -> tuple[Variable, ...]:
 
 
 def _task(m: int) -> tuple[Variable, ...]:
-    unit = tuple(float(i == k) for i in range(m) for k in range(3))
+    rows = min(m, 3)
+    unit = tuple(float(i == k) for i in range(rows) for k in range(3))
     return (
         Variable(
             *("K_x", "parameter", (m,), "N.s/m", 0.0, "Feedback gain of J s in each coordinate"),
@@ -160,8 +173,14 @@ def _task(m: int) -> tuple[Variable, ...]:
         ),
         Variable("tip", "parameter", (3,), "m", 0.0, "Tip in the frame of the last link"),
         Variable(
-            *("frame", "parameter", (m, 3), "1", unit),
-            "F: direction of each coordinate in the base; a row of 0 for one that is missing",
+            *("frame", "parameter", (rows, 3), "1", unit),
+            "F: direction of each coordinate of the place in the base",
+        ),
+        Variable(
+            *("lacks", "parameter", (m,), "1", 0.0, "1 for a coordinate that the arm lacks"),
+            type="integer",
+            minimum=0.0,
+            maximum=1.0,
         ),
         Variable(
             *("scale", "parameter", (), "1", 1.0, "Coordinates per length of this arm's motion"),
@@ -173,6 +192,15 @@ def _task(m: int) -> tuple[Variable, ...]:
             "Singular value of J / scale below which J# is damped",
             minimum=1e-6,
         ),
+    )
+
+
+def _turn(arm: Joints) -> tuple[Variable, ...]:
+    text = "Length of the place that counts as much as a turn of 1 rad"
+    return (
+        arm.vector("q_0", "parameter", "rad", "Posture in which the turn is 0"),
+        Variable("length", "parameter", (), "m", 0.3, text, minimum=1e-6),
+        Variable("R_0", "local", (3, 3), "1", description="Orientation of the tip there"),
     )
 
 
@@ -200,7 +228,7 @@ def law(x: Values, t: float, h: float, q: Array, dq: Array, *network: Array) -> 
     `q`, `dq` (n,) rad, rad/s. `network`: xi_in (k, m) m/s, w (k,) without a unit and age (k,) s of
     k neighbours, or nothing.
     """
-    z, scale, J = x["z_next"], x["scale"], task_space.rows(x, q)
+    z, scale, J = x["z_next"], task_space.scales(x), task_space.rows(x, q)
     at = task_space.place(x, q)
     dx = scale * (J @ dq)
     xi = dx + x["alpha"] * at
@@ -208,7 +236,7 @@ def law(x: Values, t: float, h: float, q: Array, dq: Array, *network: Array) -> 
     dz = -x["alpha"] * dx + x["lambda_M"] * (dx - z) - pull
     v = task_space.velocity(x, q, z / scale)
     a = task_space.acceleration(x, q, dq, z / scale, dz / scale)
-    feedback = x["K"] * (dq - v) + scale**2 * J.T @ (x["K_x"] * (J @ (dq - v)))
+    feedback = x["K"] * (dq - v) + J.T @ (scale**2 * x["K_x"] * (J @ (dq - v)))
     given = {"xi": xi, "x": at, "sigma": task_space.inverse(x, J)[1]}
     return given | controlled(x, h, q, dq, Wanted(v, a, dz, feedback, stale))
 
@@ -226,7 +254,9 @@ def _coupling(x: Values, xi: Array, xi_in: Array, w: Array, age: Array) -> tuple
 def start(x: Values, *inputs: Array) -> Values:
     """State at the start. Raises ScenarioError for values that cannot be."""
     if not task_space.has(x).any():
-        raise ScenarioError("every row is 0, expected a coordinate of the arm", "arm_task.frame")
+        raise ScenarioError("the arm lacks every coordinate, expected one", "arm_task.lacks")
+    if "length" in x and not chain.is_rotation(x["frame"]):
+        raise ScenarioError("no rotation matrix, expected one for the turn", "arm_task.frame")
     return checked(x, "arm_task")
 
 

@@ -255,10 +255,15 @@ def energy(table: Table, q: Array, dq: Array) -> tuple[float, float]:
     return float(kinetic), float(potential)
 
 
+def is_rotation(R: Array) -> bool:
+    """Whether R (3, 3), without a unit, is a rotation, to 1e-6."""
+    return bool(np.abs(R @ R.T - np.eye(3)).max() <= 1e-6 and np.linalg.det(R) > 0.0)
+
+
 def check(table: Table, place: str) -> None:
     """Raise ScenarioError at `place` for a table that no arm has; it says which link is wrong."""
     for i, (R, theta) in enumerate(zip(table.rotation, table.inertia, strict=True)):
-        if np.abs(R @ R.T - np.eye(3)).max() > 1e-6 or np.linalg.det(R) < 0.0:
+        if not is_rotation(R):
             raise ScenarioError(
                 f"found {R.tolist()}, expected a rotation matrix", f"{place}.rotation[{i}]"
             )

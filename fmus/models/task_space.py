@@ -1,12 +1,18 @@
-"""The tip of a serial arm as coordinates of a task: place, Jacobian, damped inverse, null motion.
+"""The tip of a serial arm as coordinates of a task: place, turn, damped inverse, null motion.
 
-The tip p of a chain (``chain``) gives the coordinates, with `frame` F and the point `x_0` of the
-base, and J = dp/dq::
+The tip p of a chain (``chain``) gives up to three coordinates, with `frame` F and the point `x_0`
+of the base; six have its turn as well, as twice the vector part of a quaternion, times `length`::
 
-    x = scale F (p(q) - x_0),      dx = scale F J dq
+    place   scale F (p(q) - x_0)
+    turn    length 2 eps,   (eta, eps) the quaternion of F R(q) R(q_0)' F' with eta >= 0
+    dx      = scale F dp/dt,   length (eta - [eps]) F omega
 
-A joint velocity v that gives the tip the velocity w = z / scale, and moves the joints towards psi
-as far as the tip does not notice, is with J for F J::
+R is the orientation of the last link and omega its angular velocity, [a] b = a x b. The turn is the
+short way from the posture `q_0`; it is unique, and its Jacobian regular, for less than pi. Rows of
+J = dx/dq of coordinates that the arm `lacks`, and these coordinates, are 0.
+
+A joint velocity v that gives the tip the velocity w, and moves the joints towards psi as far as
+the tip does not notice, is with J before scaling by `scale`, and w accordingly::
 
     v   = psi + J'(J J' + mu^2)^-1 (w - J psi)  =  J# w + (1 - J# J) psi
     psi = -u / (1 + |u| / psi_max),   u = k_n (q - q_n) + k_l (a^2 - b^2) / margin
@@ -25,8 +31,10 @@ e, to the last digit. ``arm_task.h`` has them in closed form.
 Source: Y. Nakamura, H. Hanafusa, "Inverse kinematic solutions with singularity robustness for robot
 manipulator control", J. Dynamic Systems, Measurement, and Control 108(3), 1986; A. Liégeois,
 "Automatic supervisory control of the configuration and behavior of multibody mechanisms", IEEE
-Trans. Systems, Man, and Cybernetics 7(12), 1977; W. Squire, G. Trapp, "Using complex variables to
-estimate derivatives of real functions", SIAM Review 40(1), 1998; the smooth sigma is our own.
+Trans. Systems, Man, and Cybernetics 7(12), 1977; J. S.-C. Yuan, "Closed-loop manipulator control
+using quaternion feedback", IEEE J. Robotics and Automation 4(4), 1988; W. Squire, G. Trapp, "Using
+complex variables to estimate derivatives of real functions", SIAM Review 40(1), 1998; the smooth
+sigma is our own.
 """
 
 from __future__ import annotations
@@ -54,20 +62,65 @@ def jacobian(table: Table, point: Array, q: Array) -> Array:
     return np.array(columns).T
 
 
+def turns(table: Table, q: Array) -> Array:
+    """The angular velocity of the last link by dq, (3, n), 1/s; `q` (n,) rad or m."""
+    columns = [
+        R[:, 2] * (0.0 if kind else 1.0)
+        for kind, (R, _) in zip(table.joint_type, chain.placements(table, q), strict=True)
+    ]
+    return np.array(columns).T
+
+
+def quaternion(C: Array) -> tuple[Array, Array]:
+    """(eta, eps (3,)) of a rotation `C` (3, 3), without a unit, with eta >= 0."""
+    odd = np.array([C[2, 1] - C[1, 2], C[0, 2] - C[2, 0], C[1, 0] - C[0, 1]])
+    trace, m = np.trace(C), int(np.argmax(np.diag(C).real))
+    if trace.real > 0.0:
+        eta = 0.5 * np.sqrt(1.0 + trace)
+        return eta, 0.25 * odd / eta
+    eps = 0.25 * (C[:, m] + C[m])
+    own = 0.5 * np.sqrt(1.0 + 2.0 * C[m, m] - trace)
+    eps[m] = own * own
+    sign = -1.0 if odd[m].real < 0.0 else 1.0
+    return sign * 0.25 * odd[m] / own, sign * eps / own
+
+
+def turn(x: Values, q: Array) -> tuple[Array, Array]:
+    """(eta, eps (3,)), without a unit, of the turn of the tip at `q` (n,) rad from that at q_0."""
+    table, F = chain.of_values(x), x["frame"]
+    *_, (R, _) = chain.placements(table, q)
+    *_, (R_0, _) = chain.placements(table, x["q_0"])
+    return quaternion(F @ R @ R_0.T @ F.T)
+
+
 def rows(x: Values, q: Array) -> Array:
-    """F J, (m, n), of the values `x` of a model of a task; `q` (n,) rad or m."""
-    return np.asarray(x["frame"] @ jacobian(chain.of_values(x), x["tip"], q))
+    """J (m, n) before scaling, of the values `x` of a model of a task; `q` (n,) rad or m."""
+    table = chain.of_values(x)
+    J = x["frame"] @ jacobian(table, x["tip"], q)
+    if "length" in x:
+        eta, (a, b, c) = turn(x, q)
+        E = np.array([[eta, c, -b], [-c, eta, a], [b, -a, eta]])
+        J = np.vstack([J, x["length"] * (E @ x["frame"] @ turns(table, q))])
+    return np.asarray(np.where(has(x)[:, None], J, 0.0))
 
 
 def place(x: Values, q: Array) -> Array:
     """The coordinates (m,), m, of the tip at `q` (n,) rad or m."""
     at = tip(chain.of_values(x), x["tip"], q) - x["x_0"]
-    return np.asarray(x["scale"] * (x["frame"] @ at))
+    found = x["scale"] * (x["frame"] @ at)
+    if "length" in x:
+        found = np.concatenate([found, 2.0 * x["length"] * turn(x, q)[1]])
+    return np.where(has(x), found, 0.0)
+
+
+def scales(x: Values) -> Array:
+    """The factor (m,) of each coordinate, without a unit: a turn is as great in every arm."""
+    return np.where(np.arange(len(x["lacks"])) < len(x["frame"]), x["scale"], 1.0)
 
 
 def has(x: Values) -> Array:
-    """Which coordinates (m,) the arm has: those whose row of `frame` is not 0."""
-    return np.asarray(x["frame"].any(axis=1))
+    """Which coordinates (m,) the arm has."""
+    return np.asarray(x["lacks"] == 0)
 
 
 def inverse(x: Values, J: Array) -> tuple[Array, Array]:
@@ -89,7 +142,7 @@ def null_velocity(x: Values, q: Array) -> Array:
 
 
 def velocity(x: Values, q: Array, w: Array) -> Array:
-    """The joint velocity v (n,), rad/s, for a velocity `w` (m,), m/s, of the tip before scaling."""
+    """The joint velocity v (n,), rad/s, for the velocity `w` (m,), m/s, before scaling."""
     J, psi = rows(x, q), null_velocity(x, q)
     return np.asarray(psi + J.T @ (inverse(x, J)[0] @ (w - J @ psi)))
 

@@ -13,7 +13,7 @@ from fmus.models.arm_task import ArmTask
 from fmus.models.arm_teleoperation import ArmTeleoperation
 from fmus.models.arm_tip import ArmTip
 from fmus.models.chain import Table
-from tests.fmus.chains import random_chain
+from tests.fmus.chains import random_chain, random_rotation
 from tests.fmus.test_arm_teleoperation import H, Values, motion, played, values_of
 from tests.tiers import first_fast
 
@@ -26,7 +26,8 @@ def task_values(n: int, m: int, neighbours: int = 1, seed: int = 0, **given: obj
     made = values_of(n, rng) | {
         "z": rng.uniform(-1, 1, m),
         "tip": rng.uniform(-0.3, 0.3, 3),
-        "frame": rng.normal(size=(m, 3)),
+        "frame": random_rotation(rng) if m == 6 else rng.normal(size=(m, 3)),
+        "lacks": np.zeros(m),
         "x_0": rng.uniform(-1, 1, 3),
         "scale": np.array(1.7),
         "K_x": rng.uniform(0, 20, m),
@@ -39,6 +40,8 @@ def task_values(n: int, m: int, neighbours: int = 1, seed: int = 0, **given: obj
         "psi_max": rng.uniform(0.5, 2, n),
         "sigma_0": np.array(0.05),
     }
+    if m == 6:
+        made |= {"q_0": rng.uniform(-1, 1, n), "length": np.array(0.4)}
     if neighbours:
         made["listens"] = rng.choice([0.0, 0.5, 1.0], (neighbours, m))
     return made | {name: np.asarray(value, dtype=float) for name, value in given.items()}
@@ -46,14 +49,16 @@ def task_values(n: int, m: int, neighbours: int = 1, seed: int = 0, **given: obj
 
 CASES = [
     (5, 3, 2, {"gravity": 2, "lambda_c": 3.0, "age_max": 0.5, "age_fade": 0.4}),
+    (7, 6, 1, {"lacks": [0, 0, 0, 0, 1, 0]}),
     (4, 3, 1, {"sigma_0": 1.0, "gravity": 1, "tau_max": np.full(4, 40.0)}),  # always damped
     (3, 2, 0, {"gravity": 0, "sigma_0": 0.3}),  # sometimes
-    (2, 3, 1, {"frame": [[1, 0, 0], [0.3, 1, 0], [0, 0, 0]]}),
+    (2, 3, 1, {"lacks": [0, 0, 1]}),
     (6, 1, 2, {"natural": 0.5}),
+    (6, 6, 0, {"sigma_0": 0.3}),
 ]
 
 
-@pytest.mark.parametrize(("n", "m", "neighbours", "given"), first_fast(CASES, 2))
+@pytest.mark.parametrize(("n", "m", "neighbours", "given"), first_fast(CASES, 3))
 def test_c_equals_numpy(n: int, m: int, neighbours: int, given: dict[str, object]) -> None:
     """The reference differentiates the definition of v, the C code has dv/dt in closed form."""
     values = task_values(n, m, neighbours, n, **given)
@@ -77,6 +82,33 @@ def test_the_jacobian_is_the_derivative_of_the_place(seed: int) -> None:
     *_, (R, _) = chain.placements(table, q)
     by_twist = R @ (twist[3:] - chain.skew(point) @ twist[:3])
     assert np.allclose(task_space.jacobian(table, point, q), by_twist, rtol=0, atol=1e-12)
+
+
+def test_rows_are_the_derivative_of_place_and_turn() -> None:
+    values, rng = task_values(6, 6, seed=3, scale=1.0), np.random.default_rng(8)
+    q, steps = rng.uniform(-1.5, 1.5, 6), 1e-6 * np.eye(6)
+    at = partial(task_space.place, values)
+    found = np.array([(at(q + e) - at(q - e)) / 2e-6 for e in steps]).T
+    assert np.allclose(task_space.rows(values, q), found, rtol=0, atol=1e-9)
+
+
+def turned(angle: float) -> tuple[Values, Values]:
+    """An arm whose last joint, about z, has turned by `angle` from q_0; outputs of the C code."""
+    values = task_values(6, 6, seed=5, length=1.0, frame=np.eye(3))
+    values["joint_type"][5] = 0.0
+    q = values["q_0"] + np.array([0.0, 0, 0, 0, 0, angle])
+    kernel = arm_task.kernel(joints=6, coordinates=6)
+    kernel.initialize(values)
+    y = kernel.initial({"q": q, "dq": np.zeros(6), "xi_in": np.zeros((1, 6))})
+    return values, {name: np.array(value) for name, value in y.items()}
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.1, -1.0, 1.57, 2.5, -3.1, 3.3, 4.0])
+def test_the_turn_leads_the_short_way(angle: float) -> None:
+    values, y = turned(angle)
+    *_, (R, _) = chain.placements(chain.of_values(values), values["q_0"])
+    short = (angle + np.pi) % (2 * np.pi) - np.pi
+    assert np.allclose(y["x"][3:], 2 * np.sin(short / 2) * R[:, 2], rtol=0, atol=1e-12)
 
 
 def reference_velocity(values: Values, n: int, m: int, u: Values) -> tuple[Values, np.ndarray]:
@@ -201,8 +233,8 @@ def test_a_coordinate_that_is_missing_changes_nothing_else() -> None:
     flat, high = arm_task.kernel(joints=2, coordinates=2), arm_task.kernel(joints=2)
     plane = {**PLANE, "K_x": np.full(2, 5.0), "z": np.array([0.3, -0.2])}
     flat.initialize(plane)
-    frame = np.array([[1.0, 0, 0], [0, 1, 0], [0, 0, 0]])
-    high.initialize(plane | {"frame": frame, "K_x": np.full(3, 5.0), "z": np.array([0.3, -0.2, 0])})
+    lacking = {"lacks": np.array([0.0, 0, 1]), "z": np.array([0.3, -0.2, 0])}
+    high.initialize(plane | {"K_x": np.full(3, 5.0)} | lacking)
     for k, u in enumerate(motion(flat, 20, 3)):
         xi_in = np.array([[*u["xi_in"][0], 7.0]])
         a, b = flat.step(k * H, H, u), high.step(k * H, H, u | {"xi_in": xi_in})
@@ -229,7 +261,7 @@ def test_who_does_not_listen_to_a_coordinate_is_not_moved_by_it() -> None:
 @pytest.mark.parametrize(
     ("given", "says"),
     [
-        ({"frame": np.zeros((3, 3))}, "row"),
+        ({"lacks": np.ones(3)}, "lacks every coordinate"),
         ({"theta_min": np.full((2, 10), 0.1)}, "theta_hat"),
         ({"alpha": 0.0}, "alpha"),
         ({"inertia": -np.ones((2, 10))}, "mass"),
@@ -252,6 +284,14 @@ def test_values_that_cannot_be_are_refused(
 def test_sizes_that_cannot_be_are_refused(sizes: dict[str, int], says: str) -> None:
     with pytest.raises(FmuError, match=says):
         arm_task.model(**sizes)
+
+
+@pytest.mark.parametrize("made", [ArmTask, arm_task.kernel])
+def test_a_turn_needs_a_rotation(made: object) -> None:
+    component = made(joints=6, coordinates=6)  # type: ignore[operator]
+    with pytest.raises(CosimError, match="rotation"):
+        component.initialize({"frame": np.diag([1.0, 1.0, -1.0])})
+        component.initial(motion(component, 1, 1)[0])
 
 
 def test_hand_and_wall_at_the_tip_in_c_and_numpy() -> None:

@@ -125,3 +125,23 @@ def test_the_force_at_the_slaves_tip_is_felt_by_the_operator(tmp_path: Path) -> 
     stiffness = (K_X * np.eye(3) + by_joints) * LAMBDA * ALPHA / LAMBDA_M
     assert pressed == pytest.approx(stiffness[2, 2] * apart, rel=0.02)
     assert felt == pytest.approx(pressed, rel=0.02)  # K differs, K_x does not
+
+
+@pytest.mark.slow
+def test_arms_that_differ_agree_on_place_and_turn(tmp_path: Path) -> None:
+    """configs/robots/turn.toml: from the postures q_0 on, both have turned alike."""
+    simulate(load(CONFIGS / "robots" / "turn.toml"), tmp_path / "run")
+    r = Run.open(tmp_path / "run")
+    places, turns = [], []
+    for arm, file, tip in (("left", "fr3", "link7"), ("right", "six_axis", "link6")):
+        table = serial(CONFIGS / "robots" / f"{file}.urdf", "link0", tip).table
+        given = r.metadata["scenario"]["components"][f"{arm}_control"]["parameters"]
+        at = [r.array(f"{arm}.q")[0], r.array(f"{arm}.q")[-1], np.array(given["q_0"])]
+        first, last, neutral = (list(chain.placements(table, q))[-1] for q in at)
+        turns.append((first[0] @ neutral[0].T, last[0] @ neutral[0].T))
+        point = last[0] @ np.array([0.0, 0.0, 0.107 if arm == "left" else 0.0])
+        places.append(last[1] + point - given["x_0"])
+    apart = [np.arccos((np.trace(a.T @ b) - 1) / 2) for a, b in zip(*turns, strict=True)]
+    assert apart[0] > 0.5
+    assert apart[1] < 1e-3
+    assert np.allclose(*places, rtol=0, atol=5e-4)

@@ -19,12 +19,12 @@ from fmus.source import scalars
 WITHIN_REACH = {"tau_max": (0.1, 100.0), "age_max": (0.1, 1.0), "age_fade": (0.1, 1.0)}
 #: Entries beside a diagonal, small enough for a positive definite matrix.
 OFF_DIAGONAL = {"K_off": 0.1, "Gamma_off": 0.001}
-#: Entries of a rotation and of a body, which random numbers would not be, and a rate that needs
+#: Entries of rotations and of a body, which random numbers would not be, and a rate that needs
 #: estimates of bodies.
-TOGETHER = ("rotation", "inertia", "natural")
+TOGETHER = ("rotation", "frame", "inertia", "natural")
 #: A small change, and one that crosses a limit; of a rotation, one that leaves it a rotation.
 CHANGES = {"real": (0.01, 0.95), "integer": (1.0,), "boolean": ()}
-CHANGES_OF = {"rotation": (1e-7,)}
+CHANGES_OF = {"rotation": (1e-7,), "frame": (1e-7,)}
 POINTS = 40
 Pairs = set[tuple[str, str]]
 
@@ -76,7 +76,7 @@ class Probe:
                 near = low * (high / low) ** more
             if v.name == "q_w":
                 near -= 2.0  # so that the arm is in the wall
-            if v.name in ("q_min", "q_max") and self.model.identifier == "arm_task":
+            if v.name in ("q_min", "q_max") and self.model.identifier.startswith("arm_task"):
                 near = more  # so that some joints are near a limit, and others not
             if v.name in OFF_DIAGONAL:
                 near = OFF_DIAGONAL[v.name] * more

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fmus.models import chain
+from fmus.models import arm_task, chain, task_space
 from fmus.robots.body import Placement, RigidBody, symmetric
 from fmus.robots.serial import Robot, serial
 from tests.fmus.chains import ChainInC, compile_chain, random_body
@@ -149,3 +149,35 @@ def test_published_robots_move_as_in_pinocchio(library: ctypes.CDLL, name: str) 
         pytest.skip("example-robot-data is not installed")
     robot = serial(path, base, tip, fixed)
     compare(library, robot, path, np.random.default_rng(7))
+
+
+@pytest.mark.parametrize("n", [2, 7])
+def test_tips_move_as_in_pinocchio(tmp_path: Path, n: int) -> None:
+    """Place, Jacobian and orientation of the tip; dv/dt of a task by dJ/dt: J dv + dJ v = dw."""
+    pin = pytest.importorskip("pinocchio")
+    rng = np.random.default_rng(n)
+    for _ in range(5):
+        path = files.write(tmp_path, *random_arm(rng, n)[0])
+        robot = serial(path, "link0", f"link{n}")
+        model = pin.buildModelFromUrdf(str(path))
+        data, frame = model.createData(), model.getFrameId(f"link{n}")
+        q, dq = rng.uniform(-2, 2, (2, n))
+        pin.computeJointJacobiansTimeVariation(model, data, q, dq)
+        pin.updateFramePlacements(model, data)
+        axes = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+        J = pin.getFrameJacobian(model, data, frame, axes)
+        dJ = pin.getFrameJacobianTimeVariation(model, data, frame, axes)
+        table, point = robot.table, robot.tip.r
+        assert np.allclose(task_space.tip(table, point, q), data.oMf[frame].translation, atol=1e-12)
+        assert np.allclose(task_space.jacobian(table, point, q), J[:3], atol=1e-11)
+        assert np.allclose(task_space.turns(table, q), J[3:], atol=1e-11)
+        *_, (R, _) = chain.placements(table, q)
+        assert np.allclose(R @ robot.tip.R, data.oMf[frame].rotation, atol=1e-11)
+        m = 3 if n > 3 else 1  # the tip is on the axis of the last joint
+        w, dw = rng.uniform(-1, 1, (2, m))
+        declared = arm_task.model(joints=n, coordinates=m).variables
+        x = {v.name: np.reshape(v.starts, v.shape) for v in declared} | table.values()
+        x |= {"tip": point, "sigma_0": np.array(1e-6)}
+        v, a = task_space.velocity(x, q, w), task_space.acceleration(x, q, dq, w, dw)
+        assert np.allclose(J[:m] @ v, w, rtol=0, atol=1e-9)
+        assert np.allclose(J[:m] @ a + dJ[:m] @ v, dw, rtol=0, atol=1e-8)

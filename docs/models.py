@@ -73,7 +73,19 @@ def section(name: str, module: ModuleType) -> str:
         same = {row(v) for v in model.variables}
         changed = [v for v in other.variables if row(v) not in same]
         lines += [f"With `{key} = 1` these are added or different:", "", *table(changed, {})]
+    lines += of_other_sizes(name, module, counted)
     return "\n".join([*lines, *presets(module)])
+
+
+def of_other_sizes(name: str, module: ModuleType, counted: Mapping[str, int]) -> list[str]:
+    """Variables that only a shipped model of other `counted` sizes has."""
+    known, lines = {v.name for v in module.model().variables}, []
+    for given in SHIPPED[name]:
+        sizes = {key: value for key, value in given.items() if key in counted}
+        if new := [v for v in module.model(**sizes).variables if v.name not in known]:
+            said = ", ".join(f"`{key} = {value}`" for key, value in sizes.items())
+            lines += [f"With {said} these are added:", "", *table(new, {})]
+    return lines
 
 
 def counted_shapes(

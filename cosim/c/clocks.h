@@ -55,6 +55,7 @@ static int tick_clocks(const doing_t *d, double now)
             x->late++;
             if (late > x->latest) x->latest = late;
         }
+        c->due = c->next;
         c->next = DBL_MAX;
         *d->status = ((set_clock_t3)x->set_clock)(d->unit->instance, &c->reference, 1,
                                                   x->active + i);
@@ -63,18 +64,40 @@ static int tick_clocks(const doing_t *d, double now)
     return RUN_OK;
 }
 
-/* The interval from now to the next tick. */
+/* An interval from now on, as a fraction. Where it begins with a tick of the clock itself, at its time, the
+ * counts since the start are added up: their sum is exact. */
+static double after_fraction(const doing_t *d, ticker_t *c, double now, uint64_t counter,
+                             uint64_t resolution)
+{
+    if (c->resolution != (int64_t)resolution || fabs(now - c->due) > SLACK * d->unit->h) {
+        c->origin = now;
+        c->count = 0;
+        c->resolution = (int64_t)resolution;
+    }
+    c->count += (int64_t)counter;
+    return c->origin + (double)c->count / (double)resolution;
+}
+
+/* The next tick after an interval from now on. */
 static int ask_interval(const doing_t *d, ticker_t *c, double now)
 {
-    double interval = 0.0;
+    const typed_t *x = d->unit->typed;
+    double next = 0.0;
+    uint64_t counter = 0, resolution = 0;
     int qualifier = INTERVAL_NOT_YET_KNOWN;
 
-    *d->status = ((get_interval_t3)d->unit->typed->get_interval)(
-        d->unit->instance, &c->reference, 1, &interval, &qualifier);
+    if (c->exact)
+        *d->status = ((get_fraction_t3)x->get_fraction)(d->unit->instance, &c->reference, 1,
+                                                        &counter, &resolution, &qualifier);
+    else
+        *d->status = ((get_interval_t3)x->get_interval)(d->unit->instance, &c->reference, 1,
+                                                        &next, &qualifier);
     if (failed_call(*d->status)) return RUN_EVENT;
     if (c->kind == CLOCK_COUNTDOWN && qualifier != INTERVAL_CHANGED) return RUN_OK;
-    if (qualifier == INTERVAL_NOT_YET_KNOWN || !(interval >= 0.0)) return RUN_INTERVAL;
-    c->next = now + interval;
+    if (qualifier == INTERVAL_NOT_YET_KNOWN || !(next >= 0.0)) return RUN_INTERVAL;
+    if (c->exact && (!resolution || resolution > INT64_MAX || counter > INT64_MAX / 2))
+        return RUN_INTERVAL;
+    c->next = c->exact ? after_fraction(d, c, now, counter, resolution) : now + next;
     return RUN_OK;
 }
 
@@ -102,7 +125,7 @@ static int ask_intervals(const doing_t *d, double now, _Bool *again)
 static double next_time(const typed_t *x)
 {
     double next = x->next_event;
-    if (!x->get_interval) return next;
+    if (!x->asks) return next;
     for (int64_t i = 0; i < x->n_clocks; i++)
         if (x->clocks[i].next < next) next = x->clocks[i].next;
     return next;
@@ -131,16 +154,36 @@ static int ask_clocks(const doing_t *d)
 
     for (int64_t i = 0; i < x->n_triggered; i++) {
         const triggered_t *c = x->triggered + i;
-        _Bool *active = x->active + x->n_clocks + i;
+        _Bool ticks = 0;
         if (c->n_clocks && !any_active(x, c->clocks, c->n_clocks)) continue;
-        *d->status = ((get_clock_t3)x->get_clock)(d->unit->instance, &c->reference, 1, active);
+        *d->status = ((get_clock_t3)x->get_clock)(d->unit->instance, &c->reference, 1, &ticks);
         if (failed_call(*d->status)) return RUN_EVENT;
-        if (*active) d->signals[c->place] += 1.0;
+        if (!ticks) continue;
+        x->active[x->n_clocks + i] = 1;
+        d->signals[c->place] += 1.0;
     }
     return RUN_OK;
 }
 
-/* Clocked values of this instant, in and out. No clock is active afterwards. */
+/* Gets the outputs whose clocks are active. No clock is active afterwards. */
+static int take_partitions(const doing_t *d)
+{
+    const typed_t *x = d->unit->typed;
+    int result = RUN_OK;
+
+    for (int64_t i = 0; i < x->n_partitions && result == RUN_OK; i++) {
+        partition_t *p = x->partitions + i;
+        p->fed = 0;
+        if (!any_active(x, p->clocks, p->n_clocks)) continue;
+        result = get_typed(p->outputs, p->n_outputs, d->unit->instance, d->signals, d->status,
+                           d->failed);
+        if (result == RUN_OK && p->texts && (*d->status = p->texts())) result = RUN_GET;
+    }
+    memset(x->active, 0, (size_t)(x->n_clocks + x->n_triggered) * sizeof *x->active);
+    return result;
+}
+
+/* Clocked values of this instant, in and out. */
 static int exchange(const doing_t *d)
 {
     const typed_t *x = d->unit->typed;
@@ -148,14 +191,5 @@ static int exchange(const doing_t *d)
 
     if (result == RUN_OK) result = ask_clocks(d);
     if (result == RUN_OK && x->n_triggered) result = feed_partitions(d);
-    for (int64_t i = 0; i < x->n_partitions && result == RUN_OK; i++) {
-        partition_t *p = x->partitions + i;
-        if (!p->fed) continue;
-        p->fed = 0;
-        result = get_typed(p->outputs, p->n_outputs, d->unit->instance, d->signals, d->status,
-                           d->failed);
-        if (result == RUN_OK && p->texts && (*d->status = p->texts())) result = RUN_GET;
-    }
-    memset(x->active, 0, (size_t)(x->n_clocks + x->n_triggered) * sizeof *x->active);
-    return result;
+    return result == RUN_OK ? take_partitions(d) : result;
 }

@@ -80,6 +80,7 @@ INLINE int step_fmi3(unit_t *u, double *s, double t, int *status)
     return RUN_TERMINATED;
 }
 
+#include "fmu_log.h"
 #include "typed.h"
 #include "exchange.h"
 
@@ -384,7 +385,6 @@ API int32_t engine_run(engine_t *e, int64_t ticks)
 }
 
 #include "many.h"
-#include "fmu_log.h"
 
 API int32_t engine_abi(void) { return ENGINE_ABI; }
 API size_t engine_sizes(int32_t which)

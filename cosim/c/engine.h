@@ -47,7 +47,7 @@ INLINE int64_t published(const int64_t *place)
 #endif
 }
 
-#define ENGINE_ABI 18
+#define ENGINE_ABI 19
 
 enum { OP_COPY, OP_SCALE, OP_PUSH, OP_PULL, OP_STEP, OP_RECORD, OP_AGE, OP_PLAY,
        OP_AHEAD, OP_BETWEEN, OP_GATE, OP_SLOPE_AHEAD, OP_SLOPE_BETWEEN,
@@ -119,6 +119,8 @@ typedef int (*update_t)(void *, _Bool *, _Bool *, _Bool *, _Bool *, _Bool *, dou
 typedef int (*set_clock_t3)(void *, const uint32_t *, size_t, const _Bool *);
 typedef int (*get_clock_t3)(void *, const uint32_t *, size_t, _Bool *);
 typedef int (*get_interval_t3)(void *, const uint32_t *, size_t, double *, int *);
+typedef int (*get_fraction_t3)(void *, const uint32_t *, size_t, uint64_t *, uint64_t *, int *);
+typedef int (*activate_t3)(void *, uint32_t, double);
 typedef int (*slopes2_t)(void *, const uint32_t *, size_t, const int32_t *, const double *);
 
 /* All variables of one FMI type: one call moves them, by way of a buffer of that type. */
@@ -137,9 +139,16 @@ typedef struct {
     uint32_t reference;
     int32_t kind;
     int64_t period, shift;  /* periodic: every `period` steps of its FMU, first in step `shift` */
-    double next;            /* s; changing, counting down: its next tick, or infinity */
+    double next;            /* s; changing, counting down, or in scheduled execution: its next tick */
     int64_t place;          /* wired: it ticks when the signal there is more than it was, */
     double held;            /* which was this */
+    double interval, offset; /* s; scheduled, periodic: tick n is n intervals after the offset, */
+    int64_t counter;        /* or, with a resolution, this many more of it each time */
+    int64_t count, resolution; /* the next tick, from `origin` on: exactly count / resolution */
+    double origin, due;     /* s; due: when it ticked, or should have */
+    double last;            /* s; scheduled: its last activation */
+    int64_t n;              /* scheduled, periodic: its next tick */
+    int32_t exact, reserved; /* exact: the FMU is asked for fractions */
 } ticker_t;
 
 /* A clock the FMU ticks itself; `clocks`: those it belongs to, as indices of typed_t's `active`. */
@@ -170,12 +179,15 @@ typedef struct {
     const access_t *slopes;     /* or NULL */
     const int32_t *orders;      /* of `slopes`: all 1 */
     void *enter_event, *update, *enter_step, *set_clock, *get_clock; /* NULL: no event mode */
-    void *get_interval;     /* NULL: no clock is changing or counts down */
+    void *get_interval, *get_fraction; /* of clocks that are changing or count down */
+    void *activate;         /* NULL: not in scheduled execution */
+    void *log;              /* log_t, the environment of call-backs */
     int64_t n_inputs, n_outputs, n_discrete, n_clocks, n_triggered, n_partitions;
     double next_event;      /* s, the time event it announced, or infinity */
     double latest;          /* s, the most that a clock ticked after its time, */
     int64_t late;           /* and how often one did: within a step that could not be cut */
     int32_t fmi, variable;  /* variable: steps may be cut at that time */
+    int32_t asks, unused;   /* whether there are clocks that are changing or count down */
 } typed_t;
 
 /* An FMU for model exchange: its functions, its solver, and how far it is. */

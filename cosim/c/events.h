@@ -12,6 +12,8 @@ typedef struct {
     double *signals;
     int *status;
     int32_t *failed;
+    double now;     /* s, of a partition that is active; what its call-back found: */
+    int result;
 } doing_t;
 
 #include "clocks.h"
@@ -33,7 +35,7 @@ static int leave_event_mode(const doing_t *d, double now)
         *d->status = ((update_t)x->update)(instance, &again, &terminate, &nominals, &values,
                                            &defined, &next);
         if (failed_call(*d->status)) return RUN_EVENT;
-        if (x->get_interval && !terminate) result = ask_intervals(d, now, &again);
+        if (x->asks && !terminate) result = ask_intervals(d, now, &again);
         if (result != RUN_OK) return result;
     }
     x->next_event = defined ? next : DBL_MAX;
@@ -82,7 +84,7 @@ static int input_event(const doing_t *d, int64_t hit, double t)
 static int step_event(const doing_t *d, double now, int inside, int happened)
 {
     const typed_t *x = d->unit->typed;
-    const int ticks = inside && x->get_interval && wake(d, -1, now);
+    const int ticks = inside && x->asks && wake(d, -1, now);
     int result;
 
     if (!ticks && !happened && x->next_event > now + SLACK * d->unit->h) return RUN_OK;

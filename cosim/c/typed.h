@@ -118,6 +118,7 @@ static int get_typed(const access_t *a, int64_t n, void *instance, double *s, in
 }
 
 #include "events.h"
+#include "scheduled.h"
 
 /* Slopes of inputs that are lines over the step, at its start (FMI 2.0.5, 4.2.1). */
 static int set_slopes(const typed_t *x, void *instance, const double *s, int *status)
@@ -146,8 +147,11 @@ static int step_typed(unit_t *u, double *s, double t, int64_t hit, int *status,
                       int32_t *failed)
 {
     const typed_t *x = u->typed;
-    const doing_t c = {u, s, status, failed};
-    int end, result = set_typed(x->inputs, x->n_inputs, u->instance, s, status, failed);
+    doing_t c = {u, s, status, failed, t, RUN_OK};
+    int end, result;
+
+    if (x->activate) return step_scheduled(&c, t);
+    result = set_typed(x->inputs, x->n_inputs, u->instance, s, status, failed);
 
     if (result == RUN_OK && x->update) result = input_event(&c, hit, t);
     if (result != RUN_OK) return result;

@@ -155,18 +155,18 @@ def _facts(component: FmuComponent) -> list[tuple[str, str]]:
 
 def _interfaces(component: FmuComponent) -> str:
     """What an FMU is exported for, as ``model exchange (3 states, 1 event indicator)``."""
-    from cosim.fmi.description import read_cached
+    from cosim.fmi.description import INTERFACES, read_cached
 
-    words = {"CoSimulation": "co-simulation", "ModelExchange": "model exchange"}
-    found = [words[name] for name in component.description.interfaces]
-    if "model exchange" not in found:
-        return ", ".join(found)
     folder, path = component.archive.folder, component.archive.path
-    states = read_cached(folder, path, (), True).states
-    assert states is not None
-    counts = ((states.count, "state"), (states.indicators, "event indicator"))
-    said = ", ".join(f"{n} {word}{'' if n == 1 else 's'}" for n, word in counts)
-    return f"{', '.join(found)} ({said})"
+    found = []
+    for name in component.description.interfaces:
+        found.append(INTERFACES[name])
+        states = read_cached(folder, path, (), name).states
+        if states is not None:
+            counts = ((states.count, "state"), (states.indicators, "event indicator"))
+            said = ", ".join(f"{n} {word}{'' if n == 1 else 's'}" for n, word in counts)
+            found[-1] += f" ({said})"
+    return ", ".join(found)
 
 
 def _stated(value: float | None, unit: str = "") -> str:

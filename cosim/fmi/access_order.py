@@ -25,11 +25,13 @@ Key = tuple[str, str, tuple[int, ...]]
 class Moves:
     """Variables by when they move; `events`: whether the FMU is run with event mode.
 
-    `exchange`: it is integrated by the engine, and inputs are set in Event Mode only.
+    `scheduled`: its clocks activate its partitions. `exchange`: it is integrated by the engine, and
+    inputs are set in Event Mode only.
     """
 
     events: bool
     exchange: bool = False
+    scheduled: bool = False
     _found: dict[Key, dict[str, Move]] = field(default_factory=dict)
 
     def add(self, role: str, group: VariableGroup, place: int) -> None:
@@ -42,7 +44,7 @@ class Moves:
         )
 
     def _key(self, role: str, first: FmuVariable) -> Key:
-        if self.events and first.clocks:
+        if (self.events or self.scheduled) and first.clocks:
             return role, "clocked", tuple(sorted(first.clocks))
         jumps = self.exchange or (self.events and first.variability != "continuous")
         discrete = jumps and role == "input"
@@ -85,7 +87,7 @@ def layout(
     clocks.check_step(x.description, h, x.name)
     exchange = _exchange(x)
     moves, found, asked = (
-        Moves(x.events, exchange is not None),
+        Moves(x.events, exchange is not None, x.description.scheduled),
         _slopes(x, inputs, slopes),
         clocks.read_clocks(x),
     )
@@ -104,12 +106,12 @@ def layout(
         output_count=sum(p.size for p in x.outputs),
         inputs=moves.of("input"), outputs=moves.of("output"),
         discrete=moves.of("input", "discrete"), slopes=found,
-        clocks=clocks.tickers(x.description, h, x.name, x.intervals, at) if x.events else (),
+        clocks=clocks.tickers(x.description, h, x.name, x.intervals, at) if x.clocked else (),
         triggered=asked.triggered, counts=tuple(at[t.reference] for t in asked.triggered),
         partitions=moves.partitions(asked.texts),
-        fmi=x.description.fmi, events=x.events,
+        fmi=x.description.fmi, events=x.events, scheduled=x.description.scheduled, begin=x.begin,
         variable=bool(x.description.flags.get("canHandleVariableCommunicationStepSize")),
-        plain=real and found is None and not (x.events or x.returns_early), exchange=exchange,
+        plain=real and found is None and not (x.clocked or x.returns_early), exchange=exchange,
     )  # fmt: skip
 
 

@@ -1,9 +1,9 @@
 """Clocks (FMI 3.0.2 §2.2.8) and step sizes: what of them a fixed step can keep.
 
-The engine ticks input clocks: those with a constant, fixed or tunable period (it tunes nothing)
-that is a whole number of steps of their FMU; changing ones and those that count down, when the FMU
-says that they tick next; triggered ones, when the signal wired to them rises. Output clocks are
-ticked by the FMU, in its events, and asked; how often they have ticked is a signal.
+The engine ticks input clocks: those with a constant, fixed or tunable period (it tunes nothing),
+with event mode a whole number of steps of their FMU; changing ones and those that count down, when
+the FMU says that they tick next; triggered ones, when the signal wired to them rises. Output clocks
+are ticked by the FMU, in its events, and asked; how often they have ticked is a signal.
 """
 
 from __future__ import annotations
@@ -14,14 +14,13 @@ from typing import Protocol
 from cosim.base.component import Values
 from cosim.base.errors import FmuError
 from cosim.fmi.description import Description
+from cosim.fmi.intervals import Intervals, given, has_fractions, written
 from cosim.fmi.layout import Ticker
 from cosim.fmi.library import Clocked, Clocks, Instance, TriggeredClock
 from cosim.fmi.ports import VariableGroup
 from cosim.fmi.variables import TEXTS, FmuVariable
 from cosim.native.structs import ClockKind
 
-#: Interval and shift (s) of clocks that do not state them, by value reference, as the FMU said.
-Intervals = Mapping[int, tuple[float, float]]
 _KINDS = {
     "constant": ClockKind.PERIODIC, "fixed": ClockKind.PERIODIC, "tunable": ClockKind.PERIODIC,
     "changing": ClockKind.CHANGING, "countdown": ClockKind.COUNTDOWN,
@@ -37,8 +36,8 @@ class ClockedFmu(Protocol):
         """As errors call it."""
 
     @property
-    def events(self) -> bool:
-        """Whether it is run with event mode."""
+    def clocked(self) -> bool:
+        """Whether its clocks are ticked: with event mode, or in scheduled execution."""
 
     @property
     def description(self) -> Description:
@@ -58,9 +57,25 @@ def tickers(
 ) -> tuple[Ticker, ...]:
     """The clocks the engine ticks, for steps of `h` (s). Raises FmuError for any it cannot.
 
-    `places`: where clocks that are signals are among these, by value reference.
+    `places`: where clocks that are signals are among these, by value reference. In scheduled
+    execution, in the order of their priorities.
     """
-    return tuple(_ticker(v, h, name, said, places) for v in _inputs(description))
+    inputs = _inputs(description)
+    if description.scheduled:
+        h = 0.0  # a partition is activated at any time
+        inputs.sort(key=lambda clock: _priority(clock, name))
+    return tuple(_ticker(v, h, name, said, places) for v in inputs)
+
+
+def _priority(clock: FmuVariable, name: str) -> int:
+    """Less is more urgent. Raises FmuError where it is missing (FMI 3.0.2 §2.4.7.4)."""
+    written_one = clock.attributes.get("priority", "")
+    if not written_one.isdecimal():
+        raise FmuError(
+            f"{name}: clock {clock.name!r} has the priority {written_one!r}; expected a whole "
+            "number, which scheduled execution needs"
+        )
+    return int(written_one)
 
 
 def is_signal(variable: FmuVariable) -> bool:
@@ -72,7 +87,7 @@ def is_signal(variable: FmuVariable) -> bool:
 
 def read_clocks(x: ClockedFmu) -> Clocks:
     """What is asked of an FMU's clocks, with event mode. Raises FmuError where one is none."""
-    if not x.events:
+    if not x.clocked:
         return Clocks()
     inputs = _inputs(x.description)
     outputs = [g for g in x.groups.values() if g.first.causality == "output"]
@@ -84,6 +99,7 @@ def read_clocks(x: ClockedFmu) -> Clocks:
         triggered=triggered(x.description, x.name),
         clocked=tuple(x for x in clocked if x.type not in TEXTS),
         texts=tuple(x for x in clocked if x.type in TEXTS),
+        fractions=tuple(v.reference for v in inputs if has_fractions(v)),
     )
 
 
@@ -91,13 +107,15 @@ def _variability(clock: FmuVariable) -> str:
     return clock.attributes.get("intervalVariability", "")
 
 
-def intervals_from_fmu(description: Description) -> list[int]:
-    """Value references of periodic clocks whose interval the FMU defines (FMI 3.0.2 §2.2.8)."""
-    return [
-        v.reference for v in _inputs(description)
+def intervals_from_fmu(description: Description) -> dict[int, bool]:
+    """Value references of periodic clocks whose interval the FMU defines (FMI 3.0.2 §2.2.8), and
+    whether as a fraction.
+    """
+    return {
+        v.reference: has_fractions(v) for v in _inputs(description)
         if _variability(v) in ("fixed", "tunable")
         and not {"intervalDecimal", "intervalCounter"} & v.attributes.keys()
-    ]  # fmt: skip
+    }  # fmt: skip
 
 
 def _inputs(description: Description) -> list[FmuVariable]:
@@ -143,10 +161,14 @@ def _ticker(
             f"expected one of {', '.join(_KINDS)}"
         )
     if kind is not ClockKind.PERIODIC:
-        return Ticker(clock.reference, kind, place=places.get(clock.reference, 0))
-    period, shift = said.get(clock.reference) or written_interval(clock, name)
+        place, exact = places.get(clock.reference, 0), has_fractions(clock)
+        return Ticker(clock.reference, kind, place=place, exact=exact)
+    found = said.get(clock.reference) or written(clock, name)
+    period, shift = found.seconds, found.shift_seconds
     if not (period > 0.0 and shift >= 0.0):
         raise FmuError(f"{name}: clock {clock.name!r} has interval {period:g} s, shift {shift:g} s")
+    if not h:
+        return Ticker(clock.reference, kind, interval=found)
     return Ticker(
         clock.reference,
         kind,
@@ -156,36 +178,16 @@ def _ticker(
 
 
 def set_intervals(x: ClockedFmu, values: Values) -> Intervals:
-    """Set the clocks among `values`; returns their intervals and shifts (s)."""
+    """Set the clocks among `values`; returns their intervals and shifts. Raises FmuError."""
     groups = {k: x.groups[k] for k in values if x.groups[k].first.type == "Clock"}
     found = {
-        v.reference: (float(interval), written_interval(v, x.name)[1])
+        v.reference: given(v, float(interval), x.name)
         for k, group in groups.items()
         for v, interval in zip(group.variables, values[k].reshape(-1), strict=True)
     }
     if found:
-        x.instance.set_intervals({reference: s for reference, (s, _) in found.items()})
+        x.instance.set_intervals(found)
     return found
-
-
-def written_interval(clock: FmuVariable, name: str) -> tuple[float, float]:
-    """Interval and shift (s), written as decimals or as counts of a resolution.
-
-    Raises FmuError where `clock`, of the FMU `name`, states no interval.
-    """
-    a = clock.attributes
-    try:
-        if "intervalCounter" in a:
-            resolution = float(a["resolution"])
-            return int(a["intervalCounter"]) / resolution, int(
-                a.get("shiftCounter", 0)
-            ) / resolution
-        return float(a["intervalDecimal"]), float(a.get("shiftDecimal", 0.0))
-    except (KeyError, ValueError, ZeroDivisionError):
-        raise FmuError(
-            f"{name}: clock {clock.name!r} states no interval; expected intervalDecimal, or "
-            "intervalCounter and resolution"
-        ) from None
 
 
 def check_step(description: Description, h: float, name: str) -> None:

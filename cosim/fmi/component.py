@@ -17,6 +17,7 @@ from cosim.fmi import archive as archives
 from cosim.fmi import binaries, clocks
 from cosim.fmi.description import read_cached
 from cosim.fmi.instances import instantiate
+from cosim.fmi.intervals import Intervals
 from cosim.fmi.isolation.remote import RemoteInstance
 from cosim.fmi.library import OK, Instance, Setup
 from cosim.fmi.options import FmuOptions
@@ -65,15 +66,16 @@ class FmuComponent:
         self.options = options or FmuOptions()
         self.archive = archives.unpack(path)
         path, folder = self.archive.path, self.archive.folder
-        exchange = self.options.exchange
-        self.description = read_cached(folder, path, (), exchange)
+        interface = self.options.interface
+        self.description = read_cached(folder, path, (), interface)
         given = self.options.given
         sizes = {**sizes_among(self.description.variables, given), **self.options.sizes}
         if sizes:
-            self.description = read_cached(folder, path, tuple(sizes.items()), exchange)
-        self._check_exchange(name)
+            self.description = read_cached(folder, path, tuple(sizes.items()), interface)
+        self._check_interface(name)
         self.name = name
-        self.kind: Kind = kind or self.description.kind or "continuous"  # type: ignore[assignment]
+        usual = "sampled" if self.description.scheduled else "continuous"
+        self.kind: Kind = kind or self.description.kind or usual  # type: ignore[assignment]
         self.groups = self.description.groups
         self._observed: frozenset[str] = frozenset()
         self._driven: frozenset[str] = frozenset()
@@ -83,8 +85,8 @@ class FmuComponent:
         self._sizes = sizes
         #: Names of `options.given` that are no values of signals or parameters.
         self.taken = frozenset({*sizes, *texts})
-        #: Interval and shift (s) of clocks that were set or asked for, by value reference.
-        self.intervals: clocks.Intervals = {}
+        #: Of clocks whose interval was set or asked for, by value reference.
+        self.intervals: Intervals = {}
         #: Time at which it is initialised, s.
         self.begin = 0.0
         self._instance: Instance | None = None
@@ -92,7 +94,7 @@ class FmuComponent:
         self._private: str | None = None
         self._last_text = ""
 
-    def _check_exchange(self, name: str) -> None:
+    def _check_interface(self, name: str) -> None:
         d, options = self.description, self.options
         if d.states is None and (options.solver or options.max_step is not None):
             raise FmuError(
@@ -135,7 +137,7 @@ class FmuComponent:
 
     def _readable(self, name: str) -> bool:
         first = self.groups[name].first
-        clocked = self.events and bool(first.clocks)
+        clocked = self.clocked and bool(first.clocks)
         return first.type in NUMERIC and first.causality not in ("input", "output") and not clocked
 
     @property
@@ -153,7 +155,7 @@ class FmuComponent:
         return self._derived(f"carried {role}", lambda: [
             g for g in self.groups.values()
             if self._role(g) == role
-            and (g.first.type in NUMERIC or (self.events and clocks.is_signal(g.first)))
+            and (g.first.type in NUMERIC or (self.clocked and clocks.is_signal(g.first)))
         ])  # fmt: skip
 
     @property
@@ -207,6 +209,11 @@ class FmuComponent:
         return self.description.fmi == "3.0" and bool(self.description.flags.get("hasEventMode"))
 
     @property
+    def clocked(self) -> bool:
+        """Whether the engine ticks its clocks: with event mode, or in scheduled execution."""
+        return self.events or self.description.scheduled
+
+    @property
     def discrete(self) -> frozenset[str]:
         """Inputs that change in jumps only."""
         inputs = self.carried("input")
@@ -257,7 +264,7 @@ class FmuComponent:
         setup = Setup(
             fmi=d.fmi, path=binary, name=self.name, token=d.token,
             resources=self.archive.folder / "resources", logging=options.log,
-            event_mode=self.events or d.states is not None, exchange=d.states is not None,
+            event_mode=self.events or d.states is not None, interface=d.interface,
             early_return=self.events or self.returns_early,
             tolerance=d.tolerance if options.tolerance is None else options.tolerance,
         )  # fmt: skip
@@ -322,12 +329,12 @@ class FmuComponent:
         """
         if self._start is None:
             return {}
-        asked = clocks.intervals_from_fmu(self.description) if self.events else []
+        asked = clocks.intervals_from_fmu(self.description) if self.clocked else {}
         self.intervals = {**self.intervals, **(self.instance.intervals(asked) if asked else {})}
         ticked, self._start = self._start.leave(clocks.read_clocks(self)), None
         free = [
             g for g in self.carried("output")
-            if g.first.type != "Clock" and not (self.events and g.first.clocks)
+            if g.first.type != "Clock" and not (self.clocked and g.first.clocks)
         ]  # fmt: skip
         shaped = {name: self._shaped(name, values) for name, values in ticked.items()}
         return self._outputs(free) | shaped
@@ -344,7 +351,7 @@ class FmuComponent:
         """
         if self.description.states is not None:
             raise FmuError(f"{self.name}: is integrated in the engine only (model exchange)")
-        if self.events and any(v.type == "Clock" for v in self.description.variables):
+        if self.clocked and any(v.type == "Clock" for v in self.description.variables):
             raise FmuError(f"{self.name}: has clocks, which tick in the engine only")
         self.exit_initialization()
         for name, value in u.items():
@@ -378,7 +385,7 @@ class FmuComponent:
             for g in self.groups.values()
             if g.first.causality == "output"
             and g.first.type in TEXTS
-            and not (self.events and g.first.clocks)
+            and not (self.clocked and g.first.clocks)
         }
 
     def log_text(self) -> str:

@@ -57,6 +57,8 @@ def model_name(component: Component) -> str:
         name = f"{fmu.archive.path.name}, FMI {fmu.description.fmi}"
         if fmu.description.states is not None:
             name += f" model exchange, {fmu.options.solver or 'rk4'}"
+        elif fmu.description.scheduled:
+            name += " scheduled execution"
         return f"{name}, {component.connected}" if isinstance(component, FmuDriver) else name
     if isinstance(component, NativeComponent):
         return component.model_name
@@ -140,7 +142,7 @@ def _reason_fixed(fmu: FmuComponent) -> str:
         return f"cannot save its state ({save})"
     if not flags.get(vary) and fmu.description.states is None:
         return f"cannot do a step in halves ({vary})"
-    clocks = fmu.events and any(v.type == "Clock" for v in fmu.description.variables)
+    clocks = fmu.clocked and any(v.type == "Clock" for v in fmu.description.variables)
     return "has clocks" if clocks else ""
 
 

@@ -42,9 +42,15 @@ class Description:
     optional: frozenset[str] = frozenset()  # inputs that are often left unfed
     step_attributes: Mapping[str, str] = field(default_factory=dict)
     interfaces: tuple[str, ...] = ("CoSimulation",)  # of those in INTERFACES, what there is
-    states: ContinuousStates | None = None  # None: it is run by co-simulation
+    interface: str = "CoSimulation"  # of those, by which it is run
+    states: ContinuousStates | None = None  # of model exchange, else None
     dependencies: tuple[Dependencies, Dependencies] = ({}, {})  # in a run, and at its start
     derived: dict[Any, Any] = field(default_factory=dict, repr=False, compare=False)
+
+    @property
+    def scheduled(self) -> bool:
+        """Whether it is run by scheduled execution: its clocks activate its partitions."""
+        return self.interface == "ScheduledExecution"
 
     @cached_property
     def groups(self) -> Mapping[str, VariableGroup]:
@@ -52,18 +58,20 @@ class Description:
         return {g.name: g for g in groups(self.variables)}
 
 
-#: Interfaces that a run uses, the first by default.
-INTERFACES = ("CoSimulation", "ModelExchange")
+#: Interfaces that a run uses, in the order of preference, and what they are called.
+INTERFACES = {
+    "CoSimulation": "co-simulation", "ModelExchange": "model exchange",
+    "ScheduledExecution": "scheduled execution",
+}  # fmt: skip
 
 
 def read(
-    path: str | Path, origin: Path, sizes: Mapping[str, int] | None = None, exchange: bool = False
+    path: str | Path, origin: Path, sizes: Mapping[str, int] | None = None, interface: str = ""
 ) -> Description:
     """Read a model description; `origin` is the FMU named in messages.
 
     `sizes`: of structural parameters (FMI 3.0), where they are not what is written.
-    `exchange`: for model exchange, which an FMU without co-simulation is read for anyhow. Raises
-    FmuError.
+    `interface`: one of :data:`INTERFACES`; "": the first that there is. Raises FmuError.
     """
     path = Path(path)
     try:
@@ -76,9 +84,9 @@ def read(
         raise FmuError(
             f"{origin}: fmiVersion is {version!r} (root element {root.tag!r}); expected 2.0 or 3.0"
         )
-    interface = _interface(root, origin, exchange)
+    chosen = _interface(root, fmi, origin, interface)
     try:
-        return _describe(root, interface, fmi, origin, sizes or {})
+        return _describe(root, chosen, fmi, origin, sizes or {})
     except KeyError as error:
         raise FmuError(f"{origin}: modelDescription.xml: a variable has no {error}") from error
     except (ValueError, OverflowError) as error:
@@ -87,22 +95,30 @@ def read(
 
 @lru_cache(maxsize=64)
 def read_cached(
-    folder: Path, origin: Path, sizes: tuple[tuple[str, int], ...] = (), exchange: bool = False
+    folder: Path, origin: Path, sizes: tuple[tuple[str, int], ...] = (), interface: str = ""
 ) -> Description:
     """Read the description in a folder that its contents name, once: it cannot change."""
-    return read(folder / "modelDescription.xml", origin, dict(sizes), exchange)
+    return read(folder / "modelDescription.xml", origin, dict(sizes), interface)
 
 
-def _interface(root: ElementTree.Element, origin: Path, exchange: bool) -> ElementTree.Element:
-    wanted = INTERFACES[1:] if exchange else INTERFACES
-    for name in wanted:
-        interface = root.find(name)
-        if interface is not None:
-            return interface
-    there = [n for n in (*INTERFACES, "ScheduledExecution") if root.find(n) is not None]
+def _interfaces(root: ElementTree.Element, fmi: str) -> dict[str, ElementTree.Element]:
+    """Those of :data:`INTERFACES` that there are; FMI 2.0 has no scheduled execution."""
+    known = [name for name in INTERFACES if fmi != "2.0" or name != "ScheduledExecution"]
+    found = ((name, root.find(name)) for name in known)
+    return {name: element for name, element in found if element is not None}
+
+
+def _interface(
+    root: ElementTree.Element, fmi: str, origin: Path, wanted: str
+) -> ElementTree.Element:
+    there = _interfaces(root, fmi)
+    for name in [wanted] if wanted else there:
+        if name in there:
+            return there[name]
+    expected = INTERFACES.get(wanted) or "co-simulation, model exchange or scheduled execution"
     raise FmuError(
-        f"{origin}: no {' or '.join(wanted)} interface (found: {', '.join(there) or 'none'}); "
-        f"expected an FMU exported for {'' if exchange else 'co-simulation or '}model exchange"
+        f"{origin}: found the interfaces {', '.join(there) or 'none'}; expected an FMU exported "
+        f"for {expected}"
     )
 
 
@@ -124,6 +140,9 @@ def _describe(
         raise FmuError(f"{origin}: FMI 2.0 has no structural parameters, found {sorted(sizes)}")
     variables = tuple(variables2(root) if fmi == "2.0" else variables3(root, sizes))
     _check_names(variables, origin)
+    ticked = any(v.type == "Clock" and v.causality == "input" for v in variables)
+    if interface.tag == "ScheduledExecution" and not ticked:
+        raise FmuError(f"{origin}: has no input clock, which scheduled execution needs")
     kind, optional = _ours(root)
     return Description(
         fmi=fmi,
@@ -141,7 +160,8 @@ def _describe(
         kind=kind,
         optional=optional,
         step_attributes=dict(interface.attrib),
-        interfaces=tuple(n for n in INTERFACES if root.find(n) is not None),
+        interfaces=tuple(_interfaces(root, fmi)),
+        interface=interface.tag,
         states=read_states(root, interface, fmi, variables)
         if interface.tag == "ModelExchange"
         else None,

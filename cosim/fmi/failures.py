@@ -55,11 +55,11 @@ def not_finite(slots: Sequence[Slot], signals: NDArray[np.float64]) -> str:
     return f"not a finite number: {', '.join(bad)}"
 
 
-def step_failure(result: EngineResult, status: int, said: str, exchange: bool = False) -> str:
-    """The error for a failed step of an FMU; `said`: in its log; `exchange`: it has no doStep."""
+def step_failure(result: EngineResult, status: int, said: str, call: str = "doStep") -> str:
+    """The error for a failed step of an FMU; `said`: in its log; `call`: what computes a step."""
     if result is EngineResult.EARLY_RETURN:
         return "the FMU returned early from its step, which is not supported"
     verb = {EngineResult.SET: "setting inputs", EngineResult.GET: "getting outputs"}.get(
-        result, "a call of the solver" if exchange else "doStep"
+        result, call
     )
     return f"{verb} returned {status_name(status)} ({said})"

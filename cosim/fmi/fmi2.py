@@ -8,6 +8,7 @@ from typing import Any
 
 from cosim.base.errors import FmuError
 from cosim.fmi.alike import CommonInstance
+from cosim.fmi.intervals import Interval, Intervals, NextTick
 from cosim.fmi.library import (
     EVENTS_AT_MOST,
     NEVER,
@@ -51,11 +52,11 @@ class Instance2(CommonInstance):
 
     STATE = "FMUstate"
     HOT = ("SetReal", "DoStep", "GetReal")
-    next_ticks: Mapping[int, float] = {}
+    next_ticks: Mapping[int, NextTick] = {}
 
     def __init__(self, setup: Setup, log: fmu_log.Log) -> None:
         self._calls = calls = Calls(setup, "fmi2", log)
-        self._tolerance, self._exchange = setup.tolerance, setup.exchange
+        self._tolerance, self._exchange = setup.tolerance, setup.interface == "ModelExchange"
         self.next_event, self._ended = NEVER, False
         self.log = calls.log
         libc = c.CDLL(None)
@@ -72,7 +73,7 @@ class Instance2(CommonInstance):
             result=c.c_void_p,
         )
         self.handle: int = instantiate(
-            setup.name.encode(), int(not setup.exchange), setup.token.encode(),
+            setup.name.encode(), int(not self._exchange), setup.token.encode(),
             setup.resources.as_uri().encode(), c.byref(self._callbacks), 0, int(setup.logging),
         )  # fmt: skip
         if not self.handle:
@@ -90,12 +91,12 @@ class Instance2(CommonInstance):
         """Enter Initialization Mode (§2.1.6 of FMI 2.0.5); `t0`, s, was given to :meth:`setup`."""
         self._calls.checked("EnterInitializationMode", c.c_void_p)(self.handle)
 
-    def intervals(self, clocks: Sequence[int]) -> dict[int, tuple[float, float]]:
-        """Interval and shift of clocks, s: FMI 2.0 has no clocks. Raises FmuError."""
+    def intervals(self, clocks: Mapping[int, bool]) -> dict[int, Interval]:
+        """Interval and shift of clocks: FMI 2.0 has no clocks. Raises FmuError."""
         raise FmuError(f"{self._calls.name}: FMI 2.0 has no clocks")
 
-    def set_intervals(self, given: Mapping[int, float]) -> None:
-        """Set intervals of clocks, s: FMI 2.0 has no clocks. Raises FmuError."""
+    def set_intervals(self, given: Intervals) -> None:
+        """Set intervals of clocks: FMI 2.0 has no clocks. Raises FmuError."""
         raise FmuError(f"{self._calls.name}: FMI 2.0 has no clocks")
 
     def clocked_texts(self) -> dict[str, list[str]]:

@@ -9,6 +9,7 @@ from typing import Any
 from cosim.base.errors import FmuError
 from cosim.fmi.alike import CommonInstance
 from cosim.fmi.clock_start import Ticking, intervals, set_intervals
+from cosim.fmi.intervals import Interval, Intervals, NextTick
 from cosim.fmi.library import (
     EVENTS_AT_MOST,
     NEVER,
@@ -31,7 +32,7 @@ TYPES: Mapping[str, Any] = {
 
 
 class Instance3(CommonInstance):
-    """An instance of an FMI 3.0 FMU, for co-simulation or for model exchange."""
+    """An instance of an FMI 3.0 FMU, for any of the three interfaces."""
 
     STATE = "FMUState"
     HOT = ("SetFloat64", "DoStep", "GetFloat64")
@@ -40,17 +41,19 @@ class Instance3(CommonInstance):
         self._calls = calls = Calls(setup, "fmi3", log)
         self.log = calls.log
         self._event_mode, self.next_event, self._ended = setup.event_mode, NEVER, False
-        self._tolerance, self._exchange = setup.tolerance, setup.exchange
-        what = "InstantiateModelExchange" if setup.exchange else "InstantiateCoSimulation"
+        self._tolerance, self._exchange = setup.tolerance, setup.interface == "ModelExchange"
+        engine, what = structs.library(), f"Instantiate{setup.interface}"
         settings: list[Any] = [c.c_bool(False), c.c_bool(setup.logging)]
         after: list[Any] = [
-            c.c_void_p(c.addressof(self.log)),
-            c.c_void_p(structs.address(structs.library().engine_log3)),
-        ]
-        if not setup.exchange:
+            c.c_void_p(c.addressof(self.log)), c.c_void_p(structs.address(engine.engine_log3))
+        ]  # fmt: skip
+        if setup.interface == "CoSimulation":
             settings += [c.c_bool(setup.event_mode), c.c_bool(setup.early_return)]
             settings += [c.c_void_p(), c.c_size_t(0)]
             after.append(c.c_void_p())
+        elif setup.interface == "ScheduledExecution":
+            calls_back = (engine.engine_clock_update, engine.engine_lock, engine.engine_lock)
+            after += [c.c_void_p(structs.address(f)) for f in calls_back]
         texts = (setup.name, setup.token, str(setup.resources) + "/")
         arguments = [*(c.c_char_p(text.encode()) for text in texts), *settings, *after]
         instantiate = calls.function(what, *map(type, arguments), result=c.c_void_p)
@@ -76,12 +79,12 @@ class Instance3(CommonInstance):
         tolerance = self._tolerance
         enter(self.handle, tolerance is not None, tolerance or 0.0, t0, False, 0.0)
 
-    def intervals(self, clocks: Sequence[int]) -> dict[int, tuple[float, float]]:
-        """(interval, shift) of periodic clocks, s; ``fmi3GetIntervalDecimal``."""
+    def intervals(self, clocks: Mapping[int, bool]) -> dict[int, Interval]:
+        """Interval and shift of periodic clocks, true: by ``fmi3GetIntervalFraction``."""
         return intervals(self._calls, self.handle, clocks)
 
-    def set_intervals(self, given: Mapping[int, float]) -> None:
-        """Set intervals of clocks, s: ``fmi3SetIntervalDecimal``."""
+    def set_intervals(self, given: Intervals) -> None:
+        """Set intervals: ``fmi3SetIntervalDecimal``, ``fmi3SetIntervalFraction``."""
         set_intervals(self._calls, self.handle, given)
 
     def exit_initialization(self, clocks: Clocks | None = None) -> dict[str, list[float]]:
@@ -110,8 +113,8 @@ class Instance3(CommonInstance):
         return None
 
     @property
-    def next_ticks(self) -> Mapping[int, float]:
-        """When clocks tick next that are changing or count down (s)."""
+    def next_ticks(self) -> Mapping[int, NextTick]:
+        """When clocks tick next that are changing or count down."""
         return self._ticking.next
 
     def clocked_texts(self) -> dict[str, list[str]]:

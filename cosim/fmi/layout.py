@@ -14,6 +14,7 @@ from typing import Any
 
 from cosim.base.errors import FmuError
 from cosim.fmi.exchange import ExchangeLayout, bind_exchange
+from cosim.fmi.intervals import Interval, NextTick
 from cosim.fmi.library import NEVER, Clocked, Instance, TriggeredClock
 from cosim.native import structs
 
@@ -53,8 +54,9 @@ class Move:
 
 @dataclass(frozen=True, slots=True)
 class Ticker:
-    """An input clock: `period` and first tick `shift` of a periodic one in steps of its FMU;
-    `place` in the signals of one that is wired.
+    """An input clock: `period` and first tick `shift` of a periodic one in steps of its FMU, or in
+    scheduled execution its `interval`; `place` in the signals of one that is wired; `exact`: the
+    FMU is asked for fractions.
     """
 
     reference: int
@@ -62,6 +64,8 @@ class Ticker:
     period: int = 1
     shift: int = 0
     place: int = 0
+    interval: Interval | None = None
+    exact: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,7 +86,8 @@ class StepLayout:
     `counts`: the signal that counts the ticks of each of `triggered`. `slopes`: inputs whose slope
     is set as well, with the position of the slope in the signals. (`input`, `input_count`),
     (`output`, `output_count`): its ranges of the signal vector. `exchange`: how an FMU for model
-    exchange is integrated; all its inputs are `discrete`, since what is held jumps.
+    exchange is integrated; all its inputs are `discrete`, since what is held jumps. `scheduled`: it
+    is activated by its clocks, from `begin` (s) on.
     """
 
     h: float
@@ -105,6 +110,8 @@ class StepLayout:
     variable: bool = False
     plain: bool = True
     exchange: ExchangeLayout | None = None
+    scheduled: bool = False
+    begin: float = 0.0
 
 
 def bind(instance: Instance, layout: StepLayout, alive: list[Any]) -> structs.UnitStruct:
@@ -117,6 +124,9 @@ def bind(instance: Instance, layout: StepLayout, alive: list[Any]) -> structs.Un
         unit.kind = structs.UnitKind.EXCHANGE
         unit.typed = c.addressof(_typed(instance, x, alive))
         unit.exchange = bind_exchange(instance, x.exchange, alive)
+        return unit
+    if x.scheduled:
+        unit.kind, unit.typed = structs.UnitKind.TYPED, c.addressof(_typed(instance, x, alive))
         return unit
     unit.set, unit.step, unit.get = instance.loop_functions()
     if x.plain:
@@ -149,6 +159,10 @@ def _typed(instance: Instance, x: StepLayout, alive: list[Any]) -> structs.Typed
         typed.enter_event = instance.address("EnterEventMode")
         typed.update = instance.address("UpdateDiscreteStates")
         typed.enter_step = instance.address("EnterStepMode")
+    if x.scheduled:
+        typed.activate = instance.address("ActivateModelPartition")
+        typed.log = c.addressof(instance.log)
+    if x.events or x.scheduled:
         _clocked(typed, instance, x, alive)
     alive.append(typed)
     return typed
@@ -156,16 +170,11 @@ def _typed(instance: Instance, x: StepLayout, alive: list[Any]) -> structs.Typed
 
 def _clocked(typed: structs.Typed, instance: Instance, x: StepLayout, alive: list[Any]) -> None:
     """Clocks, and what they move; `active` has a place for each clock."""
-    next_ = instance.next_ticks
     references = [t.reference for t in x.clocks] + [t.reference for t in x.triggered]
     index = {r: i for i, r in enumerate(references)}
     typed.active = _array_address(c.c_bool, [False] * len(index), alive)
-    tickers = [
-        structs.TickerStruct(
-            t.reference, t.kind, t.period, t.shift, next_.get(t.reference, NEVER), t.place
-        )
-        for t in x.clocks
-    ]
+    never = NextTick(NEVER)
+    tickers = [_ticker(t, x.begin, instance.next_ticks.get(t.reference, never)) for t in x.clocks]
     typed.clocks, typed.n_clocks = (
         _array_address(structs.TickerStruct, tickers, alive),
         len(tickers),
@@ -187,12 +196,30 @@ def _clocked(typed: structs.Typed, instance: Instance, x: StepLayout, alive: lis
         partitions.append(partition)
     typed.partitions = _array_address(structs.PartitionStruct, partitions, alive)
     typed.n_partitions = len(partitions)
-    if x.clocks:
+    if x.clocks and x.events:
         typed.set_clock = instance.address("SetClock")
     if x.triggered:
         typed.get_clock = instance.address("GetClock")
-    if any(t.kind in ASKED for t in x.clocks):
+    asked = [t.exact for t in x.clocks if t.kind in ASKED]
+    if not all(asked):
         typed.get_interval = instance.address("GetIntervalDecimal")
+    if any(asked):
+        typed.get_fraction = instance.address("GetIntervalFraction")
+    typed.asks = bool(asked)
+
+
+def _ticker(t: Ticker, begin: float, first: NextTick) -> structs.TickerStruct:
+    """A clock before its first tick; `begin` (s): when the FMU starts."""
+    found = structs.TickerStruct(
+        reference=t.reference, kind=t.kind, period=t.period, shift=t.shift, next=begin + first.time,
+        place=t.place, origin=begin, due=begin, count=first.count, resolution=first.resolution,
+        exact=t.exact, last=float("-inf"),
+    )  # fmt: skip
+    if t.interval is not None:
+        found.interval, found.offset = t.interval.seconds, t.interval.shift_seconds
+        found.counter, found.count = t.interval.counter, t.interval.shift
+        found.resolution, found.next = t.interval.resolution, begin + t.interval.shift_seconds
+    return found
 
 
 def _taking(instance: Instance, texts: Sequence[Clocked], alive: list[Any]) -> int:

@@ -16,6 +16,7 @@ from typing import Any, Protocol
 
 from cosim.base.errors import FmuError
 from cosim.fmi.elf import missing_bytes
+from cosim.fmi.intervals import Interval, Intervals, NextTick
 from cosim.native import fmu_log
 
 #: Rounds of an event iteration before it is given up.
@@ -46,8 +47,8 @@ class Instance(Protocol):
         """Take note of a status that the engine got."""
 
     @property
-    def next_ticks(self) -> Mapping[int, float]:
-        """When clocks tick next that the FMU is asked for (s), by value reference."""
+    def next_ticks(self) -> Mapping[int, NextTick]:
+        """When clocks tick next that the FMU is asked for, by value reference."""
 
     def setup(self, t0: float) -> None:
         """Set up the experiment from `t0` (s), with the tolerance and no stop time (FMI 2.0)."""
@@ -55,11 +56,11 @@ class Instance(Protocol):
     def enter_initialization(self, t0: float) -> None:
         """Enter Initialization Mode at `t0` (s)."""
 
-    def intervals(self, clocks: Sequence[int]) -> dict[int, tuple[float, float]]:
-        """Interval and shift (s) of periodic clocks, in Initialization Mode."""
+    def intervals(self, clocks: Mapping[int, bool]) -> dict[int, Interval]:
+        """Interval and shift of periodic clocks, in Initialization Mode; true: as fractions."""
 
-    def set_intervals(self, given: Mapping[int, float]) -> None:
-        """Set the interval (s) of fixed and tunable clocks, in Initialization Mode."""
+    def set_intervals(self, given: Intervals) -> None:
+        """Set the interval of fixed and tunable clocks, in Initialization Mode."""
 
     def exit_initialization(self, clocks: Clocks | None = None) -> dict[str, list[float]]:
         """Leave Initialization Mode for Step Mode; values of clocks that ticked then, by name."""
@@ -153,7 +154,8 @@ class Clocked:
 @dataclass(frozen=True, slots=True)
 class Clocks:
     """What is asked of clocks: when those tick next that are changing or count down (by value
-    reference), which of `triggered` tick, and what then belongs to them.
+    reference), which of `triggered` tick, and what then belongs to them. `fractions`: of which
+    intervals are asked for as fractions.
     """
 
     changing: tuple[int, ...] = ()
@@ -161,6 +163,7 @@ class Clocks:
     triggered: tuple[TriggeredClock, ...] = ()
     clocked: tuple[Clocked, ...] = ()
     texts: tuple[Clocked, ...] = ()
+    fractions: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -168,7 +171,7 @@ class Setup:
     """The settings of a new instance. `early_return`, `event_mode`: FMI 3.0 only.
 
     `tolerance`: relative tolerance of the FMU's own solver; None: it is left to the FMU.
-    `exchange`: for model exchange, not for co-simulation.
+    `interface`: one of :data:`cosim.fmi.description.INTERFACES`.
     """
 
     fmi: str
@@ -180,7 +183,7 @@ class Setup:
     event_mode: bool = False
     early_return: bool = False
     tolerance: float | None = None
-    exchange: bool = False
+    interface: str = "CoSimulation"
 
 
 @cache

@@ -22,9 +22,9 @@ class FmuOptions:
     killed when a call takes longer than `timeout` (s), with at most `memory` MB (0: no limit)
     more than at its start; `build`: compile the FMU's sources where it has no binary for here.
     `tolerance`: relative tolerance of the FMU's own solver, or of CVODE; None: that of its
-    DefaultExperiment. `exchange`: integrate an FMU that also has a solver of its own, by model
-    exchange; `solver`: euler, heun, rk4 or cvode ("": rk4), with steps of at most
-    `max_step` (s).
+    DefaultExperiment. `interface`: that of several which is used, as the model description writes
+    it; "": the first of co-simulation, model exchange, scheduled execution. `solver`: euler, heun,
+    rk4 or cvode ("": rk4), with steps of at most `max_step` (s).
     """
 
     sizes: Mapping[str, int] = field(default_factory=dict)
@@ -36,6 +36,6 @@ class FmuOptions:
     memory: int = 0
     build: bool = False
     tolerance: float | None = None
-    exchange: bool = False
+    interface: str = ""
     solver: str = ""
     max_step: float | None = None

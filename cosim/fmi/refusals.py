@@ -17,12 +17,17 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 
-def refusal(
-    result: EngineResult, status: int, said: str, value: str, exchange: bool = False
-) -> str:
+#: What computes a step, by the interface of an FMU.
+_CALLS = {
+    "CoSimulation": "doStep", "ModelExchange": "a call of the solver",
+    "ScheduledExecution": "fmi3ActivateModelPartition",
+}  # fmt: skip
+
+
+def refusal(result: EngineResult, status: int, said: str, value: str, call: str = "doStep") -> str:
     """The sentence for a result of engine.c; `said`: in the log, `value`: the signal at fault.
 
-    `exchange`: the FMU is one for model exchange.
+    `call`: what computes a step.
     """
     if result is EngineResult.VALUE:
         return (
@@ -45,9 +50,9 @@ def refusal(
     if result is EngineResult.INTERVAL:
         return (
             "a changing clock, or one that counts down, was asked for its next interval and gave "
-            f"none of 0 s or more ({said})"
+            f"none of 0 s or more, or one that ends when it has just ticked ({said})"
         )
-    return step_failure(result, status, said, exchange)
+    return step_failure(result, status, said, call)
 
 
 def wrong_value(slots: Sequence[Slot], signals: NDArray[np.float64], place: int) -> str:
@@ -68,5 +73,5 @@ def step_refused(
     if result is EngineResult.LOST and step.component.remote is not None:
         return step.component.remote.lost(Lost(status), "doStep").removeprefix(f"{step.name}: ")
     said = step.component.instance.log.said()
-    exchange = step.component.description.states is not None
-    return refusal(result, status, said, wrong_value(slots, signals, place), exchange)
+    call = _CALLS[step.component.description.interface]
+    return refusal(result, status, said, wrong_value(slots, signals, place), call)

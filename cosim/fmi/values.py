@@ -7,6 +7,7 @@ from typing import Any, Literal
 
 from cosim.base.component import Parameter, Port
 from cosim.base.errors import FmuError
+from cosim.fmi.intervals import written
 from cosim.fmi.ports import VariableGroup
 from cosim.fmi.variables import NUMERIC, TEXTS, FmuVariable, number
 
@@ -42,7 +43,7 @@ def parameter(group: VariableGroup) -> Parameter:
     """A parameter, the start value of a variable that has one, or the interval of a clock."""
     v = group.first
     if v.type == "Clock":
-        interval = number(v.attributes["intervalDecimal"])
+        interval = written(v, group.name).seconds
         return Parameter(group.name, (interval,) * group.size, group.shape, "s", v.description)
     kind: Literal["real", "integer", "boolean"] = _KINDS.get(v.type, "integer")
     return Parameter(
@@ -71,7 +72,8 @@ def settable(group: VariableGroup) -> bool:
 def can_set_interval(clock: FmuVariable) -> bool:
     """Whether an importer may set the interval of a clock (FMI 3.0.2 §2.2.8)."""
     periodic = clock.attributes.get("intervalVariability") in ("fixed", "tunable")
-    return clock.causality == "input" and periodic and "intervalDecimal" in clock.attributes
+    states = "intervalDecimal" in clock.attributes or "intervalCounter" in clock.attributes
+    return clock.causality == "input" and periodic and states
 
 
 def tunable(v: FmuVariable) -> bool:

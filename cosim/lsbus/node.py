@@ -9,7 +9,7 @@ import numpy as np
 
 from cosim.base.component import Values
 from cosim.base.errors import FmuError
-from cosim.fmi.clocks import written_interval
+from cosim.fmi import intervals
 from cosim.fmi.component import FmuComponent
 from cosim.fmi.fmi3 import Instance3
 from cosim.fmi.library import uint32
@@ -187,12 +187,15 @@ class NodeFmu:
             self._tick_ps = self._in_ps(self._interval()[0])
         elif self._variability in ("constant", "fixed", "tunable"):
             if {"intervalDecimal", "intervalCounter"} & clock.attributes.keys():
-                period, shift = written_interval(clock, self.name)
+                found = intervals.written(clock, self.name)
             else:
-                period, shift = instance.intervals([clock.reference])[clock.reference]
-            self._period_ps, self._tick_ps = self._in_ps(period), self._in_ps(shift)
+                asked = {clock.reference: intervals.has_fractions(clock)}
+                found = instance.intervals(asked)[clock.reference]
+            self._period_ps = self._in_ps(found.seconds)
+            self._tick_ps = self._in_ps(found.shift_seconds)
             if self._period_ps < 1:
-                raise FmuError(f"{self.name}: Tx_Clock has the interval {period:g} s, expected > 0")
+                said = f"{found.seconds:g} s"
+                raise FmuError(f"{self.name}: Tx_Clock has the interval {said}, expected > 0")
 
     # ---- calls -------------------------------------------------------------------------------
 

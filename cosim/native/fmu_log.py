@@ -18,6 +18,7 @@ class Log(c.Structure):
         ("dropped", c.c_int64),
         ("level", c.c_int32 * LOG_LINES),
         ("line", (c.c_char * LOG_WIDTH) * LOG_LINES),
+        ("step", c.c_void_p),
     )
 
     def forget(self) -> None:

@@ -11,7 +11,7 @@ from pathlib import Path
 from cosim.base.errors import CosimError
 from cosim.native.fmu_log import Log
 
-ABI = 18
+ABI = 19
 
 
 class Code(IntEnum):
@@ -216,7 +216,12 @@ class TickerStruct(c.Structure):
         ("shift", c.c_int64),
         ("next", c.c_double),
         ("place", c.c_int64),
-        ("held", c.c_double),
+        *((n, c.c_double) for n in ("held", "interval", "offset")),
+        *((n, c.c_int64) for n in ("counter", "count", "resolution")),
+        *((n, c.c_double) for n in ("origin", "due", "last")),
+        ("n", c.c_int64),
+        ("exact", c.c_int32),
+        ("reserved", c.c_int32),
     )
 
 
@@ -264,7 +269,7 @@ class Typed(c.Structure):
         ("enter_step", c.c_void_p),
         ("set_clock", c.c_void_p),
         ("get_clock", c.c_void_p),
-        ("get_interval", c.c_void_p),
+        *((n, c.c_void_p) for n in ("get_interval", "get_fraction", "activate", "log")),
         ("n_inputs", c.c_int64),
         ("n_outputs", c.c_int64),
         ("n_discrete", c.c_int64),
@@ -276,6 +281,8 @@ class Typed(c.Structure):
         ("late", c.c_int64),
         ("fmi", c.c_int32),
         ("variable", c.c_int32),
+        ("asks", c.c_int32),
+        ("unused", c.c_int32),
     )
 
 

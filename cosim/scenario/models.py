@@ -73,10 +73,10 @@ def load_component(name: str, spec: ComponentSpec, folder: Path, place: str) -> 
         raise ScenarioError(str(error), place) from None
     except Exception as error:
         raise ScenarioError(f"{spec.model}: {sentence(error)}", f"{place}.model") from error
-    if spec.kind == "model exchange":
+    if spec.kind in _WORDS:
         raise ScenarioError(f"found {spec.kind}, expected an FMU for it", f"{place}.kind")
     if spec.kind is not None:
-        component.kind = spec.kind
+        component.kind = spec.kind  # type: ignore[assignment]
     _check(component, f"{place}.model")
     return component, presets, prepared
 
@@ -114,7 +114,7 @@ def _prepared(module: ModuleType, spec: ComponentSpec, folder: Path, place: str)
 
 def _scene(spec: ComponentSpec, folder: Path, place: str) -> Component:
     """A scene of MuJoCo. Raises ScenarioError, MujocoError at `place`."""
-    if spec.kind in ("sampled", "model exchange"):
+    if spec.kind not in (None, "continuous"):
         raise ScenarioError(f"found {spec.kind}, expected continuous for a scene", f"{place}.kind")
     for key in (
         *("sizes", "log", "isolate", "timeout", "tolerance", "memory", "build"),
@@ -139,18 +139,24 @@ def _options(spec: ComponentSpec, folder: Path) -> dict[str, Any]:
     }
 
 
+#: Kinds that are interfaces of an FMU, and how it then samples.
+_WORDS: Mapping[str, tuple[Kind, str]] = {
+    "model exchange": ("continuous", "ModelExchange"),
+    "scheduled execution": ("sampled", "ScheduledExecution"),
+}
+
+
 def _fmu(
     name: str, path: Path, spec: ComponentSpec, sizes: Mapping[str, int], place: str
 ) -> Component:
     seconds = PATIENCE if spec.timeout is None else number(spec.timeout, "s", f"{place}.timeout")
     if not seconds > 0.0:
         raise ScenarioError(f"{seconds:g} s must be positive", f"{place}.timeout")
-    exchange = spec.kind == "model exchange"
-    kind: Kind | None = "continuous" if spec.kind == "model exchange" else spec.kind
+    kind, interface = _WORDS.get(spec.kind, (spec.kind, ""))  # type: ignore[arg-type]
     options = FmuOptions(
         sizes=sizes, given={**spec.parameters, **spec.start}, log=spec.log, isolate=spec.isolate,
         timeout=seconds, memory=spec.memory, build=spec.build, tolerance=spec.tolerance,
-        exchange=exchange, solver=spec.solver, max_step=_longest(spec, place),
+        interface=interface, solver=spec.solver, max_step=_longest(spec, place),
     )  # fmt: skip
     try:
         fmu = FmuComponent(path, name, kind, options)

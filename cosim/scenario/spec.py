@@ -86,14 +86,15 @@ class ComponentSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
 
     The last ten are for FMUs, see :class:`cosim.fmi.FmuOptions`; of these `bus` names the bus of
     an FMU with a CAN terminal (FMI-LS-BUS), and `terminal` that terminal where it has several.
-    `kind`: "model exchange" is continuous, and for an FMU that has its own solver as well.
+    `kind`: "model exchange" (which is continuous) and "scheduled execution" (which is sampled) are
+    for an FMU that has other interfaces as well.
     """
 
     model: str
     fmi: Literal["2.0", "3.0"] = "2.0"
     sizes: dict[str, int] = {}
     options: dict[str, Any] = {}
-    kind: Literal["sampled", "continuous", "model exchange"] | None = None
+    kind: Literal["sampled", "continuous", "model exchange", "scheduled execution"] | None = None
     period: Number | None = None
     extrapolate: Literal["hold", "linear"] = "hold"
     preset: str | None = None

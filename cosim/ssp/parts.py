@@ -37,8 +37,9 @@ def components(structure: Structure) -> dict[tuple[str, ...], SspPart]:
 def _fmu(part: SspComponent, name: str) -> FmuComponent:
     """The FMU of a component, as the SSD says that it is run. Raises ScenarioError."""
     wanted = part.implementation
+    options = FmuOptions(interface="ModelExchange" if wanted == "ModelExchange" else "")
     try:
-        fmu = FmuComponent(part.fmu, name, options=FmuOptions(exchange=wanted == "ModelExchange"))
+        fmu = FmuComponent(part.fmu, name, options=options)
     except CosimError as error:
         raise ScenarioError(str(error), part.place) from None
     if wanted not in ("any", *fmu.description.interfaces):
@@ -60,7 +61,7 @@ class SspPart:
     def table(self) -> dict[str, Any]:
         """Its table in the document; inputs and values appear in it later."""
         found: dict[str, Any] = {"model": str(self.fmu.archive.path)}
-        if self.fmu.options.exchange:
+        if self.fmu.options.interface:
             found["kind"] = "model exchange"
         archive, described = self.fmu.archive, self.fmu.description
         shipped = binaries.shipped(archive, described.fmi, described.identifier)

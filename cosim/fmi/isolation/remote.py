@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from cosim.base.errors import FmuError
+from cosim.fmi.intervals import Interval, Intervals, NextTick
 from cosim.fmi.isolation.protocol import answered, request
 from cosim.fmi.layout import StepLayout
 from cosim.fmi.library import NEVER, Clocked, Clocks, Setup
@@ -48,7 +49,7 @@ class RemoteInstance:
 
     handle = broken = 0
     next_event = NEVER  # known where the FMU is
-    next_ticks: Mapping[int, float] = {}
+    next_ticks: Mapping[int, NextTick] = {}
 
     def __init__(self, setup: Setup, options: FmuOptions, scalars: int, room: int) -> None:
         if os.name != "posix":
@@ -146,13 +147,13 @@ class RemoteInstance:
         """Enter Initialization Mode."""
         self._call("enter_initialization", t0)
 
-    def intervals(self, clocks: Sequence[int]) -> dict[int, tuple[float, float]]:
-        """Interval and shift (s) of periodic clocks."""
-        found: dict[int, tuple[float, float]] = self._call("intervals", clocks)
+    def intervals(self, clocks: Mapping[int, bool]) -> dict[int, Interval]:
+        """Interval and shift of periodic clocks."""
+        found: dict[int, Interval] = self._call("intervals", clocks)
         return found
 
-    def set_intervals(self, given: Mapping[int, float]) -> None:
-        """Set the interval (s) of fixed and tunable clocks."""
+    def set_intervals(self, given: Intervals) -> None:
+        """Set the interval of fixed and tunable clocks."""
         self._call("set_intervals", given)
 
     def exit_initialization(self, clocks: Clocks | None = None) -> dict[str, list[float]]:

@@ -115,10 +115,10 @@ def clocked3(variables: str = "", flags: str = "") -> str:
  causality="output"/>{variables}</ModelVariables><ModelStructure/></fmiModelDescription>"""
 
 
-def timed3(flags: str = VARIABLE, variables: str = "") -> str:
+def timed3(flags: str = VARIABLE, variables: str = "", clock: str = "") -> str:
     """A changing clock, one that counts down, one triggered from outside, and one from inside."""
     clocks = "".join(
-        f'<Clock name="{name}" valueReference="{i}" intervalVariability="{kind}" {more}/>'
+        f'<Clock name="{name}" valueReference="{i}" intervalVariability="{kind}" {clock} {more}/>'
         for i, name, kind, more in (
             (1, "pulse", "changing", 'causality="input"'),
             (2, "start", "triggered", 'causality="input"'),

@@ -321,7 +321,7 @@ def test_what_cannot_be_integrated_is_refused(fmus: dict[str, Path], tmp_path: P
 def test_an_fmu_of_both_kinds_is_run_by_co_simulation_unless_asked(tmp_path: Path) -> None:
     both = export(exchange2(more='<CoSimulation modelIdentifier="exchange2"/>'), tmp_path / "x.fmu")
     assert FmuComponent(both).description.states is None
-    exchanged = FmuComponent(both, options=FmuOptions(exchange=True)).description
+    exchanged = FmuComponent(both, options=FmuOptions(interface="ModelExchange")).description
     assert exchanged.states is not None and exchanged.interfaces == (
         "CoSimulation",
         "ModelExchange",

@@ -18,6 +18,7 @@ import pytest
 from cosim.base.errors import FmuError, RunError
 from cosim.engine.engine import Engine
 from cosim.fmi import FmuComponent, FmuOptions
+from cosim.fmi.intervals import Interval, fraction
 from cosim.fmi.isolation import protocol, remote
 from cosim.fmi.layout import StepLayout
 from cosim.fmi.library import Setup
@@ -193,7 +194,8 @@ def test_messages_have_types() -> None:
     assert protocol.requested(protocol.request("start", (setup, 5, 0))) == ("start", (setup, 5, 0))
     layout = StepLayout(0.1, 0, 1, 0, 1, 1, 1, (), ())
     assert protocol.requested(protocol.request("bind", (layout,)))[1] == (layout,)
-    assert protocol.answered("intervals", protocol.answer({3: (0.5, 0.0)})) == {3: (0.5, 0.0)}
+    intervals = {3: Interval(0.5, 0.0), 4: fraction(1, 2, 30)}
+    assert protocol.answered("intervals", protocol.answer(intervals)) == intervals
     assert protocol.answered("terminated", protocol.answer(None)) is None
     with pytest.raises(FmuError, match="it says no"):
         protocol.answered("setup", protocol.refusal("it says no"))

@@ -75,6 +75,24 @@ def test_a_countdown_much_shorter_than_a_step_ticks_after_it(timed: Path) -> Non
 
 
 @pytest.mark.parametrize("isolate", [False, True])
+def test_intervals_as_fractions_give_the_same(tmp_path: Path, timed: Path, isolate: bool) -> None:
+    path = export(timed3(clock='supportsFraction="true"'), tmp_path / "x.fmu")
+    found = outputs(plan_of(path, STEPS, options=FmuOptions(isolate=isolate)), FED)
+    decimal = outputs(plan_of(timed, STEPS), FED)
+    assert found["at_pulse"] == pytest.approx(decimal["at_pulse"])
+    assert found["at_done"] == pytest.approx(decimal["at_done"])
+    assert {**found, "at_pulse": 0, "at_done": 0, "time": 0} == {
+        **decimal, "at_pulse": 0, "at_done": 0, "time": 0
+    }  # fmt: skip
+
+
+def test_a_fraction_without_a_resolution_stops_the_run(tmp_path: Path) -> None:
+    path = export(timed3(clock='supportsFraction="true"'), tmp_path / "x.fmu")
+    with pytest.raises(CosimError, match=r"gave none of 0 s or more.* at tick 2"):
+        run(plan_of(path, STEPS, values={"lenient": (2.0,)}), FED)
+
+
+@pytest.mark.parametrize("isolate", [False, True])
 def test_texts_of_clocks_are_kept_from_their_last_tick(tmp_path: Path, isolate: bool) -> None:
     text = '<String name="said" valueReference="60" causality="output" clocks="4"/>'
     path = export(timed3(variables=text), tmp_path / "x.fmu")
@@ -116,7 +134,7 @@ def test_a_run_says_that_ticks_were_late(tmp_path: Path, monkeypatch, capsys) ->
 
 
 def test_an_interval_that_is_none_stops_the_run(timed: Path) -> None:
-    with pytest.raises(CosimError, match=r"gave none of 0 s or more .* at tick 2"):
+    with pytest.raises(CosimError, match=r"gave none of 0 s or more.* at tick 2"):
         run(plan_of(timed, STEPS, values={"lenient": (2.0,)}), FED)
 
 

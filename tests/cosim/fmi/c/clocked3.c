@@ -185,4 +185,5 @@ FMI int fmi3GetShiftDecimal(fmu_t *x, const uint32_t *r, size_t n, double *v)
 
 /* What a complete FMU has as well, and nobody calls. */
 #include "unused3.h"
+UNUSED(GetIntervalFraction)
 UNUSED(GetString)

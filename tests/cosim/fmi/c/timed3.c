@@ -139,6 +139,19 @@ FMI int fmi3GetIntervalDecimal(fmu_t *x, const uint32_t *r, size_t n, double *v,
     }
     return 0;
 }
+/* The same in multiples of 1/20 s, or of 1 ns for the delay. */
+FMI int fmi3GetIntervalFraction(fmu_t *x, const uint32_t *r, size_t n, uint64_t *counters,
+                                uint64_t *resolutions, int *qualifiers)
+{
+    for (size_t i = 0; i < n; i++) {
+        double v;
+        if (fmi3GetIntervalDecimal(x, r + i, 1, &v, qualifiers + i)) return 3;
+        resolutions[i] = r[i] == PULSE ? 20 : 1000000000;
+        counters[i] = v > 0.0 ? (uint64_t)(v * (double)resolutions[i] + 0.5) : 0;
+        if (v < 0.0) resolutions[i] = 0;
+    }
+    return 0;
+}
 FMI int fmi3DoStep(fmu_t *x, double t, double h, bool prior, bool *event, bool *terminate,
                    bool *early, double *last)
 {

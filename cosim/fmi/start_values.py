@@ -3,8 +3,9 @@
 Parameters and start values are set after ``fmi2SetupExperiment`` and before Initialization Mode is
 entered (FMI 2.0.5 §2.1.6, 3.0.2 §2.3.2), where both "exact" and "approx" ones may be set. Some
 exporters set their parameters to the defaults in ``fmi2SetupExperiment``. Others may do so on
-entering Initialization Mode, where exact values may be set once more. What an FMU computes with
-in the end is read back, and compared to the bit.
+entering Initialization Mode, so exact values are set there once more: FMI 2.0 allows this, but not
+to read a parameter there. What an FMU computes with in the end is read back, and compared to the
+bit.
 """
 
 from __future__ import annotations
@@ -85,7 +86,7 @@ class InstanceStart:
             one.set(x)
         x.enter_initialization(begin)
         for one in self._given:
-            if one.exact and one.differs(x) is not None:
+            if one.exact:
                 one.set(x)
         for one in self._inputs:
             if one.group.first.type in TEXTS:

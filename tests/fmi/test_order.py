@@ -1,0 +1,142 @@
+"""What our importer calls, of FMUs from here and from other exporters: judged by the standards.
+
+The FMUs are those that go wrong or ask for something in every way (tests/cosim/fmi/c), our models,
+and what exporters on PyPI make.
+"""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from fmus.build import find
+from fmus.models import pd, planar2r
+from tests.cosim.fmi.exporter import (
+    clocked3,
+    events3,
+    exchange2,
+    exchange3,
+    export,
+    nasty2,
+    passing3,
+    sloped2,
+    strict2,
+    strict3,
+    timed3,
+)
+from tests.cosim.fmi.test_calls import (
+    DISCARD,
+    ENDS,
+    ERROR,
+    EVENT,
+    FATAL,
+    IGNORES,
+    JUMPS,
+    LATER,
+    PENDING,
+    RESETS,
+    RETURNS,
+)
+from tests.fmi.runs import Watch, ran
+
+Made = Callable[..., Watch]
+ISOLATE = pytest.mark.parametrize("isolate", [False, True], ids=["here", "isolated"])
+EVENTS = 'hasEventMode="true"'
+STRICT = {"2.0": strict2(), "3.0": strict3(), "3.0 events": strict3(EVENTS)}
+OTHERS = {
+    "types of FMI 2": nasty2(), "types of FMI 3": passing3(), "slopes": sloped2(),
+    "events": events3(), "clocks": clocked3(),
+    "an interval": events3('intervalVariability="tunable" intervalDecimal="0.2"'),
+    "changing clocks": timed3(), "changing clocks, no early return": timed3(""),
+}  # fmt: skip
+
+
+@pytest.fixture
+def watch(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Made:
+    def made(fmu: str | Path) -> Watch:
+        path = tmp_path / "x.fmu"
+        path = export(fmu, path) if isinstance(fmu, str) else Path(shutil.copy(fmu, path))
+        return Watch(path, tmp_path, monkeypatch)
+
+    return made
+
+
+def test_the_judge_would_notice(watch: Made) -> None:
+    """Values of a run are in the list: instance, state, times, and the end."""
+    found = watch(strict2())
+    assert ran(found, 3, values={"gain": 3.0}, start={"u": 1.0}) == []
+    names = [call.name for call in found.calls()]
+    assert names[:3] == ["Instantiate", "SetupExperiment", "SetReal"]
+    assert names.count("DoStep") == 3
+    assert names[-2:] == ["Terminate", "FreeInstance"]
+
+
+@ISOLATE
+@pytest.mark.parametrize("fmi", STRICT)
+@pytest.mark.parametrize("how", [0, RESETS, LATER, IGNORES, JUMPS, ENDS, EVENT])
+def test_an_fmu_that_does_as_it_likes(watch: Made, fmi: str, how: int, isolate: bool) -> None:
+    values = {"how": how, "gain": 3.0, "when": 0.25, "x": 2.0, "rate": 0.5}
+    assert ran(watch(STRICT[fmi]), values=values, start={"u": 1.0}, isolate=isolate) == []
+
+
+@ISOLATE
+@pytest.mark.parametrize("fmi", STRICT)
+@pytest.mark.parametrize("status", [1, DISCARD, ERROR, FATAL, PENDING, 99])
+def test_an_fmu_whose_step_returns(watch: Made, fmi: str, status: int, isolate: bool) -> None:
+    values = {"how": RETURNS, "status": status, "when": 0.25}
+    assert ran(watch(STRICT[fmi]), values=values, isolate=isolate) == []
+
+
+@ISOLATE
+@pytest.mark.parametrize("what", OTHERS)
+@pytest.mark.parametrize(("h", "period"), [(0.1, 1), (0.05, 2)])
+def test_types_events_and_clocks(
+    watch: Made, what: str, h: float, period: int, isolate: bool
+) -> None:
+    assert ran(watch(OTHERS[what]), 20, h, period=period, isolate=isolate) == []
+
+
+@pytest.mark.parametrize("fmi", ["2.0", "3.0"])
+@pytest.mark.parametrize("solver", ["rk4", "cvode"])
+@pytest.mark.parametrize("model", range(10))
+def test_model_exchange(watch: Made, fmi: str, solver: str, model: int) -> None:
+    made = exchange2() if fmi == "2.0" else exchange3()
+    values = {"model": model, "status": DISCARD, "when": 0.6}
+    start = {"u": 1.0, "gear": 2.0}
+    assert ran(watch(made), 10, 0.25, values=values, start=start, solver=solver) == []
+
+
+@pytest.mark.parametrize("fmi", ["2.0", "3.0"])
+def test_model_exchange_of_both_interfaces_with_a_jacobian(watch: Made, fmi: str) -> None:
+    if fmi == "2.0":
+        text = exchange2('providesDirectionalDerivative="true" completedIntegratorStepNotNeeded='
+                         '"true"', '<CoSimulation modelIdentifier="exchange2"/>')  # fmt: skip
+    else:
+        text = exchange3('providesDirectionalDerivatives="true"')
+    values = {"model": 2, "x0": 2.0, "mu": 50.0}
+    found = watch(text)
+    assert ran(found, 4, 0.5, values=values, solver="cvode", exchange=True) == []
+    assert "GetDirectionalDerivative" in {call.name for call in found.calls()}
+    assert "CompletedIntegratorStep" not in {call.name for call in found.calls()}
+
+
+@pytest.mark.parametrize("fmi", ["2.0", "3.0"])
+@pytest.mark.parametrize("model", [pd, planar2r], ids=["pd", "planar2r"])
+def test_our_models(watch: Made, model: object, fmi: str) -> None:
+    assert ran(watch(find(model.model(), fmi)), 20, 1e-3) == []  # type: ignore[attr-defined]
+
+
+@ISOLATE
+@pytest.mark.parametrize("exporter", ["pythonfmu", "pythonfmu3"])
+def test_what_python_exporters_make(
+    watch: Made, tmp_path: Path, exporter: str, isolate: bool
+) -> None:
+    builder = pytest.importorskip(f"{exporter}.builder", reason="not installed")
+    from tests.cosim.fmi.test_other_exporters import SLAVES
+
+    script = SLAVES / ("oscillator.py" if exporter == "pythonfmu" else "oscillator3.py")
+    fmu = builder.FmuBuilder.build_FMU(str(script), dest=tmp_path)
+    assert ran(watch(Path(fmu)), 5, 0.01, values={"k": 9.0}, isolate=isolate) == []

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
+from contextlib import suppress
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,8 +14,9 @@ from cosim.fmi import components
 from cosim.fmi.failures import starting
 from cosim.schedule.parts import Step
 
-#: A change of an input that shows in an output, relative to the input or absolute if that is more.
-CHANGE = 1e-6
+#: Changes of an input that show in an output, relative to the input or absolute if that is more:
+#: what depends on its cube is seen by a large one only.
+CHANGES = (1e-6, -1e-6, 1.0)
 
 
 def initial_outputs(step: Step, inputs: Mapping[str, Vector]) -> Vector:
@@ -40,37 +42,36 @@ def direct_outputs(step: Step, inputs: Views, ports: Collection[str]) -> NDArray
         return np.concatenate(masks)
     found = np.zeros(sum(s.size for s in step.outputs), bool)
     places = [(port, i) for port in sorted(ports) for i in range(inputs[port].size)]
-    for column in changes(step, inputs, places)[1]:
-        found |= column != 0.0
+    for depends in dependent_outputs(step, inputs, places):
+        found |= depends
     return found
 
 
-def changes(
+def dependent_outputs(
     step: Step, inputs: Views, places: Sequence[tuple[str, int]]
-) -> tuple[Vector, list[Vector]]:
-    """Outputs at the start, (scalars,), and their derivatives by input scalars, by differences.
+) -> list[NDArray[np.bool_]]:
+    """For some input scalars, which outputs of a component change with them, (scalars,).
 
-    `places`: (port, number) of each. All are in the units of the ports. The component returns to
-    its inputs.
+    `places`: (port, number) of each; `inputs`: in the units of the ports. The component returns to
+    them.
     """
     before = initial_outputs(step, inputs)
-    columns = []
-    for port, i in places:
-        changed = {name: np.array(value) for name, value in inputs.items()}
-        here = float(np.ravel(inputs[port])[i])
-        change = CHANGE * max(1.0, abs(here))
-        try:
-            _put(changed[port], i, here + change)
-            after = initial_outputs(step, changed)
-        except CosimError:  # beyond its greatest value
-            change = -change
-            _put(changed[port], i, here + change)
-            after = initial_outputs(step, changed)
-        columns.append((after - before) / change)
+    found = [_dependent(step, inputs, place, before) for place in places]
     if places:
         initial_outputs(step, inputs)
-    return before, columns
+    return found
 
 
-def _put(array: Vector, i: int, value: float) -> None:
-    array[np.unravel_index(i, array.shape)] = value
+def _dependent(
+    step: Step, inputs: Views, place: tuple[str, int], before: Vector
+) -> NDArray[np.bool_]:
+    port, i = place
+    here = float(np.ravel(inputs[port])[i])
+    found = np.zeros(len(before), bool)
+    for change in CHANGES:
+        changed = {name: np.array(value) for name, value in inputs.items()}
+        place_ = np.unravel_index(i, changed[port].shape)
+        changed[port][place_] = here + change * max(1.0, abs(here))
+        with suppress(CosimError):  # it may be beyond the limits of the input
+            found |= initial_outputs(step, changed) != before
+    return found

@@ -7,7 +7,8 @@ from collections.abc import Callable, Collection, Sequence
 
 import numpy as np
 
-from cosim.base.errors import RunError
+from cosim.base.errors import RunError, ScenarioError
+from cosim.engine.algebraic_loops import AlgebraicLoops
 from cosim.engine.binding import Termination, Vector, Views, store
 from cosim.fmi.components import exit_initialization, is_fmu
 from cosim.fmi.failures import starting
@@ -25,11 +26,12 @@ def initialize(
     """Start all components, and fill in `signals` (n_signals,), in the units of the signals.
 
     Initial outputs are propagated along wires and links until no value changes, with FMUs in
-    Initialization Mode. `settled` is called then. Each FMU leaves this mode, with the events at its
-    start. Its outputs are read again, because they may differ, and are propagated. `inputs`,
-    `outputs`: the signals of each component. Returns how an FMU ended the simulation in these
-    events. Raises ScenarioError if a component does not start, RunError if an output is not a
-    finite number.
+    Initialization Mode; if they do not come to rest, algebraic loops are solved. `settled` is
+    called then. Each FMU leaves this mode, with the events at its start. Its outputs are read
+    again, because they may differ, and are propagated. `inputs`, `outputs`: the signals of each
+    component. Returns how an FMU ended the simulation in these events. Raises ScenarioError if a
+    component does not start or a loop has no solution, RunError if an output is not a finite
+    number.
     """
     fed: defaultdict[str, list[Wire | Link]] = defaultdict(list)
     edges: list[Wire | Link] = [*plan.wires, *plan.links]
@@ -40,9 +42,10 @@ def initialize(
     for player in plan.players:
         part(signals, player.target)[:] = player.source.stream().rows(1)
 
+    loops = AlgebraicLoops(plan, signals, inputs, edges)
     known = dict[int, bytes]()  # the inputs for which each component has said its outputs
 
-    def settle(unsettled: Collection[int]) -> None:
+    def iterate(unsettled: Collection[int]) -> bool:
         for _ in range(len(plan.components) + 1):
             before = signals.tobytes()
             for i, step in enumerate(plan.components):
@@ -53,7 +56,21 @@ def initialize(
                     with starting(step.name):
                         store(outputs[i], step.component.initial(inputs[i]))
             if signals.tobytes() == before:
-                return
+                return True
+        return False
+
+    def settle(unsettled: Collection[int]) -> None:
+        start, refused = signals.copy(), None
+        if not loops.loops:
+            try:
+                if iterate(unsettled):
+                    return
+            except ScenarioError as error:  # perhaps of a loop that diverges
+                refused = error
+            signals[:] = start
+        known.clear()
+        if not loops.solve(unsettled) and refused is not None:
+            raise refused
 
     unsettled = set(range(len(plan.components)))  # whose outputs may still be computed
     settle(unsettled)

@@ -64,6 +64,44 @@ def sequence(names: Iterable[str], edges: Iterable[Edge]) -> tuple[str, ...]:
     return tuple(order)
 
 
+def strongly_connected(names: Iterable[str], edges: Iterable[Edge]) -> list[tuple[str, ...]]:
+    """Sets of names that wait for each other, each after those that it waits for (Tarjan 1972).
+
+    The names of a set are sorted; a name with an edge to itself alone is a set of one.
+    """
+    sources, _ = _neighbours(names, edges)
+    number: dict[str, int] = {}
+    lowest: dict[str, int] = {}
+    stack: list[str] = []
+    waiting: set[str] = set()  # those on the stack
+    found: list[tuple[str, ...]] = []
+    for root in sorted(sources):
+        path = [(root, iter(sorted(sources[root])))] if root not in number else []
+        while path:
+            name, waits = path[-1]
+            if name not in number:
+                number[name] = lowest[name] = len(number)
+                stack.append(name)
+                waiting.add(name)
+            for other in waits:
+                if other not in number:
+                    path.append((other, iter(sorted(sources[other]))))
+                    break
+                if other in waiting:
+                    lowest[name] = min(lowest[name], number[other])
+            else:
+                path.pop()
+                if path:
+                    above = path[-1][0]
+                    lowest[above] = min(lowest[above], lowest[name])
+                if lowest[name] == number[name]:
+                    place = stack.index(name)
+                    found.append(tuple(sorted(stack[place:])))
+                    waiting.difference_update(stack[place:])
+                    del stack[place:]
+    return found
+
+
 def _neighbours(
     names: Iterable[str], edges: Iterable[Edge]
 ) -> tuple[dict[str, set[str]], Mapping[str, set[str]]]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from cosim.engine.algebraic_loops import AlgebraicLoops
 from cosim.fmi import FmuComponent
 from cosim.native.structs import Code
 from cosim.schedule.parts import Link, Player, Slot, Step
@@ -82,7 +83,10 @@ def start(plan: Plan) -> tuple[np.ndarray, list[OracleGroup]]:
         for slot, port in zip(step.inputs, step.component.inputs, strict=True):
             signals[_range(slot)] = step.start.get(port.name) or port.default or 0.0
     inside = {s.name for s in plan.components}  # whose outputs may still be computed
-    _travel(plan, signals, inside)
+    views = [{s.port: signals[_range(s)].reshape(s.shape) for s in step.inputs}
+             for step in plan.components]  # fmt: skip
+    loops = AlgebraicLoops(plan, signals, views, [*plan.wires, *plan.links])
+    _travel(plan, signals, inside, loops)
     groups = [OracleGroup(plan, group, signals) for group in plan.groups]
     fmus = [s for s in plan.components if isinstance(s.component, FmuComponent)]
     plants = [s for s in fmus if s.name not in plan.order]
@@ -93,12 +97,15 @@ def start(plan: Plan) -> tuple[np.ndarray, list[OracleGroup]]:
         for slot in step.outputs:
             if slot.port in found:
                 signals[_range(slot)] = np.reshape(found[slot.port], -1)
-        _travel(plan, signals, inside)
+        _travel(plan, signals, inside, loops)
     return signals, groups
 
 
-def _travel(plan: Plan, signals: np.ndarray, inside: set[str]) -> None:
+def _travel(plan: Plan, signals: np.ndarray, inside: set[str], loops: AlgebraicLoops) -> None:
+    """Outputs along connections; loops that do not come to rest are solved as the engine does."""
+    start = signals.copy()
     for _ in range(len(plan.components) + 1):
+        before = signals.tobytes()
         for step in plan.components:
             for edge in (*plan.wires, *plan.links):
                 if edge.target.component == step.name:
@@ -107,6 +114,10 @@ def _travel(plan: Plan, signals: np.ndarray, inside: set[str]) -> None:
                     signals[_range(edge.target)] = value if given is None else given
             if step.name in inside:
                 _store(signals, step, step.component.initial(_values(signals, step.inputs)))
+        if signals.tobytes() == before:
+            return
+    signals[:] = start
+    loops.solve([i for i, step in enumerate(plan.components) if step.name in inside])
 
 
 def _range(slot: Slot) -> slice:

@@ -177,7 +177,9 @@ typedef struct {
     partition_t *partitions;
     _Bool *active;              /* which tick now: of `clocks`, then of `triggered` */
     const access_t *slopes;     /* or NULL */
-    const int32_t *orders;      /* of `slopes`: all 1 */
+    const int32_t *orders;      /* of `slopes`, FMI 2.0: all 1 */
+    const int64_t *starts;      /* of `slopes`: where the inputs are, which these are the slopes of */
+    const int32_t *stop;        /* set if a step shall return as early as it can; or NULL */
     void *enter_event, *update, *enter_step, *set_clock, *get_clock; /* NULL: no event mode */
     void *get_interval, *get_fraction; /* of clocks that are changing or count down */
     void *activate;         /* NULL: not in scheduled execution */

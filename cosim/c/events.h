@@ -12,8 +12,9 @@ typedef struct {
     double *signals;
     int *status;
     int32_t *failed;
-    double now;     /* s, of a partition that is active; what its call-back found: */
-    int result;
+    double now;     /* s: of a partition that is active, or the start of the step */
+    int result;     /* of call-backs: RUN_..., and then the status of the call that failed in one */
+    int refused;
 } doing_t;
 
 #include "clocks.h"
@@ -92,8 +93,45 @@ static int step_event(const doing_t *d, double now, int inside, int happened)
     return result == RUN_OK ? leave_event_mode(d, now) : result;
 }
 
+/* Within doStep (3.0.2, 4.2.2): inputs that are lines over the step have another value at `time`; an FMU
+ * that can return early does so if the run is to stop. */
+API void engine_intermediate(void *environment, double time, _Bool set, _Bool get, _Bool finished,
+                             _Bool can_return, _Bool *early, double *early_time)
+{
+    doing_t *d = environment ? ((log_t *)environment)->step : NULL;
+    const typed_t *x = d ? d->unit->typed : NULL;
+
+    (void)get, (void)finished;
+    if (early) *early = 0;
+    if (!x || d->result != RUN_OK) return;
+    if (set && x->slopes) {
+        const access_t *a = x->slopes;
+        for (int64_t i = 0; i < a->count; i++)
+            ((double *)a->buffer)[i] =
+                d->signals[x->starts[i]] + d->signals[a->places[i]] * (time - d->now);
+        *d->status = call_access(a, d->unit->instance);
+        if (failed_call(*d->status)) d->result = RUN_SET;
+        d->refused = *d->status;
+    }
+    if (!can_return || !early || !x->stop || !*(const volatile int32_t *)x->stop) return;
+    *early = 1;
+    if (early_time) *early_time = time;
+}
+
+/* What went wrong in a call-back: the call that it was in may have said that all is well. */
+static int refused_inside(const doing_t *d)
+{
+    *d->status = d->refused;
+    return d->result;
+}
+
+static int is_stopped(const typed_t *x)
+{
+    return x->stop && *(const volatile int32_t *)x->stop;
+}
+
 /* doStep until t + h: the FMU may return early, and is stopped where an event or a tick is known. */
-static int advance(const doing_t *d, double t)
+static int advance(doing_t *d, double t)
 {
     unit_t *u = d->unit;
     typed_t *x = u->typed;
@@ -106,13 +144,17 @@ static int advance(const doing_t *d, double t)
         const double next = x->variable ? next_time(x) : DBL_MAX;
         const int cut = next < end - slack && next > now + slack;
         if (cut) length = next - now;
+        if (x->log) ((log_t *)x->log)->step = d;
         *d->status = ((step3_t)u->step)(u->instance, now, length, !u->repeats, &event, &terminate,
                                         &early, &reached);
+        if (x->log) ((log_t *)x->log)->step = NULL;
+        if (d->result != RUN_OK) return refused_inside(d);
         if (failed_call(*d->status)) return RUN_STEP;
         if (terminate) {
             u->reached = reached;
             return RUN_TERMINATED;
         }
+        if (early && is_stopped(x)) return RUN_STOPPED;
         now = early ? reached : cut ? next : end;
         if (x->update) {
             const int result = step_event(d, now, now < end - slack, event);

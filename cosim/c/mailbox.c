@@ -83,7 +83,7 @@ static int await(mail_end_t *x, const uint32_t *count, uint32_t *asleep, double 
         if (found != NOTHING) continue;
         waited += NAP_MS * 1e-3;
         if (!stopped && x->stop && *(const volatile int32_t *)x->stop) {
-            stopped = 1;
+            stopped = x->box->stop = 1;
             if (patience > waited + GRACE_MS * 1e-3) patience = waited + GRACE_MS * 1e-3;
         }
         if (waited >= patience) lost = stopped ? LOST_STOPPED : LOST_LATE;

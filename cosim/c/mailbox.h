@@ -15,7 +15,8 @@ enum { LOST_NOT, LOST_ENDED, LOST_LATE, LOST_STOPPED };
 /* In the shared memory; what one side writes and what the other does are in cache lines of their own. */
 typedef struct {
     uint32_t asked, asked_asleep;
-    int32_t what, apart0;
+    int32_t what;
+    int32_t stop;               /* not 0: a step shall return as early as it can */
     double t;                   /* s */
     int64_t hit, apart1[4];
     uint32_t answered, answered_asleep;

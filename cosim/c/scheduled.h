@@ -26,6 +26,7 @@ API void engine_clock_update(void *environment)
         d->result = ask_interval(d, c, d->now);
         if (c->next != before && c->next <= c->last) d->result = RUN_INTERVAL;
     }
+    d->refused = *d->status;
 }
 
 /* The clock whose partition is next before `end`, or NULL. */
@@ -65,9 +66,10 @@ static int activate(doing_t *d, ticker_t *c, double now)
     log->step = d;
     *d->status = ((activate_t3)x->activate)(d->unit->instance, c->reference, now);
     log->step = NULL;
+    if (d->result != RUN_OK) return refused_inside(d);
     if (failed_call(*d->status)) return RUN_STEP;
-    if (d->result == RUN_OK && c->kind == CLOCK_CHANGING) d->result = ask_interval(d, c, now);
-    return d->result == RUN_OK ? take_partitions(d) : d->result;
+    result = c->kind == CLOCK_CHANGING ? ask_interval(d, c, now) : RUN_OK;
+    return result == RUN_OK ? take_partitions(d) : result;
 }
 
 /* All that is activated from t to before t + h, with the inputs of t. What is at the same time gets the

@@ -120,7 +120,7 @@ static int get_typed(const access_t *a, int64_t n, void *instance, double *s, in
 #include "events.h"
 #include "scheduled.h"
 
-/* Slopes of inputs that are lines over the step, at its start (FMI 2.0.5, 4.2.1). */
+/* FMI 2.0: slopes of inputs that are lines over the step, at its start (2.0.5, 4.2.1). */
 static int set_slopes(const typed_t *x, void *instance, const double *s, int *status)
 {
     const access_t *a = x->slopes;
@@ -147,7 +147,7 @@ static int step_typed(unit_t *u, double *s, double t, int64_t hit, int *status,
                       int32_t *failed)
 {
     const typed_t *x = u->typed;
-    doing_t c = {u, s, status, failed, t, RUN_OK};
+    doing_t c = {u, s, status, failed, t, RUN_OK, 0};
     int end, result;
 
     if (x->activate) return step_scheduled(&c, t);

@@ -269,9 +269,9 @@ class Binding:
             layout = access_order.layout(
                 fmu, h, lag, step.period, unit.input, unit.output, self._slopes(step)
             )
-            if fmu.remote is None:
-                return bind(fmu.instance, layout, self._alive)
             stop = c.addressof(self.state) + structs.EngineState.stop.offset
+            if fmu.remote is None:
+                return bind(fmu.instance, layout, self._alive, stop)
             return fmu.remote.bind(layout, access_order.isolated(fmu, layout), stop)
         call = structs.CALL(self._call_back(index, step))
         self._alive.append(call)

@@ -86,11 +86,8 @@ def layout(
     """
     clocks.check_step(x.description, h, x.name)
     exchange = _exchange(x)
-    moves, found, asked = (
-        Moves(x.events, exchange is not None, x.description.scheduled),
-        _slopes(x, inputs, slopes),
-        clocks.read_clocks(x),
-    )
+    moves = Moves(x.events, exchange is not None, x.description.scheduled)
+    (found, starts), asked = _slopes(x, inputs, slopes), clocks.read_clocks(x)
     at: dict[int, int] = {}  # of clocks that are signals, by value reference
     for role, place in (("input", inputs), ("output", outputs)):
         for group in x.carried(role):
@@ -105,7 +102,7 @@ def layout(
         input_count=sum(p.size for p in x.inputs),
         output_count=sum(p.size for p in x.outputs),
         inputs=moves.of("input"), outputs=moves.of("output"),
-        discrete=moves.of("input", "discrete"), slopes=found,
+        discrete=moves.of("input", "discrete"), slopes=found, starts=starts,
         clocks=clocks.tickers(x.description, h, x.name, x.intervals, at) if x.clocked else (),
         triggered=asked.triggered, counts=tuple(at[t.reference] for t in asked.triggered),
         partitions=moves.partitions(asked.texts),
@@ -122,16 +119,32 @@ def _exchange(x: FmuComponent) -> ExchangeLayout | None:
     return exchange_layout(x.name, d.fmi, d.states, x.options, d.tolerance, d.default_step)
 
 
-def _slopes(x: FmuComponent, inputs: int, slopes: Mapping[int, int]) -> Move | None:
-    """The inputs that have a slope, which is where they have theirs (FMI 2.0: scalars only)."""
-    places = {r: slopes.get(inputs + i) for i, r in enumerate(x.references("input"))}
-    found = {r: place for r, place in places.items() if place is not None}
-    return Move("Real", tuple(found), tuple(found.values())) if found else None
+def _slopes(
+    x: FmuComponent, inputs: int, slopes: Mapping[int, int]
+) -> tuple[Move | None, tuple[int, ...]]:
+    """The inputs that have a slope, with the places of these; and where the inputs are.
+
+    `slopes`: places of slopes by those of the inputs, which start at `inputs`.
+    """
+    references: list[int] = []
+    places: list[int] = []
+    starts: list[int] = []
+    place = inputs
+    for group in x.carried("input"):
+        for v in group.variables:
+            scalars = range(place, place + v.size)
+            place += v.size
+            if scalars and all(i in slopes for i in scalars):
+                references.append(v.reference)
+                places += [slopes[i] for i in scalars]
+                starts += scalars
+    kind = "Real" if x.description.fmi == "2.0" else "Float64"
+    found = Move(kind, tuple(references), tuple(places)) if references else None
+    return found, tuple(starts)
 
 
 def isolated(x: FmuComponent, here: StepLayout) -> StepLayout:
     """The same for a separate process, with inputs first, then outputs, then slopes."""
     first = here.input_count + here.output_count
-    sloped = {r: first + i for i, r in enumerate(here.slopes.references if here.slopes else ())}
-    places = {i: sloped[r] for i, r in enumerate(x.references("input")) if r in sloped}
+    places = {start - here.input: first + i for i, start in enumerate(here.starts)}
     return layout(x, here.h, here.lag, here.period, 0, here.input_count, places)

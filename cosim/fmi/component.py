@@ -26,6 +26,7 @@ from cosim.fmi.start_values import InstanceStart, StartValue
 from cosim.fmi.values import (
     check_range,
     has_text,
+    in_updates,
     item_numbers,
     parameter,
     port,
@@ -222,9 +223,22 @@ class FmuComponent:
 
     @property
     def sloped(self) -> frozenset[str]:
-        """Inputs whose slope over a step can be set (FMI 2.0.5 §4.2.1): the other ones, or none."""
-        can = self.description.fmi == "2.0" and self.description.flags.get("canInterpolateInputs")
-        return frozenset(p.name for p in self.inputs if can and p.name not in self.discrete)
+        """Inputs that can be lines over a step: by their slopes (FMI 2.0.5 §4.2.1), or by
+        intermediate updates (FMI 3.0.2 §4.2.2). None of :attr:`discrete`.
+        """
+        d, discrete = self.description, self.discrete
+        smooth = [g for g in self.carried("input") if g.name not in discrete]
+        if d.fmi == "2.0":
+            return frozenset(g.name for g in smooth if d.flags.get("canInterpolateInputs"))
+        can = [g for g in smooth if self.intermediate and g.first.type == "Float64"]
+        return frozenset(g.name for g in can if all(map(in_updates, g.variables)))
+
+    @property
+    def intermediate(self) -> bool:
+        """Whether it calls back within a step: an FMU of FMI 3.0, for co-simulation."""
+        d = self.description
+        three = d.fmi == "3.0" and d.interface == "CoSimulation"
+        return three and bool(d.flags.get("providesIntermediateUpdate"))
 
     @property
     def returns_early(self) -> bool:
@@ -266,6 +280,7 @@ class FmuComponent:
             resources=self.archive.folder / "resources", logging=options.log,
             event_mode=self.events or d.states is not None, interface=d.interface,
             early_return=self.events or self.returns_early,
+            intermediate=self._updated() if self.intermediate else None,
             tolerance=d.tolerance if options.tolerance is None else options.tolerance,
         )  # fmt: skip
         room = LOG_ROOM if options.log else 0
@@ -274,6 +289,12 @@ class FmuComponent:
             scalars = sum(p.size for p in (*self.inputs, *self.outputs, *slopes))
             return RemoteInstance(setup, options, scalars, room)
         return instantiate(setup, fmu_log.log(room=room))
+
+    def _updated(self) -> tuple[int, ...]:
+        """Value references of inputs that may be set within a step."""
+        sloped = self.sloped
+        groups = (g for g in self.carried("input") if g.name in sloped)
+        return tuple(r for g in groups for r in g.references)
 
     def _checked(self, name: str, value: Any) -> list[float]:
         flat = [float(v) for v in value.reshape(-1)]

@@ -49,8 +49,12 @@ class Instance3(CommonInstance):
         ]  # fmt: skip
         if setup.interface == "CoSimulation":
             settings += [c.c_bool(setup.event_mode), c.c_bool(setup.early_return)]
-            settings += [c.c_void_p(), c.c_size_t(0)]
-            after.append(c.c_void_p())
+            asked = setup.intermediate or ()
+            settings += [c.c_void_p(), c.c_size_t(len(asked))]
+            if asked:
+                settings[-2] = c.cast(uint32(asked), c.c_void_p)
+            update = structs.address(engine.engine_intermediate)
+            after.append(c.c_void_p(None if setup.intermediate is None else update))
         elif setup.interface == "ScheduledExecution":
             calls_back = (engine.engine_clock_update, engine.engine_lock, engine.engine_lock)
             after += [c.c_void_p(structs.address(f)) for f in calls_back]

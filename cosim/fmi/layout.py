@@ -84,10 +84,10 @@ class StepLayout:
 
     `discrete` inputs are set in Event Mode when they change, `partitions` when a clock ticks.
     `counts`: the signal that counts the ticks of each of `triggered`. `slopes`: inputs whose slope
-    is set as well, with the position of the slope in the signals. (`input`, `input_count`),
-    (`output`, `output_count`): its ranges of the signal vector. `exchange`: how an FMU for model
-    exchange is integrated; all its inputs are `discrete`, since what is held jumps. `scheduled`: it
-    is activated by its clocks, from `begin` (s) on.
+    is set as well, with the position of the slope in the signals; `starts`: those of the inputs.
+    (`input`, `input_count`), (`output`, `output_count`): its ranges of the signal vector.
+    `exchange`: how an FMU for model exchange is integrated; all its inputs are `discrete`, since
+    what is held jumps. `scheduled`: it is activated by its clocks, from `begin` (s) on.
     """
 
     h: float
@@ -105,6 +105,7 @@ class StepLayout:
     triggered: tuple[TriggeredClock, ...] = ()
     counts: tuple[int, ...] = ()
     slopes: Move | None = None
+    starts: tuple[int, ...] = ()
     fmi: str = "2.0"
     events: bool = False
     variable: bool = False
@@ -114,8 +115,13 @@ class StepLayout:
     begin: float = 0.0
 
 
-def bind(instance: Instance, layout: StepLayout, alive: list[Any]) -> structs.UnitStruct:
-    """The engine's unit for an instance; its memory is added to `alive`. Raises FmuError."""
+def bind(
+    instance: Instance, layout: StepLayout, alive: list[Any], stop: int = 0
+) -> structs.UnitStruct:
+    """The engine's unit for an instance; its memory is added to `alive`. Raises FmuError.
+
+    `stop`: address of a number (int32) that is not 0 when a step shall return early.
+    """
     x = layout
     unit = structs.UnitStruct(lag=x.lag, h=x.h, period=x.period, instance=instance.handle)
     unit.input, unit.input_count = x.input, x.input_count
@@ -140,7 +146,9 @@ def bind(instance: Instance, layout: StepLayout, alive: list[Any]) -> structs.Un
             setattr(unit, f"n_{name}", len(references))
         return unit
     unit.kind = structs.UnitKind.TYPED
-    unit.typed = c.addressof(_typed(instance, x, alive))
+    typed = _typed(instance, x, alive)
+    typed.stop = stop or None
+    unit.typed = c.addressof(typed)
     return unit
 
 
@@ -152,16 +160,18 @@ def _typed(instance: Instance, x: StepLayout, alive: list[Any]) -> structs.Typed
         _move(typed, name, instance, verb, getattr(x, name), x.fmi, alive)
     if x.slopes is not None:
         slopes = _access(instance, "Set", x.slopes, x.fmi, held=False, alive=alive)
-        slopes.call = instance.address("SetRealInputDerivatives")
+        typed.starts = _array_address(c.c_int64, x.starts, alive)
+        if x.fmi == "2.0":
+            slopes.call = instance.address("SetRealInputDerivatives")
+            typed.orders = _array_address(c.c_int32, [1] * len(x.slopes.places), alive)
         typed.slopes = _array_address(structs.Access, [slopes], alive)
-        typed.orders = _array_address(c.c_int32, [1] * len(x.slopes.places), alive)
     if x.events:
         typed.enter_event = instance.address("EnterEventMode")
         typed.update = instance.address("UpdateDiscreteStates")
         typed.enter_step = instance.address("EnterStepMode")
+    typed.log = c.addressof(instance.log)
     if x.scheduled:
         typed.activate = instance.address("ActivateModelPartition")
-        typed.log = c.addressof(instance.log)
     if x.events or x.scheduled:
         _clocked(typed, instance, x, alive)
     alive.append(typed)

@@ -171,7 +171,8 @@ class Setup:
     """The settings of a new instance. `early_return`, `event_mode`: FMI 3.0 only.
 
     `tolerance`: relative tolerance of the FMU's own solver; None: it is left to the FMU.
-    `interface`: one of :data:`cosim.fmi.description.INTERFACES`.
+    `interface`: one of :data:`cosim.fmi.description.INTERFACES`. `intermediate`: inputs (value
+    references) that are set within a step; None: without intermediate update.
     """
 
     fmi: str
@@ -184,6 +185,7 @@ class Setup:
     early_return: bool = False
     tolerance: float | None = None
     interface: str = "CoSimulation"
+    intermediate: tuple[int, ...] | None = None
 
 
 @cache

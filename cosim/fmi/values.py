@@ -81,6 +81,11 @@ def tunable(v: FmuVariable) -> bool:
     return v.causality == "parameter" and v.variability == "tunable" and v.type in NUMERIC
 
 
+def in_updates(v: FmuVariable) -> bool:
+    """Whether it may be set and got within a step, in an intermediate update (FMI 3.0)."""
+    return v.attributes.get("intermediateUpdate") in ("true", "1")
+
+
 def start_numbers(group: VariableGroup) -> list[float]:
     """Start values of all scalars, in the variable's unit, or zeros where none are declared."""
     return [number(t) for t in group.start or ("0",) * group.size]

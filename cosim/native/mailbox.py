@@ -32,7 +32,7 @@ class Mailbox(c.Structure):
         ("asked", c.c_uint32),
         ("asked_asleep", c.c_uint32),
         ("what", c.c_int32),
-        ("apart0", c.c_int32),
+        ("stop", c.c_int32),
         ("t", c.c_double),
         ("hit", c.c_int64),
         ("apart1", c.c_int64 * 4),

@@ -263,7 +263,7 @@ class Typed(c.Structure):
         ("partitions", c.c_void_p),
         ("active", c.c_void_p),
         ("slopes", c.c_void_p),
-        ("orders", c.c_void_p),
+        *((n, c.c_void_p) for n in ("orders", "starts", "stop")),
         ("enter_event", c.c_void_p),
         ("update", c.c_void_p),
         ("enter_step", c.c_void_p),

@@ -47,7 +47,8 @@ class Worker:
     def bind(self, layout: StepLayout) -> None:
         """Get ready to step."""
         assert self._instance is not None
-        self._unit = bind(self._instance, layout, self._alive)
+        stop = c.addressof(self._box) + Mailbox.stop.offset
+        self._unit = bind(self._instance, layout, self._alive, stop)
         self.end.unit = c.addressof(self._unit)
 
     def late_clock_ticks(self) -> tuple[int, float]:

@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
 from hashlib import sha256
+from itertools import islice
 from pathlib import Path
 
 from cosim.base.errors import CosimError, ScenarioError
@@ -84,26 +85,36 @@ def sweep(
     with stores.lock_folder(folder):
         changed = _claim(study, folder, fingerprint, resume=resume or retry, force=force)
         with Store(folder, units) as store:
-            wanted = {point.run: point for point in points(study, fingerprint)}
-            again = store.failed & set(wanted) if retry else set[str]()
-            there = store.done - again
-            todo = [point for run, point in wanted.items() if run not in there][:limit]
-            found = len(store.done & set(wanted))
+            wanted = {point.run for point in points(study, fingerprint)}
+            again = store.failed & wanted if retry else set[str]()
+            found = len(store.done & wanted)
             others = len(store.done) - found
-            begun(PlannedRuns(total, len(wanted), found, len(todo), changed, others, len(again)))
-            _run(opened, common, todo, store, done, stopping)
+            missing = wanted - (store.done - again)
+            todo = len(missing) if limit is None else min(limit, len(missing))
+            begun(PlannedRuns(total, len(wanted), found, todo, changed, others, len(again)))
+            del wanted
+            tasks = Tasks(islice(_missing(study, fingerprint, missing), todo), todo)
+            _run(opened, common, tasks, store, done, stopping)
         return _table(study, folder, fingerprint, units, total)
+
+
+def _missing(study: Study, fingerprint: str, missing: set[str]) -> Iterator[Point]:
+    """The points whose runs are missing, each once; they are taken out of the set."""
+    for point in points(study, fingerprint):
+        if point.run in missing:
+            missing.remove(point.run)
+            yield point
 
 
 def _run(
     opened: Opened,
     common: StudySetup,
-    todo: Sequence[Point],
+    tasks: Tasks,
     store: Store,
     done: Callable[[StudyRow], None],
     stopping: Callable[[], None],
 ) -> None:
-    if not todo:
+    if not tasks.left:
         return
     pressed: list[bool] = []
 
@@ -112,7 +123,6 @@ def _run(
         stopping()
 
     with stop_on_signal(stop):
-        tasks = Tasks(todo, len(todo))
         for row in _rows(opened, partial(run_points, common), tasks, lambda: bool(pressed)):
             store.append(row)
             done(row)

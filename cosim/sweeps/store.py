@@ -44,15 +44,16 @@ class Store:
     def __init__(self, folder: Path, units: Mapping[str, str]) -> None:
         self.folder, self._units = folder, units
         self._journal = folder / JOURNAL
-        self._rows: list[Record] = []
+        self._rows: dict[str, Record] = {}  # of the journal, by the names of their runs
         try:
             (folder / RESULTS).mkdir(parents=True, exist_ok=True)
             ends = {run: end for part in parts(folder) for run, end in _ends(part)}
-            self._rows = [row for row in self._read() if ends.get(row["run"]) != _end(row)]
+            left = (row for row in self._read() if ends.get(row["run"]) != _end(row))
+            self._rows = {row["run"]: row for row in left}
             self._rewrite()
         except OSError as error:
             raise RunError(f"cannot use {folder}: {reason(error)}") from error
-        ends |= {row["run"]: _end(row) for row in self._rows}
+        ends |= {run: _end(row) for run, row in self._rows.items()}
         self.done = set(ends)
         self.failed = {run for run, (why, _) in ends.items() if why}
 
@@ -80,7 +81,8 @@ class Store:
             raise RunError(f"cannot write {self._journal}: {reason(error)}") from error
         self.done.add(row.run)
         (self.failed.add if row.reason else self.failed.discard)(row.run)
-        self._rows = [each for each in self._rows if each["run"] != row.run] + [record]
+        self._rows.pop(row.run, None)
+        self._rows[row.run] = record
         if len(self._rows) >= PART_ROWS:
             self.flush()
 
@@ -91,11 +93,11 @@ class Store:
         numbers = [int(path.stem.partition("-")[2]) for path in parts(self.folder)]
         path = self.folder / RESULTS / f"part-{max(numbers, default=-1) + 1:05d}.parquet"
         try:
-            write_table(path, [_flat(row) for row in self._rows], self._units)
+            write_table(path, [_flat(row) for row in self._rows.values()], self._units)
             os.ftruncate(self._file, 0)
         except OSError as error:
             raise RunError(f"cannot write {path}: {reason(error)}") from error
-        self._rows = []
+        self._rows = {}
 
     def _read(self) -> Iterator[Record]:
         """Rows of the journal, as far as it is whole; of each run the newest."""
@@ -111,7 +113,7 @@ class Store:
 
     def _rewrite(self) -> None:
         """Leave in the journal what belongs there, and open it."""
-        lines = "".join(json.dumps(row, ensure_ascii=False) + "\n" for row in self._rows)
+        lines = "".join(json.dumps(row, ensure_ascii=False) + "\n" for row in self._rows.values())
         replace_file(self._journal, lines.encode())
         self._file = os.open(self._journal, os.O_WRONLY | os.O_APPEND)
 

@@ -23,11 +23,11 @@ SHARES = 4
 class Tasks(Iterator[Sequence[Point]]):
     """`count` points, some at a time. How many follows from the time that runs take.
 
-    `alone`: one at a time.
+    `alone`: one at a time. `left`: points that are in no task yet.
     """
 
     def __init__(self, points: Iterable[Point], count: int, *, alone: bool = False) -> None:
-        self._points, self._left, self._alone = iter(points), count, alone
+        self._points, self.left, self._alone = iter(points), count, alone
         self._slots, self._least, self._wanted = 1, 1, PLACES
 
     def use(self, pool: Pool) -> None:
@@ -40,10 +40,10 @@ class Tasks(Iterator[Sequence[Point]]):
         self._wanted = min(MOST, int(SECONDS / mean)) if mean > 0 else MOST
 
     def __next__(self) -> Sequence[Point]:
-        share = self._left // (SHARES * self._slots)
+        share = self.left // (SHARES * self._slots)
         size = 1 if self._alone else max(1, min(max(self._wanted, self._least), share))
         task = tuple(islice(self._points, size))
         if not task:
             raise StopIteration
-        self._left -= len(task)
+        self.left -= len(task)
         return task

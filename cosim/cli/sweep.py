@@ -54,7 +54,7 @@ def sweep(
     from cosim.cli.json_file import write_json
     from cosim.cli.summary import this_command
     from cosim.record import seal
-    from cosim.sweeps import execute, figures, page, summary
+    from cosim.sweeps import boundary, boundary_figure, execute, figures, page, summary
     from cosim.sweeps.study import load_study
 
     loaded = load_study(study)
@@ -77,11 +77,18 @@ def sweep(
             raise interrupted(progress, folder, "--resume") from None
     for line in summary.lines(table):
         say(line)
+    for line in boundary.lines(loaded, table):
+        say(line)
     for path in summary.write(table, folder):
         say(f"{'table':<16} {path}")
+    if (places := boundary.write(loaded, table, folder)) is not None:
+        say(f"{'boundary':<16} {places}")
     if plot:
         say(f"{'report':<16} {page.write(table, loaded, folder, this_command())}")
-        for path in figures.draw_all(loaded, table, folder):
+        for path in [
+            *boundary_figure.draw_boundary(loaded, table, folder),
+            *figures.draw_all(loaded, table, folder),
+        ]:
             say(f"{'figure':<16} {path}")
     seal(folder, anew=True)
     if json is not None:

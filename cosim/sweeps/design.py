@@ -37,7 +37,8 @@ class Point:
 def count(study: Study) -> int:
     """How many points there are. Raises ScenarioError for more than anybody can run."""
     listed = prod(len(axis.choices) for axis in study.axes if isinstance(axis, Listed))
-    n = listed * (study.sample.count if study.sample else 1)
+    drawn = study.sample.count if study.sample else study.boundary.runs if study.boundary else 1
+    n = listed * drawn
     if n > MOST:
         raise ScenarioError(f"{n} runs; expected no more than {MOST}", study.place("vary"))
     return n
@@ -46,18 +47,23 @@ def count(study: Study) -> int:
 def points(study: Study, fingerprint: str = "") -> Iterator[Point]:
     """All points: the axes as in a nested loop, the first one slowest, samples fastest.
 
-    `fingerprint`: of what all runs have in common, the scenario and its FMUs.
+    `fingerprint`: of what all runs have in common, the scenario and its FMUs. Of a study with a
+    boundary, whose points follow from results (:mod:`cosim.sweeps.search`): the middle of its axes.
     """
-    common = [fingerprint, json.dumps(study.metrics, sort_keys=True), dict(study.stable)]
     samples = _samples(study)
-    names = [axis.name for axis in study.axes]
     grid = [axis for axis in study.axes if isinstance(axis, Listed)]
     for chosen in product(*(axis.choices for axis in grid)):
         listed = {axis.name: choice for axis, choice in zip(grid, chosen, strict=True)}
         for sample in samples:
-            choices = {**listed, **sample}
-            settings = (*study.settings, *_ordered(choices))
-            yield Point(_name([*common, settings]), {n: choices[n].cell for n in names}, settings)
+            yield point(study, fingerprint, {**listed, **sample})
+
+
+def point(study: Study, fingerprint: str, choices: Mapping[str, Choice]) -> Point:
+    """The point with these choices, one for each axis."""
+    common = [fingerprint, json.dumps(study.metrics, sort_keys=True), dict(study.stable)]
+    settings = (*study.settings, *_ordered(choices))
+    cells = {axis.name: choices[axis.name].cell for axis in study.axes}
+    return Point(_name([*common, settings]), cells, settings)
 
 
 def _ordered(choices: Mapping[str, Choice]) -> list[str]:
@@ -68,6 +74,8 @@ def _ordered(choices: Mapping[str, Choice]) -> list[str]:
 
 def _samples(study: Study) -> list[dict[str, Choice]]:
     drawn = [axis for axis in study.axes if isinstance(axis, Drawn)]
+    if study.boundary is not None:
+        return [{axis.name: axis.choice(0.5) for axis in drawn}]
     if not drawn or study.sample is None:
         return [{}]
     n, seed, method = study.sample.count, study.sample.seed, study.sample.method

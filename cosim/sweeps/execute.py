@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
@@ -13,6 +13,7 @@ from pathlib import Path
 
 from cosim.base.errors import CosimError, ScenarioError
 from cosim.base.interrupts import stop_on_signal
+from cosim.base.names import unknown
 from cosim.engine.simulate import versions
 from cosim.fmi import components
 from cosim.native import structs
@@ -24,6 +25,7 @@ from cosim.sweeps.axes import Listed
 from cosim.sweeps.batch import run_points
 from cosim.sweeps.design import Point, count, points
 from cosim.sweeps.run_point import StudyRow, StudySetup, job, preview
+from cosim.sweeps.search import Search, record_side
 from cosim.sweeps.store import Store
 from cosim.sweeps.study import Study
 from cosim.sweeps.table import SweepTable
@@ -85,17 +87,47 @@ def sweep(
     with stores.lock_folder(folder):
         changed = _claim(study, folder, fingerprint, resume=resume or retry, force=force)
         with Store(folder, units) as store:
-            wanted = {point.run for point in points(study, fingerprint)}
-            again = store.failed & wanted if retry else set[str]()
-            found = len(store.done & wanted)
-            others = len(store.done) - found
-            missing = wanted - (store.done - again)
-            todo = len(missing) if limit is None else min(limit, len(missing))
-            begun(PlannedRuns(total, len(wanted), found, todo, changed, others, len(again)))
-            del wanted
-            tasks = Tasks(islice(_missing(study, fingerprint, missing), todo), todo)
+            choose = _searched if study.boundary else _planned
+            planned, tasks = choose(study, folder, fingerprint, store, retry=retry, limit=limit)
+            begun(replace(planned, changed=changed))
             _run(opened, common, tasks, store, done, stopping)
-        return _table(study, folder, fingerprint, units, total)
+        every = tasks.asked if isinstance(tasks, Search) else points(study, fingerprint)
+        return _table(study, folder, every, units, total)
+
+
+def _planned(
+    study: Study, folder: Path, fingerprint: str, store: Store, *, retry: bool, limit: int | None
+) -> tuple[PlannedRuns, Tasks]:
+    """The points that are missing."""
+    wanted = {point.run for point in points(study, fingerprint)}
+    again = store.failed & wanted if retry else set[str]()
+    found = len(store.done & wanted)
+    missing = wanted - (store.done - again)
+    todo = len(missing) if limit is None else min(limit, len(missing))
+    planned = PlannedRuns(
+        count(study), len(wanted), found, todo, False, len(store.done) - found, len(again)
+    )
+    return planned, Tasks(islice(_missing(study, fingerprint, missing), todo), todo)
+
+
+def _searched(
+    study: Study, folder: Path, fingerprint: str, store: Store, *, retry: bool, limit: int | None
+) -> tuple[PlannedRuns, Tasks]:
+    """The points that follow from those that are there."""
+    assert study.boundary is not None
+    store.flush()
+    again = set(store.failed) if retry else set[str]()
+    known = {
+        run: record_side(study.boundary, row)
+        for run, row in stores.rows(folder).items()
+        if run not in again
+    }
+    search = Search(study, fingerprint, known, limit)
+    others = len(store.done) - search.found - len(again)
+    found = search.found + len(again)
+    todo = search.left
+    planned = PlannedRuns(search.total, search.total, found, todo, False, others, len(again))
+    return planned, search
 
 
 def _missing(study: Study, fingerprint: str, missing: set[str]) -> Iterator[Point]:
@@ -125,6 +157,7 @@ def _run(
     with stop_on_signal(stop):
         for row in _rows(opened, partial(run_points, common), tasks, lambda: bool(pressed)):
             store.append(row)
+            tasks.note(row)
             done(row)
 
 
@@ -156,14 +189,10 @@ def _rows(
 
 
 def _table(
-    study: Study, folder: Path, fingerprint: str, units: Mapping[str, str], total: int
+    study: Study, folder: Path, every: Iterable[Point], units: Mapping[str, str], total: int
 ) -> SweepTable:
     rows = stores.rows(folder)
-    records = [
-        {**rows[point.run], **point.cells}
-        for point in points(study, fingerprint)
-        if point.run in rows
-    ]
+    records = [{**rows[point.run], **point.cells} for point in every if point.run in rows]
     return SweepTable(tuple(axis.name for axis in study.axes), units, records, total)
 
 
@@ -180,6 +209,11 @@ def check(study: Study, common: StudySetup) -> tuple[Plan, dict[str, str]]:
     said = ", ".join(f"{name} = {cell}" for name, cell in first.cells.items())
     with _at(f"{study.path} (first run: {said or 'the scenario as it is'})"):
         found = preview(common, first)
+    if study.boundary is not None and study.boundary.of not in ("stable", *found[1]):
+        known = ["stable", *found[1]]
+        raise ScenarioError(
+            unknown(study.boundary.of, known, "measure"), study.place("boundary.of")
+        )
     for axis in study.axes:
         if isinstance(axis, Listed):
             for choice in axis.choices[1:]:

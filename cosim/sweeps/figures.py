@@ -76,6 +76,15 @@ def draw_all(study: Study, table: SweepTable, folder: Path) -> list[Path]:
 
 
 def _draw(spec: SweepFigureSpec, table: SweepTable, path: Path) -> Path:
+    def content(ax: Axes) -> None:
+        {"map": _map, "line": _line, "points": _points}[spec.kind](ax, spec, table)
+        ax.set_title(spec.title)
+
+    return draw(content, path)
+
+
+def draw(content: Callable[[Axes], None], path: Path) -> Path:
+    """A figure of one panel, which `content` fills, as PNG. Raises RunError with the path."""
     load()
     import matplotlib
     from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -87,8 +96,7 @@ def _draw(spec: SweepFigureSpec, table: SweepTable, path: Path) -> Path:
         figure = Figure(figsize=(6.4, 4.6), dpi=DPI, layout="constrained")
         canvas: Any = FigureCanvasAgg(figure)
         ax = figure.add_subplot()
-        {"map": _map, "line": _line, "points": _points}[spec.kind](ax, spec, table)
-        ax.set_title(spec.title)
+        content(ax)
         image = io.BytesIO()
         canvas.print_png(image)
     scratch = path.with_name(f".{path.name}.{os.getpid()}")
@@ -163,8 +171,7 @@ def _line(ax: Axes, spec: SweepFigureSpec, table: SweepTable) -> None:
     numeric = all(isinstance(v, int | float) for v in xs)
     series = _values(table, spec.by) if spec.by else [None]
     found = groups(table, (spec.x, spec.by) if spec.by else (spec.x,))
-    colours = _colours(len(series))
-    for value, colour in zip(series, colours, strict=True):
+    for value, colour in zip(series, colours(len(series)), strict=True):
         there = [(i, x) for i, x in enumerate(xs) if ((x, value) if spec.by else (x,)) in found]
         records = [found[(x, value) if spec.by else (x,)] for _, x in there]
         at = [float(x) if numeric else float(i) for i, x in there]
@@ -188,8 +195,8 @@ def _line(ax: Axes, spec: SweepFigureSpec, table: SweepTable) -> None:
     ax.set_ylabel(_name(table, spec.y, spec.ylabel))
 
 
-def _colours(n: int) -> list[Any]:
-    """Okabe and Ito's for a few lines, a scale for many."""
+def colours(n: int) -> list[Any]:
+    """`n` colours: Okabe and Ito's for a few lines, a scale for many."""
     import matplotlib
 
     few = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")

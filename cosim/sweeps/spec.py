@@ -39,6 +39,18 @@ class SampleSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
     seed: Natural = 0
 
 
+class BoundarySpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """The boundary of the region where runs are stable, or a measure is at most `level`.
+
+    `runs`: points to find it with, each with all seeds; `batch`: how many are chosen at a time.
+    """
+
+    of: str = "stable"
+    level: Annotated[float, msgspec.Meta(gt=0)] = 1.0
+    runs: Count = 500
+    batch: Count = 16
+
+
 class SweepFigureSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """A figure of the table; see :mod:`cosim.sweeps.figures`."""
 
@@ -66,6 +78,7 @@ class StudySpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
     seeds: Natural | tuple[Natural, ...] | None = None
     vary: dict[str, dict[str, Any]] = {}
     sample: SampleSpec | None = None
+    boundary: BoundarySpec | None = None
     metrics: dict[str, dict[str, Any]] = {}
     stable: dict[str, Any] = {}
     figures: dict[str, dict[str, Any]] = {}

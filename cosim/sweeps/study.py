@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import isfinite
 from pathlib import Path
@@ -24,10 +24,12 @@ from cosim.sweeps.axes import (
     setting_path,
     spaced,
 )
-from cosim.sweeps.spec import AxisSpec, SampleSpec, StudySpec, SweepFigureSpec
+from cosim.sweeps.spec import AxisSpec, BoundarySpec, SampleSpec, StudySpec, SweepFigureSpec
 
 #: Columns of the table that are neither axes nor measures.
 RESERVED = ("run", "stable", "reason", "stopped_at", "wall", "settings")
+#: The axis of the seeds.
+SEED = "seed"
 _LAWS: tuple[Distribution, ...] = ("uniform", "loguniform", "normal", "integers")
 
 
@@ -46,6 +48,7 @@ class Study:
     settings: tuple[str, ...]
     axes: tuple[Axis, ...]
     sample: SampleSpec | None
+    boundary: BoundarySpec | None
     metrics: Mapping[str, Any]
     stable: Mapping[str, float]
     figures: Mapping[str, SweepFigureSpec]
@@ -67,7 +70,7 @@ def load_study(path: str | Path) -> Study:
     study = Study(
         path, text, spec.title or path.stem, _scenario(spec.scenario, path), spec.keep,
         spec.settings, (*axes, *_seeds(spec.seeds, f"{path} at seeds")), spec.sample,
-        spec.metrics, _bounds(spec.stable, f"{path} at stable"),
+        spec.boundary, spec.metrics, _bounds(spec.stable, f"{path} at stable"),
         convert_each(spec.figures, SweepFigureSpec, path, "figures"),
     )  # fmt: skip
     _check(study)
@@ -101,7 +104,7 @@ def _seeds(given: int | tuple[int, ...] | None, place: str) -> tuple[Axis, ...]:
     seeds = tuple(range(given)) if isinstance(given, int) else given
     if not seeds:
         raise ScenarioError("no seed; expected a number of seeds or a list", place)
-    return (Listed("seed", tuple(Choice(s, axis_settings(["run.seed"], s)) for s in seeds)),)
+    return (Listed(SEED, tuple(Choice(s, axis_settings(["run.seed"], s)) for s in seeds)),)
 
 
 # ---- one axis -----------------------------------------------------------------------------------
@@ -208,10 +211,28 @@ def _check(study: Study) -> None:
         if not setting_path(setting) or "=" not in setting:
             raise ScenarioError(f"found {setting!r}, expected path=value", study.place("settings"))
     drawn = [axis.name for axis in study.axes if isinstance(axis, Drawn)]
-    if drawn and study.sample is None:
+    if study.boundary is not None:
+        _check_boundary(study, drawn)
+    elif drawn and study.sample is None:
         raise ScenarioError(
             f"{', '.join(drawn)} to be drawn; missing key 'count' of [sample] (number of points)",
             str(study.path),
         )
     if study.sample is not None and not drawn:
         raise ScenarioError("no axis has a law to draw from", study.place("sample"))
+
+
+def _check_boundary(study: Study, drawn: Sequence[str]) -> None:
+    place = study.place("boundary")
+    if study.sample is not None:
+        raise ScenarioError("found [sample] as well, expected one of the two", place)
+    if not 1 <= len(drawn) <= 3:
+        raise ScenarioError(
+            f"found {len(drawn)} axes with uniform or loguniform, expected one to three", place
+        )
+    for axis in study.axes:
+        if isinstance(axis, Drawn) and axis.law not in ("uniform", "loguniform"):
+            raise ScenarioError(
+                f"found the law {axis.law}, expected uniform or loguniform for a boundary",
+                study.place("vary", axis.name),
+            )

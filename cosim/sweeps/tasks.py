@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from itertools import islice
-from typing import final
 
 from cosim.sweeps.batch import PLACES
 from cosim.sweeps.design import Point
@@ -19,7 +18,6 @@ MOST = 256
 SHARES = 4
 
 
-@final
 class Tasks(Iterator[Sequence[Point]]):
     """`count` points, some at a time. How many follows from the time that runs take.
 
@@ -33,6 +31,9 @@ class Tasks(Iterator[Sequence[Point]]):
     def use(self, pool: Pool) -> None:
         """Tasks are for these workers."""
         self._slots, self._least = pool.slots, pool.least
+
+    def note(self, row: StudyRow) -> None:
+        """Take the result of a run: which points come next does not depend on it."""
 
     def took(self, rows: Sequence[StudyRow]) -> None:
         """Take note of how long runs take."""

@@ -28,6 +28,8 @@ from cosim.fmi.failures import sentence
 Workers = Literal["processes", "threads", "cluster"]
 T = TypeVar("T")
 R = TypeVar("R")
+#: A task that stands for none: the next one follows from the results of others.
+NOTHING_YET: tuple[()] = ()
 #: Calls handed out for each that can run: nobody waits for the next one.
 AHEAD = 2
 #: Runs in a call on a cluster, whose scheduler takes a millisecond for each.
@@ -159,6 +161,8 @@ def _until_broken(
             try:
                 task = next(tasks)
             except StopIteration:
+                break
+            if task == NOTHING_YET:
                 break
             try:
                 waiting[pool.executor.submit(function, task)] = task

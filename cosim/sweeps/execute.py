@@ -203,7 +203,7 @@ def check(study: Study, common: StudySetup) -> tuple[Plan, dict[str, str]]:
     """The plan of the first run, and the unit of each measure.
 
     The first run is assembled, and one for each choice that is not just another number. Raises
-    CosimError with the place in the study.
+    CosimError, ScenarioError with the place in the study.
     """
     first = next(points(study))
     said = ", ".join(f"{name} = {cell}" for name, cell in first.cells.items())

@@ -61,7 +61,8 @@ def _interest(simplex: Sequence[Any], values: Sequence[float], *_: Any) -> float
     if inside.all() or not inside.any():
         return ELSEWHERE * abs(float(np.linalg.det(corners[1:] - corners[0])))
     apart = corners[inside][:, None] - corners[~inside]
-    return float((apart**2).sum(axis=2).max()) ** (0.5 * corners.shape[1])
+    longest = float(np.sqrt((apart**2).sum(axis=2).max()))
+    return float(longest ** corners.shape[1])
 
 
 def _interest_1(xs: Sequence[float], values: Sequence[float]) -> float:

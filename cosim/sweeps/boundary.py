@@ -87,9 +87,8 @@ def regions(study: Study, table: SweepTable) -> list[SearchedRegion]:
             sides.setdefault(place, []).append(record_side(study.boundary, record))
         values = np.array(list(sides), dtype=np.float64).reshape(-1, len(drawn))
         shares: list[Array] = [_share(axis, x) for axis, x in zip(drawn, values.T, strict=True)]
-        at: Array = np.round(
-            np.stack(shares, axis=1), 12
-        )  # what is on the edge of the cube is on it
+        stacked: Array = np.stack(shares, axis=1)
+        at: Array = stacked.round(12)  # what is on the edge of the cube is on it
         mean = np.array([float(np.mean(each)) for each in sides.values()])
         found.append(SearchedRegion(dict(zip(listed, chosen, strict=True)), drawn, at, mean))
     return found

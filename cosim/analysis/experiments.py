@@ -121,7 +121,12 @@ class Bench:
         arm = self.system.arms.get(self.system.arm_of(name) or "")
         if arm is None:
             raise ScenarioError(f"{name} controls no arm whose inertia is known")
-        return (*arm.parameters, *arm.gravity)[: len(law.theta_hat)]
+        true = (*arm.parameters, *arm.gravity)[: len(law.theta_hat)]
+        if len(true) < len(law.theta_hat):
+            raise ScenarioError(
+                f"{name} estimates {len(law.theta_hat)} parameters, its arm has {len(true)} others"
+            )
+        return true
 
     def run(self, change: Change, signals: Sequence[str]) -> SignalTrace:
         """The result of a change. Raises RunError if the run must stop."""

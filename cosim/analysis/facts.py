@@ -121,6 +121,32 @@ class Arm:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Task:
+    """The coordinates of a tip, (k,), in which a law couples in place of the joints, (m,).
+
+    `jacobian(q)` is J (k, m), and `feedback(q)` the gain of s, (m, m), N.m.s/rad; `regular(q)` how
+    far from a singularity a posture is: 1 where the inverse of J begins to be damped, 0 in it.
+    `lacks`: 1 for a coordinate that the arm does not have; `listens`: a row a neighbour, 0 for
+    those that do not count. `posture`: whether what the tip leaves free has a place to go to.
+    """
+
+    jacobian: Callable[[Sequence[float]], Array]
+    feedback: Callable[[Sequence[float]], Array]
+    regular: Callable[[Sequence[float]], float]
+    lacks: Vector
+    listens: tuple[Vector, ...] = ()
+    posture: bool = True
+
+    def has(self, c: int) -> bool:
+        """Whether the arm has the coordinate `c`."""
+        return c < len(self.lacks) and not self.lacks[c]
+
+    def hears(self, row: int, c: int) -> bool:
+        """Whether coordinate `c` of the neighbour of a row counts."""
+        return self.has(c) and (row >= len(self.listens) or self.listens[row][c] > 0)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class DynamicFeedback:
     """The law of the paper, one robot and its neighbours j, eqs (29)-(32), (42)-(45), (76)-(81)::
 
@@ -130,7 +156,8 @@ class DynamicFeedback:
     `lambda_c` > 0: K is lambda_c M_hat (Remark 3). `z`, `theta_hat`: at the start. `theta_g`: the
     gravity parameters that are compensated. `regressor`: root mean square of ‖Y(q, 0, 0, dz)‖/|dz|
     over postures and directions. `tau_max`: limit of the torque; `age_max`: age beyond which what
-    was received is not used, s, inf where there is no limit.
+    was received is not used, s, inf where there is no limit. `task`: xi and z are those of the
+    coordinates of a tip; closed forms, which take each joint alone, then do not apply.
 
     The strings are names: torque out, received signals (a row a neighbour), their weights and ages,
     the start value of the estimate and the adaptation gain.
@@ -149,6 +176,7 @@ class DynamicFeedback:
     regressor: float = 0.0
     tau_max: Vector = (inf,)
     age_max: float = inf
+    task: Task | None = field(default=None, compare=False)
     torque: str = "tau"
     received: str = ""
     weights: str = ""

@@ -163,7 +163,10 @@ class Linear:
 
 
 def network(system: AnalyzedSystem, port: str) -> RobotNetwork | None:
-    """The network that the arm `port` is part of; None where its law is not of this kind."""
+    """The network that the arm `port` is part of; None where its law is not of this kind.
+
+    A law in the coordinates of a tip is not: the arms' joints are not coupled one by one.
+    """
     return system.once("network", port, lambda: _network(system, port))
 
 
@@ -184,7 +187,7 @@ def _network(system: AnalyzedSystem, port: str) -> RobotNetwork | None:
         waiting += new
     names = sorted(known)
     numbers = {name: i for i, name in enumerate(names)}
-    if any(system.arm_of(name) is None for name in names):
+    if any(system.arm_of(name) is None or laws[name].task is not None for name in names):
         return None
     n = len(names)
     coupling, delay, outside = np.zeros((n, n)), np.zeros((n, n)), np.zeros(n)

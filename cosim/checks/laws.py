@@ -29,6 +29,8 @@ def dynamic(system: AnalyzedSystem) -> Iterator[tuple[str, DynamicFeedback, Arm]
 def passivity(system: AnalyzedSystem) -> Iterator[Finding]:
     """O9: lambda_M <= alpha + lambda_min(K M⁻¹), in the heaviest posture; alpha + lambda_c."""
     for name, law, arm in dynamic(system):
+        if law.task is not None and not law.lambda_c:
+            continue  # its gain depends on the posture: checks.tasks
         limit, joint = closed.worst_passive_limit(law, arm)
         margin = limit - law.lambda_M
         if margin >= 0:
@@ -106,7 +108,8 @@ def no_integral(system: AnalyzedSystem) -> Iterator[Finding]:
     """lambda_M = 0: no integral action, so the force must be held permanently."""
     for name, law, _ in dynamic(system):
         if law.lambda_M == 0 and law.alpha > 0:
-            gain = 1 / (law.alpha * min(law.K)) if not law.lambda_c else inf
+            joints = law.task is None and not law.lambda_c
+            gain = 1 / (law.alpha * min(law.K)) if joints else inf
             yield Finding(
                 rule="no-integral",
                 severity="warning",

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 
 from cosim.analysis.system import AnalyzedSystem, system
-from cosim.checks import buses, channels, couplings, laws, reachability, sampling, wiring
+from cosim.checks import buses, channels, couplings, laws, reachability, sampling, tasks, wiring
 from cosim.checks.finding import Finding, merge_findings
 from cosim.scenario.spec import Scenario
 from cosim.schedule.plan import Plan
@@ -27,6 +27,11 @@ RULES: tuple[Rule, ...] = (
     laws.degenerate,
     laws.no_integral,
     laws.gravity,
+    tasks.feedback,
+    tasks.passivity,
+    tasks.singular,
+    tasks.missing,
+    tasks.spanning_tree,
     couplings.ground_damping,
     couplings.constant_delay,
     channels.unbounded_delay,
@@ -41,6 +46,7 @@ RULES: tuple[Rule, ...] = (
 #: Rules that only ever note something.
 NOTES: tuple[Rule, ...] = (
     laws.prediction,
+    tasks.free_joints,
     buses.simulated_response,
     channels.reordered_samples,
     channels.zero_minimum_delay,

@@ -37,6 +37,8 @@ def feedback(system: AnalyzedSystem) -> Iterator[Finding]:
     for name, law, arm in known_laws(system):
         T = system.period(name)
         remark3 = isinstance(law, DynamicFeedback) and law.lambda_c > 0
+        if isinstance(law, DynamicFeedback) and law.task is not None and not remark3:
+            continue  # its gain depends on the posture: checks.tasks
         gain = law.lambda_c if remark3 else max(law.feedback)  # type: ignore[union-attr]
         if not gain:
             continue

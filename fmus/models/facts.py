@@ -22,7 +22,7 @@ from cosim.analysis.facts import (
     Values,
     Vector,
 )
-from fmus.models import serial_facts
+from fmus.models import serial_facts, task_facts
 from fmus.models.dynamics import inertia, regressor
 from fmus.numeric import Array
 
@@ -252,6 +252,7 @@ FACTS: Mapping[str, Callable[[Values], Facts | None]] = {
     "abdessameud2014": abdessameud2014,
     "arm": serial_facts.arm,
     "arm_teleoperation": serial_facts.adaptive,
+    "arm_task": task_facts.arm_task,
     "arm_pd": serial_facts.pd,
     "arm_nuno_adaptive": _serial(nuno_adaptive),
     "arm_chopra": _serial(chopra),

@@ -59,7 +59,7 @@ def test_arms_that_differ_agree_on_the_place_of_their_tips(free: Run) -> None:
         own = slice(0, 2 if arm == "planar" else 3)
         assert np.abs(x[arm][0, own] - TARGET[own]).max() > 0.05
         assert np.allclose(x[arm][-1, own], TARGET[own], rtol=0, atol=2e-3)
-        assert np.abs(free.array(f"{arm}_control.s")[-1]).max() < 1e-3
+        assert np.abs(free.array(f"{arm}_control.s")[-1]).max() < 3e-3
     assert not x["planar"][:, 2].any()
     # The hand holds the tip without effort: infinite manipulability.
     assert np.abs(free.array("hand.f_h")[-1]).max() < 0.02

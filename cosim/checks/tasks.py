@@ -1,0 +1,183 @@
+"""Laws in the coordinates of a tip: sampling, passivity, singularities, and what arms lack."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from cosim.analysis.facts import Arm, Array, DynamicFeedback, Task
+from cosim.analysis.system import AnalyzedSystem, Edge
+from cosim.checks.finding import Finding, Severity
+from cosim.checks.laws import dynamic
+from cosim.checks.sampling import CLOSE
+
+
+class _Tip(NamedTuple):
+    """A controller of a tip, its task and its arm."""
+
+    name: str
+    law: DynamicFeedback
+    task: Task
+    arm: Arm
+
+
+def _tips(system: AnalyzedSystem) -> Iterator[_Tip]:
+    for name, law, arm in dynamic(system):
+        if law.task is not None:
+            yield _Tip(name, law, law.task, arm)
+
+
+def _gain(tip: _Tip, q: Sequence[float]) -> Array:
+    """The feedback of s with the friction of the joints, (m, m), N.m.s/rad."""
+    return tip.task.feedback(q) + np.diag(tip.arm.friction)
+
+
+def feedback(system: AnalyzedSystem) -> Iterator[Finding]:
+    """T_s lambda_max(M⁻¹ (K + J' K_x J)) < 2 over the workspace, as ``sampling.feedback``."""
+    share = 1.0 if system.plan.algorithm == "jacobi" else 2.0
+    for tip in _tips(system):
+        if tip.law.lambda_c:
+            continue
+        T, arm = system.period(tip.name), tip.arm
+        postures = [arm.q, arm.heaviest] if arm.postures is None else arm.postures
+        first, *others = (_fastest(tip, q) for q in postures)
+        ratio, start = T * max(first, *others) / share, T * first / share
+        severity: Severity = "error" if start > 1 else "warning" if ratio > CLOSE else "note"
+        yield Finding(
+            rule="sampling",
+            severity=severity,
+            where=tip.name,
+            number=ratio,
+            unit="1",
+            reason=f"T_s (K + J' K_x J), T_s = {T:g} s, is {ratio * 100:.0f} % of {share:g} times"
+            " the inertia in the posture where it is the most"
+            + (", and exceeds it at the start" if start > 1 else ""),
+            advice="" if severity == "note" else f"lower K and K_x to {50 / ratio:.0f} %, or sample"
+            f" every {0.5 * T / ratio * 1e3:.2g} ms",
+        )  # fmt: skip
+
+
+def _fastest(tip: _Tip, q: Sequence[float]) -> float:
+    """The greatest eigenvalue of M⁻¹ (K + J' K_x J), 1/s."""
+    M = tip.arm.inertia(tip.arm.parameters, q)
+    return float(np.linalg.eigvals(np.linalg.solve(M, tip.task.feedback(q))).real.max())
+
+
+def passivity(system: AnalyzedSystem) -> Iterator[Finding]:
+    """lambda_M <= alpha + lambda_min(G⁻¹ D) at the start: the tip is passive to a fast hand.
+
+    From f on the tip to its velocity: (p + lambda_M)/(p + alpha) J (M p + B)⁻¹ J', B the feedback
+    and friction. Its real part for p = jω, times ω², goes to D - (lambda_M - alpha) G, with
+    G = J M⁻¹ J' and D = J M⁻¹ B M⁻¹ J'. It must not be negative.
+    """
+    for tip in _tips(system):
+        law, q = tip.law, tip.arm.q
+        if law.lambda_c or tip.task.regular(q) < 1.0:
+            continue
+        J = tip.task.jacobian(q)[[c for c in range(len(tip.task.lacks)) if tip.task.has(c)]]
+        moved = np.linalg.solve(tip.arm.inertia(tip.arm.parameters, q), J.T)
+        ratio = np.linalg.eigvals(np.linalg.solve(J @ moved, moved.T @ _gain(tip, q) @ moved))
+        limit = law.alpha + float(ratio.real.min())
+        if law.lambda_M > limit:
+            yield Finding(
+                rule="passivity",
+                severity="warning",
+                where=tip.name,
+                number=limit - law.lambda_M,
+                unit="1/s",
+                reason=f"lambda_M = {law.lambda_M:g} 1/s is above the passive limit {limit:.3g} 1/s"
+                " of the tip (exact estimates, at the start): oscillations with a stiff grip or"
+                " contact can grow",
+                advice=f"lower lambda_M to {limit:.3g}, or raise K_x",
+            )
+
+
+def singular(system: AnalyzedSystem) -> Iterator[Finding]:
+    """The theorems need a Jacobian of full rank, which is not damped."""
+    for tip in _tips(system):
+        found = tip.task.regular(tip.arm.q)
+        if found < 1.0:
+            yield Finding(
+                rule="singular",
+                severity="warning",
+                where=tip.name,
+                number=found,
+                unit="1",
+                reason=f"the arm starts near a singularity, sigma = {found:.2g} sigma_0: the tip"
+                " does not follow there, and nothing proves that the arms agree",
+                advice="start in a bent posture, or lower sigma_0",
+            )
+
+
+def missing(system: AnalyzedSystem) -> Iterator[Finding]:
+    """Who listens to a coordinate that its neighbour lacks is drawn to 0."""
+    tips = {tip.name: tip.task for tip in _tips(system)}
+    for e in _between(system, tips):
+        here, there = tips[e.receiver], tips[e.sender]
+        wrong = [c for c in range(len(here.lacks)) if here.hears(e.row, c) and not there.has(c)]
+        if wrong:
+            yield Finding(
+                rule="lacks",
+                severity="warning",
+                where=e.receiver,
+                number=float(wrong[0]),
+                unit="1",
+                reason=f"it listens to coordinate {wrong[0]} of {e.sender}, which lacks it and"
+                " sends 0: the arm is drawn there",
+                advice=f"set listens[{e.row}][{wrong[0]}] = 0",
+            )
+
+
+def spanning_tree(system: AnalyzedSystem) -> Iterator[Finding]:
+    """Theorems 3 to 5 in each coordinate: one of the arms that have it must reach all others."""
+    tips = {tip.name: tip.task for tip in _tips(system)}
+    edges = list(_between(system, tips))
+    networked = {name for e in edges for name in (e.receiver, e.sender)}
+    for c in range(max((len(tips[name].lacks) for name in networked), default=0)):
+        own = sorted(name for name in networked if tips[name].has(c))
+        heard = [e for e in edges if tips[e.receiver].hears(e.row, c) and tips[e.sender].has(c)]
+        if own and not any(_reached(name, heard) >= set(own) for name in own):
+            yield Finding(
+                rule="spanning-tree",
+                severity="warning",
+                where=", ".join(own),
+                number=float(c),
+                unit="1",
+                reason=f"coordinate {c} of no arm reaches all arms that have it: they do not agree"
+                " on it (Theorem 3)",
+                advice="listen to it, or add links",
+            )
+
+
+def _between(system: AnalyzedSystem, tips: dict[str, Task]) -> Iterator[Edge]:
+    """The edges between controllers of tips that are there again and again."""
+    return (e for e in system.edges if e.recurrent and {e.receiver, e.sender} <= tips.keys())
+
+
+def _reached(name: str, edges: Sequence[Edge]) -> set[str]:
+    found, waiting = {name}, [name]
+    while waiting:
+        here = waiting.pop()
+        new = {e.receiver for e in edges if e.sender == here} - found
+        found |= new
+        waiting += new
+    return found
+
+
+def free_joints(system: AnalyzedSystem) -> Iterator[Finding]:
+    """What the tip leaves free needs a posture, or goes anywhere."""
+    for tip in _tips(system):
+        free = len(tip.arm.q) - sum(tip.task.has(c) for c in range(len(tip.task.lacks)))
+        if free > 0 and not tip.task.posture:
+            yield Finding(
+                rule="null-motion",
+                severity="note",
+                where=tip.name,
+                number=float(free),
+                unit="1",
+                reason=f"the tip leaves {free} of {len(tip.arm.q)} joints free, and no posture is"
+                " given: they stay where they are pushed",
+                advice="set k_n and q_n",
+            )

@@ -1,0 +1,47 @@
+"""Facts of the law in the coordinates of a tip."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from cosim.analysis.facts import DynamicFeedback, Task, Values
+from fmus.models import serial_facts, task_space
+from fmus.numeric import Array, np
+
+
+def arm_task(values: Values) -> DynamicFeedback:
+    """The paper's law for a tip, alone or with neighbours."""
+    x = _shaped(values)
+    m = len(x["lacks"])
+    scale = task_space.scales(x)[:, None]
+
+    def jacobian(q: Sequence[float]) -> Array:
+        return np.asarray(scale * task_space.rows(x, np.asarray(q, dtype=np.float64)))
+
+    def feedback(q: Sequence[float]) -> Array:
+        J = jacobian(q)
+        return np.asarray(np.diag(x["K"]) + J.T @ (x["K_x"][:, None] * J))
+
+    def regular(q: Sequence[float]) -> float:
+        rows = task_space.rows(x, np.asarray(q, dtype=np.float64))
+        return float(task_space.inverse(x, rows)[1] / x["sigma_0"])
+
+    listens = np.reshape(values.get("listens", ()), (-1, m)).tolist()
+    task = Task(
+        jacobian=jacobian,
+        feedback=feedback,
+        regular=regular,
+        lacks=values["lacks"],
+        listens=tuple(tuple(row) for row in listens),
+        posture=any(values["k_n"]),
+    )
+    return replace(serial_facts.adaptive(values), regressor=0.0, task=task)
+
+
+def _shaped(values: Values) -> dict[str, Array]:
+    """What ``task_space`` needs of the flat `values`, each of its shape."""
+    scalars, vectors = ("scale", "sigma_0", "length"), ("K", "K_x", "lacks", "tip", "x_0", "q_0")
+    x = {**serial_facts.table_of(values).values(), "frame": np.reshape(values["frame"], (-1, 3))}
+    x |= {name: np.asarray(values[name][0]) for name in scalars if name in values}
+    return x | {name: np.asarray(values[name]) for name in vectors if name in values}

@@ -6,6 +6,7 @@ Written from the tables of the standard, and used for calls that somebody else w
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from typing import Any
 
 from tests.fmi.described import Described, Known
 from tests.fmi.watch import Call
@@ -74,6 +75,8 @@ class Instance:
     def __init__(self, known: Described, exchange: bool) -> None:
         self.known, self.exchange, self.state = known, exchange, INST
         self.setups, self.time, self.event = 0, 0.0, 0.0
+        self.latest = float("-inf")  # no state before will be set
+        self.saved: dict[int, dict[str, Any]] = {}
         self.next: float | None = None  # time event that was announced
         self.more = self.ending = self.failed = self.set_since_step = False
         self.flags = known.model_exchange if exchange else known.co_simulation
@@ -155,13 +158,21 @@ class Instance:
 
     # ---- capabilities -----------------------------------------------------------------------
 
-    def _state_functions(self, call: Call, wrong: Callable[[str], None]) -> None:
+    def _GetFMUstate(self, call: Call, wrong: Callable[[str], None]) -> None:
         if not self.flags.canGetAndSetFMUstate:
             wrong("the FMU cannot get and set its state")
-        if call.name == "SetFMUstate":
-            self.time, self.set_since_step = float("nan"), False
+        elif call.status in (OK, WARNING):
+            self.saved[call.said["saved"]] = {k: v for k, v in vars(self).items() if k != "saved"}
 
-    _GetFMUstate = _SetFMUstate = _FreeFMUstate = _state_functions
+    def _SetFMUstate(self, call: Call, wrong: Callable[[str], None]) -> None:
+        latest = self.latest
+        if call.said["saved"] not in self.saved:
+            wrong("a state that was not saved")
+            return
+        vars(self).update(self.saved[call.said["saved"]])
+        self.set_since_step = False
+        if self.time < latest:
+            wrong(f"goes back to {self.time!r}; no state before {latest!r} was to be set")
 
     def _GetDirectionalDerivative(self, call: Call, wrong: Callable[[str], None]) -> None:
         if not self.flags.providesDirectionalDerivative:
@@ -179,6 +190,8 @@ class Instance:
             wrong("the step is not positive")
         if abs(t - self.time) > 1e-9 * max(1.0, abs(t)):
             wrong(f"the time is not {self.time!r}, where the step before ended")
+        if call.said.get("noSetFMUStatePriorToCurrentPoint"):
+            self.latest = t
         self.time, self.set_since_step = t + h, False
 
     # ---- model exchange ---------------------------------------------------------------------

@@ -7,6 +7,7 @@ down.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from typing import Any
 
 from tests.fmi.described import Described, Known
 from tests.fmi.watch import Call
@@ -83,11 +84,13 @@ def violations(calls: Iterable[Call], known: Described) -> list[str]:
 class Instance:
     """One instance and the state it is in."""
 
-    def __init__(self, known: Described, kind: str, said: dict) -> None:
+    def __init__(self, known: Described, kind: str, said: dict[str, Any]) -> None:
         self.known, self.kind, self.state = known, kind, INST
         self.events = bool(said.get("eventModeUsed"))
         self.intermediate = set(said.get("requiredIntermediateVariables", ()))
         self.time, self.event, self.next = 0.0, 0.0, None
+        self.latest = float("-inf")  # no state before will be set
+        self.saved: dict[int, dict[str, Any]] = {}
         self.more = self.ending = self.failed = False
         self.needs_event = self.set_since_step = False
         self.active: set[int] = set()  # clocks in this Event Mode
@@ -110,8 +113,6 @@ class Instance:
             self._set(call, wrong)
         elif call.name.removeprefix("Get") in _TYPES:
             self._get(call, wrong)
-        elif call.name in _STATES:
-            self._saved(call, wrong)
         self._changed(call)
 
     def _changed(self, call: Call) -> None:
@@ -185,11 +186,22 @@ class Instance:
         clocked = v.causality == "output" and v.clocks
         return bool(clocked) and not self.active & set(v.clocks)
 
-    def _saved(self, call: Call, wrong: Callable[[str], None]) -> None:
-        if not self.flags.canGetAndSetFMUState:
+    def _GetFMUState(self, call: Call, wrong: Callable[[str], None]) -> None:
+        if not self.flags.canGetAndSetFMUstate:  # as FMPy calls it
             wrong("the FMU cannot get and set its state")
-        if call.name == "SetFMUState":
-            self.time, self.set_since_step = float("nan"), False
+        elif call.status in (OK, WARNING):
+            kept = {k: v for k, v in vars(self).items() if k != "saved"}
+            self.saved[call.said["saved"]] = {**kept, "active": set(self.active)}
+
+    def _SetFMUState(self, call: Call, wrong: Callable[[str], None]) -> None:
+        latest = self.latest
+        if call.said["saved"] not in self.saved:
+            wrong("a state that was not saved")
+            return
+        vars(self).update(self.saved[call.said["saved"]])
+        self.active, self.set_since_step = set(self.active), False
+        if self.time < latest:
+            wrong(f"goes back to {self.time!r}; no state before {latest!r} was to be set")
 
     def _GetDirectionalDerivative(self, call: Call, wrong: Callable[[str], None]) -> None:
         if not self.flags.providesDirectionalDerivative:  # as FMPy calls it
@@ -257,6 +269,8 @@ class Instance:
             wrong("the FMU has asked to end the simulation")
         if self.needs_event:
             wrong("the FMU has an event, which was not handled")
+        if call.said.get("noSetFMUStatePriorToCurrentPoint"):
+            self.latest = t
         early = bool(call.said.get("earlyReturn"))
         self.time = call.said["lastSuccessfulTime"] if early else t + h
         self.ending = bool(call.said.get("terminateSimulation"))

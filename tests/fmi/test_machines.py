@@ -84,7 +84,7 @@ WRONG = [
     ("2 co-simulation", (9, STEP2.format(0.0) + " status=3"), "DoStep"),
     ("2 co-simulation", (9, STEP2.format(0.0) + " status=2"), "not allowed in stepFailed"),
     ("2 co-simulation", (9, STEP2.format(0.0) + " status=5"), "not allowed in stepInProgress"),
-    ("2 co-simulation", (7, "GetFMUstate"), "cannot get and set its state"),
+    ("2 co-simulation", (7, "GetFMUstate saved=1"), "cannot get and set its state"),
     ("2 co-simulation", (7, "SetRealInputDerivatives"), "cannot interpolate"),
     ("2 co-simulation", (7, "GetDirectionalDerivative"), "no directional derivatives"),
     ("2 co-simulation", (7, "EnterEventMode"), "not allowed in stepComplete"),
@@ -174,6 +174,33 @@ def test_a_wrong_call_is_named(
     found = judged(name, lines, known)
     assert (said is None) == (not found)
     assert said is None or any(said in sentence for sentence in found), found
+
+
+SAVING = [
+    *GOOD["2 co-simulation"][:9], "GetFMUstate saved=7", STEP2.format(0.0), "SetFMUstate saved=7",
+    *GOOD["2 co-simulation"][9:],
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("", "", None),
+        ("SetFMUstate saved=7", "SetFMUstate saved=8", "a state that was not saved"),
+        ("SetFMUstate saved=7", "GetVersion", "where the step before ended"),
+        (STEP2.format(0.0) + "\n", STEP2.format(0.0) + " status=2\n", None),
+        ("SetFMUstate", STEP2.format(0.1) + " noSetFMUStatePriorToCurrentPoint=1\nSetFMUstate",
+         "no state before 0.1 was to be set"),
+    ],
+)  # fmt: skip
+def test_steps_done_again_from_a_state(
+    tmp_path: Path, old: str, new: str, said: str | None
+) -> None:
+    known = described(export(strict2('canGetAndSetFMUstate="true"'), tmp_path / "x.fmu"))
+    lines = "\n".join(SAVING).replace(old, new, 1) if old else "\n".join(SAVING)
+    found = violations2(list(parsed([lines])), known)
+    assert (said is None) == (not found)
+    assert said is None or said in found[0]
 
 
 def test_every_function_of_the_standard_is_judged() -> None:

@@ -8,10 +8,14 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+from cosim.base.errors import CosimError
+from cosim.engine.engine import Engine
 from fmus.build import find
 from fmus.models import pd, planar2r
 from tests.cosim.fmi.exporter import (
@@ -40,6 +44,9 @@ from tests.cosim.fmi.test_calls import (
     RESETS,
     RETURNS,
 )
+from tests.cosim.fmi.test_rollback import SAVES
+from tests.cosim.fmi.test_scheduled import scheduled3
+from tests.cosim.scenarios import plan
 from tests.fmi.runs import Watch, ran
 
 Made = Callable[..., Watch]
@@ -140,3 +147,57 @@ def test_what_python_exporters_make(
     script = SLAVES / ("oscillator.py" if exporter == "pythonfmu" else "oscillator3.py")
     fmu = builder.FmuBuilder.build_FMU(str(script), dest=tmp_path)
     assert ran(watch(Path(fmu)), 5, 0.01, values={"k": 9.0}, isolate=isolate) == []
+
+
+def looped(watch: Watch, document: dict[str, Any]) -> list[str]:
+    """A scenario of several instances of the FMU, to its end or failure; what is violated."""
+    with suppress(CosimError):
+        p = plan(document.pop("components"), **document)
+        with Engine(p) as engine:
+            engine.initialize()
+            engine.run(p.ticks)
+    return watch.violations()
+
+
+@pytest.mark.parametrize("fmi", ["2.0", "3.0", "3.0 events", "2.0 exchange", "3.0 exchange"])
+@pytest.mark.parametrize("how", [0, RETURNS, ENDS])
+def test_steps_that_are_gone_back_to(watch: Made, fmi: str, how: int) -> None:
+    """``algorithm = "adaptive"``: states are saved, and steps done again from them."""
+    saves = SAVES[fmi[:3]]
+    if "exchange" in fmi:
+        found = watch(exchange2(saves) if fmi[0] == "2" else exchange3(saves))
+        parameters, x, y, u = {"model": 1.0}, "x1", "x1", "u"
+    else:
+        events = f" {EVENTS}" if "events" in fmi else ""
+        found = watch(strict2(saves) if fmi[0] == "2" else strict3(saves + events))
+        parameters, x, y, u = {"gain": 1.0, "how": how, "when": 0.8, "status": 2.0}, "x", "y", "u"
+    model = {"model": str(found.path), "parameters": parameters}
+    components = {
+        "a": {**model, "start": {x: 1.0}, "inputs": {u: f"b.{y}"}},
+        "b": {**model, "start": {x: 0.0}, "inputs": {u: {"from": f"a.{y}", "gain": -1.0}}},
+    }
+    given = {"algorithm": "adaptive", "adaptive": {"tolerance": 1e-3}, "step": 0.5, "stop": 2.0}
+    assert looped(found, {"components": components, **given}) == []
+    names = {call.name.lower() for call in found.calls()}
+    assert {"getfmustate", "setfmustate", "freefmustate"} <= names
+
+
+@pytest.mark.parametrize("algorithm", ["sampled", "jacobi", "gauss-seidel"])
+@pytest.mark.parametrize("fmi", STRICT)
+def test_fmus_that_are_connected(watch: Made, fmi: str, algorithm: str) -> None:
+    found = watch(STRICT[fmi])
+    model = {"model": str(found.path), "parameters": {"gain": 0.5}}
+    components = {
+        "a": {**model, "inputs": {"u": "b.y"}},
+        "b": {**model, "kind": "sampled", "period": 0.2, "inputs": {"u": "a.y"}},
+        "c": {**model, "inputs": {"u": "b.y"}, "extrapolate": "linear"},
+    }
+    given = {"algorithm": algorithm, "step": 0.1, "stop": 1.0}
+    assert looped(found, {"components": components, **given}) == []
+
+
+@ISOLATE
+def test_scheduled_execution(watch: Made, isolate: bool) -> None:
+    found = watch(scheduled3())
+    assert ran(found, start={"u": 1.0, "u_fast": 2.0}, isolate=isolate) == []
+    assert "ActivateModelPartition" in {call.name for call in found.calls()}

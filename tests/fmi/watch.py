@@ -50,11 +50,23 @@ static void *library(void)
 }}
 static FILE *begin(const char *name, const void *instance, int depth)
 {{
+    static FILE *file;
+    static char open[4096];
     const char *path = getenv("FMI_CALLS");
-    FILE *file = path ? fopen(path, "a") : NULL;
+    if (file && (!path || strcmp(path, open))) fclose(file), file = NULL;
+    if (!path) return NULL;
+    if (!file) {{
+        file = fopen(path, "a");
+        snprintf(open, sizeof open, "%s", path);
+        if (file) setvbuf(file, NULL, _IOLBF, 1 << 12);
+    }}
     if (file) fprintf(file, "{{\\"name\\":\\"%s\\",\\"instance\\":%llu,\\"depth\\":%d", name,
                       (unsigned long long)(size_t)instance, depth);
     return file;
+}}
+static void handle(FILE *file, const void *state)
+{{
+    if (file) fprintf(file, ",\\"saved\\":%llu", (unsigned long long)(size_t)state);
 }}
 static void list(FILE *file, const char *name, const unsigned *values, size_t n)
 {{
@@ -159,12 +171,14 @@ def _function(name: str, kind: str, arguments: tuple[Argument, ...]) -> str:
             lines.append(f'    number(file, "{a.name}", (double){a.name});')
         elif a.returned:
             lines.append(f'    if ({a.name}) number(file, "{a.name}", (double)*{a.name});')
+        elif a.bare.lower() == "fmustate" and "Free" not in name:
+            lines.append(f"    handle(file, {'*' if a.pointer else ''}{a.name});")
         elif a.bare == "EventInfo":
             for field in ("newDiscreteStatesNeeded", "terminateSimulation",
                           "nominalsOfContinuousStatesChanged", "valuesOfContinuousStatesChanged",
                           "nextEventTimeDefined", "nextEventTime"):  # fmt: skip
                 lines.append(f'    number(file, "{field}", (double){a.name}->{field});')
-    lines.append('    if (file) fprintf(file, "}\\n"), fclose(file);')
+    lines.append('    if (file) fprintf(file, "}\\n");')
     if kind != "void":
         lines.append("    return result;")
     return "\n".join([*lines, "}", ""])

@@ -121,7 +121,7 @@ class Arm:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Task:
+class TipTask:
     """The coordinates of a tip, (k,), in which a law couples in place of the joints, (m,).
 
     `jacobian(q)` is J (k, m), and `feedback(q)` the gain of s, (m, m), N.m.s/rad; `regular(q)` how
@@ -176,7 +176,7 @@ class DynamicFeedback:
     regressor: float = 0.0
     tau_max: Vector = (inf,)
     age_max: float = inf
-    task: Task | None = field(default=None, compare=False)
+    task: TipTask | None = field(default=None, compare=False)
     torque: str = "tau"
     received: str = ""
     weights: str = ""

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cosim.analysis.facts import Arm, Array, DynamicFeedback, Task
+from cosim.analysis.facts import Arm, Array, DynamicFeedback, TipTask
 from cosim.analysis.system import AnalyzedSystem, Edge
 from cosim.checks.finding import Finding, Severity
 from cosim.checks.laws import dynamic
@@ -19,7 +19,7 @@ class _Tip(NamedTuple):
 
     name: str
     law: DynamicFeedback
-    task: Task
+    task: TipTask
     arm: Arm
 
 
@@ -151,7 +151,7 @@ def spanning_tree(system: AnalyzedSystem) -> Iterator[Finding]:
             )
 
 
-def _between(system: AnalyzedSystem, tips: dict[str, Task]) -> Iterator[Edge]:
+def _between(system: AnalyzedSystem, tips: dict[str, TipTask]) -> Iterator[Edge]:
     """The edges between controllers of tips that are there again and again."""
     return (e for e in system.edges if e.recurrent and {e.receiver, e.sender} <= tips.keys())
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from cosim.analysis.facts import DynamicFeedback, Task, Values
+from cosim.analysis.facts import DynamicFeedback, TipTask, Values
 from fmus.models import serial_facts, task_space
 from fmus.numeric import Array, np
 
@@ -28,7 +28,7 @@ def arm_task(values: Values) -> DynamicFeedback:
         return float(task_space.inverse(x, rows)[1] / x["sigma_0"])
 
     listens = np.reshape(values.get("listens", ()), (-1, m)).tolist()
-    task = Task(
+    task = TipTask(
         jacobian=jacobian,
         feedback=feedback,
         regular=regular,

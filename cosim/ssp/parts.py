@@ -18,6 +18,10 @@ from cosim.ssp.structure import SspComponent, Structure
 from cosim.ssp.values import SspValue
 
 
+#: Kinds of components for interfaces that an SSD names; co-simulation needs none.
+_KINDS = {"ModelExchange": "model exchange", "ScheduledExecution": "scheduled execution"}
+
+
 def components(structure: Structure) -> dict[tuple[str, ...], SspPart]:
     """The components of a structure by their names from the outside in. Raises ScenarioError."""
     found: dict[tuple[str, ...], SspPart] = {}
@@ -37,7 +41,7 @@ def components(structure: Structure) -> dict[tuple[str, ...], SspPart]:
 def _fmu(part: SspComponent, name: str) -> FmuComponent:
     """The FMU of a component, as the SSD says that it is run. Raises ScenarioError."""
     wanted = part.implementation
-    options = FmuOptions(interface="ModelExchange" if wanted == "ModelExchange" else "")
+    options = FmuOptions(interface=wanted if wanted in _KINDS else "")
     try:
         fmu = FmuComponent(part.fmu, name, options=options)
     except CosimError as error:
@@ -62,7 +66,7 @@ class SspPart:
         """Its table in the document; inputs and values appear in it later."""
         found: dict[str, Any] = {"model": str(self.fmu.archive.path)}
         if self.fmu.options.interface:
-            found["kind"] = "model exchange"
+            found["kind"] = _KINDS[self.fmu.options.interface]
         archive, described = self.fmu.archive, self.fmu.description
         shipped = binaries.shipped(archive, described.fmi, described.identifier)
         if not shipped and binaries.has_sources(archive):

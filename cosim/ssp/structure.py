@@ -23,7 +23,7 @@ from cosim.ssp.values import SspValue, bound, transformation
 _FMU = "application/x-fmu-sharedlibrary"
 #: Types of components that are systems, in files of their own.
 _SYSTEMS = ("application/x-ssp-definition", "application/x-ssp-package")
-_IMPLEMENTATIONS = ("any", "CoSimulation", "ModelExchange")
+_IMPLEMENTATIONS = ("any", "CoSimulation", "ModelExchange", "ScheduledExecution")
 
 
 @dataclass(frozen=True, slots=True)

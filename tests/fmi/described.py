@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import zipfile
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from xml.etree import ElementTree
 
 from fmpy import read_model_description
 
@@ -30,12 +31,11 @@ class Known:
 
 @dataclass(frozen=True, slots=True)
 class Described:
-    """`variables` by type and value reference: aliases share them; `flags` of the interfaces."""
+    """`variables` by type and value reference: aliases share them; `flags` by interface."""
 
     fmi: str
     variables: dict[tuple[str, int], list[Known]]
-    co_simulation: Any
-    model_exchange: Any
+    flags: dict[str, set[str]]
 
     def of(self, kind: str, reference: int) -> list[Known]:
         names = _TYPES2 if self.fmi == "2" else _TYPES3
@@ -60,7 +60,19 @@ def described(fmu: Path) -> Described:
         )  # fmt: skip
         kind = (_TYPES2 if two else _TYPES3).get(v.type, v.type)
         variables.setdefault((kind, int(v.valueReference)), []).append(known)
-    return Described("2" if two else "3", variables, found.coSimulation, found.modelExchange)
+    return Described("2" if two else "3", variables, _flags(fmu))
+
+
+def _flags(fmu: Path) -> dict[str, set[str]]:
+    """Capabilities that are true, as they are written."""
+    with zipfile.ZipFile(fmu) as archive:
+        root = ElementTree.fromstring(archive.read("modelDescription.xml"))
+    kinds = ("CoSimulation", "ModelExchange", "ScheduledExecution")
+    return {
+        kind: {name for name, value in element.attrib.items() if value in ("true", "1")}
+        for kind in kinds
+        for element in root.findall(kind)
+    }
 
 
 def _initial(causality: str, variability: str, two: bool) -> str:

@@ -79,7 +79,7 @@ class Instance:
         self.saved: dict[int, dict[str, Any]] = {}
         self.next: float | None = None  # time event that was announced
         self.more = self.ending = self.failed = self.set_since_step = False
-        self.flags = known.model_exchange if exchange else known.co_simulation
+        self.flags = known.flags["ModelExchange" if exchange else "CoSimulation"]
 
     def called(self, call: Call, wrong: Callable[[str], None]) -> None:
         if self.state not in ALLOWED.get(call.name, set()):
@@ -159,7 +159,7 @@ class Instance:
     # ---- capabilities -----------------------------------------------------------------------
 
     def _GetFMUstate(self, call: Call, wrong: Callable[[str], None]) -> None:
-        if not self.flags.canGetAndSetFMUstate:
+        if "canGetAndSetFMUstate" not in self.flags:
             wrong("the FMU cannot get and set its state")
         elif call.status in (OK, WARNING):
             self.saved[call.said["saved"]] = {k: v for k, v in vars(self).items() if k != "saved"}
@@ -175,11 +175,11 @@ class Instance:
             wrong(f"goes back to {self.time!r}; no state before {latest!r} was to be set")
 
     def _GetDirectionalDerivative(self, call: Call, wrong: Callable[[str], None]) -> None:
-        if not self.flags.providesDirectionalDerivative:
+        if "providesDirectionalDerivative" not in self.flags:
             wrong("the FMU provides no directional derivatives")
 
     def _SetRealInputDerivatives(self, call: Call, wrong: Callable[[str], None]) -> None:
-        if not self.flags.canInterpolateInputs:
+        if "canInterpolateInputs" not in self.flags:
             wrong("the FMU cannot interpolate its inputs")
 
     # ---- co-simulation ----------------------------------------------------------------------
@@ -223,8 +223,6 @@ class Instance:
             wrong(f"goes over the time event at {self.next!r}")
 
     def _CompletedIntegratorStep(self, call: Call, wrong: Callable[[str], None]) -> None:
-        if self.flags.completedIntegratorStepNotNeeded:
-            wrong("the FMU needs no word of completed steps")
         self.ending = self.ending or bool(call.said["terminateSimulation"])
 
 

@@ -95,7 +95,7 @@ class Instance:
         self.needs_event = self.set_since_step = False
         self.active: set[int] = set()  # clocks in this Event Mode
         self.activations: dict[int, float] = {}
-        self.flags = known.model_exchange if kind == "ModelExchange" else known.co_simulation
+        self.flags = known.flags.get(kind, set())
 
     def called(self, call: Call, wrong: Callable[[str], None]) -> None:
         if call.depth:
@@ -187,7 +187,7 @@ class Instance:
         return bool(clocked) and not self.active & set(v.clocks)
 
     def _GetFMUState(self, call: Call, wrong: Callable[[str], None]) -> None:
-        if not self.flags.canGetAndSetFMUstate:  # as FMPy calls it
+        if "canGetAndSetFMUState" not in self.flags:
             wrong("the FMU cannot get and set its state")
         elif call.status in (OK, WARNING):
             kept = {k: v for k, v in vars(self).items() if k != "saved"}
@@ -204,7 +204,7 @@ class Instance:
             wrong(f"goes back to {self.time!r}; no state before {latest!r} was to be set")
 
     def _GetDirectionalDerivative(self, call: Call, wrong: Callable[[str], None]) -> None:
-        if not self.flags.providesDirectionalDerivative:  # as FMPy calls it
+        if "providesDirectionalDerivatives" not in self.flags:
             wrong("the FMU provides no directional derivatives")
 
     # ---- start and end ----------------------------------------------------------------------

@@ -125,7 +125,7 @@ def test_model_exchange_of_both_interfaces_with_a_jacobian(watch: Made, fmi: str
         text = exchange3('providesDirectionalDerivatives="true"')
     values = {"model": 2, "x0": 2.0, "mu": 50.0}
     found = watch(text)
-    assert ran(found, 4, 0.5, values=values, solver="cvode", exchange=True) == []
+    assert ran(found, 4, 0.5, values=values, solver="cvode", interface="ModelExchange") == []
     assert "GetDirectionalDerivative" in {call.name for call in found.calls()}
     assert "CompletedIntegratorStep" not in {call.name for call in found.calls()}
 
@@ -190,7 +190,7 @@ def test_fmus_that_are_connected(watch: Made, fmi: str, algorithm: str) -> None:
     components = {
         "a": {**model, "inputs": {"u": "b.y"}},
         "b": {**model, "kind": "sampled", "period": 0.2, "inputs": {"u": "a.y"}},
-        "c": {**model, "inputs": {"u": "b.y"}, "extrapolate": "linear"},
+        "c": {**model, "inputs": {"u": "a.y"}, "extrapolate": "linear"},
     }
     given = {"algorithm": algorithm, "step": 0.1, "stop": 1.0}
     assert looped(found, {"components": components, **given}) == []

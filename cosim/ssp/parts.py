@@ -17,7 +17,6 @@ from cosim.scenario.connect import unknown
 from cosim.ssp.structure import SspComponent, Structure
 from cosim.ssp.values import SspValue
 
-
 #: Kinds of components for interfaces that an SSD names; co-simulation needs none.
 _KINDS = {"ModelExchange": "model exchange", "ScheduledExecution": "scheduled execution"}
 

@@ -80,9 +80,9 @@ def _models() -> list[Path]:
     stamp = folder / shipped.STAMP
     if _current(stamp, made_from):
         return []
-    from fmus.build import build_all, shipped_models, versions
+    from fmus.build import build_all, installed_models, versions
 
-    models = shipped_models()
+    models = installed_models()
     built = [path.resolve() for path in build_all(folder, models)]
     for path in set(folder.glob("*.fmu")) - set(built):
         path.unlink()

@@ -67,7 +67,7 @@ def attributes(variable: Variable, model: Model) -> dict[str, str]:
     """Description, causality, variability and initial of a variable."""
     found = {"description": variable.description} if variable.description else {}
     found["causality"] = variable.causality
-    if variable.causality == "parameter":
+    if variable.causality in ("structuralParameter", "parameter"):
         found["variability"] = "fixed"
     elif model.kind == "sampled" or variable.type != "real":
         found["variability"] = "discrete"
@@ -75,21 +75,22 @@ def attributes(variable: Variable, model: Model) -> dict[str, str]:
         found["variability"] = "continuous"
     if variable.causality in ("output", "local"):
         found["initial"] = "exact" if variable.settable else "calculated"
-    elif variable.causality == "parameter":
+    elif variable.causality in ("structuralParameter", "parameter"):
         found["initial"] = "exact"
     return found
 
 
 def has_start(variable: Variable) -> bool:
     """Whether a variable is given a start value, rather than calculated."""
-    return variable.settable or variable.causality in ("parameter", "input")
+    given = ("structuralParameter", "parameter", "input")
+    return variable.settable or variable.causality in given
 
 
 def as_text(variable: Variable, values: Iterable[float]) -> list[str]:
     """Values, in the unit of the variable, as text of the variable's type."""
     if variable.type == "real":
         return [repr(float(value)) for value in values]
-    if variable.type == "integer":
+    if variable.type in ("integer", "size"):
         return [str(int(value)) for value in values]
     return ["true" if value else "false" for value in values]
 

@@ -20,17 +20,19 @@ from cosim.base.errors import FmuError
 from fmus import toolchain
 from fmus.description import Version, build_description, model_description, terminals
 from fmus.library import compile_model, compile_models
-from fmus.model import Model, Variable
+from fmus.model import Model, Variable, any_size
 from fmus.shipped import file_name, shipped
 from fmus.source import sources, token
 
 __all__ = [
+    "ANY_SIZE",
     "SHIPPED",
     "VERSIONS",
     "Version",
     "build",
     "build_all",
     "find",
+    "installed_models",
     "pack",
     "shipped_models",
     "versions",
@@ -85,6 +87,19 @@ SHIPPED: dict[str, tuple[dict[str, int], ...]] = {
     "arm_abdessameud2014": (),
 }
 
+#: Those of them that an installation also brings for any number of joints, of FMI 3.0.
+ANY_SIZE = (
+    "arm",
+    "arm_teleoperation",
+    "arm_pd",
+    "arm_nuno_adaptive",
+    "arm_chopra",
+    "arm_wang2014",
+    "arm_abdessameud2014",
+    "pd",
+    "encoder",
+)
+
 #: Options of the compiler that the numbers depend on, for who builds the sources in an FMU.
 FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", "-fvisibility=hidden")
 _EPOCH = (1980, 1, 1, 0, 0, 0)  # the first date a ZIP archive knows
@@ -112,8 +127,8 @@ def build(
 
 
 def build_all(out_dir: Path | str, models: Iterable[Model] | None = None) -> list[Path]:
-    """Build `models` (default: those an installation ships) for the host, in 2.0 and 3.0."""
-    chosen = shipped_models() if models is None else list(models)
+    """Build `models` (default: those an installation has) for the host, in 2.0 and 3.0."""
+    chosen = installed_models() if models is None else list(models)
     compiled = compile_models(chosen)
     return [
         pack(model, version, out_dir, binaries)
@@ -126,6 +141,12 @@ def shipped_models() -> list[Model]:
     """The models of :data:`SHIPPED`, declared."""
     modules = {name: import_module(f"fmus.models.{name}") for name in SHIPPED}
     return [modules[name].model(**sizes) for name, many in SHIPPED.items() for sizes in many]
+
+
+def installed_models() -> list[Model]:
+    """The models of :data:`SHIPPED`, and those of :data:`ANY_SIZE` for any number of joints."""
+    served = (import_module(f"fmus.models.{name}").model for name in ANY_SIZE)
+    return [*shipped_models(), *map(any_size, served)]
 
 
 def find(model: Model, version: Version) -> Path:
@@ -193,15 +214,16 @@ def pack(
 
 
 def versions(model: Model) -> tuple[Version, ...]:
-    """The FMI versions `model` can be packed for: FMI 2.0 has no clocks."""
-    return ("3.0",) if model.clock else VERSIONS
+    """The FMI versions of `model`: FMI 2.0 has no clocks and no structural parameters."""
+    return ("3.0",) if model.clock or model.structural else VERSIONS
 
 
 def _check(model: Model, version: str) -> None:
     known = versions(model)
     if version not in known:
-        clock = f"{model.identifier} has a clock; " if model.clock and version == "2.0" else ""
-        raise FmuError(f"{clock}FMI version is {version!r}; expected one of {', '.join(known)}")
+        has = "a clock" if model.clock else "a structural parameter" if model.structural else ""
+        why = f"{model.identifier} has {has}; " if has and version == "2.0" else ""
+        raise FmuError(f"{why}FMI version is {version!r}; expected one of {', '.join(known)}")
 
 
 def _folder2(platform: str, platforms: Iterable[str]) -> str:

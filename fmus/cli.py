@@ -17,9 +17,9 @@ import typer
 
 from cosim.base.errors import CosimError, ScenarioError, UnitError
 from cosim.base.units import quantity
-from fmus.build import SHIPPED, VERSIONS, Version, pack, shipped_models, versions
+from fmus.build import ANY_SIZE, SHIPPED, VERSIONS, Version, pack, shipped_models, versions
 from fmus.library import compile_model
-from fmus.model import Model, clocked
+from fmus.model import Model, any_size, clocked
 from fmus.toolchain import PLATFORMS
 
 app = typer.Typer(
@@ -54,7 +54,11 @@ def build(
         typer.Option(help=f"Comma-separated, or all: {', '.join(PLATFORMS)}.", show_default="host"),
     ] = "",
     sizes: Annotated[
-        list[str] | None, typer.Option("--set", help="Set a size of the model, e.g. neighbours=3.")
+        list[str] | None,
+        typer.Option(
+            "--set",
+            help="Set a size of the model, e.g. neighbours=3; joints=any: 1 to 16 (FMI 3.0).",
+        ),
     ] = None,
     clock: Annotated[
         str,
@@ -160,13 +164,17 @@ def _held(texts: list[str]) -> dict[str, float]:
     return found
 
 
-def _models(names: list[str], sizes: dict[str, int]) -> list[Model]:
-    """The models asked for: all that are shipped where neither a name nor a size is given."""
-    if not names and sizes:
+def _models(names: list[str], sizes: dict[str, int] | None) -> list[Model]:
+    """The models asked for: all that are shipped where neither a name nor a size is given.
+
+    `sizes` None: any number of joints.
+    """
+    if not names and sizes != {}:
         raise ScenarioError("sizes belong to a model; name it", "--set")
     if not names:
         return shipped_models()
-    return [_model(_module(name), sizes) for name in names]
+    modules = [_module(name) for name in names]
+    return [_any_size(m) if sizes is None else _model(m, sizes) for m in modules]
 
 
 def _module(name: str) -> ModuleType:
@@ -202,6 +210,16 @@ def _model(module: ModuleType, sizes: dict[str, int]) -> Model:
     return model
 
 
+def _any_size(module: ModuleType) -> Model:
+    package, _, name = module.__name__.rpartition(".")
+    if package == "fmus.models" and name not in ANY_SIZE:
+        raise ScenarioError(
+            f"{name} has no FMU for any number of joints; expected one of {', '.join(ANY_SIZE)}",
+            "--set",
+        )
+    return any_size(module.model)
+
+
 def _clocked(models: list[Model], interval: str) -> list[Model]:
     if not interval:
         return models
@@ -234,14 +252,17 @@ def _platforms(text: str) -> tuple[str, ...] | None:
     return names or None
 
 
-def _sizes(texts: list[str]) -> dict[str, int]:
+def _sizes(texts: list[str]) -> dict[str, int] | None:
+    """Sizes by name; None: any number of joints."""
+    if texts == ["joints=any"]:
+        return None
     found = {}
     for text in texts:
         name, _, value = text.partition("=")
         try:
             found[name.strip()] = int(value)
         except ValueError:
-            message = f"{text!r} is not NAME=INTEGER, such as neighbours=3"
+            message = f"{text!r} is not NAME=INTEGER, such as neighbours=3, or joints=any alone"
             raise ScenarioError(message, "--set") from None
     return found
 

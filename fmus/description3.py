@@ -9,10 +9,10 @@ from __future__ import annotations
 from xml.etree.ElementTree import Element, SubElement
 
 from fmus import attributes
-from fmus.model import Model, annotation
+from fmus.model import Model, Variable, annotation
 from fmus.source import token
 
-_TYPE = {"real": "Float64", "integer": "Int32", "boolean": "Boolean"}
+_TYPE = {"real": "Float64", "integer": "Int32", "boolean": "Boolean", "size": "UInt64"}
 
 
 def describe(model: Model) -> Element:
@@ -41,6 +41,7 @@ def describe(model: Model) -> Element:
 
 
 def _variables(listed: Element, model: Model) -> None:
+    place = {variable.name: n for n, variable in enumerate(model.variables)}
     for reference, variable in enumerate(model.variables):
         element = SubElement(listed, _TYPE[variable.type], name=variable.name)
         element.attrib |= {"valueReference": str(reference)} | attributes.attributes(
@@ -52,9 +53,13 @@ def _variables(listed: Element, model: Model) -> None:
             element.set("clocks", str(len(model.variables) + 1))
         attributes.limits(element, variable)
         if attributes.has_start(variable):
-            element.set("start", " ".join(attributes.as_text(variable, variable.starts)))
-        for size in variable.shape:
-            SubElement(element, "Dimension", start=str(size))
+            starts = variable.starts[: _entries(variable, model)]
+            element.set("start", " ".join(attributes.as_text(variable, starts)))
+        for axis, size in enumerate(variable.shape):
+            if axis == variable.axis:
+                SubElement(element, "Dimension", valueReference=str(place[model.structural]))
+            else:
+                SubElement(element, "Dimension", start=str(size))
     time = SubElement(listed, "Float64", name="time", valueReference=str(len(model.variables)))
     time.attrib |= {"description": "Time", "causality": "independent", "variability": "continuous"}
     time.set("unit", "s")
@@ -65,6 +70,14 @@ def _variables(listed: Element, model: Model) -> None:
         clock.attrib |= {"description": "Each tick is a step", "causality": "input"}
         clock.attrib |= {"variability": "discrete", "intervalVariability": "constant"}
         clock.set("intervalDecimal", repr(model.clock))
+
+
+def _entries(variable: Variable, model: Model) -> int:
+    """Entries of a variable with the default of the structural parameter."""
+    if variable.axis < 0:
+        return variable.size
+    default = next(v for v in model.variables if v.name == model.structural).starts[0]
+    return variable.size // variable.shape[variable.axis] * int(default)
 
 
 def _structure(structure: Element, model: Model) -> None:

@@ -7,15 +7,16 @@ value references its variables.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
+from inspect import signature
 from math import inf, isfinite, prod
 from typing import Literal
 
 from cosim.base.component import Kind, Parameter, Port
 from cosim.base.errors import FmuError
 
-Causality = Literal["parameter", "input", "output", "local"]
+Causality = Literal["structuralParameter", "parameter", "input", "output", "local"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,7 +29,8 @@ class Variable:
     `elementwise`: each entry depends on the entry of the same place only (equal shapes).
     `start_depends`: the parameters and start values that the calculated start of an output depends
     on besides. `optional`: an input that is often left unfed, on purpose. `symbol`: the C name
-    where `name` is a keyword or clashes.
+    where `name` is a keyword or clashes. `axis`: the place in `shape` whose extent a structural
+    parameter gives, which is then the most; -1: none.
     """
 
     name: str
@@ -37,7 +39,7 @@ class Variable:
     unit: str = "1"
     start: float | tuple[float, ...] = 0.0
     description: str = ""
-    type: Literal["real", "integer", "boolean"] = "real"
+    type: Literal["real", "integer", "boolean", "size"] = "real"
     settable: bool = False
     depends: tuple[str, ...] = ()
     elementwise: bool = False
@@ -46,6 +48,7 @@ class Variable:
     maximum: float | None = None
     symbol: str = ""
     optional: bool = False
+    axis: int = -1
 
     @property
     def size(self) -> int:
@@ -78,6 +81,7 @@ class Model:
     ``model_initial`` and ``model_step``. `documentation` is plain text with the equations, for the
     page inside the FMU. `clock`: the interval (s) of the clock that its FMU has, 0 for none.
     `lanes`: the first source has ``model_steps``, too, which steps several instances at once.
+    `structural`: the variable that gives the extent of arrays (FMI 3.0 only); empty: none.
     """
 
     identifier: str
@@ -91,6 +95,7 @@ class Model:
     documentation: str = ""
     clock: float = 0.0
     lanes: bool = False
+    structural: str = ""
 
     def inputs(self) -> tuple[Port, ...]:
         """Input ports, in order."""
@@ -105,7 +110,7 @@ class Model:
         return tuple(
             Parameter(v.name, v.starts, v.shape, v.unit, v.description, v.type)
             for v in self.variables
-            if v.causality == "parameter" or v.settable
+            if v.type != "size" and (v.causality == "parameter" or v.settable)
         )
 
 
@@ -121,6 +126,43 @@ def annotation(kind: Kind, inputs: Iterable[Port]) -> dict[str, str]:
     """Properties of our FMUs beyond FMI; :mod:`cosim.fmi.description` reads them."""
     optional = " ".join(p.name for p in inputs if p.optional)
     return {"kind": kind, "optional": optional} if optional else {"kind": kind}
+
+
+def any_size(declare: Callable[..., Model], size: str = "joints", most: int = 16) -> Model:
+    """The model of `declare` for every `size` from 1 to `most`: a structural parameter (FMI 3.0).
+
+    Its arrays have room for `most`, and use the first entries; the default is that of `declare`.
+    The C code of the model counts with ``COUNT`` (``fmus/c/model.h``).
+    Raises FmuError where an array has the size behind another axis, or start values that a smaller
+    one does not begin with: entries would not lie together.
+    """
+    whole, smaller, usual = declare(**{size: most}), declare(**{size: most - 1}), declare()
+    variables = []
+    for v, less, default in zip(whole.variables, smaller.variables, usual.variables, strict=True):
+        place = f"{whole.identifier}.{v.name}"
+        axes = [k for k, n in enumerate(v.shape) if n != less.shape[k]]
+        if not axes:
+            variables.append(v)
+            continue
+        if len(axes) > 1 or prod(v.shape[: axes[0]]) != 1:
+            raise FmuError(f"{place}: shape {v.shape}; expected {size} as its first extent")
+        if any(one.starts != v.starts[: one.size] for one in (less, default)):
+            raise FmuError(f"{place}: its start values depend on {size}")
+        variables.append(replace(v, axis=axes[0]))
+    structural = Variable(
+        *(size, "structuralParameter", (), "1"),
+        start=float(signature(declare).parameters[size].default),
+        description=f"Number of {size}",
+        type="size",
+        minimum=1.0,
+        maximum=float(most),
+    )
+    return replace(
+        usual,
+        identifier=f"{whole.identifier}_any",
+        variables=(*variables, structural),
+        structural=size,
+    )
 
 
 def clocked(model: Model, interval: float) -> Model:

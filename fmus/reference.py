@@ -101,15 +101,30 @@ class Derived(NamedTuple):
 _found: dict[Hashable, Path] = {}
 
 
-def _find(declared: Model, version: Version) -> Path:
+def _find(
+    model: Callable[..., Model], sizes: tuple[int, ...], named: dict[str, int], version: Version
+) -> Path:
     """The FMU of the installation, or else of the cache. Raises FmuError."""
     from fmus.shipped import shipped
 
+    declared = model(*sizes, **named)
     if found := shipped(declared, version):
         return found
     from fmus.build import find
+    from fmus.toolchain import ToolchainError
 
-    return find(declared, version)
+    try:
+        return find(declared, version)
+    except ToolchainError:
+        if named.keys() != {"joints"} or not (found := shipped(_for_any(model), "3.0")):
+            raise
+        return found
+
+
+def _for_any(model: Callable[..., Model]) -> Model:
+    from fmus.model import any_size
+
+    return any_size(model)
 
 
 def derive(model: Callable[..., Model], law: Law, start: Law | None = None) -> Derived:
@@ -121,7 +136,8 @@ def derive(model: Callable[..., Model], law: Law, start: Law | None = None) -> D
     def fmu(version: Version = "2.0", *sizes: int, **named: int) -> Path:
         """Path of the FMU, built at installation or now into the cache; `version` of FMI.
 
-        Raises FmuError where it cannot be built.
+        Without a compiler it is one whose structural parameters are these sizes (FMI 3.0), if the
+        installation has it. Raises FmuError where it cannot be built.
         """
         from fmus import shipped
 
@@ -129,7 +145,7 @@ def derive(model: Callable[..., Model], law: Law, start: Law | None = None) -> D
         key = model, version, sizes, tuple(named.items()), place
         found = _found.get(key)
         if found is None or not found.is_file():
-            found = _found[key] = _find(model(*sizes, **named), version)
+            found = _found[key] = _find(model, sizes, named, version)
         return found
 
     def kernel(*sizes: int, **named: int) -> Kernel:

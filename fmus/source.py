@@ -59,7 +59,12 @@ _GENERATOR = (
     "toolchain.py",
 )
 _INCLUDE = re.compile(r'^\s*#\s*include\s+"([^"]+)"', re.MULTILINE)
-_TYPE = {"real": "IS_REAL", "integer": "IS_INTEGER", "boolean": "IS_BOOLEAN"}
+_TYPE = {
+    "real": "IS_REAL",
+    "integer": "IS_INTEGER",
+    "boolean": "IS_BOOLEAN",
+    "size": "IS_SIZE",
+}
 
 
 @lru_cache(maxsize=32)
@@ -181,12 +186,13 @@ def _inputs(model: Model) -> list[tuple[int, int]]:
 def _header(model: Model) -> str:
     size = sum(v.size for v in model.variables)
     members = "".join(f"    {_member(v)}\n" for v in model.variables)
+    structural = f"#define STRUCTURAL {model.structural}\n\n" if model.structural else ""
     return f"""\
 /* variables.h - generated from the declaration of {model.identifier}. */
 #ifndef VARIABLES_H
 #define VARIABLES_H
 
-enum {{ N_VARIABLES = {len(model.variables)}, N_SCALARS = {size} }};
+{structural}enum {{ N_VARIABLES = {len(model.variables)}, N_SCALARS = {size} }};
 
 struct Model {{
 {members}}};
@@ -202,6 +208,8 @@ def _member(variable: Variable) -> str:
 
 def _access(variable: Variable) -> str:
     bits = [_TYPE[variable.type]]
+    if variable.causality == "structuralParameter":
+        return bits[0]
     if variable.causality == "parameter":
         bits += ["IS_PARAMETER", "SET_AT_START"]
     elif variable.causality == "input":
@@ -209,6 +217,21 @@ def _access(variable: Variable) -> str:
     else:
         bits += ["SET_AT_START" if variable.settable else "IS_CALCULATED"]
     return " | ".join(bits)
+
+
+def _each(variable: Variable) -> int:
+    """Scalars for each unit of the structural parameter; 0 where it does not matter."""
+    return 0 if variable.axis < 0 else variable.size // variable.shape[variable.axis]
+
+
+def _structural(model: Model) -> str:
+    """The place of the structural parameter among the scalars."""
+    offset = 0
+    for variable in model.variables:
+        if variable.name == model.structural:
+            return str(offset)
+        offset += variable.size
+    return "N_SCALARS"
 
 
 def _number(value: float) -> str:
@@ -223,13 +246,14 @@ def _tables(model: Model, token: str) -> str:
         low = -inf if v.minimum is None else v.minimum
         high = inf if v.maximum is None else v.maximum
         entries.append(
-            f'{{"{v.name}", {bits}, {offset}, {v.size}, {_number(low)}, {_number(high)}}}'
+            f'{{"{v.name}", {bits}, {offset}, {v.size}, {_each(v)},'
+            f" {_number(low)}, {_number(high)}}}"
         )
         access += [bits] * v.size
         starts += [_number(value) for value in v.starts]
         names += [f'"{name}"' for name in scalars(v)]
         offset += v.size
-    entries.append(f'{{"time", IS_REAL, {offset}, 1, -INFINITY, INFINITY}}')
+    entries.append(f'{{"time", IS_REAL, {offset}, 1, 0, -INFINITY, INFINITY}}')
     ranges = [f"{{{first}, {size}}}" for first, size in _inputs(model)]
     return "\n".join(
         (
@@ -252,6 +276,7 @@ def _declared(model: Model, token: str) -> list[str]:
         f'"{model.identifier}", "{token}"',
         f"UINT64_C(0x{_layout(model)})",
         f"N_VARIABLES, N_SCALARS, {len(_inputs(model))}",
+        _structural(model),
         f"{int(model.clock > 0.0)}, {_number(model.clock)}",
         "model_steps" if model.lanes else "0",
     ]

@@ -13,6 +13,7 @@ from xml.etree import ElementTree
 
 from cosim.base.errors import FmuError
 from cosim.base.units import BASE, Unit
+from cosim.fmi.archive import unpack
 from cosim.fmi.continuous_states import ContinuousStates, read_states
 from cosim.fmi.dependencies import Dependencies, read_dependencies
 from cosim.fmi.ports import VariableGroup, groups
@@ -99,6 +100,13 @@ def read_cached(
 ) -> Description:
     """Read the description in a folder that its contents name, once: it cannot change."""
     return read(folder / "modelDescription.xml", origin, dict(sizes), interface)
+
+
+def structural_sizes(path: str | Path) -> frozenset[str]:
+    """Names of the structural parameters of an FMU that are sizes of arrays. Raises FmuError."""
+    archive = unpack(path)
+    found = read_cached(archive.folder, archive.path)
+    return frozenset(v.name for v in found.variables if v.is_size)
 
 
 def _interfaces(root: ElementTree.Element, fmi: str) -> dict[str, ElementTree.Element]:

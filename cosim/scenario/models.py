@@ -18,7 +18,7 @@ from cosim.base.component import Component, Kind, Parameter, Port, Preparation
 from cosim.base.convert import number
 from cosim.base.errors import CosimError, FmuError, MujocoError, ScenarioError
 from cosim.base.names import hint
-from cosim.fmi import FmuComponent, FmuOptions
+from cosim.fmi import FmuComponent, FmuOptions, structural_sizes
 from cosim.fmi.failures import sentence
 from cosim.fmi.options import PATIENCE
 from cosim.scenario.spec import ComponentSpec
@@ -64,7 +64,8 @@ def load_component(name: str, spec: ComponentSpec, folder: Path, place: str) -> 
     sizes = {**prepared.sizes, **spec.sizes}
     try:
         if not colon:
-            return _fmu(name, maker(spec.fmi, **sizes), spec, {}, place), presets, prepared
+            path = maker(spec.fmi, **sizes)
+            return _fmu(name, path, spec, _structural(path, sizes), place), presets, prepared
         options = _options(spec, folder) if prepared is _UNPREPARED else {}
         component: Component = maker(**sizes, **options)
     except TypeError as error:
@@ -79,6 +80,14 @@ def load_component(name: str, spec: ComponentSpec, folder: Path, place: str) -> 
         component.kind = spec.kind  # type: ignore[assignment]
     _check(component, f"{place}.model")
     return component, presets, prepared
+
+
+def _structural(path: Path, sizes: Mapping[str, int]) -> dict[str, int]:
+    """The sizes that are structural parameters of an FMU: it serves any, and was not made for them.
+
+    Raises FmuError.
+    """
+    return {size: n for size, n in sizes.items() if size in structural_sizes(path)} if sizes else {}
 
 
 def _prepared(module: ModuleType, spec: ComponentSpec, folder: Path, place: str) -> Preparation:

@@ -28,7 +28,7 @@ static inline int acceleration(const Model *x, const double *torque, const doubl
                                const double *dq, double *ddq) {
     const Chain chain = CHAIN_OF(x);
     double sum[JOINTS];
-    for (int i = 0; i < JOINTS; i++)
+    for (int i = 0; i < COUNT(x, JOINTS); i++)
         sum[i] = torque[i] + hand(x, i, q[i], dq[i]) - wall(x, i, q[i], dq[i]) -
                  losses(x, i, q[i], dq[i]);
     return chain_forward(&chain, q, dq, sum, ddq);
@@ -41,17 +41,17 @@ static int runge_kutta(const Model *x, const double *torque, double h, double *q
     double sum_v[JOINTS] = {0.0}, sum_a[JOINTS] = {0.0};
     int positive = 1;
     for (int stage = 0; stage < 4; stage++) {
-        for (int i = 0; i < JOINTS; i++) {
+        for (int i = 0; i < COUNT(x, JOINTS); i++) {
             p[i] = stage ? q[i] + node[stage] * h * v[i] : q[i];
             v[i] = stage ? dq[i] + node[stage] * h * a[i] : dq[i];
         }
         positive &= acceleration(x, torque, p, v, a);
-        for (int i = 0; i < JOINTS; i++) {
+        for (int i = 0; i < COUNT(x, JOINTS); i++) {
             sum_v[i] += weight[stage] * v[i];
             sum_a[i] += weight[stage] * a[i];
         }
     }
-    for (int i = 0; i < JOINTS; i++) {
+    for (int i = 0; i < COUNT(x, JOINTS); i++) {
         q[i] += h / 6.0 * sum_v[i];
         dq[i] += h / 6.0 * sum_a[i];
     }
@@ -65,7 +65,7 @@ const char *model_initial(Model *x) {
     double ddq[JOINTS];
     if (problem) return problem;
     if (environment_problem(x)) return environment_problem(x);
-    for (int i = 0; i < JOINTS; i++) {
+    for (int i = 0; i < COUNT(x, JOINTS); i++) {
         if (!(x->q_min[i] < x->q_max[i])) return "q_min must be below q_max";
         if (x->k_s[i] > 0.0 && !(x->q[i] >= x->q_min[i] && x->q[i] <= x->q_max[i]))
             return "q is outside the stops q_min and q_max";
@@ -79,12 +79,12 @@ const char *model_step(Model *x, double t, double h) {
     double torque[JOINTS], q[JOINTS], dq[JOINTS];
     int positive = 1;
     (void)t; /* the arm does not depend on time */
-    for (int i = 0; i < JOINTS; i++) {
+    for (int i = 0; i < COUNT(x, JOINTS); i++) {
         torque[i] = x->tau[i] + x->tau_ext[i];
         q[i] = x->q[i];
         dq[i] = x->dq[i];
     }
     for (int i = 0; i < substeps; i++) positive &= runge_kutta(x, torque, h / substeps, q, dq);
-    if (!positive && all_finite(q, JOINTS) && all_finite(dq, JOINTS)) return NO_INERTIA;
+    if (!positive && all_finite(q, COUNT(x, JOINTS)) && all_finite(dq, COUNT(x, JOINTS))) return NO_INERTIA;
     return arrive(x, q, dq);
 }

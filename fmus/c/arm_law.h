@@ -27,6 +27,12 @@
 
 enum { JOINTS = ENTRIES(q), STATES = ENTRIES(z) };
 
+#if TASK
+#define STATES_OF(x) STATES
+#else
+#define STATES_OF(x) COUNT(x, STATES)
+#endif
+
 typedef struct {
     double xi[STATES], dz[STATES], v[JOINTS], a[JOINTS], s[JOINTS], feedback[JOINTS];
     double tau[JOINTS], Ys[10 * JOINTS];
@@ -41,7 +47,7 @@ typedef struct {
 static inline void refer(const Model *x, const Chain *chain, const Pose *pose, const double *z,
                          Law *y) {
     (void)chain, (void)pose;
-    for (int i = 0; i < JOINTS; i++) {
+    for (int i = 0; i < COUNT(x, JOINTS); i++) {
         y->xi[i] = x->dq[i] + x->alpha * x->q[i];
         y->v[i] = z[i];
         y->s[i] = x->dq[i] - z[i];
@@ -63,11 +69,11 @@ static inline void law(const Model *x, const double *z, const double *theta_hat,
     double a[JOINTS], tau[JOINTS];
     chain_pose(&chain, x->q, pose);
     refer(x, &chain, pose, z, y);
-    for (int i = 0; i < JOINTS; i++)
+    for (int i = 0; i < COUNT(x, JOINTS); i++)
         a[i] = inertial ? y->a[i] - x->lambda_c * y->s[i] : y->a[i];
     chain_feedforward(&chain, pose, (int)x->gravity, theta_hat, x->dq, y->v, a, y->s, tau, y->Ys);
     y->saturated = 0;
-    for (int i = 0; i < JOINTS; i++) {
+    for (int i = 0; i < COUNT(x, JOINTS); i++) {
         if (!inertial) tau[i] -= y->feedback[i];
         y->tau[i] = limited(tau[i], x->tau_max[i]);
         y->saturated |= y->tau[i] != tau[i];
@@ -75,17 +81,17 @@ static inline void law(const Model *x, const double *z, const double *theta_hat,
     y->stale = any_stale(x);
 }
 
-static inline int finite_law(const Law *y) {
-    return all_finite(y->tau, JOINTS) && all_finite(y->xi, STATES) && all_finite(y->s, JOINTS) &&
-           all_finite(y->dz, STATES) && all_finite(y->Ys, 10 * JOINTS);
+static inline int finite_law(const Model *x, const Law *y) {
+    return all_finite(y->tau, COUNT(x, JOINTS)) && all_finite(y->xi, STATES_OF(x)) && all_finite(y->s, COUNT(x, JOINTS)) &&
+           all_finite(y->dz, STATES_OF(x)) && all_finite(y->Ys, 10 * COUNT(x, JOINTS));
 }
 
 static inline void give(Model *x, const Law *y) {
-    for (int i = 0; i < JOINTS; i++) {
+    for (int i = 0; i < COUNT(x, JOINTS); i++) {
         x->tau[i] = y->tau[i];
         x->s[i] = y->s[i];
     }
-    for (int i = 0; i < STATES; i++) x->xi[i] = y->xi[i];
+    for (int i = 0; i < STATES_OF(x); i++) x->xi[i] = y->xi[i];
     give_task(x, y);
 }
 
@@ -95,7 +101,7 @@ static inline const char *check(const Model *x) {
     const char *problem = chain_problem(&chain);
     if (problem) return problem;
     if (task_problem(x)) return task_problem(x);
-    for (int i = 0; i < JOINTS; i++)
+    for (int i = 0; i < COUNT(x, JOINTS); i++)
         for (int k = 0; k < 10; k++)
             if (!(x->theta_min[i][k] <= x->theta_hat[i][k] &&
                   x->theta_hat[i][k] <= x->theta_max[i][k]))
@@ -104,7 +110,7 @@ static inline const char *check(const Model *x) {
     if (!(x->alpha > 0.0))
         return "alpha must be more than 0 with neighbours: positions would not agree";
 #endif
-    for (int i = 0; i < JOINTS; i++)
+    for (int i = 0; i < COUNT(x, JOINTS); i++)
         if (x->natural > 0.0 && !(x->theta_hat[i][0] > 0.0 && is_body(x->theta_hat[i])))
             return "theta_hat starts with a link that is no body; natural adaptation needs bodies";
     if (!(x->gravity >= NO_GRAVITY && x->gravity <= ADAPTED)) return "gravity must be 0, 1 or 2";
@@ -117,10 +123,10 @@ const char *model_initial(Model *x) {
     if (why != NULL) return why;
     begin_task(x);
     law(x, x->z, x->theta_hat[0], &y);
-    if (!finite_law(&y)) return LAW_DIVERGED;
+    if (!finite_law(x, &y)) return LAW_DIVERGED;
     give(x, &y);
-    for (int i = 0; i < STATES; i++) x->z_next[i] = x->z[i];
-    for (int i = 0; i < JOINTS; i++)
+    for (int i = 0; i < STATES_OF(x); i++) x->z_next[i] = x->z[i];
+    for (int i = 0; i < COUNT(x, JOINTS); i++)
         for (int k = 0; k < 10; k++) x->theta_hat_next[i][k] = x->theta_hat[i][k];
     return NULL;
 }
@@ -143,15 +149,15 @@ const char *model_step(Model *x, double t, double h) {
     Law y;
     (void)t; /* the law does not depend on time */
     law(x, x->z_next, x->theta_hat_next[0], &y);
-    if (!finite_law(&y)) return LAW_DIVERGED;
+    if (!finite_law(x, &y)) return LAW_DIVERGED;
     give(x, &y);
     const double advance = y.saturated ? 0.0 : h; /* anti-windup */
     const double adapt = y.stale ? 0.0 : advance;
-    for (int i = 0; i < STATES; i++) {
+    for (int i = 0; i < STATES_OF(x); i++) {
         x->z[i] = x->z_next[i];
         x->z_next[i] += advance * y.dz[i];
     }
-    for (int i = 0; i < JOINTS; i++) adapt_link(x, i, y.Ys + 10 * i, adapt);
+    for (int i = 0; i < COUNT(x, JOINTS); i++) adapt_link(x, i, y.Ys + 10 * i, adapt);
     return NULL;
 }
 

@@ -15,14 +15,14 @@ static const char *give(Model *x) {
     double g[CHAIN_MOST], tau[JOINTS];
     chain_pose(&chain, x->q, pose);
     chain_gravity(&chain, pose, g);
-    for (int i = 0; i < JOINTS; i++) {
+    for (int i = 0; i < COUNT(x, JOINTS); i++) {
         double friction = x->F_v[i] * x->dq[i] + x->F_o[i];
         if (x->F_c[i] > 0.0) friction += x->F_c[i] * hyperbolic_tangent(x->dq[i] / x->v_c[i]);
         const double spring =
             x->K_p[i] * (x->q_j[i] - x->q[i]) + x->K_d[i] * (x->dq_j[i] - x->dq[i]);
         tau[i] = limited(spring + g[i] + friction, x->tau_max[i]);
     }
-    return give_torques(tau, x->tau, JOINTS);
+    return give_torques(tau, x->tau, COUNT(x, JOINTS));
 }
 
 const char *model_initial(Model *x) {

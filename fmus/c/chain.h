@@ -37,7 +37,7 @@ typedef struct {
 /* The chain of a model `x` that has the variables of the table; an initializer. */
 #define CHAIN_OF(x)                                                                              \
     {                                                                                            \
-        ENTRIES(joint_type), (x)->joint_type, (x)->rotation[0][0], (x)->origin[0],               \
+        COUNT(x, ENTRIES(joint_type)), (x)->joint_type, (x)->rotation[0][0], (x)->origin[0],               \
             (x)->inertia[0], (x)->armature, (x)->g                                               \
     }
 

@@ -9,7 +9,7 @@
 #include "static_feedback.h"
 
 static void refer(const Model *x, Law *y) {
-    for (int i = 0; i < JOINTS; i++) {
+    for (int i = 0; i < COUNT(x, JOINTS); i++) {
         y->z[i] = -x->lambda * x->q[i];
         y->dz[i] = -x->lambda * x->dq[i];
         y->feedback[i] = -x->K[i] * DISAGREEMENT(x->dq[i] - y->z[i], r_j, i);

@@ -11,7 +11,7 @@ enum { JOINTS = ENTRIES(tau_h) };
 static const char *give(Model *x, double t) {
     const double slow = t / x->T + 1.0;
     if (!(slow > 0.0)) return "the time is at or before -T, where the push is infinite";
-    for (int i = 0; i < JOINTS; i++) x->tau_h[i] = x->tau_0[i] / slow;
+    for (int i = 0; i < COUNT(x, JOINTS); i++) x->tau_h[i] = x->tau_0[i] / slow;
     x->f = x->f_0 / slow;
     return NULL;
 }

@@ -39,13 +39,15 @@ enum {
     SET_AT_START = 8,   /* before and in Initialization Mode: parameters, inputs, start values */
     SET_IN_STEPS = 16,  /* between steps: inputs */
     IS_CALCULATED = 32, /* by model_initial */
-    IS_PARAMETER = 64
+    IS_PARAMETER = 64,
+    IS_SIZE = 128 /* the structural parameter; set in Configuration Mode */
 };
 
 typedef struct {
     const char *name;
     unsigned char access;
     unsigned offset, size; /* scalars, in Model */
+    unsigned each;         /* scalars for each unit of the structural parameter, 0: `size` whatever it is */
     double minimum, maximum;
 } Variable;
 
@@ -57,6 +59,7 @@ typedef struct {
     const char *identifier, *token;
     uint64_t layout; /* differs where variables or their order do */
     unsigned n_variables, n_scalars, n_input_ranges;
+    unsigned structural; /* place of the structural parameter in Model; n_scalars: there is none */
     int is_clocked;
     double clock_interval; /* s, of a model with a clock */
     Steps *steps;          /* model_steps of a model that has it, else NULL */

@@ -65,12 +65,12 @@ static void runge_kutta(const Model *x, int i, double h, double y[STATE]) {
 /* Set the outputs to the states y of the joints; or return a message and change nothing. */
 static const char *arrive(Model *x, double y[JOINTS][STATE]) {
     double tau[JOINTS];
-    for (int i = 0; i < JOINTS; i++) {
+    for (int i = 0; i < COUNT(x, JOINTS); i++) {
         tau[i] = motor(x, i, y[i][Q], y[i][DQ]);
         if (!all_finite(y[i], STATE) || !all_finite(&tau[i], 1))
             return "the motion left the range of numbers: diverged, or the step is too long";
     }
-    for (int i = 0; i < JOINTS; i++) {
+    for (int i = 0; i < COUNT(x, JOINTS); i++) {
         x->q[i] = y[i][Q], x->dq[i] = y[i][DQ];
         x->e[i] = y[i][E], x->de[i] = y[i][DE];
         x->phi[i] = y[i][PHI], x->dphi[i] = y[i][DPHI];
@@ -90,7 +90,7 @@ static void state(const Model *x, int i, double y[STATE]) {
 const char *model_initial(Model *x) {
     double y[JOINTS][STATE];
     if (!(x->substeps >= 1.0)) return "substeps must be at least 1";
-    for (int i = 0; i < JOINTS; i++) {
+    for (int i = 0; i < COUNT(x, JOINTS); i++) {
         if (!(x->M[i] > 0.0)) return "M must be more than 0";
         if (x->k_g[i] > 0.0 && !(x->J[i] > 0.0))
             return "J must be more than 0 with an elastic gear";
@@ -105,7 +105,7 @@ const char *model_step(Model *x, double t, double h) {
     const int substeps = (int)x->substeps;
     double y[JOINTS][STATE];
     (void)t; /* the joint does not depend on time */
-    for (int i = 0; i < JOINTS; i++) {
+    for (int i = 0; i < COUNT(x, JOINTS); i++) {
         state(x, i, y[i]);
         for (int n = 0; n < substeps; n++) runge_kutta(x, i, h / substeps, y[i]);
     }

@@ -24,23 +24,23 @@ static double quantised(const Model *x, int i) {
 }
 
 const char *model_initial(Model *x) {
-    for (int i = 0; i < JOINTS; i++) {
+    for (int i = 0; i < COUNT(x, JOINTS); i++) {
         x->q_m[i] = x->q_last[i] = quantised(x, i);
         x->dq_m[i] = 0.0;
     }
-    return all_finite(x->q_m, JOINTS) ? NULL : "the position left the range of numbers";
+    return all_finite(x->q_m, COUNT(x, JOINTS)) ? NULL : "the position left the range of numbers";
 }
 
 const char *model_step(Model *x, double t, double h) {
     double q_m[JOINTS], dq_m[JOINTS];
     (void)t; /* the law does not depend on time */
-    for (int i = 0; i < JOINTS; i++) {
+    for (int i = 0; i < COUNT(x, JOINTS); i++) {
         q_m[i] = quantised(x, i);
         dq_m[i] = x->dq_m[i] + h / (h + x->T) * ((q_m[i] - x->q_last[i]) / h - x->dq_m[i]);
     }
-    if (!all_finite(q_m, JOINTS) || !all_finite(dq_m, JOINTS))
+    if (!all_finite(q_m, COUNT(x, JOINTS)) || !all_finite(dq_m, COUNT(x, JOINTS)))
         return "the measurement left the range of numbers";
-    for (int i = 0; i < JOINTS; i++) {
+    for (int i = 0; i < COUNT(x, JOINTS); i++) {
         x->q_m[i] = x->q_last[i] = q_m[i];
         x->dq_m[i] = dq_m[i];
     }

@@ -35,14 +35,14 @@ static inline const char *environment_problem(const Model *x) {
 /* Set q, dq and the values that follow from them; or return a message and change nothing. */
 static inline const char *arrive(Model *x, const double *q, const double *dq) {
     double tau_h[JOINTS], tau_e[JOINTS];
-    for (int i = 0; i < JOINTS; i++) {
+    for (int i = 0; i < COUNT(x, JOINTS); i++) {
         tau_h[i] = hand(x, i, q[i], dq[i]);
         tau_e[i] = wall(x, i, q[i], dq[i]);
     }
-    if (!all_finite(q, JOINTS) || !all_finite(dq, JOINTS) || !all_finite(tau_h, JOINTS) ||
-        !all_finite(tau_e, JOINTS))
+    if (!all_finite(q, COUNT(x, JOINTS)) || !all_finite(dq, COUNT(x, JOINTS)) || !all_finite(tau_h, COUNT(x, JOINTS)) ||
+        !all_finite(tau_e, COUNT(x, JOINTS)))
         return DIVERGED;
-    for (int i = 0; i < JOINTS; i++) {
+    for (int i = 0; i < COUNT(x, JOINTS); i++) {
         x->q[i] = q[i];
         x->dq[i] = dq[i];
         x->tau_h[i] = tau_h[i];

@@ -9,9 +9,9 @@
 #include "instance.h"
 
 enum {
-    ANY = INSTANTIATED | INITIALIZATION | STEPPING | EVENT | TERMINATED,
-    READ = INITIALIZATION | STEPPING | EVENT | TERMINATED,
-    WRITE = INSTANTIATED | INITIALIZATION | STEPPING | EVENT
+    ANY = INSTANTIATED | CONFIGURATION | INITIALIZATION | STEPPING | EVENT | TERMINATED,
+    READ = CONFIGURATION | INITIALIZATION | STEPPING | EVENT | TERMINATED,
+    WRITE = INSTANTIATED | CONFIGURATION | INITIALIZATION | STEPPING | EVENT
 };
 
 /* --- life cycle --------------------------------------------------------------------------- */
@@ -84,6 +84,26 @@ fmi3Instance fmi3InstantiateScheduledExecution(
 
 void fmi3FreeInstance(fmi3Instance x) { instance_free(x); }
 
+fmi3Status fmi3EnterConfigurationMode(fmi3Instance instance) {
+    Instance *x = instance;
+    if (declared.structural == declared.n_scalars)
+        return (fmi3Status)refuse(x, "fmi3EnterConfigurationMode",
+                                  "this FMU has no structural parameters");
+    if (!legal(x, INSTANTIATED, "fmi3EnterConfigurationMode")) return fmi3Error;
+    x->mode = CONFIGURATION;
+    return fmi3OK;
+}
+
+fmi3Status fmi3ExitConfigurationMode(fmi3Instance instance) {
+    Instance *x = instance;
+    if (declared.structural == declared.n_scalars)
+        return (fmi3Status)refuse(x, "fmi3ExitConfigurationMode",
+                                  "this FMU has no structural parameters");
+    if (!legal(x, CONFIGURATION, "fmi3ExitConfigurationMode")) return fmi3Error;
+    x->mode = INSTANTIATED;
+    return fmi3OK;
+}
+
 fmi3Status fmi3EnterInitializationMode(fmi3Instance x, fmi3Boolean toleranceDefined,
                                        fmi3Float64 tolerance, fmi3Float64 startTime,
                                        fmi3Boolean stopTimeDefined, fmi3Float64 stopTime) {
@@ -129,6 +149,7 @@ static int refuse_reference(const Instance *x, const char *function, fmi3ValueRe
     const Variable *v = &variables[reference];
     const char *type = v->access & IS_REAL      ? "Float64"
                        : v->access & IS_INTEGER ? "Int32"
+                       : v->access & IS_SIZE    ? "UInt64"
                                                 : "Boolean";
     refuse_access(x, function, v->name, type, v->access, need);
     return 0;
@@ -144,7 +165,7 @@ static inline int fit(const Instance *x, const fmi3ValueReference vr[], size_t n
     }
     for (size_t i = 0; i < n; i++) {
         if (!has(vr[i], need)) return refuse_reference(x, function, vr[i], need);
-        size += variables[vr[i]].size;
+        size += size_of(x, &variables[vr[i]]);
     }
     if (size == nValues) return 1;
     refuse(x, function, "nValues is %lu, expected %lu", (unsigned long)nValues,
@@ -180,7 +201,9 @@ static inline int may_set(Instance *x, const fmi3ValueReference vr[], size_t n,
                           const void *values, size_t nValues, unsigned type,
                           const char *function) {
     if (!legal(x, WRITE, function)) return 0;
-    const unsigned need = type | (x->mode & (STEPPING | EVENT) ? SET_IN_STEPS : SET_AT_START);
+    const unsigned need = type | (x->mode & CONFIGURATION        ? IS_SIZE
+                                  : x->mode & (STEPPING | EVENT) ? SET_IN_STEPS
+                                                                 : SET_AT_START);
     if (!fit(x, vr, n, values, nValues, need, function)) return 0;
     if (declared.is_clocked && n > 0 && !between_ticks(x, function)) return 0;
     x->stale |= x->mode != STEPPING;
@@ -195,11 +218,12 @@ static inline int may_set(Instance *x, const fmi3ValueReference vr[], size_t n,
         if (!may_get(x, vr, n, values, nValues, BIT, "fmi3Get" #T)) return fmi3Error;        \
         for (size_t i = 0; i < n; i++) {                                                     \
             const Variable *v = &variables[vr[i]];                                           \
-            const double *from = x->values + v->offset;                                    \
-            if (v->size == 1)                                                                \
+            const unsigned size = size_of(x, v);                                             \
+            const double *from = x->values + v->offset;                                      \
+            if (size == 1)                                                                   \
                 *values++ = (fmi3##T)*from;                                                  \
             else                                                                             \
-                for (unsigned k = v->size; k > 0; k--) *values++ = (fmi3##T)*from++;         \
+                for (unsigned k = size; k > 0; k--) *values++ = (fmi3##T)*from++;            \
         }                                                                                    \
         return fmi3OK;                                                                       \
     }                                                                                        \
@@ -209,17 +233,52 @@ static inline int may_set(Instance *x, const fmi3ValueReference vr[], size_t n,
         if (!may_set(x, vr, n, values, nValues, BIT, "fmi3Set" #T)) return fmi3Error;        \
         for (size_t i = 0; i < n; i++) {                                                     \
             const Variable *v = &variables[vr[i]];                                           \
-            double *to = x->values + v->offset;                                            \
-            if (v->size == 1)                                                                \
+            const unsigned size = size_of(x, v);                                             \
+            double *to = x->values + v->offset;                                              \
+            if (size == 1)                                                                   \
                 *to = *values++;                                                             \
             else                                                                             \
-                for (unsigned k = v->size; k > 0; k--) *to++ = *values++;                    \
+                for (unsigned k = size; k > 0; k--) *to++ = *values++;                       \
         }                                                                                    \
         return fmi3OK;                                                                       \
     }
 VALUES(Float64, IS_REAL)
 VALUES(Int32, IS_INTEGER)
 VALUES(Boolean, IS_BOOLEAN)
+
+/* Where there is no structural parameter, a call with references is refused. */
+static int has_size(const Instance *x, unsigned modes, size_t n, const char *function) {
+    if (declared.structural < declared.n_scalars || n == 0) return 1;
+    if (legal(x, modes, function)) refuse(x, function, "this FMU has no variable of type UInt64");
+    return 0;
+}
+
+/* The structural parameter: a scalar within its limits. */
+fmi3Status fmi3GetUInt64(fmi3Instance instance, const fmi3ValueReference vr[], size_t n,
+                         fmi3UInt64 values[], size_t nValues) {
+    Instance *x = instance;
+    static const char function[] = "fmi3GetUInt64";
+    if (!has_size(x, READ, n + nValues, function)) return fmi3Error;
+    if (!may_get(x, vr, n, values, nValues, IS_SIZE, function)) return fmi3Error;
+    for (size_t i = 0; i < n; i++) values[i] = (fmi3UInt64)x->values[variables[vr[i]].offset];
+    return fmi3OK;
+}
+
+fmi3Status fmi3SetUInt64(fmi3Instance instance, const fmi3ValueReference vr[], size_t n,
+                         const fmi3UInt64 values[], size_t nValues) {
+    static const char function[] = "fmi3SetUInt64";
+    Instance *x = instance;
+    if (!has_size(x, WRITE, n + nValues, function)) return fmi3Error;
+    if (!may_set(x, vr, n, values, nValues, IS_SIZE, function)) return fmi3Error;
+    for (size_t i = 0; i < n; i++) {
+        const Variable *v = &variables[vr[i]];
+        if (!((double)values[i] >= v->minimum && (double)values[i] <= v->maximum))
+            return (fmi3Status)refuse(x, function, "%s is %lu, expected between %g and %g",
+                                      v->name, (unsigned long)values[i], v->minimum, v->maximum);
+    }
+    for (size_t i = 0; i < n; i++) x->values[variables[vr[i]].offset] = (double)values[i];
+    return fmi3OK;
+}
 
 /* --- saved states ------------------------------------------------------------------------- */
 
@@ -280,7 +339,7 @@ fmi3Status fmi3DoStep(fmi3Instance instance, fmi3Float64 currentCommunicationPoi
 
 fmi3Float64 *fmi3_values(fmi3Instance c) {
     Instance *x = c;
-    return x->values;
+    return declared.structural == declared.n_scalars ? x->values : NULL;
 }
 
 size_t fmi3_place(fmi3ValueReference reference, size_t *size) {

@@ -129,7 +129,7 @@ FMI3(DoStep)(fmi3Instance x, fmi3Float64 currentCommunicationPoint,
              fmi3Float64 communicationStepSize, fmi3Boolean noSetFMUStatePriorToCurrentPoint,
              fmi3Boolean *eventHandlingNeeded, fmi3Boolean *terminateSimulation,
              fmi3Boolean *earlyReturn, fmi3Float64 *lastSuccessfulTime);
-/* Not of FMI: the values of an instance, and where a variable has its own: from the entry that is
+/* Not of FMI: the values of an instance (NULL: a structural parameter decides), and where a variable has its own: from the entry that is
  * returned on, one a scalar. Between steps, inputs may be written and outputs read there, as
  * fmi3SetFloat64 and fmi3GetFloat64 do. */
 EXPORT fmi3Float64 *fmi3_values(fmi3Instance c);

@@ -1,7 +1,6 @@
 /* fmi3_refused.c - functions of FMI 3.0.2 that this FMU exports but does not support.
  *
- * No types but Float64, Int32 and Boolean (and Clock, see fmi3_events.c), no configuration or
- * derivatives, neither model exchange nor scheduled execution: the model description says so, and a
+ * No types but Float64, Int32, Boolean and UInt64 (and Clock, see fmi3_events.c), no derivatives, neither model exchange nor scheduled execution: the model description says so, and a
  * call is refused in every mode with a message.
  */
 #include "fmi3.h"
@@ -25,8 +24,8 @@ static fmi3Status none(const Instance *x, unsigned modes, size_t n, const char *
 }
 
 enum {
-    READ = INITIALIZATION | STEPPING | EVENT | TERMINATED,
-    WRITE = INSTANTIATED | INITIALIZATION | STEPPING | EVENT
+    READ = CONFIGURATION | INITIALIZATION | STEPPING | EVENT | TERMINATED,
+    WRITE = INSTANTIATED | CONFIGURATION | INITIALIZATION | STEPPING | EVENT
 };
 
 #define NO_VALUES(T)                                                                      \
@@ -45,7 +44,6 @@ NO_VALUES(Int16)
 NO_VALUES(UInt16)
 NO_VALUES(UInt32)
 NO_VALUES(Int64)
-NO_VALUES(UInt64)
 NO_VALUES(String)
 
 fmi3Status fmi3GetBinary(fmi3Instance x, const fmi3ValueReference vr[], size_t n, size_t sizes[],
@@ -93,18 +91,6 @@ fmi3Status fmi3GetOutputDerivatives(fmi3Instance x, const fmi3ValueReference vr[
                                     const fmi3Int32 orders[], fmi3Float64 values[],
                                     size_t nValues) {
     return refused(x, "fmi3GetOutputDerivatives", NO_DERIVATIVES);
-}
-
-/* --- configuration mode ---------------------------------------------------------------------- */
-
-static const char NO_CONFIGURATION[] = "this FMU has no structural parameters";
-
-fmi3Status fmi3EnterConfigurationMode(fmi3Instance x) {
-    return refused(x, "fmi3EnterConfigurationMode", NO_CONFIGURATION);
-}
-
-fmi3Status fmi3ExitConfigurationMode(fmi3Instance x) {
-    return refused(x, "fmi3ExitConfigurationMode", NO_CONFIGURATION);
 }
 
 /* --- model exchange and scheduled execution ------------------------------------------------- */

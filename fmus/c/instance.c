@@ -27,7 +27,8 @@ static const struct {
              {STEPPING, "Step Mode"},
              {STEP_FAILED, "Step Failed"},
              {TERMINATED, "Terminated"},
-             {EVENT, "Event Mode"}};
+             {EVENT, "Event Mode"},
+             {CONFIGURATION, "Configuration Mode"}};
 enum { N_MODES = sizeof MODES / sizeof MODES[0] };
 
 /* --- logging ------------------------------------------------------------------------------ */
@@ -84,6 +85,7 @@ int refuse_mode(const Instance *x, unsigned allowed, const char *function) {
     char names[160] = "";
     if (x == NULL) return 0;
     if (!declared.is_clocked) allowed &= ~(unsigned)EVENT;
+    if (declared.structural == declared.n_scalars) allowed &= ~(unsigned)CONFIGURATION;
     for (int i = 0; i < N_MODES; i++)
         if (MODES[i].bit & allowed) {
             if (names[0]) strcat(names, ", ");
@@ -96,8 +98,11 @@ int refuse_mode(const Instance *x, unsigned allowed, const char *function) {
 
 Status refuse_access(const Instance *x, const char *function, const char *name, const char *type,
                      unsigned access, unsigned need) {
-    if (!(access & need & (IS_REAL | IS_INTEGER | IS_BOOLEAN)))
+    if (!(access & need & (IS_REAL | IS_INTEGER | IS_BOOLEAN | IS_SIZE)))
         return refuse(x, function, "%s is of type %s", name, type);
+    if (access & IS_SIZE)
+        return refuse(x, function, "%s is a structural parameter, to be set in Configuration Mode",
+                      name);
     if (access & IS_PARAMETER)
         return refuse(x, function, "%s is a fixed parameter, not to be set after initialization",
                       name);
@@ -209,7 +214,7 @@ static Status check_start(const Instance *x, const char *function) {
     for (unsigned i = 0; i < declared.n_variables; i++) {
         const Variable *v = &variables[i];
         if (!(v->access & SET_AT_START)) continue;
-        for (unsigned k = v->offset; k < v->offset + v->size; k++) {
+        for (unsigned k = v->offset; k < v->offset + size_of(x, v); k++) {
             const double value = x->values[k];
             if (!all_finite(&value, 1))
                 return refuse(x, function, "%s is %g, expected a finite number", scalar_names[k],

@@ -24,7 +24,8 @@ enum {
     STEPPING = 4,    /* 2.0: stepComplete, 3.0: Step Mode */
     STEP_FAILED = 8, /* 2.0 only: fmi2DoStep returned fmi2Discard */
     TERMINATED = 16,
-    EVENT = 32 /* 3.0, of a model with a clock: Event Mode */
+    EVENT = 32,        /* 3.0, of a model with a clock: Event Mode */
+    CONFIGURATION = 64 /* 3.0, of a model with a structural parameter */
 };
 
 /* Log categories, bits. */
@@ -60,6 +61,11 @@ struct Instance {
 };
 
 typedef struct Snapshot Snapshot;
+
+/* The scalars that a variable has in this instance. */
+static inline unsigned size_of(const Instance *x, const Variable *v) {
+    return v->each ? v->each * (unsigned)x->values[declared.structural] : v->size;
+}
 
 /* --- instance.c --------------------------------------------------------------------------- */
 

@@ -13,7 +13,7 @@ static void give(Model *x, double t) {
     const double p = past < 0.0 ? 0.0 : past > 1.0 ? 1.0 : past, rest = 1.0 - p;
     const double part = p * p * p * (10.0 + p * (6.0 * p - 15.0));
     const double speed = 30.0 * (p * p) * (rest * rest) / x->T; /* 1/s */
-    for (int i = 0; i < JOINTS; i++) {
+    for (int i = 0; i < COUNT(x, JOINTS); i++) {
         x->q_h[i] = x->q_0[i] + (x->q_f[i] - x->q_0[i]) * part;
         x->dq_h[i] = (x->q_f[i] - x->q_0[i]) * speed;
     }

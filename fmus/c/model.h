@@ -12,4 +12,12 @@
 /* The number of entries of a variable of the model, a constant. */
 #define ENTRIES(variable) ((int)(sizeof((Model *)0)->variable / sizeof(double)))
 
+/* Of the `most` joints that the arrays of a model `x` have room for, those that there are: all, or with a
+ * structural parameter (FMI 3.0) as many as it says. */
+#ifdef STRUCTURAL
+#define COUNT(x, most) ((int)(x)->STRUCTURAL)
+#else
+#define COUNT(x, most) ((void)(x), (most))
+#endif
+
 #endif

@@ -11,7 +11,7 @@
 #include "static_feedback.h"
 
 static void refer(const Model *x, Law *y) {
-    for (int i = 0; i < JOINTS; i++) {
+    for (int i = 0; i < COUNT(x, JOINTS); i++) {
         const double de = MEAN_DISAGREEMENT(x->dq[i], dq_j, i);
         y->z[i] = -x->lambda * MEAN_DISAGREEMENT(x->q[i], q_j, i);
         y->dz[i] = -x->lambda * de;

@@ -9,9 +9,9 @@ enum { JOINTS = ENTRIES(q) };
 
 const char *model_initial(Model *x) {
     double tau[JOINTS];
-    for (int i = 0; i < JOINTS; i++)
+    for (int i = 0; i < COUNT(x, JOINTS); i++)
         tau[i] = limited(-x->K[i] * (x->q[i] - x->q_j[i]) - x->B[i] * x->dq[i], x->tau_max[i]);
-    return give_torques(tau, x->tau, JOINTS);
+    return give_torques(tau, x->tau, COUNT(x, JOINTS));
 }
 
 const char *model_step(Model *x, double t, double h) {

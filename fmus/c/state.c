@@ -182,12 +182,33 @@ static int readable(const Instance *x, const unsigned char bytes[], size_t size,
     return 0;
 }
 
+/* Whether this FMU has such a mode. */
+static int is_mode(uint32_t mode) {
+    const uint32_t event = declared.is_clocked ? EVENT : 0;
+    const uint32_t configuration = declared.structural < declared.n_scalars ? CONFIGURATION : 0;
+    const uint32_t modes = (2 * TERMINATED - 1) | event | configuration;
+    return mode != 0 && (mode & ~modes) == 0 && (mode & (mode - 1)) == 0;
+}
+
+/* Whether the structural parameter is one that the arrays have room for. */
+static int is_sized(const unsigned char bytes[]) {
+    if (declared.structural == declared.n_scalars) return 1;
+    const double size = take_double(bytes + HEADER + 8 * declared.structural);
+    for (unsigned i = 0; i < declared.n_variables; i++)
+        if (variables[i].access & IS_SIZE)
+            return size >= variables[i].minimum && size <= variables[i].maximum &&
+                   size == (double)(unsigned)size;
+    return 0;
+}
+
 Status state_read(const Instance *x, const unsigned char bytes[], size_t size, void **state,
                   const char *function) {
     if (!readable(x, bytes, size, function)) return STATUS_ERROR;
     const uint32_t mode = (uint32_t)take(bytes + 24, 4);
-    if (mode == 0 || mode > (declared.is_clocked ? EVENT : TERMINATED) || (mode & (mode - 1)))
+    if (!is_mode(mode))
         return refuse(x, function, "the serialised state has mode %lu", (unsigned long)mode);
+    if (!is_sized(bytes))
+        return refuse(x, function, "the serialised state has an impossible structural parameter");
     Snapshot *y = room(x, state, function);
     if (y == NULL) return STATUS_ERROR;
     y->mark = MARK;

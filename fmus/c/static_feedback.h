@@ -24,6 +24,7 @@
 #endif
 
 enum { JOINTS = ENTRIES(q), PARAMETERS = ENTRIES(theta_hat) };
+#define PARAMETERS_OF(x) (PARAMETERS * COUNT(x, JOINTS) / JOINTS)
 
 typedef struct {
     double z[JOINTS], dz[JOINTS], feedback[JOINTS]; /* by the model */
@@ -79,22 +80,22 @@ static double *sliding(Model *x);
 static const char *complete(const Model *x, const double *theta_hat, Law *y) {
     double tau[JOINTS];
     refer(x, y);
-    for (int i = 0; i < JOINTS; i++) y->s[i] = x->dq[i] - y->z[i];
+    for (int i = 0; i < COUNT(x, JOINTS); i++) y->s[i] = x->dq[i] - y->z[i];
     feedforward(x, theta_hat, y, tau);
     y->saturated = 0;
-    for (int i = 0; i < JOINTS; i++) {
+    for (int i = 0; i < COUNT(x, JOINTS); i++) {
         tau[i] += y->feedback[i];
         y->tau[i] = limited(tau[i], x->tau_max[i]);
         y->saturated |= y->tau[i] != tau[i];
     }
-    if (!all_finite(y->tau, JOINTS) || !all_finite(y->s, JOINTS) || !all_finite(y->Ys, PARAMETERS))
+    if (!all_finite(y->tau, COUNT(x, JOINTS)) || !all_finite(y->s, COUNT(x, JOINTS)) || !all_finite(y->Ys, PARAMETERS_OF(x)))
         return "the law left the range of numbers (|q| <= 1e6 rad): the motion or the estimate"
                " diverged";
     return NULL;
 }
 
 static void give(Model *x, const Law *y) {
-    for (int i = 0; i < JOINTS; i++) {
+    for (int i = 0; i < COUNT(x, JOINTS); i++) {
         x->tau[i] = y->tau[i];
         sliding(x)[i] = y->s[i];
     }
@@ -107,12 +108,12 @@ const char *model_initial(Model *x) {
     const char *why = problem(x);
     if (why != NULL) return why;
 #ifdef DYNAMIC_REFERENCE
-    for (int i = 0; i < JOINTS; i++) x->z_next[i] = x->z[i];
+    for (int i = 0; i < COUNT(x, JOINTS); i++) x->z_next[i] = x->z[i];
 #endif
     why = complete(x, theta_hat, &y);
     if (why != NULL) return why;
     give(x, &y);
-    for (int i = 0; i < PARAMETERS; i++) next[i] = theta_hat[i];
+    for (int i = 0; i < PARAMETERS_OF(x); i++) next[i] = theta_hat[i];
     return NULL;
 }
 
@@ -126,12 +127,12 @@ const char *model_step(Model *x, double t, double h) {
     if (why != NULL) return why;
     give(x, &y);
     const double advance = y.saturated ? 0.0 : h; /* anti-windup */
-    for (int i = 0; i < PARAMETERS; i++) {
+    for (int i = 0; i < PARAMETERS_OF(x); i++) {
         theta_hat[i] = next[i];
         next[i] -= advance * Gamma[i] * y.Ys[i];
     }
 #ifdef DYNAMIC_REFERENCE
-    for (int i = 0; i < JOINTS; i++) {
+    for (int i = 0; i < COUNT(x, JOINTS); i++) {
         x->z[i] = y.z[i];
         x->z_next[i] += advance * y.dz[i];
     }

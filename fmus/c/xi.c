@@ -10,9 +10,9 @@ enum { JOINTS = ENTRIES(q) };
 
 const char *model_initial(Model *x) {
     double xi[JOINTS];
-    for (int i = 0; i < JOINTS; i++) xi[i] = x->dq[i] + x->alpha * x->q[i];
-    if (!all_finite(xi, JOINTS)) return "xi left the range of numbers";
-    for (int i = 0; i < JOINTS; i++) x->xi[i] = xi[i];
+    for (int i = 0; i < COUNT(x, JOINTS); i++) xi[i] = x->dq[i] + x->alpha * x->q[i];
+    if (!all_finite(xi, COUNT(x, JOINTS))) return "xi left the range of numbers";
+    for (int i = 0; i < COUNT(x, JOINTS); i++) x->xi[i] = xi[i];
     return NULL;
 }
 

@@ -21,7 +21,16 @@ from cosim.base.errors import CosimError, FmuError
 from fmus import build as building
 from fmus import kernel as kernels
 from fmus import toolchain
-from fmus.build import VERSIONS, build, build_all, find, pack, shipped_models
+from fmus.build import (
+    VERSIONS,
+    build,
+    build_all,
+    find,
+    installed_models,
+    pack,
+    shipped_models,
+    versions,
+)
 from fmus.library import compile_model, compile_models
 from fmus.model import Model, Variable
 from fmus.models import arm, operator, planar2r, teleoperation, xi
@@ -136,9 +145,10 @@ def test_an_installation_ships_every_model_in_both_versions(
 
     monkeypatch.setattr(building, "compile_models", instead)
     names = [path.name for path in build_all(tmp_path)]
-    identifiers = [model.identifier for model in shipped_models()]
-    assert compiled == identifiers  # once each, for both versions
-    assert names == [f"{i}.fmi{v}.fmu" for i in identifiers for v in (2, 3)]
+    models = installed_models()
+    assert compiled == [model.identifier for model in models]  # once each, for both versions
+    assert names == [f"{m.identifier}.fmi{v[0]}.fmu" for m in models for v in versions(m)]
+    assert {v for m in shipped_models() for v in versions(m)} == {"2.0", "3.0"}
     assert all((tmp_path / name).is_file() for name in names)
 
 

@@ -50,6 +50,19 @@ def test_build_makes_everything_by_default(quick: list, tmp_path: Path) -> None:
     assert len(list(tmp_path.glob("*.fmu"))) == 2 * len(names)
 
 
+def test_build_makes_an_fmu_for_any_number_of_joints(quick: list, tmp_path: Path) -> None:
+    code, _ = call("build", "pd", "--set", "joints=any", "--out", str(tmp_path))
+    assert (code, quick) == (0, [("pd_any", None)])
+    assert [path.name for path in tmp_path.iterdir()] == ["pd_any.fmi3.fmu"]
+    for arguments, reason in (
+        (("grasp", "--set", "joints=any"), "grasp has no FMU for any number of joints"),
+        (("--set", "joints=any"), "sizes belong to a model"),
+        (("pd", "--set", "joints=any", "--set", "x=1"), "joints=any alone"),
+    ):
+        result = CliRunner().invoke(cli.app, ["build", *arguments, "--out", str(tmp_path)])
+        assert reason in str(result.exception)
+
+
 def test_build_takes_sizes_and_platforms(quick: list, tmp_path: Path) -> None:
     options = ["--set", "neighbours=3", "--platforms", "all", "--out", str(tmp_path)]
     code, text = call("build", "teleoperation", *options)

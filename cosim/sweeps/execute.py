@@ -191,9 +191,8 @@ def _rows(
 def _table(
     study: Study, folder: Path, every: Iterable[Point], units: Mapping[str, str], total: int
 ) -> SweepTable:
-    rows = stores.rows(folder)
-    records = [{**rows[point.run], **point.cells} for point in every if point.run in rows]
-    return SweepTable(tuple(axis.name for axis in study.axes), units, records, total)
+    axes = tuple(axis.name for axis in study.axes)
+    return SweepTable(axes, units, stores.records(folder, every, axes, list(units)), total)
 
 
 # ---- before the first run -----------------------------------------------------------------------

@@ -29,7 +29,7 @@ from cosim.reporting.figures import DPI, load
 from cosim.sweeps.spec import SweepFigureSpec
 from cosim.sweeps.study import Study
 from cosim.sweeps.summary import cell
-from cosim.sweeps.table import SweepTable, column, groups
+from cosim.sweeps.table import SweepTable, column, entries, groups
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -117,7 +117,7 @@ def _reduced(spec: SweepFigureSpec, records: Sequence[Mapping[str, Any]], name: 
 
 def _values(table: SweepTable, axis: str) -> list[Any]:
     """The values of an axis: numbers in order, texts as listed."""
-    values = list(dict.fromkeys(record[axis] for record in table.records))
+    values = list(dict.fromkeys(entries(table.records, axis)))
     return sorted(values) if all(isinstance(v, int | float) for v in values) else values
 
 

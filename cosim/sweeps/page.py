@@ -5,19 +5,22 @@ from __future__ import annotations
 import json
 import os
 import shlex
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from html import escape
 from pathlib import Path
+from typing import Any
 
 from cosim.reporting.html import Badge, PageData, cards, command, folded, write_page
 from cosim.reporting.points import PointColumn, PointView, elements, points
 from cosim.sweeps.study import Study
 from cosim.sweeps.summary import lines
-from cosim.sweeps.table import SweepTable, column
+from cosim.sweeps.table import SweepTable, column, entries
 
 PAGE = "report.html"
 #: Axes beside each other at most; further measures can be chosen for the map.
 PARALLEL = 12
+#: Runs on a page, at most: they take about 4 MB.
+SHOWN = 20_000
 #: How the runs of a cell of the map become one number.
 _REDUCTIONS = {"mean": "mean", "median": "median", "min": "least", "max": "greatest"}
 
@@ -28,16 +31,19 @@ def write(found: SweepTable, study: Study, folder: Path, repeat: str) -> Path:
     Raises CosimError if it cannot be written.
     """
     records = found.records
-    lost = sum(bool(r["reason"]) for r in records)
-    stable = sum(bool(r["stable"]) for r in records)
+    lost = sum(map(bool, entries(records, "reason")))
+    stable = int(column(records, "stable").sum())
     said = f"{len(records)} of {found.points} runs, {stable} stable"
     said += f", {lost} stopped before their end" if lost else ""
+    if len(records) > SHOWN:
+        records = records[:: -(-len(records) // SHOWN)]
+        said += f"; the page shows {len(records)} of them, evenly spaced in the table"
     kept = study.keep == "trajectories"
     drawn = points(
-        list(_columns(found)), list(_views(study, found)), [str(r["reason"]) for r in records],
-        folders=[str(r["run"]) for r in records] if kept else (),
+        list(_columns(found, records)), list(_views(study, found)), entries(records, "reason"),
+        folders=entries(records, "run") if kept else (),
         repeat=f"cosim run {shlex.quote(os.path.relpath(study.scenario))}",
-        settings=[json.loads(r["settings"]) for r in records],
+        settings=[json.loads(text) for text in entries(records, "settings")],
     )  # fmt: skip
     files = "<p>table.parquet has every run with its settings, summary.csv every point.</p>"
     text = escape("\n".join(lines(found)))
@@ -45,25 +51,25 @@ def write(found: SweepTable, study: Study, folder: Path, repeat: str) -> Path:
         f"{elements(_REDUCTIONS) if records else ''}<h2>Repeat it</h2>{command('repeat', repeat)}"
         f'{folded("Ranges", f"""<pre class="mono">{text}</pre>""")}{folded("Files", files)}'
     )
-    numbers = [("runs", str(len(records))), ("stable", f"{stable}"), ("stopped", f"{lost}")]
+    numbers = [("runs", str(len(found.records))), ("stable", f"{stable}"), ("stopped", f"{lost}")]
     return write_page(
         folder / PAGE, study.title, folder.name, Badge("finished", said), cards(numbers),
         PageData(0.0), rest, drawn if records else "",
     )  # fmt: skip
 
 
-def _columns(found: SweepTable) -> Iterator[PointColumn]:
+def _columns(found: SweepTable, records: Sequence[Mapping[str, Any]]) -> Iterator[PointColumn]:
     """Axes, whether a run is stable, and measures; parts of measures only for the map."""
     for name in found.axes:
-        values = [r[name] for r in found.records]
+        values = entries(records, name)
         yield PointColumn(name, "", values, axis=True, parallel=True, listed=True)
-    stable = column(found.records, "stable").tolist()
+    stable = column(records, "stable").tolist()
     yield PointColumn("stable", "", stable, axis=False, parallel=True, listed=False)
     room = PARALLEL - len(found.axes) - 1
     for name, unit in found.units.items():
         main = "." not in name
         room -= main
-        values = column(found.records, name).tolist()
+        values = column(records, name).tolist()
         yield PointColumn(name, unit, values, axis=False, parallel=main and room >= 0, listed=main)
 
 

@@ -15,14 +15,18 @@ import json
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict
+from dataclasses import fields
 from pathlib import Path
 from types import TracebackType
 from typing import Any, final
 
+import numpy as np
+
 from cosim.base.errors import RunError, ScenarioError
 from cosim.record.folder import reason, replace_file
+from cosim.sweeps.design import Point
 from cosim.sweeps.run_point import StudyRow
+from cosim.sweeps.table import Records
 
 JOURNAL, RESULTS, LOCK, STATE = "journal.jsonl", "results", ".lock", "sweep.json"
 #: Rows of a part.
@@ -73,7 +77,7 @@ class Store:
 
     def append(self, row: StudyRow) -> None:
         """Store a row immediately. Raises RunError with the path."""
-        record = asdict(row)
+        record = {f.name: getattr(row, f.name) for f in fields(row)}
         line = json.dumps(record, ensure_ascii=False) + "\n"
         try:
             _write(self._file, line.encode())
@@ -127,6 +131,57 @@ def rows(folder: Path) -> dict[str, Record]:
     return found
 
 
+def records(
+    folder: Path, points: Iterable[Point], axes: Sequence[str], measures: Sequence[str]
+) -> Records:
+    """The newest rows of points, in their order, as far as they are there."""
+    place, columns = _columns(folder, measures)
+    order, cells = list[int](), dict[str, list[Any]]({axis: [] for axis in axes})
+    for point in points:
+        at = place.get(point.run)
+        if at is not None:
+            order.append(at)
+            for axis in axes:
+                cells[axis].append(point.cells[axis])
+    rows = np.array(order, dtype=np.intp)
+    found: dict[str, Any] = {}
+    for name in (*_FIXED[:-1], *axes, *measures, _FIXED[-1]):
+        if name in cells:
+            found[name] = np.empty(len(rows), dtype=object)
+            found[name][:] = cells[name]
+        else:
+            found[name] = columns.pop(name)[rows]
+    missing = {name: np.isnan(found[name]) & found["reason"].astype(bool) for name in measures}
+    return Records(found, missing)
+
+
+def _columns(folder: Path, measures: Sequence[str]) -> tuple[dict[str, int], dict[str, Any]]:
+    """(row of each run that counts; the columns of all parts, one after the other)."""
+    place: dict[str, int] = {}
+    names = [*_FIXED, *measures]
+    found: dict[str, list[Any]] = {name: [] for name in names}
+    n = 0
+    for part in parts(folder):
+        table = _table(part)
+        for name in names:
+            found[name].append(_as_array(table, name))
+        place |= {run: n + i for i, run in enumerate(found["run"][-1])}
+        n += len(table)
+    return place, {name: np.concatenate([*some, _none(name)]) for name, some in found.items()}
+
+
+def _as_array(table: Any, name: str) -> Any:
+    if name in table.column_names:
+        return table[name].to_numpy(zero_copy_only=False)
+    return np.full(len(table), np.nan)
+
+
+def _none(name: str) -> Any:
+    """No row of a column."""
+    kind = {"stable": bool, "run": object, "reason": object, "settings": object}
+    return np.empty(0, dtype=kind.get(name, np.float64))
+
+
 def parts(folder: Path) -> list[Path]:
     """The Parquet files of the results, in the order in which they were written."""
     return sorted((folder / RESULTS).glob("part-*.parquet"))
@@ -156,19 +211,38 @@ def _flat(row: Record) -> Record:
     return {**fixed, **row["cells"], **row["measures"], "settings": json.dumps(row["settings"])}
 
 
+def write_records(path: Path, records: Records, units: Mapping[str, str]) -> None:
+    """Write the table of a sweep as :func:`write_table` does."""
+    columns: dict[str, tuple[str, Any]] = {}
+    for name, values in records.columns.items():
+        mask = records.missing.get(name)
+        if values.dtype == object:
+            columns[name] = _typed(values.tolist())
+        else:
+            kind = "bool_" if values.dtype == bool else "float64"
+            columns[name] = kind, values if mask is None else np.ma.masked_array(values, mask)
+    _write_columns(path, columns, units)
+
+
 def write_table(path: Path, rows: Sequence[Record], units: Mapping[str, str]) -> None:
     """Write flat rows as Parquet, replaced in one step; columns that a row lacks are null.
 
     A column is Boolean, float64 or text, by what is in it (numbers among texts become text).
     """
+    names = list(dict.fromkeys(name for row in rows for name in row))
+    names = [*(n for n in names if n != "settings"), "settings"]
+    columns = {name: _typed([row.get(name) for row in rows]) for name in names}
+    _write_columns(path, columns, units)
+
+
+def _write_columns(
+    path: Path, columns: Mapping[str, tuple[str, Any]], units: Mapping[str, str]
+) -> None:
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    names = list(dict.fromkeys(name for row in rows for name in row))
-    names = [*(n for n in names if n != "settings"), "settings"]
     fields, arrays = [], []
-    for name in names:
-        kind, values = _typed([row.get(name) for row in rows])
+    for name, (kind, values) in columns.items():
         unit = {"stopped_at": "s", "wall": "s"}.get(name) or units.get(name)
         fields.append(
             pa.field(name, getattr(pa, kind)(), metadata={"unit": unit} if unit else None)

@@ -6,16 +6,17 @@ import csv
 import io
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from math import isfinite, nan
+from math import isfinite, isnan, nan
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from cosim.analysis.signals import Array
 from cosim.base.errors import RunError
 from cosim.record.folder import replace_file
-from cosim.sweeps.store import write_table
-from cosim.sweeps.table import SweepTable, column, groups
+from cosim.sweeps.store import write_records
+from cosim.sweeps.table import Records, SweepTable, column, entries, grouped
 
 TABLE, SUMMARY = "table.parquet", "summary.csv"
 #: The axis that is averaged over in the summary: it is there to repeat a run.
@@ -27,13 +28,13 @@ def lines(table: SweepTable) -> list[str]:
     records = table.records
     if not records:
         return ["no run yet"]
-    stable = sum(bool(r["stable"]) for r in records)
-    failed = [r for r in records if r["reason"]]
+    stable = int(column(records, "stable").sum())
+    failed = [i for i, reason in enumerate(entries(records, "reason")) if reason]
     left = table.points - len(records)
     first = f"{len(records)} runs: {stable} stable, {len(records) - stable} not"
     first += f" ({len(failed)} of them did not reach their end)" if failed else ""
     first += f"; {left} not run yet" if left else ""
-    return [first, *_reasons(failed, table.axes), *_ranges(table)]
+    return [first, *_reasons([records[i] for i in failed], table.axes), *_ranges(table)]
 
 
 def refuse_lost_runs(table: SweepTable) -> None:
@@ -41,11 +42,12 @@ def refuse_lost_runs(table: SweepTable) -> None:
 
     A run that diverges or is ended by a model has a time at which it stopped, which is a result.
     """
-    lost = [r for r in table.records if r["reason"] and np.isnan(r["stopped_at"])]
+    reasons, stopped = entries(table.records, "reason"), column(table.records, "stopped_at")
+    lost = [reason for reason, at in zip(reasons, stopped, strict=True) if reason and np.isnan(at)]
     if lost:
         raise RunError(
             f"{len(lost)} of {len(table.records)} runs have no result, the first of them: "
-            f"{lost[0]['reason']}; --retry repeats them"
+            f"{lost[0]}; --retry repeats them"
         )
 
 
@@ -86,8 +88,8 @@ def _ranges(table: SweepTable) -> list[str]:
 def as_data(table: SweepTable) -> dict[str, Any]:
     """How many runs there are and are stable, and the range of each measure, as plain data."""
     found = {"points": table.points, "runs": len(table.records)}
-    found["stable"] = sum(bool(r["stable"]) for r in table.records)
-    found["failed"] = sum(bool(r["reason"]) for r in table.records)
+    found["stable"] = int(column(table.records, "stable").sum())
+    found["failed"] = sum(map(bool, entries(table.records, "reason")))
     measures = {}
     for name, unit in table.units.items():
         x = column(table.records, name)
@@ -117,7 +119,8 @@ def write(table: SweepTable, folder: Path) -> list[Path]:
     Each is replaced in one step. Raises RunError with the path.
     """
     if table.records:
-        write_table(folder / TABLE, [dict(r) for r in table.records], table.units)
+        assert isinstance(table.records, Records)
+        write_records(folder / TABLE, table.records, table.units)
     replace_file(folder / SUMMARY, _csv(table).encode())
     return [folder / TABLE, folder / SUMMARY]
 
@@ -128,13 +131,22 @@ def _csv(table: SweepTable) -> str:
     writer = csv.writer(out, lineterminator="\n")
     head = [f"{name}{what}" for name in table.units for what in ("", ".least", ".largest")]
     writer.writerow([*axes, "runs", "stable", "failed", *head])
-    for key, records in groups(table, axes).items():
-        failed = sum(bool(r["reason"]) for r in records)
+    columns = [column(table.records, name) for name in table.units]
+    stable = column(table.records, "stable")
+    failed = np.array([bool(why) for why in entries(table.records, "reason")], dtype=bool)
+    for key, rows in grouped(table.records, axes).items():
         numbers: list[Any] = []
-        for name in table.units:
-            x = column(records, name)
-            x = x[~np.isnan(x)]
-            numbers += [float(x.mean()), float(x.min()), float(x.max())] if len(x) else [""] * 3
-        stable = float(column(records, "stable").mean())
-        writer.writerow([*key, len(records), stable, failed, *numbers])
+        for x in columns:
+            numbers += _spread(x[rows])
+        writer.writerow(
+            [*key, len(rows), float(stable[rows].mean()), int(failed[rows].sum()), *numbers]
+        )
     return out.getvalue()
+
+
+def _spread(x: Array) -> list[Any]:
+    """Mean, least and greatest of the numbers among these (n,), or nothing of each."""
+    if len(x) == 1:  # most of many
+        return ["" if isnan(x[0]) else float(x[0])] * 3
+    x = x[~np.isnan(x)]
+    return [float(x.mean()), float(x.min()), float(x.max())] if len(x) else [""] * 3

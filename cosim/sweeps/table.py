@@ -5,11 +5,63 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import nan
-from typing import Any
+from typing import Any, final, overload
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cosim.analysis.signals import Array
+
+
+@final
+class Records(Sequence[Mapping[str, Any]]):
+    """Rows that are kept by column: each is a mapping made when it is asked for.
+
+    `columns`: float64, Booleans or objects, (n,) each; `missing`: where a column has no value.
+    """
+
+    def __init__(
+        self,
+        columns: Mapping[str, NDArray[Any]],
+        missing: Mapping[str, NDArray[np.bool_]] | None = None,
+    ) -> None:
+        self.columns, self.missing = columns, missing or {}
+        self._n = len(next(iter(columns.values()), ()))
+
+    def __len__(self) -> int:
+        return self._n
+
+    @overload
+    def __getitem__(self, index: int) -> Mapping[str, Any]: ...
+    @overload
+    def __getitem__(self, index: slice) -> Records: ...
+    def __getitem__(self, index: int | slice) -> Mapping[str, Any] | Records:
+        if isinstance(index, slice):
+            return self.at(np.arange(self._n)[index])
+        if not -self._n <= index < self._n:
+            raise IndexError(index)
+        return {
+            name: None if name in self.missing and self.missing[name][index] else _plain(x[index])
+            for name, x in self.columns.items()
+        }
+
+    def at(self, rows: NDArray[np.intp]) -> Records:
+        """The rows with these numbers (m,)."""
+        missing = {name: x[rows] for name, x in self.missing.items()}
+        return Records({name: x[rows] for name, x in self.columns.items()}, missing)
+
+    def numbers(self, name: str) -> Array:
+        """A column (n,); NaN where there is no value."""
+        if name not in self.columns:
+            return np.full(self._n, nan)
+        found = self.columns[name].astype(np.float64)
+        if name in self.missing:
+            found[self.missing[name]] = nan
+        return found
+
+
+def _plain(value: Any) -> Any:
+    return value.item() if isinstance(value, np.generic) else value
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,15 +80,37 @@ class SweepTable:
 
 def column(records: Sequence[Mapping[str, Any]], name: str) -> Array:
     """A measure (or ``stable``, as 0 and 1) of records, (n,); NaN where it is not there."""
+    if isinstance(records, Records):
+        return records.numbers(name)
     values = (record.get(name) for record in records)
     return np.array([nan if v is None else float(v) for v in values], dtype=np.float64)
 
 
+def entries(records: Sequence[Mapping[str, Any]], name: str) -> list[Any]:
+    """A column as it is: texts, or the values of an axis."""
+    if isinstance(records, Records) and name not in records.missing:
+        found: list[Any] = records.columns[name].tolist()
+        return found
+    return [record[name] for record in records]
+
+
+def grouped(
+    records: Sequence[Mapping[str, Any]], axes: Sequence[str]
+) -> dict[tuple[Any, ...], list[int]]:
+    """The numbers of records that agree in these axes, in the order of the table."""
+    rows: dict[tuple[Any, ...], list[int]] = {}
+    columns = [entries(records, axis) for axis in axes]
+    keys = zip(*columns, strict=True) if axes else [()] * len(records)
+    for i, key in enumerate(keys):
+        rows.setdefault(key, []).append(i)
+    return rows
+
+
 def groups(
     table: SweepTable, axes: Sequence[str]
-) -> dict[tuple[Any, ...], list[Mapping[str, Any]]]:
+) -> dict[tuple[Any, ...], Sequence[Mapping[str, Any]]]:
     """Records that agree in these axes, in the order of the table."""
-    found: dict[tuple[Any, ...], list[Mapping[str, Any]]] = {}
-    for record in table.records:
-        found.setdefault(tuple(record[axis] for axis in axes), []).append(record)
-    return found
+    rows = grouped(table.records, axes)
+    if isinstance(table.records, Records):
+        return {key: table.records.at(np.array(where)) for key, where in rows.items()}
+    return {key: [table.records[i] for i in where] for key, where in rows.items()}

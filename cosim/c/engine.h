@@ -47,7 +47,7 @@ INLINE int64_t published(const int64_t *place)
 #endif
 }
 
-#define ENGINE_ABI 19
+#define ENGINE_ABI 20
 
 enum { OP_COPY, OP_SCALE, OP_PUSH, OP_PULL, OP_STEP, OP_RECORD, OP_AGE, OP_PLAY,
        OP_AHEAD, OP_BETWEEN, OP_GATE, OP_SLOPE_AHEAD, OP_SLOPE_BETWEEN,
@@ -61,6 +61,7 @@ enum { RUN_OK, RUN_STOPPED, RUN_STEP, RUN_SET, RUN_GET, RUN_NOT_FINITE, RUN_HIST
        RUN_SOLVER,              /* CVODE failed; the status is its own */
        RUN_LOST,                /* the process of an FMU does not answer; the status is LOST_... */
        RUN_STATE };             /* a state could not be saved, or not be restored */
+enum { MOVE_SAVE, MOVE_BACK, MOVE_SAVE_END, MOVE_BACK_END };
 enum { ROLE_COUNTED, ROLE_DIRECT, ROLE_HELD }; /* of an output in macro steps, see macro.h */
 enum { TYPE_F64, TYPE_F32, TYPE_I8, TYPE_U8, TYPE_I16, TYPE_U16, TYPE_I32, TYPE_U32, TYPE_I64,
        TYPE_U64, TYPE_BOOL2, TYPE_BOOL3 };
@@ -97,7 +98,7 @@ typedef struct {
 } columns_t;
 
 typedef int32_t (*call_t)(int32_t unit, double t, double h); /* returns RUN_... */
-typedef int32_t (*saving_t)(int32_t unit, int32_t back); /* save, or go back; not 0: it failed */
+typedef int32_t (*saving_t)(int32_t unit, int32_t what); /* MOVE_...; not 0: it failed */
 typedef int (*state_t)(void *, void *);
 /* A step from t (s) of length h (s): it reads the inputs and writes the outputs; not 0: it failed. */
 typedef int32_t (*native_t)(void *instance, double t, double h, const double *inputs,
@@ -238,15 +239,18 @@ typedef struct {
     int64_t size;
 } block_t;
 
-/* A unit that can go back to where a step began. */
+/* A unit that can go back to where a step began, or ended. */
 typedef struct {
     void *save, *restore;   /* FMI functions, or NULL */
     void *call;             /* without them: saving_t */
-    void *state;            /* the FMU's, once it has been saved */
-    const block_t *blocks;  /* what else is part of it, */
-    char *copies;           /* and what this was */
+    void *states[2];        /* the FMU's at the start and at the end, once they have been saved */
+    const block_t *blocks;  /* what else is part of them, */
+    char *copies[2];        /* and what this was */
     const uint8_t *roles;   /* of its outputs: ROLE_... */
     int64_t n_blocks;
+    int64_t first;          /* of its outputs in the vectors of its group */
+    int64_t wire, n_wires;  /* of its group, that feed it, */
+    int64_t input;          /* and where these inputs are in the vectors */
     int32_t unit;
     int32_t coupled;        /* it has inputs from the others */
     int32_t ended;          /* it ended the simulation in the last step */
@@ -271,9 +275,10 @@ typedef struct {
     rollback_t *members;
     const operation_t *wires;   /* among them; `index`: 1, the value is held */
     bond_t *bonds;
-    double *memory;         /* vectors: inputs at the start; outputs then, after the first sweep and the
-                             * last one, their changes by direct feed-through, their largest values */
-    int64_t n_members, n_wires, n_bonds, n_inputs, n_outputs;
+    double *memory;         /* vectors: inputs at the start, and in a step; outputs at the start, after the first sweep, after
+                             * the one before the last, at the end of a step, and their largest values */
+    const int32_t *direct;  /* members with direct feed-through, in the order of their wires */
+    int64_t n_direct, n_members, n_wires, n_bonds, n_inputs, n_outputs;
     int64_t period;         /* ticks */
     int64_t steps, rejections, size; /* into signals: of the last period; the least size, s */
     double tolerance, absolute;
@@ -281,8 +286,8 @@ typedef struct {
     int32_t level, error_level; /* a step is the period divided by 2 to the level */
     int32_t halvings;       /* the highest level */
     int32_t iterations;     /* sweeps after the first one, at most */
-    int32_t direct;         /* some outputs have direct feed-through */
     int32_t repeated;       /* the last step was done again: the next one is no longer */
+    int32_t reserved;
     int64_t accepted[MACRO_LEVELS], rejected[MACRO_LEVELS];
     int64_t forced;         /* steps of the least size, accepted with a larger error */
     double worst;           /* the largest error of an accepted step, in tolerances */

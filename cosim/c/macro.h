@@ -9,13 +9,14 @@
  * Differential Equations I, II.4).
  *
  * An output with direct feed-through depends on the input that is held, which is the one of the middle of the
- * step. Half a step changed it by y_1 - y_0, from the first sweep to the second; the other half is added.
+ * step. So each sweep ends with a short step of such components from b, with their inputs there, after which
+ * they go back to b. What the short step itself has changed is taken away along the line from a.
  */
 
-enum { ONE_CALL = 0, GO_BACK = 1 };
+enum { FETCH, PUT_BACK, SHORT = 1024 }; /* SHORT: a step over the short one at its end */
 
 typedef struct {
-    double *inputs, *start, *first, *last, *jump, *largest;
+    double *inputs, *held, *start, *first, *last, *end, *largest;
 } macro_memory_t;
 
 static macro_memory_t memory_of(const macro_t *m)
@@ -23,19 +24,21 @@ static macro_memory_t memory_of(const macro_t *m)
     double *at = m->memory;
     macro_memory_t found;
     found.inputs = at, at += m->n_inputs;
+    found.held = at, at += m->n_inputs;
     found.start = at, at += m->n_outputs;
     found.first = at, at += m->n_outputs;
     found.last = at, at += m->n_outputs;
-    found.jump = at, at += m->n_outputs;
+    found.end = at, at += m->n_outputs;
     found.largest = at;
     return found;
 }
 
-/* Save the state of a unit, or go back to it. */
-static int move_state(const engine_t *e, rollback_t *r, int back, failure_t *failure)
+/* Save the state of a unit, or go back to it: MOVE_... */
+static int move_state(const engine_t *e, rollback_t *r, int what, failure_t *failure)
 {
     unit_t *u = e->units + r->unit;
-    char *copy = r->copies;
+    const int back = what & 1, end = what >> 1;
+    char *copy = r->copies[end];
     int status = 0;
 
     for (int64_t i = 0; i < r->n_blocks; copy += r->blocks[i].size, i++)
@@ -43,22 +46,22 @@ static int move_state(const engine_t *e, rollback_t *r, int back, failure_t *fai
                (size_t)r->blocks[i].size);
     if (back && u->exchange) u->exchange->fresh = 1;
     if (r->call)
-        status = ((saving_t)r->call)(r->unit, back) ? 3 : 0;
+        status = ((saving_t)r->call)(r->unit, what) ? 3 : 0;
     else
-        status = back ? ((state_t)r->restore)(u->instance, r->state)
-                      : ((state_t)r->save)(u->instance, &r->state);
+        status = back ? ((state_t)r->restore)(u->instance, r->states[end])
+                      : ((state_t)r->save)(u->instance, &r->states[end]);
     if (!failed_call(status)) return RUN_OK;
     failure->index = r->unit;
     failure->status = status;
     return RUN_STATE;
 }
 
-static int move_states(const engine_t *e, macro_t *m, int back, int coupled, failure_t *failure)
+static int move_states(const engine_t *e, macro_t *m, int what, int coupled, failure_t *failure)
 {
     int result = RUN_OK;
     for (int64_t i = 0; i < m->n_members && result == RUN_OK; i++)
         if (m->members[i].coupled >= coupled)
-            result = move_state(e, m->members + i, back, failure);
+            result = move_state(e, m->members + i, what, failure);
     return result;
 }
 
@@ -117,19 +120,47 @@ static void set_inputs_between(const engine_t *e, const macro_t *m, const double
     }
 }
 
-/* The other half of the changes by direct feed-through, which the second sweep has shown. */
-static void add_feedthrough(const engine_t *e, const macro_t *m, const macro_memory_t *v, int learn)
+/* What the wires to one member carry now, and what its inputs were; or `back`, these. */
+static void carry(const engine_t *e, const macro_t *m, const rollback_t *r, double *held, int back)
 {
-    int64_t n = 0;
-    for (int64_t i = 0; i < m->n_members; i++) {
-        const rollback_t *r = m->members + i;
-        const unit_t *u = e->units + r->unit;
-        double *y = e->signals + u->output;
-        for (int64_t k = 0; k < u->output_count; k++, n++) {
-            if (learn) v->jump[n] = r->roles[k] == ROLE_DIRECT ? y[k] - v->first[n] : 0.0;
-            if (r->roles[k] == ROLE_DIRECT && r->coupled) y[k] += v->jump[n];
-        }
+    double *s = e->signals;
+    for (const operation_t *w = m->wires + r->wire; w < m->wires + r->wire + r->n_wires; w++) {
+        copy(back ? s + w->target : held, back ? held : s + w->target, w->count);
+        held += w->count;
+        for (int64_t k = 0; k < w->count && !back && !w->index; k++)
+            s[w->target + k] = w->gain * s[w->source + k] + w->offset;
     }
+}
+
+/* Outputs with direct feed-through for the inputs at the end, t, of a macro step of length h. */
+static int finish_outputs(engine_t *e, macro_t *m, int64_t tick, double t, double h,
+                          failure_t *failure)
+{
+    const macro_memory_t v = memory_of(m);
+
+    for (int64_t i = 0; i < m->n_direct; i++) {
+        rollback_t *r = m->members + m->direct[i];
+        unit_t *u = e->units + r->unit;
+        const double whole = u->h;
+        double *y = e->signals + u->output, *before = v.end + r->first;
+        int back, result;
+        if (r->ended) continue;
+        carry(e, m, r, v.held + r->input, 0);
+        result = move_state(e, r, MOVE_SAVE_END, failure);
+        if (result != RUN_OK) return result;
+        copy(before, y, u->output_count);
+        u->h = h / SHORT;
+        result = step_from(e, tick, t, r->unit, failure);
+        u->h = whole;
+        if (result != RUN_OK && result != RUN_TERMINATED) return result;
+        back = move_state(e, r, MOVE_BACK_END, failure);
+        if (back != RUN_OK) return back;
+        carry(e, m, r, v.held + r->input, 1);
+        for (int64_t k = 0; k < u->output_count; k++)
+            y[k] = r->roles[k] == ROLE_DIRECT ? y[k] - (y[k] - v.start[r->first + k]) / (SHORT + 1)
+                                              : before[k];
+    }
+    return RUN_OK;
 }
 
 /* The largest difference of the outputs from `others`, in tolerances. */
@@ -152,28 +183,28 @@ static double distance(const engine_t *e, const macro_t *m, const macro_memory_t
 }
 
 enum { CONVERGED_TENTHS = 1 };
+#define FORGOTTEN 0.01 /* of the largest value of an output, in a macro step */
 
 /* One macro step, whatever its error: that in *error. Sweeps that do not converge count as an error, too. */
 static int try_macro(engine_t *e, macro_t *m, int64_t tick, double t, double h, double *error,
                      failure_t *failure)
 {
     const macro_memory_t v = memory_of(m);
-    const int least = m->direct ? 2 : 1;
     int result = sweep(e, m, tick, t, h, 0, failure);
 
+    if (result == RUN_OK) result = finish_outputs(e, m, tick, t + h, h, failure);
     if (result != RUN_OK) return result;
-    move_outputs(e, m, v.first, ONE_CALL);
+    move_outputs(e, m, v.first, FETCH);
     for (int i = 1;; i++) {
         double change;
-        move_outputs(e, m, v.last, ONE_CALL);
+        move_outputs(e, m, v.last, FETCH);
         set_inputs_between(e, m, v.inputs, 0);
-        result = move_states(e, m, GO_BACK, 1, failure);
+        result = move_states(e, m, MOVE_BACK, 1, failure);
         if (result == RUN_OK) result = sweep(e, m, tick, t, h, 1, failure);
+        if (result == RUN_OK) result = finish_outputs(e, m, tick, t + h, h, failure);
         if (result != RUN_OK) return result;
-        add_feedthrough(e, m, &v, i == 1);
-        if (i < least) continue;
         *error = distance(e, m, &v, v.first);
-        if (m->iterations <= least) return RUN_OK;
+        if (m->iterations == 1) return RUN_OK;
         change = distance(e, m, &v, v.last);
         if (10.0 * change <= CONVERGED_TENTHS) return RUN_OK;
         if (i < m->iterations) continue;
@@ -249,6 +280,7 @@ static int accept(engine_t *e, macro_t *m, double t, double h, double error, fai
         const unit_t *u = e->units + r->unit;
         for (int64_t k = 0; k < u->output_count; k++, n++) {
             const double size = fabs(e->signals[u->output + k]);
+            v.largest[n] *= 1.0 - FORGOTTEN;
             if (size > v.largest[n]) v.largest[n] = size;
         }
         if (!r->ended) continue;
@@ -270,10 +302,10 @@ static int do_macro(engine_t *e, macro_t *m, int64_t tick, double t, double leng
                     failure_t *failure, double *error)
 {
     const macro_memory_t v = memory_of(m);
-    int result = move_states(e, m, 0, 0, failure);
+    int result = move_states(e, m, MOVE_SAVE, 0, failure);
 
     if (result != RUN_OK) return result;
-    move_outputs(e, m, v.start, ONE_CALL);
+    move_outputs(e, m, v.start, FETCH);
     take_inputs(e, m, v.inputs, !first);
     for (;;) {
         const double h = length / (double)((int64_t)1 << m->level);
@@ -283,9 +315,9 @@ static int do_macro(engine_t *e, macro_t *m, int64_t tick, double t, double leng
         if (m->level == m->halvings || (result == RUN_OK && *error <= 1.0)) break;
         e->signals[m->rejections] += 1.0;
         shorten(m, result == RUN_OK ? *error : 1.0);
-        back = move_states(e, m, GO_BACK, 0, failure);
+        back = move_states(e, m, MOVE_BACK, 0, failure);
         if (back != RUN_OK) return back;
-        move_outputs(e, m, v.start, GO_BACK);
+        move_outputs(e, m, v.start, PUT_BACK);
         set_inputs_between(e, m, v.inputs, 1);
     }
     if (result != RUN_OK) return result;

@@ -14,10 +14,11 @@ from cosim.engine.binding import Vector, Views
 from cosim.engine.feedthrough import direct_outputs
 from cosim.fmi import components
 from cosim.native import structs
-from cosim.native.structs import OutputRole
+from cosim.native.structs import OutputRole, StateMove
 from cosim.schedule.macro import BondWires, MacroGroup
 from cosim.schedule.operations import group_copies
-from cosim.schedule.parts import Step
+from cosim.schedule.order import strongly_connected
+from cosim.schedule.parts import Slot, Step
 from cosim.schedule.plan import Plan
 
 #: Of each component in a group, its outputs with direct feed-through from the group, (scalars,).
@@ -61,17 +62,20 @@ class MacroBinding:
         self._plan, self._units, self._signals, self._direct = plan, units, signals, direct
         self._failed = failed
         self._alive: list[Any] = []
-        self._states: dict[int, object] = {}
+        self._states: dict[tuple[int, int], object] = {}
         self.macros = (structs.MacroStruct * len(plan.groups))()
         self._bonds: list[c.Array[structs.BondStruct]] = []
         self._members = [self._group(i, group) for i, group in enumerate(plan.groups)]
 
-    def saved(self) -> dict[int, int]:
+    def saved(self) -> dict[int, list[int]]:
         """Handles of the states that FMUs have saved, by component, once."""
-        found = {r.unit: int(r.state) for members in self._members for r in members if r.state}
+        found: dict[int, list[int]] = {}
         for members in self._members:
             for r in members:
-                r.state = None
+                states = [state for state in r.states if state]
+                if states:
+                    found[r.unit] = states
+                r.states[0] = r.states[1] = None
         return found
 
     def _group(self, index: int, group: MacroGroup) -> c.Array[structs.RollbackStruct]:
@@ -81,6 +85,14 @@ class MacroBinding:
         members = (structs.RollbackStruct * len(steps))(
             *(self._member(group, i) for i in group.components)
         )
+        first = 0
+        for member, step in zip(members, steps, strict=True):
+            own = [i for i, w in enumerate(group.wires) if w.target.component == step.name]
+            member.wire, member.n_wires = (own[0] if own else 0), len(own)
+            member.input = sum(w.target.size for w in group.wires[: member.wire])
+            member.first, first = first, first + sum(s.size for s in step.outputs)
+        order = self._direct_order(group)
+        direct = np.array([group.components.index(i) for i in order], np.int32)
         operations = group_copies(group, {s.name: s.discrete for s in steps})
         wires = np.zeros(len(operations), np.dtype(structs.OperationStruct))
         for name, _ in structs.OperationStruct._fields_:
@@ -88,8 +100,8 @@ class MacroBinding:
         start = [self._signals[s.start : s.start + s.size] for x in steps for s in x.outputs]
         largest = np.abs(np.concatenate([np.zeros(0), *start]))
         n_inputs, n_outputs = sum(op.count for op in operations), len(largest)
-        memory = np.zeros(max(1, n_inputs + 5 * n_outputs))
-        memory[n_inputs + 4 * n_outputs : n_inputs + 5 * n_outputs] = largest
+        memory = np.zeros(max(1, 2 * n_inputs + 5 * n_outputs))
+        memory[2 * n_inputs + 4 * n_outputs :][:n_outputs] = largest
         bonds = (structs.BondStruct * len(group.bonds))(
             *(self._bond(group, b) for b in group.bonds)
         )
@@ -100,11 +112,33 @@ class MacroBinding:
             period=group.period, steps=group.steps.start, rejections=group.rejections.start,
             size=group.size.start, tolerance=settings.tolerance, absolute=settings.absolute,
             halvings=group.halvings, iterations=settings.iterations,
-            direct=any(self._direct[i].any() for i in group.components if i in self._direct),
+            direct=direct.ctypes.data, n_direct=len(direct),
         )  # fmt: skip
-        self._alive += [members, wires, memory]
+        self._alive += [members, wires, memory, direct]
         self._bonds.append(bonds)
         return members
+
+    def _direct_order(self, group: MacroGroup) -> list[int]:
+        """Components with direct feed-through, each after those whose outputs it needs at once."""
+        plan = self._plan
+        direct = {
+            plan.components[i].name: i
+            for i in group.components
+            if i in self._direct and self._direct[i].any()
+        }
+        edges = [
+            (w.source.component, w.target.component)
+            for w in group.wires
+            if w.source.component in direct and self._is_direct(w.source)
+        ]
+        blocks = strongly_connected(direct, edges)
+        return [direct[name] for block in blocks for name in block]
+
+    def _is_direct(self, slot: Slot) -> bool:
+        step = self._plan.component(slot.component)
+        first = step.outputs[0].start
+        mask = self._direct[self._plan.components.index(step)]
+        return bool(mask[slot.start - first : slot.start - first + slot.size].any())
 
     def _member(self, group: MacroGroup, index: int) -> structs.RollbackStruct:
         step, unit = self._plan.components[index], self._units[index]
@@ -128,22 +162,25 @@ class MacroBinding:
         else:
             found.save, found.restore = fmu.instance.state_functions()
         blocks = _engine_memory(unit)
-        copies = (c.c_char * max(1, sum(size for _, size in blocks)))()
+        size = max(1, sum(size for _, size in blocks))
+        copies = [(c.c_char * size)() for _ in range(2)]
         array = (structs.BlockStruct * len(blocks))(*(structs.BlockStruct(*b) for b in blocks))
         found.blocks, found.n_blocks = c.addressof(array), len(array)
-        found.copies = c.addressof(copies)
+        for end in range(2):
+            found.copies[end] = c.addressof(copies[end])
         self._alive += [role, array, copies]
         return found
 
     def _call_back(self, step: Step) -> Callable[[int, int], int]:
         """Saves the state of a Python component; it may keep what it is given, and change it."""
 
-        def call(unit: int, back: int) -> int:
+        def call(unit: int, what: int) -> int:
+            key = unit, what // StateMove.SAVE_END
             try:
-                if back:
-                    step.component.set_state(copy.deepcopy(self._states[unit]))
+                if what in (StateMove.BACK, StateMove.BACK_END):
+                    step.component.set_state(copy.deepcopy(self._states[key]))
                 else:
-                    self._states[unit] = copy.deepcopy(step.component.get_state())
+                    self._states[key] = copy.deepcopy(step.component.get_state())
             except BaseException as error:
                 self._failed(error)
                 return 1

@@ -251,7 +251,7 @@ def close(
     components: Sequence[Component],
     failed: int,
     status: int,
-    saved: Mapping[int, int] | None = None,
+    saved: Mapping[int, Sequence[int]] | None = None,
 ) -> None:
     """Free the FMUs, after a step of component `failed` returned `status`.
 
@@ -263,10 +263,11 @@ def close(
     if broken is not None:
         broken.instance.returned(status)
     fatal = {x.archive.sha256 for x in fmus if x.broken == FATAL}
-    for number, state in (saved or {}).items():
+    for number, states in (saved or {}).items():
         x = stepped_fmu(components[number])
         if x is not None and x.broken == OK and x.archive.sha256 not in fatal:
-            x.instance.free_state(state)
+            for state in states:
+                x.instance.free_state(state)
     for x in fmus:
         x.close(abandon=x.archive.sha256 in fatal and x.remote is None)
 

@@ -11,7 +11,7 @@ from pathlib import Path
 from cosim.base.errors import CosimError
 from cosim.native.fmu_log import Log
 
-ABI = 19
+ABI = 20
 
 
 class Code(IntEnum):
@@ -71,6 +71,15 @@ class EngineResult(IntEnum):
     SOLVER = 15
     LOST = 16
     STATE = 17
+
+
+class StateMove(IntEnum):
+    """``MOVE_``: what is done with the state of a unit in macro steps."""
+
+    SAVE = 0
+    BACK = 1
+    SAVE_END = 2
+    BACK_END = 3
 
 
 class OutputRole(IntEnum):
@@ -349,9 +358,12 @@ class RollbackStruct(c.Structure):
     """``rollback_t``."""
 
     _fields_ = (
-        *((n, c.c_void_p) for n in ("save", "restore", "call", "state", "blocks", "copies")),
+        *((n, c.c_void_p) for n in ("save", "restore", "call")),
+        ("states", c.c_void_p * 2),
+        ("blocks", c.c_void_p),
+        ("copies", c.c_void_p * 2),
         ("roles", c.c_void_p),
-        ("n_blocks", c.c_int64),
+        *((n, c.c_int64) for n in ("n_blocks", "first", "wire", "n_wires", "input")),
         *((n, c.c_int32) for n in ("unit", "coupled", "ended", "reserved")),
     )
 
@@ -370,12 +382,13 @@ class MacroStruct(c.Structure):
     """``macro_t``."""
 
     _fields_ = (
-        *((n, c.c_void_p) for n in ("members", "wires", "bonds", "memory")),
+        *((n, c.c_void_p) for n in ("members", "wires", "bonds", "memory", "direct")),
+        ("n_direct", c.c_int64),
         *((n, c.c_int64) for n in ("n_members", "n_wires", "n_bonds", "n_inputs", "n_outputs")),
         *((n, c.c_int64) for n in ("period", "steps", "rejections", "size")),
         *((n, c.c_double) for n in ("tolerance", "absolute", "error")),
         *((n, c.c_int32) for n in ("level", "error_level", "halvings", "iterations")),
-        *((n, c.c_int32) for n in ("direct", "repeated")),
+        *((n, c.c_int32) for n in ("repeated", "reserved")),
         ("accepted", c.c_int64 * MACRO_LEVELS),
         ("rejected", c.c_int64 * MACRO_LEVELS),
         ("forced", c.c_int64),

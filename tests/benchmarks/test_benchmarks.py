@@ -11,6 +11,7 @@ from typing import Any
 
 import pytest
 
+from benchmarks import macro_steps
 from benchmarks.peers import Absent, imported
 from benchmarks.race import Contestant, race
 
@@ -180,3 +181,12 @@ def test_dynamics_of_an_arm_are_measured_and_those_of_others_where_they_are(
     assert {"plant arm", "controller pd"} < found["steps"].keys()
     assert "mujoco" in found or "MuJoCo" in found["absent"][0]
     assert "| ours, forward dynamics (chain_forward) |" in said
+
+
+def test_macro_steps_need_fewer_steps_for_a_smaller_error() -> None:
+    found = list(macro_steps.rows("soft", 1, quick=True))
+    fixed = [row for row in found if row[0] == "jacobi"]
+    adaptive = [row for row in found if row[0] == "adaptive"]
+    assert adaptive[0][2] < 0.01 < fixed[0][2] and adaptive[0][3] < fixed[0][3]
+    assert adaptive[1][2] < 1e-4 < fixed[1][2] and adaptive[1][3] < fixed[1][3]
+    assert macro_steps.table(found).count("adaptive") == 2

@@ -78,6 +78,13 @@ def observable(component: Component) -> tuple[str, ...]:
     return () if fmu is None else fmu.observable
 
 
+def independent(component: Component) -> frozenset[str]:
+    """Names of the independent variable of an FMU, usually time, which a run records anyway."""
+    fmu = stepped_fmu(component)
+    groups = () if fmu is None else fmu.groups.values()
+    return frozenset(g.name for g in groups if g.first.causality == "independent")
+
+
 def is_text(component: Component, port: str) -> bool:
     """Whether a name is a String or Binary variable of an FMU: no signal."""
     fmu = fmu_of(component)

@@ -12,6 +12,7 @@ from cosim.base.errors import CosimError, ScenarioError
 from cosim.base.settings import change
 from cosim.fmi import FmuComponent
 from cosim.record.recording import Recording
+from cosim.scenario.exposed import ALL, is_pattern
 
 #: Stop time (s) and number of steps where the FMU states none.
 STOP, STEPS = 1.0, 500
@@ -43,9 +44,24 @@ def document(
     for setting in settings:
         _apply(found, component["parameters"], setting)
     run = found["run"]
-    if isinstance(run, dict) and "step" not in run:
-        run["step"] = _step(_seconds(run["stop"], path), description.default_step)
+    if isinstance(run, dict):
+        if "step" not in run:
+            run["step"] = _step(_seconds(run["stop"], path), description.default_step)
+        _name_recorded(run.get("record"), fmu)
     return found
+
+
+def _name_recorded(record: Any, fmu: FmuComponent) -> None:
+    """Signals that are recorded may be named without the component."""
+    signals = record.get("signals") if isinstance(record, dict) else None
+    if not isinstance(signals, list):
+        return
+    name = fmu.description.identifier
+    for i, signal in enumerate(signals):
+        if not isinstance(signal, str) or signal == ALL or signal.startswith(f"{name}."):
+            continue
+        if is_pattern(signal) or signal in fmu.groups or signal.partition("[")[0] in fmu.groups:
+            signals[i] = f"{name}.{signal}"
 
 
 def inputs_among(path: Path, recording: Recording) -> tuple[str, ...]:

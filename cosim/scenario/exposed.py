@@ -8,10 +8,10 @@ from collections.abc import Iterable, Iterator
 from fnmatch import translate
 
 from cosim.base.component import Component
-from cosim.fmi.components import expose, observable
+from cosim.fmi.components import expose, independent, observable
 from cosim.scenario.spec import InputSpec, Scenario
 
-#: Every readable number, in ``record.signals``.
+#: Every readable number but the time of an FMU, in ``record.signals``.
 ALL = "all"
 _INDEX = re.compile(r"\[\d+(?:,\d+)*\]$")
 
@@ -37,7 +37,8 @@ class ExposedVariables:
         """Make outputs of an FMU of what is read of it, and inputs of what is changed."""
         observed = set(self._read[name])
         if self._patterns:
-            known = {f"{name}.{variable}": variable for variable in observable(component)}
+            names = set(observable(component)) - independent(component)
+            known = {f"{name}.{variable}": variable for variable in names}
             observed |= {known[s] for p in self._patterns for s in matching(p, known)}
         expose(component, observed, self._changed[name])
 

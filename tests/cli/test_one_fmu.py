@@ -98,3 +98,14 @@ def test_an_fmu_without_outputs_says_what_is_recorded(cosim: Command) -> None:
     assert Run.open("a").names == ()
     done = cosim("run", "x.fmu", "--no-plot", "--out", "b", "--record", "strict2.?")
     assert done.err == "" and Run.open("b").names == ("strict2.u", "strict2.x", "strict2.y")
+
+
+def test_what_is_recorded_may_be_named_without_the_component(cosim: Command) -> None:
+    exported("x.fmu", strict2())
+    for out, given, names in (
+        ("a", "x", ("strict2.x",)), ("b", "?", ("strict2.u", "strict2.x", "strict2.y")),
+        ("c", "strict2.gain", ("strict2.gain",)),
+    ):  # fmt: skip
+        cosim("run", "x.fmu", "--no-plot", "--out", out, "--record", given)
+        assert Run.open(out).names == names
+    assert "no signal 'nothing'" in cosim.refused("run", "x.fmu", "--record", "nothing")

@@ -9,6 +9,7 @@ import getpass
 import hashlib
 import os
 import shutil
+import stat
 import struct
 import sys
 import tempfile
@@ -35,7 +36,11 @@ class ArchiveError(Exception):
 
 def cache_folder() -> Path:
     """The folder for unpacked archives: ``$XDG_CACHE_HOME/cosim`` or ``~/.cache/cosim``."""
-    root = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    return _folder_in(os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache"))
+
+
+@lru_cache(maxsize=16)
+def _folder_in(root: str) -> Path:
     return Path(root) / "cosim"
 
 
@@ -48,34 +53,34 @@ def unpack(path: Path, what: str, description: str, place: str) -> tuple[Path, s
     deflate, and entries outside the folder.
     """
     try:
-        if not path.exists():
+        if not os.path.exists(path):
             raise ArchiveError("no such file")
-        if not path.is_file():
+        found = path.stat()
+        if not stat.S_ISREG(found.st_mode):
             raise ArchiveError(f"is not a file; expected an .{what.lower()} file")
-        sha256 = _sha256(path)
+        sha256 = _sum(path, (found.st_ino, found.st_size, found.st_mtime_ns, found.st_ctime_ns))
     except (OSError, ValueError) as error:  # ValueError: a path with a NUL
         raise ArchiveError(f"cannot be read: {error}") from error
-    folder = _writable(place) / sha256[:32]
-    if not folder.is_dir():
+    folder = _place(cache_folder(), place, sha256[:32])
+    if not os.path.isdir(folder):
         _extract(path, what, description, folder)
     return folder, sha256
 
 
-def _sha256(path: Path) -> str:
-    """The sum of a file, computed once for a file that many components are made of."""
-    found = path.stat()
-    return _sum(path, (found.st_ino, found.st_size, found.st_mtime_ns, found.st_ctime_ns))
-
-
 @lru_cache(maxsize=64)
 def _sum(path: Path, state: tuple[int, ...]) -> str:
+    """The sum of a file, computed once for a file that many components are made of."""
     del state  # when it differs, the file is another one
     return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
-def _writable(place: str) -> Path:
+@lru_cache(maxsize=64)
+def _place(cache: Path, place: str, name: str) -> Path:
+    return _writable(cache / place, place) / name
+
+
+def _writable(usual: Path, place: str) -> Path:
     """`place` in the cache or, where that cannot be written, in a folder of this user's in /tmp."""
-    usual = cache_folder() / place
     with suppress(OSError):
         usual.mkdir(parents=True, exist_ok=True)
         if os.access(usual, os.W_OK | os.X_OK):

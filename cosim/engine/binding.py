@@ -21,7 +21,7 @@ from cosim.base.errors import RunError
 from cosim.fmi import access_order
 from cosim.fmi.components import stepped_fmu, terminated_at
 from cosim.fmi.failures import starting
-from cosim.fmi.layout import bind, late_clock_ticks
+from cosim.fmi.layout import bind, bind_alike, late_clock_ticks
 from cosim.fmi.library import DISCARD
 from cosim.native import structs
 from cosim.native.structs import MEANS, SLOPES, Code, EngineResult, UnitKind
@@ -83,6 +83,7 @@ class Binding:
         self._sampled = frozenset(plan.order)
         self._kept = {name: n for bus in plan.buses for name, n in bus.history.items()}
         self._alive: list[Any] = []  # what C points to
+        self._alike: dict[tuple[object, int, int], structs.UnitStruct] = {}
 
     def bind(self, tick: int = 0) -> None:
         """Fill in :attr:`state`, once all components have started; `tick`: the next to run. Raises
@@ -90,6 +91,7 @@ class Binding:
         """
         plan, state = self.plan, self.state
         self.units = (structs.UnitStruct * len(plan.components))()
+        self._alike.clear()
         for i, step in enumerate(plan.components):
             with starting(step.name):
                 self.units[i] = self._unit(i, step)
@@ -266,12 +268,18 @@ class Binding:
             unit.step, unit.instance = step.component.native_step(h)
             return unit
         if fmu is not None:
+            alike = self._alike.get((fmu.sort, lag, step.period))
+            if alike is not None:
+                return bind_alike(fmu.instance, alike, unit)
             layout = access_order.layout(
                 fmu, h, lag, step.period, unit.input, unit.output, self._slopes(step)
             )
             stop = c.addressof(self.state) + structs.EngineState.stop.offset
             if fmu.remote is None:
-                return bind(fmu.instance, layout, self._alive, stop)
+                unit = bind(fmu.instance, layout, self._alive, stop)
+                if layout.plain:
+                    self._alike[fmu.sort, lag, step.period] = unit
+                return unit
             return fmu.remote.bind(layout, access_order.isolated(fmu, layout), stop)
         call = structs.CALL(self._call_back(index, step))
         self._alive.append(call)
@@ -371,7 +379,10 @@ def _stretches(
 
 
 def _extent(slots: Sequence[Slot]) -> tuple[int, int]:
-    return (slots[0].start if slots else 0), sum(s.size for s in slots)
+    if not slots:
+        return 0, 0
+    first, last = slots[0].start, slots[-1]
+    return first, last.start + last.size - first
 
 
 def store(views: Views, outputs: Mapping[str, Any]) -> None:

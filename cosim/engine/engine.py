@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from cosim.base.component import NativeComponent
 from cosim.base.errors import RunError
+from cosim.base.garbage import without_collections
 from cosim.base.interrupts import stop_on_signal
 from cosim.engine.binding import Binding, Termination, Vector, Views
 from cosim.engine.initialization import initialize, part
@@ -99,11 +100,8 @@ class Engine:
         Initialization Mode, and after the events at the start. At a `tick` other than 0, all
         components must be due; tables start with their first row in any case. Raises ScenarioError.
         """
-        self._begin_tables(tick)
-        for step in self.plan.components:
-            components.begin_at(step.component, tick * self.plan.h)
-        self.ended = initialize(self.plan, self.signals, self._inputs, self._outputs, self._measure)
-        self._bound.bind(tick)
+        with without_collections():
+            self._start(tick)
         if self.plan.groups:
             self._macros = MacroBinding(
                 self.plan, self._bound.units, self.signals, self._direct, self._bound.fail
@@ -113,6 +111,13 @@ class Engine:
             from cosim.engine.team import Team
 
             self._team = Team(self._bound, self._threads, tick)
+
+    def _start(self, tick: int) -> None:
+        self._begin_tables(tick)
+        for step in self.plan.components:
+            components.begin_at(step.component, tick * self.plan.h)
+        self.ended = initialize(self.plan, self.signals, self._inputs, self._outputs, self._measure)
+        self._bound.bind(tick)
 
     def _begin_tables(self, tick: int) -> None:
         if self._tables:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections import defaultdict
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from heapq import heappop, heappush
+from typing import Any
 
 import numpy as np
 
+from cosim.base.component import Parameter
 from cosim.base.errors import RunError, ScenarioError
 from cosim.engine.algebraic_loops import AlgebraicLoops
 from cosim.engine.binding import Termination, Vector, Views, store
@@ -33,58 +35,124 @@ def initialize(
     component does not start or a loop has no solution, RunError if an output is not a finite
     number.
     """
-    fed: defaultdict[str, list[Wire | Link]] = defaultdict(list)
-    edges: list[Wire | Link] = [*plan.wires, *plan.links]
-    for edge in edges:
-        fed[edge.target.component].append(edge)
+    known = dict[int, dict[str, Parameter]]()
     for step in plan.components:
-        _start(step, signals)
+        parameters = step.component.parameters
+        if id(parameters) not in known:
+            known[id(parameters)] = {p.name: p for p in parameters}
+        _start(step, known[id(parameters)], signals)
     for player in plan.players:
         part(signals, player.target)[:] = player.source.stream().rows(1)
-
-    loops = AlgebraicLoops(plan, signals, inputs, edges)
-    known = dict[int, bytes]()  # the inputs for which each component has said its outputs
-
-    def iterate(unsettled: Collection[int]) -> bool:
-        for _ in range(len(plan.components) + 1):
-            before = signals.tobytes()
-            for i, step in enumerate(plan.components):
-                _gather(signals, fed[step.name])
-                given = b"".join(part(signals, slot).tobytes() for slot in step.inputs)
-                if i in unsettled and known.get(i) != given:
-                    known[i] = given
-                    with starting(step.name):
-                        store(outputs[i], step.component.initial(inputs[i]))
-            if signals.tobytes() == before:
-                return True
-        return False
-
-    def settle(unsettled: Collection[int]) -> None:
-        start, refused = signals.copy(), None
-        if not loops.loops:
-            try:
-                if iterate(unsettled):
-                    return
-            except ScenarioError as error:  # perhaps of a loop that diverges
-                refused = error
-            signals[:] = start
-        known.clear()
-        if not loops.solve(unsettled) and refused is not None:
-            raise refused
-
-    unsettled = set(range(len(plan.components)))  # whose outputs may still be computed
-    settle(unsettled)
+    start = _Settling(plan, signals, inputs, outputs)
+    start.settle()
     settled()
     ended = None
     for i in _exits(plan):
-        unsettled.remove(i)
-        step = plan.components[i]
-        before = [part(signals, slot).tobytes() for slot in step.outputs]  # all it can change
-        ended = _exit(step, outputs[i]) or ended
-        if [part(signals, slot).tobytes() for slot in step.outputs] != before:
-            settle(unsettled)
+        ended = start.exit(i) or ended
     _check(plan, signals)
     return ended
+
+
+class _Settling:
+    """Components that say their outputs for their inputs, until nothing changes.
+
+    A component has nothing to do while none of those that feed it has changed; those that have are
+    `stale`. `unsettled`: those whose outputs may still be computed.
+    """
+
+    def __init__(
+        self, plan: Plan, signals: Vector, inputs: Sequence[Views], outputs: Sequence[Views]
+    ) -> None:
+        self._steps, self._inputs, self._outputs = plan.components, inputs, outputs
+        self._whole = signals
+        self._signals: Any = signals.data  # entries as Python's numbers
+        place = {step.name: i for i, step in enumerate(plan.components)}
+        self._fed: list[list[Wire | Link]] = [[] for _ in plan.components]
+        self._feeds: list[list[int]] = [[] for _ in plan.components]
+        edges: list[Wire | Link] = [*plan.wires, *plan.links]
+        for edge in edges:
+            receiver = place[edge.target.component]
+            self._fed[receiver].append(edge)
+            self._feeds[place[edge.source.component]].append(receiver)
+        self._loops = AlgebraicLoops(plan, signals, inputs, edges)
+        self._known = dict[int, bytes]()  # the inputs for which each has said its outputs
+        self._unsettled = set(range(len(plan.components)))
+        self._stale = set(self._unsettled)
+
+    def settle(self) -> None:
+        """Pass values on until none changes, or solve the loops that do not come to rest."""
+        start, refused = self._whole.copy(), None
+        if not self._loops.loops:
+            try:
+                if self._iterate():
+                    return
+            except ScenarioError as error:  # perhaps of a loop that diverges
+                refused = error
+            self._whole[:] = start
+        self._known.clear()
+        self._stale = set(range(len(self._steps)))
+        if not self._loops.solve(self._unsettled) and refused is not None:
+            raise refused
+
+    def _iterate(self) -> bool:
+        """Pass values on, component after component; whether they come to rest."""
+        for _ in range(len(self._steps) + 1):
+            waiting, self._stale = self._stale, set()
+            queue = sorted(waiting)
+            while queue:
+                i = heappop(queue)
+                waiting.remove(i)
+                for receiver in self._say(i):
+                    if receiver <= i:
+                        self._stale.add(receiver)
+                    elif receiver not in waiting:
+                        waiting.add(receiver)
+                        heappush(queue, receiver)
+            if not self._stale:
+                return True
+        return False
+
+    def _say(self, i: int) -> Sequence[int]:
+        """Let component `i` say its outputs; returns those that it feeds, if they have changed."""
+        step = self._steps[i]
+        self._gather(self._fed[i])
+        given = self._bytes(step.inputs)
+        if i not in self._unsettled or self._known.get(i) == given:
+            return ()
+        self._known[i], before = given, self._bytes(step.outputs)
+        with starting(step.name):
+            store(self._outputs[i], step.component.initial(self._inputs[i]))
+        return self._feeds[i] if self._bytes(step.outputs) != before else ()
+
+    def exit(self, i: int) -> Termination | None:
+        """Let component `i` leave Initialization Mode, and others see what changes by this."""
+        self._unsettled.remove(i)
+        step = self._steps[i]
+        before = self._bytes(step.outputs)  # all it can change
+        ended = _exit(step, self._outputs[i])
+        if self._bytes(step.outputs) != before:
+            self._stale.update(self._feeds[i])
+            self.settle()
+        return ended
+
+    def _bytes(self, slots: Sequence[Slot]) -> bytes:
+        """The signals of a component's inputs or outputs, which follow each other."""
+        if not slots:
+            return b""
+        first, last = slots[0].start, slots[-1]
+        return bytes(self._signals[first : last.start + last.size])
+
+    def _gather(self, fed: Sequence[Wire | Link]) -> None:
+        signals = self._signals
+        for e in fed:
+            first = e.target.start
+            if isinstance(e, Link) and e.initial is not None:
+                for k, value in enumerate(e.initial):
+                    signals[first + k] = value
+                continue
+            source, gain, offset = e.source.start, e.gain, e.offset
+            for k in range(e.source.size):
+                signals[first + k] = gain * signals[source + k] + offset
 
 
 def part(signals: Vector, slot: Slot) -> Vector:
@@ -92,21 +160,12 @@ def part(signals: Vector, slot: Slot) -> Vector:
     return signals[slot.start : slot.start + slot.size]
 
 
-def _start(step: Step, signals: Vector) -> None:
-    parameters = {p.name: p for p in step.component.parameters}
+def _start(step: Step, parameters: Mapping[str, Parameter], signals: Vector) -> None:
     values = {k: np.array(v).reshape(parameters[k].shape) for k, v in step.values.items()}
     with starting(step.name):
         step.component.initialize(values)
     for slot, port in zip(step.inputs, step.component.inputs, strict=True):
         part(signals, slot)[:] = step.start.get(port.name) or port.default or (0.0,) * port.size
-
-
-def _gather(signals: Vector, fed: Sequence[Wire | Link]) -> None:
-    for e in fed:
-        if isinstance(e, Link) and e.initial is not None:
-            part(signals, e.target)[:] = e.initial
-        else:
-            part(signals, e.target)[:] = e.gain * part(signals, e.source) + e.offset
 
 
 def _exits(plan: Plan) -> list[int]:
@@ -128,9 +187,12 @@ def _exit(step: Step, outputs: Views) -> Termination | None:
 
 
 def _check(plan: Plan, signals: Vector) -> None:
+    finite = np.isfinite(signals)
+    if finite.all():
+        return
     for step in plan.components:
         for slot in step.outputs:
-            if not np.isfinite(part(signals, slot)).all():
+            if not finite[slot.start : slot.start + slot.size].all():
                 value = part(signals, slot).tolist()
                 raise RunError(
                     f"{slot.name} = {value} at the start", component=step.name, tick=0, time=0.0

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import shutil
 import tempfile
-from collections import defaultdict
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
-from itertools import islice
+from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
 
 from cosim.base.component import Kind, Outputs, Parameter, Port, Values
 from cosim.base.errors import FmuError, UnitError
@@ -21,7 +22,7 @@ from cosim.fmi.intervals import Intervals
 from cosim.fmi.isolation.remote import RemoteInstance
 from cosim.fmi.library import OK, Instance, Setup
 from cosim.fmi.options import FmuOptions
-from cosim.fmi.ports import VariableGroup
+from cosim.fmi.ports import VariableGroup, together
 from cosim.fmi.start_values import InstanceStart, StartValue
 from cosim.fmi.values import (
     check_range,
@@ -39,13 +40,19 @@ from cosim.fmi.values import (
 from cosim.fmi.variables import NUMERIC, TEXTS
 from cosim.native import fmu_log
 
-if TYPE_CHECKING:
-    import numpy as np
-
 T = TypeVar("T")
 
 #: Bytes of log text kept of an FMU whose logging is on.
 LOG_ROOM = 1 << 20
+
+
+class _Move(NamedTuple):
+    """A call that sets or gets variables of one type: `size` scalars."""
+
+    type: str
+    names: tuple[str, ...]
+    references: tuple[int, ...]
+    size: int
 
 
 class FmuComponent:
@@ -185,6 +192,11 @@ class FmuComponent:
         x = self._instance
         return x is not None and not self.events and bool(x.values_address())
 
+    @property
+    def sort(self) -> object:
+        """Equal for instances that the engine calls alike: same library, variables and ports."""
+        return id(self.description), self._private, self._observed, self._driven
+
     def references(self, causality: str) -> tuple[int, ...]:
         """Value references of all carried inputs or outputs, in port order."""
         return tuple(r for g in self.carried(causality) for r in g.references)
@@ -271,7 +283,9 @@ class FmuComponent:
 
     def _instantiate(self) -> Instance:
         d, options = self.description, self.options
-        binary = binaries.binary(self.archive, d.fmi, d.identifier, options.build)
+        binary = self._derived(f"binary, built: {options.build}", lambda: binaries.binary(
+            self.archive, d.fmi, d.identifier, options.build
+        ))  # fmt: skip
         if d.flags.get("canBeInstantiatedOnlyOncePerProcess") and not options.isolate:
             self._private = tempfile.mkdtemp(prefix="cosim-")  # a copy is a library of its own
             binary = Path(shutil.copy2(binary, self._private))
@@ -297,7 +311,7 @@ class FmuComponent:
         return tuple(r for g in groups for r in g.references)
 
     def _checked(self, name: str, value: Any) -> list[float]:
-        flat = [float(v) for v in value.reshape(-1)]
+        flat: list[float] = np.asarray(value, dtype=np.float64).reshape(-1).tolist()
         check_range(self.groups[name], flat)
         return flat
 
@@ -307,41 +321,41 @@ class FmuComponent:
 
     def initial(self, u: Values) -> Outputs:
         """Outputs in Initialization Mode for inputs `u`."""
-        given: dict[str, list[float]] = {}
-        for name, value in u.items():
-            if self.groups[name].first.type != "Clock":
-                given[name] = self._checked(name, value)
-        for kind, some in self._together([self.groups[name] for name in given]):
-            values = [v for g in some for v in given[g.name]]
-            self.instance.set(kind, [r for g in some for r in g.references], values)
-        outputs = [g for g in self.carried("output") if g.name not in self._observed]
-        return self._outputs(outputs) | self._declared()
+        given = {k: v for k, v in u.items() if self.groups[k].first.type != "Clock"}
+        checked = {name: self._checked(name, value) for name, value in given.items()}
+        for move in self._moves("set", tuple(checked)):
+            values = [v for name in move.names for v in checked[name]]
+            self.instance.set(move.type, move.references, values)
+        carried = self.carried("output")
+        readable = tuple(g.name for g in carried if g.name not in self._observed)
+        return self._outputs(readable) | self._declared()
 
-    def _declared(self) -> dict[str, np.ndarray[Any, Any]]:
+    def _declared(self) -> dict[str, NDArray[Any]]:
         """Start values of observed variables, which may not be read yet (FMI 2.0.5 §4.2.4)."""
+        if not self._observed:
+            return {}
         observed = (g for g in self.carried("output") if g.name in self._observed)
         return {g.name: self._shaped(g.name, start_numbers(g)) for g in observed}
 
-    def _outputs(self, groups: Sequence[VariableGroup]) -> dict[str, np.ndarray[Any, Any]]:
-        found = {g.name: [0.0] * g.size for g in groups if g.first.type == "Clock"}
-        for kind, some in self._together([g for g in groups if g.name not in found]):
-            references = [r for g in some for r in g.references]
-            values = iter(self.instance.get(kind, references, sum(g.size for g in some)))
-            found |= {g.name: list(islice(values, g.size)) for g in some}
-        return {g.name: self._shaped(g.name, found[g.name]) for g in groups}
+    def _outputs(self, names: tuple[str, ...]) -> dict[str, NDArray[Any]]:
+        found = {n: np.zeros(g.shape) for n in names if (g := self.groups[n]).first.type == "Clock"}
+        for move in self._moves("get", tuple(n for n in names if n not in found)):
+            values, at = np.array(self.instance.get(move.type, move.references, move.size)), 0
+            for name in move.names:
+                group = self.groups[name]
+                found[name] = values[at : at + group.size].reshape(group.shape)
+                at += group.size
+        return {name: found[name] for name in names}
 
-    def _together(
-        self, groups: Sequence[VariableGroup]
-    ) -> Iterable[tuple[str, Sequence[VariableGroup]]]:
-        """Those that one call sets or gets, by type: all scalars, but arrays one by one, so that an
-        FMU says which one has another size in its binary.
-        """
-        by_type = defaultdict[tuple[str, str], list[VariableGroup]](list)
-        for g in groups:
-            by_type[g.first.type, g.name if g.first.shape else ""].append(g)
-        return ((kind, some) for (kind, _), some in by_type.items())
+    def _moves(self, verb: str, names: tuple[str, ...]) -> Sequence[_Move]:
+        """The calls that set or get these variables: see :func:`together`."""
+        return self._derived(f"{verb} {names}", lambda: [
+            _Move(kind, tuple(g.name for g in some), tuple(r for g in some for r in g.references),
+                  sum(g.size for g in some))
+            for kind, some in together(self.groups[name] for name in names)
+        ])  # fmt: skip
 
-    def exit_initialization(self) -> dict[str, np.ndarray[Any, Any]]:
+    def exit_initialization(self) -> dict[str, NDArray[Any]]:
         """Leave Initialization Mode, once; otherwise the first step does it.
 
         Returns the outputs at that moment, each of its declared shape; of clocked outputs, those
@@ -353,16 +367,14 @@ class FmuComponent:
         asked = clocks.intervals_from_fmu(self.description) if self.clocked else {}
         self.intervals = {**self.intervals, **(self.instance.intervals(asked) if asked else {})}
         ticked, self._start = self._start.leave(clocks.read_clocks(self)), None
-        free = [
-            g for g in self.carried("output")
+        free = tuple(
+            g.name for g in self.carried("output")
             if g.first.type != "Clock" and not (self.clocked and g.first.clocks)
-        ]  # fmt: skip
+        )  # fmt: skip
         shaped = {name: self._shaped(name, values) for name, values in ticked.items()}
         return self._outputs(free) | shaped
 
-    def _shaped(self, name: str, values: list[float]) -> np.ndarray[Any, Any]:
-        import numpy as np
-
+    def _shaped(self, name: str, values: list[float]) -> NDArray[Any]:
         return np.array(values).reshape(self.groups[name].shape)
 
     def step(self, t: float, h: float, u: Values) -> Outputs:
@@ -378,7 +390,7 @@ class FmuComponent:
         for name, value in u.items():
             self._set(name, value)
         self.instance.do_step(t, h)
-        return self._outputs(self.carried("output"))
+        return self._outputs(tuple(g.name for g in self.carried("output")))
 
     def get_state(self) -> object:
         """An FMU state handle of this instance; raises FmuError where the FMU has none."""

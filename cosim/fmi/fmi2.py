@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import ctypes as c
 from collections.abc import Callable, Mapping, Sequence
+from functools import cache, lru_cache
+from pathlib import Path
 from typing import Any
 
 from cosim.base.errors import FmuError
@@ -40,6 +42,18 @@ class _Callbacks2(c.Structure):
     )
 
 
+@cache
+def _callbacks() -> tuple[int, int, int]:
+    """Addresses of the logger and of the memory functions."""
+    libc, address = c.CDLL(None), structs.address
+    return address(structs.library().engine_log2), address(libc.calloc), address(libc.free)
+
+
+@lru_cache(maxsize=64)
+def _uri(folder: Path) -> bytes:
+    return folder.as_uri().encode()
+
+
 class _EventInfo(c.Structure):
     _fields_ = (
         *((n, c.c_int) for n in ("again", "terminate", "nominals", "values", "defined")),
@@ -59,14 +73,7 @@ class Instance2(CommonInstance):
         self._tolerance, self._exchange = setup.tolerance, setup.interface == "ModelExchange"
         self.next_event, self._ended = NEVER, False
         self.log = calls.log
-        libc = c.CDLL(None)
-        self._callbacks = _Callbacks2(
-            structs.address(structs.library().engine_log2),
-            structs.address(libc.calloc),
-            structs.address(libc.free),
-            None,
-            c.addressof(self.log),
-        )
+        self._callbacks = _Callbacks2(*_callbacks(), None, c.addressof(self.log))
         instantiate = calls.function(
             "Instantiate",
             *(c.c_char_p, c.c_int, c.c_char_p, c.c_char_p, c.c_void_p, c.c_int, c.c_int),
@@ -74,7 +81,7 @@ class Instance2(CommonInstance):
         )
         self.handle: int = instantiate(
             setup.name.encode(), int(not self._exchange), setup.token.encode(),
-            setup.resources.as_uri().encode(), c.byref(self._callbacks), 0, int(setup.logging),
+            _uri(setup.resources), c.byref(self._callbacks), 0, int(setup.logging),
         )  # fmt: skip
         if not self.handle:
             raise FmuError(f"{setup.name}: fmi2Instantiate failed: {self.log.said()}")

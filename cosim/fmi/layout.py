@@ -152,6 +152,19 @@ def bind(
     return unit
 
 
+def bind_alike(
+    instance: Instance, alike: structs.UnitStruct, place: structs.UnitStruct
+) -> structs.UnitStruct:
+    """The unit of another instance of a plain FMU: as `alike`, with the signals of `place`."""
+    unit = structs.UnitStruct.from_buffer_copy(alike)
+    unit.instance = instance.handle
+    if alike.values:
+        unit.values = instance.values_address()
+    for name in ("input", "input_count", "output", "output_count"):
+        setattr(unit, name, getattr(place, name))
+    return unit
+
+
 def _typed(instance: Instance, x: StepLayout, alive: list[Any]) -> structs.Typed:
     typed = structs.Typed(
         fmi=int(x.fmi[0]), variable=x.variable, next_event=instance.next_event

@@ -10,7 +10,7 @@ from __future__ import annotations
 import ctypes as c
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -191,6 +191,9 @@ class Setup:
 @cache
 def _loaded(path: str) -> tuple[c.CDLL, dict[tuple[Any, ...], Any]]:
     """A library, which stays loaded, and its functions by name and types. Raises OSError."""
+    lacks = missing_bytes(Path(path))
+    if lacks:
+        raise OSError(f"the file is {lacks} bytes too short")
     return c.CDLL(path), {}
 
 
@@ -198,11 +201,6 @@ class Calls:
     """A library's functions, each checked: absent ones and bad statuses become FmuError."""
 
     def __init__(self, setup: Setup, prefix: str, log: fmu_log.Log) -> None:
-        lacks = missing_bytes(setup.path)
-        if lacks:
-            raise FmuError(
-                f"{setup.name}: cannot load {setup.path.name}: the file is {lacks} bytes too short"
-            )
         try:
             self.library, self._functions = _loaded(str(setup.path))
         except OSError as error:
@@ -267,7 +265,12 @@ class Calls:
 
 
 def uint32(values: Sequence[int]) -> Any:
-    """A C array of value references."""
+    """A C array of value references, which is not to be changed: many calls have the same."""
+    return _references(tuple(values))
+
+
+@lru_cache(maxsize=1024)
+def _references(values: tuple[int, ...]) -> Any:
     return (c.c_uint32 * len(values))(*values)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections import defaultdict
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from itertools import product
@@ -43,6 +44,16 @@ class VariableGroup:
         if len(self.variables) == 1 and len(texts) == 1:
             return texts * self.size
         return texts if len(texts) == self.size else ()
+
+
+def together(groups: Iterable[VariableGroup]) -> list[tuple[str, list[VariableGroup]]]:
+    """Those that one call sets or gets, by type: all scalars, but arrays one by one, so that an FMU
+    says which one has another size in its binary.
+    """
+    by_type = defaultdict[tuple[str, str], list[VariableGroup]](list)
+    for g in groups:
+        by_type[g.first.type, g.name if g.first.shape else ""].append(g)
+    return [(kind, some) for (kind, _), some in by_type.items()]
 
 
 def groups(variables: Iterable[FmuVariable]) -> tuple[VariableGroup, ...]:

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 
 from cosim.base.errors import FmuError
 from cosim.fmi.library import Clocks, Instance
-from cosim.fmi.ports import VariableGroup
+from cosim.fmi.ports import REAL, VariableGroup, together
 from cosim.fmi.variables import TEXTS
 
 Found = Sequence[float] | Sequence[str]
@@ -60,6 +60,40 @@ class StartValue:
         return None if wanted == [_representable(first.type, v) for v in found] else found
 
 
+def set_all(x: Instance, given: Sequence[StartValue]) -> None:
+    """Set values, those of one type in one call. Raises FmuError."""
+    for kind, some in _by_call(given):
+        if kind in TEXTS:
+            for one in some:
+                one.set(x)
+        else:
+            x.set(kind, _references(some), [float(v) for one in some for v in one.values])
+
+
+def unequal(x: Instance, given: Sequence[StartValue]) -> Iterator[tuple[StartValue, Found]]:
+    """Those of which the FMU has others, with what it has; asked together, then one by one."""
+    for kind, some in _by_call(given):
+        if kind not in TEXTS:
+            wanted = [_representable(kind, v) for one in some for v in one.values]
+            found = x.get(kind, _references(some), len(wanted))
+            if wanted == [_representable(kind, v) for v in found]:
+                continue
+        for one in some:
+            other = one.differs(x)
+            if other is not None:
+                yield one, other
+
+
+def _by_call(given: Sequence[StartValue]) -> Iterator[tuple[str, list[StartValue]]]:
+    by = {id(one.group): one for one in given}
+    for kind, groups in together(one.group for one in given):
+        yield kind, [by[id(group)] for group in groups]
+
+
+def _references(given: Sequence[StartValue]) -> tuple[int, ...]:
+    return tuple(r for one in given for r in one.group.references)
+
+
 class InstanceStart:
     """The start of an instance: from what is `given` to its first step. Raises FmuError."""
 
@@ -78,16 +112,12 @@ class InstanceStart:
         x = self._x
         if self._structural:
             x.enter_configuration()
-            for one in self._structural:
-                one.set(x)
+            set_all(x, self._structural)
             x.exit_configuration()
         x.setup(begin)
-        for one in self._given:
-            one.set(x)
+        set_all(x, self._given)
         x.enter_initialization(begin)
-        for one in self._given:
-            if one.exact:
-                one.set(x)
+        set_all(x, [one for one in self._given if one.exact])
         for one in self._inputs:
             if one.group.first.type in TEXTS:
                 one.set(x)
@@ -115,18 +145,18 @@ class InstanceStart:
 
 
 def _differences(x: Instance, given: Sequence[StartValue]) -> Iterator[str]:
-    for one in given:
-        found = one.differs(x)
-        if found is not None:
-            what = "parameter" if one.is_parameter else "start value"
-            yield (
-                f"{what} {one.group.name} was set to {_written(one.values)}, after initialization "
-                f"it is {_written(found)}"
-            )
+    for one, found in unequal(x, given):
+        what = "parameter" if one.is_parameter else "start value"
+        yield (
+            f"{what} {one.group.name} was set to {_written(one.values)}, after initialization "
+            f"it is {_written(found)}"
+        )
 
 
 def _representable(kind: str, value: float | str) -> float | str:
     """A value as the FMU can hold it: Float32 rounded, a Boolean 0 or 1, Binary in lower case."""
+    if kind in REAL:
+        return float(value)
     if isinstance(value, str):
         return "".join(value.lower().split()) if kind == "Binary" else value
     if kind == "Float32":

@@ -29,7 +29,7 @@ and of laws other than the first two, are imported when a link names one of them
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Hashable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast, get_args
 
@@ -85,15 +85,20 @@ def link_table(
     folder: Path,
     place: str = "",
     ticks: int | None = None,
+    known: dict[Hashable, DrawnTable] | None = None,
 ) -> TableSpec:
     """The table of one link.
 
     `name`: unique in the scenario, determines the random numbers together with `seed`; `h`: base
     step (s); periods in ticks; `folder`: to which paths are relative; `ticks`: length of the run,
     checked against the law if given. `loss` is drawn separately and does not change the delays.
+    `known`: tables of other links, of which it takes over what is equal, and is put in itself.
     With the law "table", `semantics` and `playout` are ignored, and a `loss` is an error. Raises
     ScenarioError that starts with `place`, the file and the path of the link.
     """
+    key = (repr(delay), repr(loss), semantics, playout, sender_period, receiver_period, h, ticks)
+    if known is not None and key in known:
+        return known[key].of(name, seed)
     try:
         grid = Grid(sender_period, receiver_period, h)
         spec: DelaySpec = _decode(delay, DelaySpec, "delay")
@@ -113,6 +118,8 @@ def link_table(
             table.check(-(-ticks // receiver_period))
     except CosimError as error:
         raise ScenarioError(str(error), place) from None
+    if known is not None and isinstance(table, DrawnTable):
+        known[key] = table
     return table
 
 

@@ -81,6 +81,10 @@ class DrawnTable:
             )
         self.rule.check(self.law, self.grid)
 
+    def of(self, name: str, seed: int) -> DrawnTable:
+        """The same with other random numbers: only its `name` and `seed` differ."""
+        return DrawnTable(name, self.grid, self.law, self.rule, seed)
+
     @property
     def history(self) -> int:
         """Samples to keep: those sent in the last `greatest` ticks and the newest."""

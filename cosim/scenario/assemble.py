@@ -13,8 +13,9 @@ from typing import Any
 from cosim.base.component import Component, NativeComponent, Parameter, Port, Preparation
 from cosim.base.convert import numbers
 from cosim.base.errors import FmuError, PlanError, ScenarioError
+from cosim.base.garbage import without_collections
 from cosim.fmi.component import FmuComponent
-from cosim.fmi.components import discrete_inputs, fmu_of, sloped_inputs
+from cosim.fmi.components import discrete_inputs, fmu_of, is_fmu, sloped_inputs
 from cosim.scenario import connect
 from cosim.scenario.bus_nodes import connect_nodes
 from cosim.scenario.connect_links import links as connected_links
@@ -36,6 +37,11 @@ Load = Callable[[str, ComponentSpec, Path, str], LoadedComponent]
 
 def assemble(scenario: Scenario, load: Load = load_component) -> Plan:
     """The plan of a scenario. Raises ScenarioError, FmuError or PlanError."""
+    with without_collections():
+        return _assemble(scenario, load)
+
+
+def _assemble(scenario: Scenario, load: Load) -> Plan:
     parts = scenario_components(scenario, load)
     connect_nodes(scenario, list(parts.steps.values()))
     wires, links, players = connect.wires(parts), connected_links(parts), _players(parts)
@@ -88,7 +94,7 @@ def _steps(scenario: Scenario, h: float, load: Load) -> list[Step]:
         period = h
         if spec.period is not None:
             period = scenario.seconds(spec.period, "components", name, "period")
-        if isinstance(component, NativeComponent):
+        if not is_fmu(component) and isinstance(component, NativeComponent):
             component.check_period(period, f"{place}.period")
         inputs, start = _slots(name, component.inputs, start)
         outputs, start = _slots(name, component.outputs, start)

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
+from math import prod
 from typing import TYPE_CHECKING, Any, Literal
 
 from cosim.base.convert import numbers
@@ -111,8 +112,8 @@ def _part(slot: Slot, index: str, place: str) -> Slot:
     start, shape = slot.start, slot.shape
     for i in at:
         shape = shape[1:]
-        start += i * replace(slot, shape=shape).size
-    return replace(slot, name=f"{slot.name}[{index}]", start=start, shape=shape)
+        start += i * prod(shape)
+    return Slot(f"{slot.name}[{index}]", slot.component, slot.port, start, shape, slot.unit)
 
 
 # ---- wires ----------------------------------------------------------------------------------

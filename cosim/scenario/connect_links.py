@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -15,7 +15,7 @@ from cosim.schedule.parts import Link, Slot, SteppedBus
 
 if TYPE_CHECKING:
     from cosim.links.bus_delays import BusDelays
-    from cosim.links.table import TableSpec
+    from cosim.links.table import DrawnTable, TableSpec
     from cosim.scenario.bus_frames import FrameOnBus
 
 #: The delays of every link on a bus, by its name.
@@ -26,8 +26,9 @@ def links(parts: ScenarioComponents) -> list[Link]:
     """The links of the table [[links]]. Raises ScenarioError if two have the same name."""
     found: dict[str, Link] = {}
     simulated = _on_buses(parts)
+    known: dict[Hashable, DrawnTable] = {}
     for i, spec in enumerate(parts.scenario.links):
-        link = _link(parts, spec, parts.scenario.place("links", i), simulated)
+        link = _link(parts, spec, parts.scenario.place("links", i), simulated, known)
         if link.name in found:
             place = parts.scenario.place("links", i)
             raise ScenarioError(f"a second link has the name {link.name!r}", place)
@@ -138,8 +139,12 @@ def _table(
     periods: tuple[int, int],
     place: str,
     simulated: Simulated,
+    known: dict[Hashable, DrawnTable],
 ) -> TableSpec:
-    """The table of a link between a sender and a receiver with these periods, ticks."""
+    """The table of a link between a sender and a receiver with these periods, ticks.
+
+    `known`: tables of the links before it.
+    """
     from cosim.links.spec import bus_table, link_table
 
     if spec.bus:
@@ -160,16 +165,23 @@ def _table(
         folder=parts.scenario.path.parent,
         place=place,
         ticks=parts.ticks,
+        known=known,
     )
 
 
-def _link(parts: ScenarioComponents, spec: LinkSpec, place: str, simulated: Simulated) -> Link:
+def _link(
+    parts: ScenarioComponents,
+    spec: LinkSpec,
+    place: str,
+    simulated: Simulated,
+    known: dict[Hashable, DrawnTable],
+) -> Link:
     source = parts.endpoint(spec.source, "output", f"{place}.from")
     target = parts.endpoint(spec.target, "input", f"{place}.to")
     gain, offset = fit(parts, source, target, place)
     name = spec.name or f"{source.name}->{target.name}"
     periods = parts.steps[source.component].period, parts.steps[target.component].period
-    table = _table(parts, spec, name, periods, place, simulated)
+    table = _table(parts, spec, name, periods, place, simulated, known)
     initial = None
     if spec.initial is not None:
         initial = numbers(spec.initial, target.shape, target.unit, f"{place}.initial")

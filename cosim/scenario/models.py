@@ -10,6 +10,7 @@ from __future__ import annotations
 import importlib
 import pkgutil
 from collections.abc import Mapping
+from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_args
 
@@ -204,7 +205,12 @@ def _on_bus(fmu: FmuComponent, spec: ComponentSpec, place: str) -> Component:
 
 
 def _has_terminal(fmu: FmuComponent) -> bool:
-    file = fmu.archive.folder / "terminalsAndIcons" / "terminalsAndIcons.xml"
+    return _describes_terminals(fmu.archive.folder)
+
+
+@lru_cache(maxsize=64)  # a folder is named by what is in it
+def _describes_terminals(folder: Path) -> bool:
+    file = folder / "terminalsAndIcons" / "terminalsAndIcons.xml"
     return file.is_file() and b"org.fmi-ls-bus" in file.read_bytes()
 
 

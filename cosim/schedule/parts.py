@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from math import prod
 from typing import TYPE_CHECKING, Any, Protocol
 
 from cosim.base.component import Component, Kind
@@ -29,10 +30,7 @@ class Slot:
     @property
     def size(self) -> int:
         """Number of scalars."""
-        size = 1
-        for n in self.shape:
-            size *= n
-        return size
+        return prod(self.shape)
 
     def scalars(self) -> tuple[str, ...]:
         """Names of the scalars: ``master.q[0]``, ``control.xi_in[0,1]``."""

@@ -35,12 +35,12 @@ def initialize(
     component does not start or a loop has no solution, RunError if an output is not a finite
     number.
     """
-    known = dict[int, dict[str, Parameter]]()
+    known = dict[int, tuple[object, dict[str, Parameter]]]()
     for step in plan.components:
         parameters = step.component.parameters
         if id(parameters) not in known:
-            known[id(parameters)] = {p.name: p for p in parameters}
-        _start(step, known[id(parameters)], signals)
+            known[id(parameters)] = parameters, {p.name: p for p in parameters}
+        _start(step, known[id(parameters)][1], signals)
     for player in plan.players:
         part(signals, player.target)[:] = player.source.stream().rows(1)
     start = _Settling(plan, signals, inputs, outputs)
@@ -78,6 +78,7 @@ class _Settling:
         self._known = dict[int, bytes]()  # the inputs for which each has said its outputs
         self._unsettled = set(range(len(plan.components)))
         self._stale = set(self._unsettled)
+        self._changed = False  # in this pass
 
     def settle(self) -> None:
         """Pass values on until none changes, or solve the loops that do not come to rest."""
@@ -91,13 +92,19 @@ class _Settling:
             self._whole[:] = start
         self._known.clear()
         self._stale = set(range(len(self._steps)))
-        if not self._loops.solve(self._unsettled) and refused is not None:
+        try:
+            looped = self._loops.solve(self._unsettled)
+        except ScenarioError:
+            looped = bool(self._loops.loops)
+            if looped or refused is None:
+                raise
+        if not looped and refused is not None:
             raise refused
 
     def _iterate(self) -> bool:
         """Pass values on, component after component; whether they come to rest."""
         for _ in range(len(self._steps) + 1):
-            waiting, self._stale = self._stale, set()
+            waiting, self._stale, self._changed = self._stale, set(), False
             queue = sorted(waiting)
             while queue:
                 i = heappop(queue)
@@ -108,7 +115,7 @@ class _Settling:
                     elif receiver not in waiting:
                         waiting.add(receiver)
                         heappush(queue, receiver)
-            if not self._stale:
+            if not self._changed:
                 return True
         return False
 
@@ -117,9 +124,12 @@ class _Settling:
         step = self._steps[i]
         self._gather(self._fed[i])
         given = self._bytes(step.inputs)
-        if i not in self._unsettled or self._known.get(i) == given:
+        if self._known.get(i) == given:
             return ()
-        self._known[i], before = given, self._bytes(step.outputs)
+        self._known[i], self._changed = given, True
+        if i not in self._unsettled:
+            return ()
+        before = self._bytes(step.outputs)
         with starting(step.name):
             store(self._outputs[i], step.component.initial(self._inputs[i]))
         return self._feeds[i] if self._bytes(step.outputs) != before else ()

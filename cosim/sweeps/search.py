@@ -131,7 +131,7 @@ class Search(Tasks):
             if not self._round or self._may <= 0:
                 raise StopIteration
             return ()  # until all results of this round are there
-        size = max(1, min(self._wanted, -(-len(self._queue) // self._slots), self._may))
+        size = max(1, min(self._wanted, -(-len(self._queue) // self.slots), self._may))
         task, self._queue = tuple(self._queue[:size]), self._queue[size:]
         self._may -= len(task)
         self.left -= len(task)

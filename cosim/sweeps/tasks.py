@@ -26,11 +26,17 @@ class Tasks(Iterator[Sequence[Point]]):
 
     def __init__(self, points: Iterable[Point], count: int, *, alone: bool = False) -> None:
         self._points, self.left, self._alone = iter(points), count, alone
-        self._slots, self._least, self._wanted = 1, 1, PLACES
+        self._pool: Pool | None = None
+        self._wanted = PLACES
 
     def use(self, pool: Pool) -> None:
         """Tasks are for these workers."""
-        self._slots, self._least = pool.slots, pool.least
+        self._pool = pool
+
+    @property
+    def slots(self) -> int:
+        """The number of parallel calls."""
+        return self._pool.slots if self._pool else 1
 
     def note(self, row: StudyRow) -> None:
         """Take the result of a run: which points come next does not depend on it."""
@@ -41,8 +47,12 @@ class Tasks(Iterator[Sequence[Point]]):
         self._wanted = min(MOST, int(SECONDS / mean)) if mean > 0 else MOST
 
     def __next__(self) -> Sequence[Point]:
-        share = self.left // (SHARES * self._slots)
-        size = 1 if self._alone else max(1, min(max(self._wanted, self._least), share))
+        share = self.left // (SHARES * self.slots)
+        size = (
+            1
+            if self._alone
+            else max(1, min(max(self._wanted, self._pool.least if self._pool else 1), share))
+        )
         task = tuple(islice(self._points, size))
         if not task:
             raise StopIteration

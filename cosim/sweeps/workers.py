@@ -20,7 +20,7 @@ from dataclasses import dataclass
 from multiprocessing.connection import wait as wait_for
 from typing import Any, Literal, TypeVar
 
-from cosim.base.clock import sleep
+from cosim.base.clock import sleep, stopwatch
 from cosim.base.errors import RunError, ScenarioError
 from cosim.base.processes import require_start
 from cosim.fmi.failures import sentence
@@ -36,17 +36,27 @@ AHEAD = 2
 LEAST = 10
 #: How long a scheduler may take to answer, s.
 PATIENCE = 10.0
+#: Time after which a scheduler is asked again for its workers, s.
+ASKED = 1.0
 #: How long a call may take to end when the parent is gone, s.
 GRACE = 10.0
 
 
 @dataclass(frozen=True, slots=True)
 class Pool:
-    """An executor and the number of parallel calls. `least`: runs that make a call worth it."""
+    """An executor and the number of parallel calls, which may grow on a cluster.
+
+    `least`: runs that make a call worth it.
+    """
 
     executor: Executor
-    slots: int
+    count: Callable[[], int]
     least: int = 1
+
+    @property
+    def slots(self) -> int:
+        """How many calls can run at a time, as far as is known now."""
+        return max(1, self.count())
 
 
 Opened = Callable[[], AbstractContextManager[Pool]]
@@ -56,7 +66,7 @@ Opened = Callable[[], AbstractContextManager[Pool]]
 def threads(jobs: int) -> Iterator[Pool]:
     """`jobs` threads of this process."""
     with ThreadPoolExecutor(jobs, thread_name_prefix="sweep") as executor:
-        yield Pool(executor, jobs)
+        yield Pool(executor, lambda: jobs)
 
 
 @contextmanager
@@ -69,7 +79,7 @@ def processes(jobs: int) -> Iterator[Pool]:
     before = set(multiprocessing.active_children())
     executor = ProcessPoolExecutor(jobs, mp_context=context, initializer=_begin)
     try:
-        yield Pool(executor, jobs)
+        yield Pool(executor, lambda: jobs)
     except BaseException:
         for child in set(multiprocessing.active_children()) - before:
             child.terminate()
@@ -105,12 +115,25 @@ def cluster(address: str) -> Iterator[Pool]:
     except (OSError, ValueError, TypeError) as error:
         raise RunError(f"no scheduler answers at {address}: {error}") from None
     try:
-        slots = sum(client.nthreads().values())
-        if not slots:
+        count = _counted(client)
+        if not count():
             raise RunError(f"the scheduler at {address} has no workers")
-        yield Pool(client.get_executor(pure=False), slots, LEAST)
+        yield Pool(client.get_executor(pure=False), count, LEAST)
     finally:
         client.close()
+
+
+def _counted(client: Any) -> Callable[[], int]:
+    """The threads of all workers, asked for now and then: jobs of a queue start when they may."""
+    watch, known = stopwatch(), int(sum(client.nthreads().values()))
+
+    def count() -> int:
+        nonlocal watch, known
+        if watch() > ASKED:
+            watch, known = stopwatch(), int(sum(client.nthreads().values()))
+        return known
+
+    return count
 
 
 # ---- the loop -----------------------------------------------------------------------------------

@@ -6,6 +6,7 @@ import csv
 import importlib.util
 import sys
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from math import nan
 from pathlib import Path
 
@@ -19,6 +20,7 @@ from cosim.sweeps.run_point import StudyRow, job
 from cosim.sweeps.search import Search
 from cosim.sweeps.study import Study, load_study
 from cosim.sweeps.table import SweepTable
+from cosim.sweeps.workers import Pool
 from tests.cli.command import Command
 from tests.cosim.sweeps.studies import STUDY, written
 from tests.cosim.sweeps.test_sweep import table
@@ -40,7 +42,7 @@ def studied(folder: Path, text: str) -> Study:
 def searched(study: Study, inside: Callable[..., bool], slots: int = 1) -> SweepTable:
     """The table of a search in which runs are inside where a function of their axes says so."""
     search, records = Search(study, "", {}, None), []
-    search._slots = slots
+    search.use(Pool(ThreadPoolExecutor(), lambda: slots))
     waiting: list = []
     while task := next(search, None) or waiting:
         if task is not waiting:

@@ -42,6 +42,47 @@ API void engine_log2(void *environment, const char *instance, int status, const 
     log_line(environment, status, category, text);
 }
 
+/* FMI 1.0 passes no environment to its logger: instances are known by their names. Loggers of the same
+ * name go to the one that was opened last. */
+enum { NAMED_LOGS = 256 };
+
+static struct {
+    const char *name;
+    log_t *log;
+} named_logs[NAMED_LOGS];
+
+API void engine_log1_open(const char *name, log_t *log)
+{
+    for (int i = 0; i < NAMED_LOGS; i++) {
+        if (named_logs[i].log) continue;
+        named_logs[i].name = name;
+        named_logs[i].log = log;
+        return;
+    }
+}
+
+API void engine_log1_close(const log_t *log)
+{
+    for (int i = 0; i < NAMED_LOGS; i++)
+        if (named_logs[i].log == log) named_logs[i].log = NULL;
+}
+
+API void engine_log1(void *component, const char *instance, int status, const char *category,
+                     const char *format, ...)
+{
+    char text[LOG_WIDTH];
+    va_list arguments;
+    (void)component;
+    va_start(arguments, format);
+    vsnprintf(text, sizeof text, format ? format : "", arguments);
+    va_end(arguments);
+    for (int i = NAMED_LOGS - 1; instance && i >= 0; i--) {
+        if (!named_logs[i].log || strcmp(named_logs[i].name, instance)) continue;
+        log_line(named_logs[i].log, status, category, text);
+        return;
+    }
+}
+
 API void engine_log3(void *environment, int status, const char *category, const char *message)
 {
     if (environment) log_line(environment, status, category, message ? message : "");

@@ -49,7 +49,7 @@ def platform_folder(fmi: str) -> tuple[str, str]:
     """This platform as a version of FMI calls it, and the suffix of its shared libraries."""
     system, suffix = _SYSTEM.get(sys.platform, (sys.platform, ".so"))
     machine = _MACHINE.get(platform.machine().lower(), platform.machine().lower())
-    if fmi == "2.0":
+    if fmi != "3.0":
         bits = "64" if sys.maxsize > 2**32 else "32"
         old = {"linux": "linux", "darwin": "darwin", "windows": "win"}.get(system, system)
         return old + bits, suffix

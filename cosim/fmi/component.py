@@ -270,7 +270,8 @@ class FmuComponent:
         given = [StartValue(self.groups[k], self._checked(k, v)) for k, v in numbers.items()]
         given += [StartValue(group, texts) for group, texts in self._texts]
         given += [StartValue(self.groups[k], (n,)) for k, n in self._sizes.items()]
-        self._start = InstanceStart(self._instance, self.name, given)
+        again = self.description.fmi != "1.0"
+        self._start = InstanceStart(self._instance, self.name, given, again=again)
         self._start.enter(self.begin)
         self.intervals = clocks.set_intervals(self, values)
 

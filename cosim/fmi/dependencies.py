@@ -10,8 +10,13 @@ from cosim.fmi.variables import FmuVariable
 #: Names of the variables that each output depends on directly. What is not in it is not stated.
 Dependencies = Mapping[str, frozenset[str]]
 
-_STEPPING = {"2.0": "ModelStructure/Outputs/Unknown", "3.0": "ModelStructure/Output"}
+_STEPPING = {
+    "1.0": "ModelStructure",
+    "2.0": "ModelStructure/Outputs/Unknown",
+    "3.0": "ModelStructure/Output",
+}
 _STARTING = {
+    "1.0": "ModelStructure",  # there is none
     "2.0": "ModelStructure/InitialUnknowns/Unknown",
     "3.0": "ModelStructure/InitialUnknown",
 }

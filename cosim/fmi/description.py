@@ -1,4 +1,4 @@
-"""Reads ``modelDescription.xml`` (FMI 2.0.5 §2.2, 3.0.2 §2.4) as far as a run needs it."""
+"""Reads ``modelDescription.xml`` (FMI 1.0, 2.0.5 §2.2, 3.0.2 §2.4) as far as a run needs it."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from cosim.base.units import BASE, Unit
 from cosim.fmi.archive import unpack
 from cosim.fmi.continuous_states import ContinuousStates, read_states
 from cosim.fmi.dependencies import Dependencies, read_dependencies
+from cosim.fmi.description1 import interface1, variables1
 from cosim.fmi.ports import VariableGroup, groups
 from cosim.fmi.variables import FmuVariable, variables2, variables3
 
@@ -80,13 +81,14 @@ def read(
     except (ElementTree.ParseError, ValueError, LookupError, OSError) as error:
         raise FmuError(f"{origin}: modelDescription.xml is not well-formed: {error}") from error
     version = root.get("fmiVersion", "")
-    fmi = {"2": "2.0", "3": "3.0"}.get(version.split(".")[0], "")
+    fmi = {"1": "1.0", "2": "2.0", "3": "3.0"}.get(version.split(".")[0], "")
     if root.tag != "fmiModelDescription" or not fmi:
         raise FmuError(
-            f"{origin}: fmiVersion is {version!r} (root element {root.tag!r}); expected 2.0 or 3.0"
+            f"{origin}: fmiVersion is {version!r} (root element {root.tag!r}); "
+            "expected 1.0, 2.0 or 3.0"
         )
-    chosen = _interface(root, fmi, origin, interface)
     try:
+        chosen = _interface(root, fmi, origin, interface)
         return _describe(root, chosen, fmi, origin, sizes or {})
     except KeyError as error:
         raise FmuError(f"{origin}: modelDescription.xml: a variable has no {error}") from error
@@ -110,7 +112,12 @@ def structural_sizes(path: str | Path) -> frozenset[str]:
 
 
 def _interfaces(root: ElementTree.Element, fmi: str) -> dict[str, ElementTree.Element]:
-    """Those of :data:`INTERFACES` that there are; FMI 2.0 has no scheduled execution."""
+    """Those of :data:`INTERFACES` that there are; FMI 2.0 has no scheduled execution.
+
+    Raises ValueError for FMI 1.0 that cannot be run.
+    """
+    if fmi == "1.0":
+        return {"CoSimulation": interface1(root)}
     known = [name for name in INTERFACES if fmi != "2.0" or name != "ScheduledExecution"]
     found = ((name, root.find(name)) for name in known)
     return {name: element for name, element in found if element is not None}
@@ -138,15 +145,16 @@ def _describe(
     sizes: Mapping[str, int],
 ) -> Description:
     identifier = interface.get("modelIdentifier", "")
-    token = root.get("guid" if fmi == "2.0" else "instantiationToken", "")
+    word = "instantiationToken" if fmi == "3.0" else "guid"
+    token = root.get(word, "")
     if not re.fullmatch(r"[A-Za-z_]\w*", identifier):
         raise FmuError(f"{origin}: modelIdentifier is {identifier!r}; expected a C identifier")
     if not token:
-        raise FmuError(f"{origin}: no {'guid' if fmi == '2.0' else 'instantiationToken'}")
+        raise FmuError(f"{origin}: no {word}")
     experiment = root.find("DefaultExperiment")
-    if fmi == "2.0" and sizes:
-        raise FmuError(f"{origin}: FMI 2.0 has no structural parameters, found {sorted(sizes)}")
-    variables = tuple(variables2(root) if fmi == "2.0" else variables3(root, sizes))
+    if fmi != "3.0" and sizes:
+        raise FmuError(f"{origin}: FMI {fmi} has no structural parameters, found {sorted(sizes)}")
+    variables = tuple(_variables(root, fmi, sizes))
     _check_names(variables, origin)
     ticked = any(v.type == "Clock" and v.causality == "input" for v in variables)
     if interface.tag == "ScheduledExecution" and not ticked:
@@ -175,6 +183,14 @@ def _describe(
         else None,
         dependencies=read_dependencies(root, fmi, variables),
     )
+
+
+def _variables(
+    root: ElementTree.Element, fmi: str, sizes: Mapping[str, int]
+) -> Iterable[FmuVariable]:
+    if fmi == "3.0":
+        return variables3(root, sizes)
+    return variables1(root) if fmi == "1.0" else variables2(root)
 
 
 _BOOLEANS = ("true", "false", "1", "0")

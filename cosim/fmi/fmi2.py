@@ -6,7 +6,7 @@ import ctypes as c
 from collections.abc import Callable, Mapping, Sequence
 from functools import cache, lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 from cosim.base.errors import FmuError
 from cosim.fmi.alike import CommonInstance
@@ -23,11 +23,6 @@ from cosim.fmi.library import (
     uint32,
 )
 from cosim.native import fmu_log, structs
-
-TYPES: Mapping[str, Any] = {
-    "Real": c.c_double, "Integer": c.c_int, "Boolean": c.c_int, "Enumeration": c.c_int,
-}  # fmt: skip
-
 
 _LAST_SUCCESSFUL_TIME, _TERMINATED = 2, 3  # of fmi2StatusKind
 
@@ -64,6 +59,11 @@ class _EventInfo(c.Structure):
 class Instance2(CommonInstance):
     """An instance of an FMI 2.0 FMU, for co-simulation or for model exchange."""
 
+    VERSION = "2.0"
+    #: How values are passed, by FMI type.
+    TYPES: ClassVar[Mapping[str, Any]] = {
+        "Real": c.c_double, "Integer": c.c_int, "Boolean": c.c_int, "Enumeration": c.c_int,
+    }  # fmt: skip
     STATE = "FMUstate"
     HOT = ("SetReal", "DoStep", "GetReal")
     next_ticks: Mapping[int, NextTick] = {}
@@ -100,11 +100,11 @@ class Instance2(CommonInstance):
 
     def intervals(self, clocks: Mapping[int, bool]) -> dict[int, Interval]:
         """Interval and shift of clocks: FMI 2.0 has no clocks. Raises FmuError."""
-        raise FmuError(f"{self._calls.name}: FMI 2.0 has no clocks")
+        raise FmuError(f"{self._calls.name}: FMI {self.VERSION} has no clocks")
 
     def set_intervals(self, given: Intervals) -> None:
         """Set intervals of clocks: FMI 2.0 has no clocks. Raises FmuError."""
-        raise FmuError(f"{self._calls.name}: FMI 2.0 has no clocks")
+        raise FmuError(f"{self._calls.name}: FMI {self.VERSION} has no clocks")
 
     def clocked_texts(self) -> dict[str, list[str]]:
         """FMI 2.0 has no clocks."""
@@ -112,7 +112,7 @@ class Instance2(CommonInstance):
 
     def take_texts(self, found: Clocked) -> None:
         """Take texts of clocked variables: FMI 2.0 has no clocks. Raises FmuError."""
-        raise FmuError(f"{self._calls.name}: FMI 2.0 has no clocks")
+        raise FmuError(f"{self._calls.name}: FMI {self.VERSION} has no clocks")
 
     def exit_initialization(self, clocks: Clocks | None = None) -> dict[str, list[float]]:
         """Leave Initialization Mode; no values of clocked variables, in any unit."""
@@ -163,14 +163,14 @@ class Instance2(CommonInstance):
 
     def get(self, kind: str, references: Sequence[int], count: int) -> list[float]:
         """Values, in the FMU's units, by ``fmi2GetReal`` or the function of another type."""
-        values = (TYPES[kind] * count)()
+        values = (self.TYPES[kind] * count)()
         self._access("Get", kind)(self.handle, uint32(references), len(references), values)
         return [float(v) for v in values]
 
     def set(self, kind: str, references: Sequence[int], values: Sequence[float]) -> None:
         """Set values, in the FMU's units, by ``fmi2SetReal`` or the function of another type."""
         convert = float if kind == "Real" else int
-        array = array_of(TYPES[kind], [convert(v) for v in values])
+        array = array_of(self.TYPES[kind], [convert(v) for v in values])
         self._access("Set", kind)(self.handle, uint32(references), len(references), array)
 
     def get_texts(self, kind: str, references: Sequence[int], count: int) -> list[str]:
@@ -186,11 +186,11 @@ class Instance2(CommonInstance):
 
     def enter_configuration(self) -> None:
         """Enter Configuration Mode: FMI 2.0 has no structural parameters. Raises FmuError."""
-        raise FmuError(f"{self._calls.name}: FMI 2.0 has no structural parameters")
+        raise FmuError(f"{self._calls.name}: FMI {self.VERSION} has no structural parameters")
 
     def exit_configuration(self) -> None:
         """Leave Configuration Mode: FMI 2.0 has no structural parameters. Raises FmuError."""
-        raise FmuError(f"{self._calls.name}: FMI 2.0 has no structural parameters")
+        raise FmuError(f"{self._calls.name}: FMI {self.VERSION} has no structural parameters")
 
     def address(self, suffix: str) -> int:
         """The address of ``fmi2<suffix>``. Raises FmuError where the binary lacks it."""

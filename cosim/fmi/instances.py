@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from cosim.fmi.fmi1 import Instance1
 from cosim.fmi.fmi2 import Instance2
 from cosim.fmi.fmi3 import Instance3
 from cosim.fmi.library import Instance, Setup
@@ -13,5 +14,6 @@ def instantiate(setup: Setup, log: fmu_log.Log | None = None) -> Instance:
 
     Raises FmuError.
     """
-    kind = Instance2 if setup.fmi == "2.0" else Instance3
-    return kind(setup, fmu_log.log() if log is None else log)
+    kinds: dict[str, type[Instance1] | type[Instance2] | type[Instance3]]
+    kinds = {"1.0": Instance1, "2.0": Instance2, "3.0": Instance3}
+    return kinds[setup.fmi](setup, fmu_log.log() if log is None else log)

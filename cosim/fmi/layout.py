@@ -27,6 +27,7 @@ _CARRIED2 = {
     "Enumeration": ("Integer", 6, c.c_int32),
     "Boolean": ("Boolean", 10, c.c_int32),
 }
+_CARRIED1 = {**_CARRIED2, "Boolean": ("Boolean", 11, c.c_bool)}
 _CARRIED3 = {
     "Float64": ("Float64", 0, c.c_double),
     "Float32": ("Float32", 1, c.c_float),
@@ -41,6 +42,13 @@ _CARRIED3 = {
     "Enumeration": ("Int64", 8, c.c_int64),
     "Boolean": ("Boolean", 11, c.c_bool),
 }
+
+_CARRIED = {"1.0": _CARRIED1, "2.0": _CARRIED2, "3.0": _CARRIED3}
+
+
+def _signatures(fmi: str) -> int:
+    """The version whose functions have the parameters of this one's: FMI 1.0 has those of 2.0."""
+    return 3 if fmi == "3.0" else 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,7 +144,7 @@ def bind(
         return unit
     unit.set, unit.step, unit.get = instance.loop_functions()
     if x.plain:
-        unit.kind = structs.UnitKind.FMI2 if x.fmi == "2.0" else structs.UnitKind.FMI3
+        unit.kind = structs.UnitKind.FMI3 if x.fmi == "3.0" else structs.UnitKind.FMI2
         unit.steps, unit.values = instance.steps_function(), instance.values_address()
         for name, moves in (("inputs", x.inputs), ("outputs", x.outputs)):
             references = list(chain.from_iterable(m.references for m in moves))
@@ -167,7 +175,7 @@ def bind_alike(
 
 def _typed(instance: Instance, x: StepLayout, alive: list[Any]) -> structs.Typed:
     typed = structs.Typed(
-        fmi=int(x.fmi[0]), variable=x.variable, next_event=instance.next_event
+        fmi=_signatures(x.fmi), variable=x.variable, next_event=instance.next_event
     )  # fmt: skip
     for name, verb in (("inputs", "Set"), ("outputs", "Get"), ("discrete", "Set")):
         _move(typed, name, instance, verb, getattr(x, name), x.fmi, alive)
@@ -282,7 +290,7 @@ def _move(
 def _access(
     instance: Instance, verb: str, move: Move, fmi: str, *, held: bool, alive: list[Any]
 ) -> structs.Access:
-    suffix, code, kind = (_CARRIED2 if fmi == "2.0" else _CARRIED3)[move.type]
+    suffix, code, kind = _CARRIED[fmi][move.type]
     count = len(move.places)
     nothing = [float("nan")] * count
     return structs.Access(
@@ -294,7 +302,7 @@ def _access(
         n_references=len(move.references),
         count=count,
         type=code,
-        fmi=int(fmi[0]),
+        fmi=_signatures(fmi),
     )
 
 

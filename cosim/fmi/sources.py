@@ -38,7 +38,7 @@ def compile_sources(archive: Archive, fmi: str, identifier: str, output: Path) -
 
 def _listed(archive: Archive, fmi: str) -> tuple[list[str], dict[str, str]]:
     """Source files and macros by the model description (2.0) or buildDescription.xml (3.0)."""
-    if fmi == "2.0":
+    if fmi != "3.0":
         root = ElementTree.parse(archive.folder / "modelDescription.xml").getroot()
         files = root.iterfind("CoSimulation/SourceFiles/File")
         return [f.get("name", "") for f in files], {}

@@ -95,13 +95,18 @@ def _references(given: Sequence[StartValue]) -> tuple[int, ...]:
 
 
 class InstanceStart:
-    """The start of an instance: from what is `given` to its first step. Raises FmuError."""
+    """The start of an instance: from what is `given` to its first step. Raises FmuError.
 
-    def __init__(self, x: Instance, name: str, given: Sequence[StartValue]) -> None:
+    `again`: exact values may be set again in Initialization Mode (FMI 1.0 has none).
+    """
+
+    def __init__(
+        self, x: Instance, name: str, given: Sequence[StartValue], *, again: bool = True
+    ) -> None:
         by = defaultdict(list)
         for one in given:
             by[one.group.first.causality].append(one)
-        self._x, self._name = x, name
+        self._x, self._name, self._again = x, name, again
         self._structural, self._inputs = by.pop("structuralParameter", []), by.pop("input", [])
         self._given = [one for some in by.values() for one in some]
 
@@ -117,7 +122,8 @@ class InstanceStart:
         x.setup(begin)
         set_all(x, self._given)
         x.enter_initialization(begin)
-        set_all(x, [one for one in self._given if one.exact])
+        if self._again:
+            set_all(x, [one for one in self._given if one.exact])
         for one in self._inputs:
             if one.group.first.type in TEXTS:
                 one.set(x)

@@ -132,7 +132,7 @@ def _variable(
         unit=attributes.get("unit", ""),
         start=_checked(name, typed.tag, found["start"]),
         description=element.get("description", ""),
-        limits=_limits(name, attributes),
+        limits=limits_of(name, attributes),
         items=_items(name, declared),
         clocks=tuple(int(r) for r in element.get("clocks", "").split()),
         is_size=found.get("is_size", False),
@@ -158,7 +158,8 @@ def _items(name: str, declared: Element | None) -> dict[str, int]:
         raise ValueError(f"variable {name!r}: its enumeration cannot be read: {error}") from None
 
 
-def _limits(name: str, attributes: Mapping[str, str]) -> tuple[float, float]:
+def limits_of(name: str, attributes: Mapping[str, str]) -> tuple[float, float]:
+    """Least and greatest value, in the variable's unit. Raises ValueError."""
     try:
         low, high = float(attributes.get("min", "-inf")), float(attributes.get("max", "inf"))
     except ValueError:

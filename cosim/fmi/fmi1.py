@@ -1,0 +1,81 @@
+"""The functions of an FMI 1.0 library for co-simulation: their names begin with the model's."""
+
+from __future__ import annotations
+
+import ctypes as c
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+from cosim.base.errors import FmuError
+from cosim.fmi.fmi2 import Instance2
+from cosim.fmi.library import FATAL, NEVER, Calls, Clocks, Setup
+from cosim.native import fmu_log, structs
+
+
+class _Callbacks1(c.Structure):
+    _fields_ = tuple((n, c.c_void_p) for n in ("logger", "allocate", "free", "finished"))
+
+
+class Instance1(Instance2):
+    """A slave of FMI 1.0 for co-simulation (§3 there); values are got and set as in FMI 2.0.
+
+    There is no Initialization Mode: parameters and start values are set before
+    ``fmiInitializeSlave``, and only inputs after it.
+    """
+
+    VERSION = "1.0"
+    TYPES: ClassVar[Mapping[str, Any]] = {**Instance2.TYPES, "Boolean": c.c_bool}
+
+    def __init__(self, setup: Setup, log: fmu_log.Log) -> None:
+        self._calls = calls = Calls(setup, f"{setup.path.stem}_fmi", log)
+        self.log, self.next_event, self._ended = calls.log, NEVER, False
+        engine, libc = structs.library(), c.CDLL(None)
+        self._name = c.create_string_buffer(setup.name.encode())
+        engine.engine_log1_open(self._name, c.byref(self.log))
+        callbacks = _Callbacks1(
+            *(structs.address(f) for f in (engine.engine_log1, libc.calloc, libc.free))
+        )
+        texts = (setup.name, setup.token, setup.resources.parent.as_uri(), "application/x-fmu")
+        arguments = [
+            *(c.c_char_p(text.encode()) for text in texts), c.c_double(0.0), c.c_bool(False),
+            c.c_bool(False), callbacks, c.c_bool(setup.logging),
+        ]  # fmt: skip
+        instantiate = calls.function("InstantiateSlave", *map(type, arguments), result=c.c_void_p)
+        self.handle: int = instantiate(*arguments)
+        if not self.handle:
+            engine.engine_log1_close(c.byref(self.log))
+            raise FmuError(f"{setup.name}: fmiInstantiateSlave failed: {self.log.said()}")
+
+    def setup(self, t0: float) -> None:
+        """Do nothing: the start time, s, comes with the initialization."""
+
+    def enter_initialization(self, t0: float) -> None:
+        """``fmiInitializeSlave`` at `t0`, s, with no stop time."""
+        types = (c.c_void_p, c.c_double, c.c_bool, c.c_double)
+        self._calls.checked("InitializeSlave", *types)(self.handle, t0, False, 0.0)
+        self._calls.started = True
+
+    def exit_initialization(self, clocks: Clocks | None = None) -> dict[str, list[float]]:
+        """Do nothing; no values of clocked variables, in any unit."""
+        return {}
+
+    def terminated(self) -> float | None:
+        """FMI 1.0 has no wish to end the simulation: None, no time in s."""
+        return None
+
+    def do_step(self, t: float, h: float) -> None:
+        """``fmiDoStep`` from `t` over `h`, s; each step is a new one."""
+        types = (c.c_void_p, c.c_double, c.c_double, c.c_bool)
+        self._calls.checked("DoStep", *types)(self.handle, t, h, True)
+
+    def free(self) -> None:
+        """``fmiTerminateSlave`` and ``fmiFreeSlaveInstance``, as far as they may be called."""
+        if not self.handle:
+            return
+        calls = self._calls
+        if calls.started and not calls.broken:
+            calls.returned(calls.function("TerminateSlave", c.c_void_p)(self.handle))
+        if calls.broken < FATAL:
+            calls.function("FreeSlaveInstance", c.c_void_p, result=None)(self.handle)
+        structs.library().engine_log1_close(c.byref(self.log))
+        self.handle = 0

@@ -4,43 +4,35 @@ from __future__ import annotations
 
 import shutil
 import tempfile
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.base.component import Kind, Outputs, Parameter, Port, Values
-from cosim.base.errors import FmuError, UnitError
-from cosim.base.units import Unit, parse
+from cosim.base.component import Kind, Outputs, Values
+from cosim.base.errors import FmuError
 from cosim.fmi import archive as archives
 from cosim.fmi import binaries, clocks
 from cosim.fmi.description import read_cached
 from cosim.fmi.instances import instantiate
+from cosim.fmi.interface import FmuInterface
 from cosim.fmi.intervals import Intervals
 from cosim.fmi.isolation.remote import RemoteInstance
 from cosim.fmi.library import OK, Instance, Setup
 from cosim.fmi.options import FmuOptions
-from cosim.fmi.ports import VariableGroup, together
+from cosim.fmi.ports import together
 from cosim.fmi.start_values import InstanceStart, StartValue
 from cosim.fmi.values import (
     check_range,
     has_text,
-    in_updates,
-    item_numbers,
-    parameter,
-    port,
-    settable,
     sizes_among,
     start_numbers,
     texts_for,
-    tunable,
 )
-from cosim.fmi.variables import NUMERIC, TEXTS
+from cosim.fmi.variables import TEXTS
 from cosim.native import fmu_log
-
-T = TypeVar("T")
 
 #: Bytes of log text kept of an FMU whose logging is on.
 LOG_ROOM = 1 << 20
@@ -55,7 +47,7 @@ class _Move(NamedTuple):
     size: int
 
 
-class FmuComponent:
+class FmuComponent(FmuInterface):
     """One instance of an FMU.
 
     `kind` selects its sampling; FMI has no attribute for it (our FMUs have an annotation), so a
@@ -75,19 +67,16 @@ class FmuComponent:
         self.archive = archives.unpack(path)
         path, folder = self.archive.path, self.archive.folder
         interface = self.options.interface
-        self.description = read_cached(folder, path, (), interface)
+        description = read_cached(folder, path, (), interface)
         given = self.options.given
-        sizes = {**sizes_among(self.description.variables, given), **self.options.sizes}
+        sizes = {**sizes_among(description.variables, given), **self.options.sizes}
         if sizes:
-            self.description = read_cached(folder, path, tuple(sizes.items()), interface)
+            description = read_cached(folder, path, tuple(sizes.items()), interface)
+        super().__init__(description)
         self._check_interface(name)
         self.name = name
         usual = "sampled" if self.description.scheduled else "continuous"
         self.kind: Kind = kind or self.description.kind or usual  # type: ignore[assignment]
-        self.groups = self.description.groups
-        self._observed: frozenset[str] = frozenset()
-        self._driven: frozenset[str] = frozenset()
-        self.expose()
         texts = {k: v for k, v in given.items() if has_text(self.groups, k)}
         self._texts = texts_for(self.groups, {**texts, **self.options.texts}, name)
         self._sizes = sizes
@@ -111,60 +100,6 @@ class FmuComponent:
             )
         if d.states is not None and any(v.type == "Clock" for v in d.variables):
             raise FmuError(f"{name}: has clocks, which are not supported for model exchange")
-
-    def expose(self, observed: Collection[str] = (), driven: Collection[str] = ()) -> None:
-        """Make readable variables outputs, and tunable parameters inputs; before the start.
-
-        They are got and set like the others, in the same calls. `observed` may contain any name:
-        what is no readable number is left out, as is what is no tunable parameter in `driven`.
-        """
-        self._observed = frozenset(n for n in observed if n in self.groups and self._readable(n))
-        self._driven = frozenset(
-            n for n in driven if n in self.groups and tunable(self.groups[n].first)
-        )
-        self.inputs, self.outputs, self.parameters = self._derived("ports", self._ports)
-
-    def _ports(self) -> tuple[tuple[Port, ...], tuple[Port, ...], tuple[Parameter, ...]]:
-        optional = self.description.optional
-        return (
-            tuple(port(g, fed=True, optional=g.name in optional) for g in self.carried("input")),
-            tuple(port(g) for g in self.carried("output")),
-            tuple(
-                parameter(g) for g in self.groups.values()
-                if settable(g) and g.name not in self._driven
-            ),
-        )  # fmt: skip
-
-    def _derived(self, what: str, compute: Callable[[], T]) -> T:
-        """What follows from the description and what is exposed: once for all such instances."""
-        key = what, self._observed, self._driven
-        if key not in self.description.derived:
-            self.description.derived[key] = compute()
-        found: T = self.description.derived[key]
-        return found
-
-    def _readable(self, name: str) -> bool:
-        first = self.groups[name].first
-        clocked = self.clocked and bool(first.clocks)
-        return first.type in NUMERIC and first.causality not in ("input", "output") and not clocked
-
-    @property
-    def observable(self) -> tuple[str, ...]:
-        """Names of the variables that :meth:`expose` can make outputs."""
-        return tuple(filter(self._readable, self.groups))
-
-    def _role(self, group: VariableGroup) -> str:
-        if group.name in self._driven:
-            return "input"
-        return "output" if group.name in self._observed else group.first.causality
-
-    def carried(self, role: str) -> list[VariableGroup]:
-        """Inputs or outputs that are signals, with those that are exposed."""
-        return self._derived(f"carried {role}", lambda: [
-            g for g in self.groups.values()
-            if self._role(g) == role
-            and (g.first.type in NUMERIC or (self.clocked and clocks.is_signal(g.first)))
-        ])  # fmt: skip
 
     @property
     def instance(self) -> Instance:
@@ -196,67 +131,6 @@ class FmuComponent:
     def sort(self) -> object:
         """Equal for instances that the engine calls alike: same library, variables and ports."""
         return id(self.description), self._private, self._observed, self._driven
-
-    def references(self, causality: str) -> tuple[int, ...]:
-        """Value references of all carried inputs or outputs, in port order."""
-        return tuple(r for g in self.carried(causality) for r in g.references)
-
-    def unit(self, name: str) -> Unit | str:
-        """A unit by the FMU's own definition, or its name if that is equivalent or undefined."""
-        defined = self.description.units.get(name)
-        try:
-            return name if defined is None or parse(name) == defined else defined
-        except UnitError:
-            return name if defined is None else defined
-
-    def number(self, name: str, value: Any) -> Any:
-        """A value of a scenario, items of enumerations as numbers. FmuError: no such item."""
-        group = self.groups.get(name)
-        return item_numbers(group, value) if group and group.first.type == "Enumeration" else value
-
-    # ---- how it is stepped -------------------------------------------------------------------
-
-    @property
-    def events(self) -> bool:
-        """Whether it is run with event mode: an FMU of FMI 3.0 that has one."""
-        return self.description.fmi == "3.0" and bool(self.description.flags.get("hasEventMode"))
-
-    @property
-    def clocked(self) -> bool:
-        """Whether the engine ticks its clocks: with event mode, or in scheduled execution."""
-        return self.events or self.description.scheduled
-
-    @property
-    def discrete(self) -> frozenset[str]:
-        """Inputs that change in jumps only."""
-        inputs = self.carried("input")
-        jumps = (g.name for g in inputs if any(v.variability != "continuous" for v in g.variables))
-        return frozenset(jumps)
-
-    @property
-    def sloped(self) -> frozenset[str]:
-        """Inputs that can be lines over a step: by their slopes (FMI 2.0.5 §4.2.1), or by
-        intermediate updates (FMI 3.0.2 §4.2.2). None of :attr:`discrete`.
-        """
-        d, discrete = self.description, self.discrete
-        smooth = [g for g in self.carried("input") if g.name not in discrete]
-        if d.fmi == "2.0":
-            return frozenset(g.name for g in smooth if d.flags.get("canInterpolateInputs"))
-        can = [g for g in smooth if self.intermediate and g.first.type == "Float64"]
-        return frozenset(g.name for g in can if all(map(in_updates, g.variables)))
-
-    @property
-    def intermediate(self) -> bool:
-        """Whether it calls back within a step: an FMU of FMI 3.0, for co-simulation."""
-        d = self.description
-        three = d.fmi == "3.0" and d.interface == "CoSimulation"
-        return three and bool(d.flags.get("providesIntermediateUpdate"))
-
-    @property
-    def returns_early(self) -> bool:
-        """Whether a step may end before its time: an FMU of FMI 3.0 that can."""
-        flags = ("canReturnEarlyAfterIntermediateUpdate", "canHandleVariableCommunicationStepSize")
-        return self.description.fmi == "3.0" and all(map(self.description.flags.get, flags))
 
     # ---- start -------------------------------------------------------------------------------
 
@@ -295,7 +169,7 @@ class FmuComponent:
             resources=self.archive.folder / "resources", logging=options.log,
             event_mode=self.events or d.states is not None, interface=d.interface,
             early_return=self.events or self.returns_early,
-            intermediate=self._updated() if self.intermediate else None,
+            intermediate=self.updated if self.intermediate else None,
             tolerance=d.tolerance if options.tolerance is None else options.tolerance,
         )  # fmt: skip
         room = LOG_ROOM if options.log else 0
@@ -304,12 +178,6 @@ class FmuComponent:
             scalars = sum(p.size for p in (*self.inputs, *self.outputs, *slopes))
             return RemoteInstance(setup, options, scalars, room)
         return instantiate(setup, fmu_log.log(room=room))
-
-    def _updated(self) -> tuple[int, ...]:
-        """Value references of inputs that may be set within a step."""
-        sloped = self.sloped
-        groups = (g for g in self.carried("input") if g.name in sloped)
-        return tuple(r for g in groups for r in g.references)
 
     def _checked(self, name: str, value: Any) -> list[float]:
         flat: list[float] = np.asarray(value, dtype=np.float64).reshape(-1).tolist()
@@ -425,10 +293,6 @@ class FmuComponent:
     def log_text(self) -> str:
         """The log of the FMU, if `options.log` is set; also after :meth:`close`."""
         return self._instance.log.text() if self._instance is not None else self._last_text
-
-    def is_text(self, name: str) -> bool:
-        """Whether `name` is a String or Binary variable: no signal."""
-        return has_text(self.groups, name)
 
     def close(self, *, abandon: bool = False) -> None:
         """Free the instance; may be called twice. `abandon`: without any call to the FMU."""

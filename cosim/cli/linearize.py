@@ -99,6 +99,7 @@ def report(found: LinearModel) -> list[str]:
     """The size of the model, its poles, and components that are not smooth, as text."""
     from cosim.cli.show import aligned
     from cosim.linear.model import ROUGH
+    from cosim.linear.poles import LARGE
 
     every = found.modes()
     modes = [m for m in every if abs(m.z - 1.0) > _AT_ONE]
@@ -113,6 +114,8 @@ def report(found: LinearModel) -> list[str]:
         lines.append(f"  and {len(every) - len(modes)} at z = 1: integrals, estimates at rest")
     if len(modes) > _MOST:
         lines.append(f"  and {len(modes) - _MOST} faster ones")
+    if len(found.states) > LARGE:
+        lines.append("  these are the poles near z = 1, and some near the rest of the unit circle")
     outside = sum(abs(m.z) > 1.0 + 1e-7 for m in modes)
     if outside:
         lines.append(f"unstable: {outside} poles or pairs grow")

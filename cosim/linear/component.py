@@ -10,19 +10,23 @@ error is of order four; how much the two differ tells where a component is not s
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cosim.base.errors import CosimError, RunError
-from cosim.fmi.components import begin_at, fmu_of
+from cosim.fmi.components import begin_at, fmu_of, overwrite
 from cosim.fmi.failures import sentence
+from cosim.fmi.ports import REAL
 from cosim.schedule.parts import Slot, Step
 
 Matrix = NDArray[np.float64]
 #: Relative difference at which a step made again is taken for the one of the run.
 AGAIN = 1e-9
+#: Relative change of the derivatives from one step to the next that tells a memory that moves.
+MOVES = 0.05
 #: Steps after which a component that was started again is compared with one that goes on.
 AHEAD = 3
 
@@ -46,11 +50,16 @@ class StepDerivatives:
     error: float
 
 
-def state_slots(step: Step) -> tuple[Slot, ...]:
-    """Slots of the outputs and locals whose start values can be set: the states."""
+def state_slots(step: Step, *, every: bool = False) -> tuple[Slot, ...]:
+    """Slots of the outputs and locals whose start values can be set: the states.
+
+    `every`: of all outputs and locals that are numbers, of one of our own FMUs.
+    """
     fmu, given = fmu_of(step.component), {p.name: p for p in step.component.parameters}
 
     def is_state(slot: Slot) -> bool:
+        if every and fmu is not None:
+            return fmu.groups[slot.port].first.type in REAL
         real = slot.port in given and given[slot.port].type == "real"
         if fmu is None or not real:
             return real
@@ -66,31 +75,48 @@ def step_derivatives(
 
     `seen`: signals (n_signals,) before the tick of the step, once its inputs
     are there, and after the step. `size`: the change of a state or an input, in its
-    unit, for values up to 1, and relative above. Raises RunError for a component that does not go
-    on as before when it is started with these values, or that cannot be stepped here.
+    unit, for values up to 1, and relative above. One of our own FMUs that does not go on as before
+    when it is started with its start values is given all that it remembers. Raises RunError for
+    another such component, or one that cannot be stepped here.
     """
+    fmu = fmu_of(step.component)
     try:
-        started = _Started(step, seen, t, h)
-        found = started.derivatives(size)
-        started.check_goes_on(size)
+        try:
+            return _derivatives(_Started(step, seen, t, h), size)
+        except RunError:
+            if fmu is None or not fmu.ours:
+                raise
+            return _derivatives(_Started(step, seen, t, h, every=True), size)
     except CosimError as error:
         raise RunError(
             f"{step.name}: cannot be linearized at t = {t:.6g} s: {sentence(error, step.name)}",
             component=step.name,
         ) from error
     finally:
-        if (fmu := fmu_of(step.component)) is not None:
+        if fmu is not None:
             fmu.close()
+
+
+def _derivatives(started: _Started, size: float) -> StepDerivatives:
+    found = started.derivatives(size)
+    started.check_goes_on(size)
+    started.check_stays(found, size)
     return found
 
 
 class _Started:
-    """A component that is started again and again near one state, and stepped."""
+    """A component that is started again and again near one state, and stepped.
 
-    def __init__(self, step: Step, seen: Sequence[Matrix], t: float, h: float) -> None:
+    `every`: all outputs and locals of one of our own FMUs are states, and are written where it has
+    them.
+    """
+
+    def __init__(
+        self, step: Step, seen: Sequence[Matrix], t: float, h: float, *, every: bool = False
+    ) -> None:
         before, gathered, after = seen
         self._step, self._t, self._h = step, t, h
-        self._states = state_slots(step)
+        self._states, self._every = state_slots(step, every=every), every
         self._parameters = {p.name: p for p in step.component.parameters}
         self._u = _flat(gathered, step.inputs)
         self._seen = _places(step.outputs, self._states)
@@ -123,6 +149,9 @@ class _Started:
         begin_at(step.component, self._t + late * self._h)
         step.component.initialize(self._values(x))
         step.component.initial(_shaped(inputs[0], step.inputs))
+        if self._every and (fmu := fmu_of(step.component)) is not None:
+            fmu.exit_initialization()
+            overwrite(fmu, _shaped(x, self._states))
         for k, u in enumerate((*inputs, inputs[-1]), late):
             y = step.component.step(self._t + k * self._h, self._h, _shaped(u, step.inputs))
             values = [np.array(y[s.port], float).reshape(-1) for s in step.outputs]
@@ -134,7 +163,9 @@ class _Started:
             k: np.array(v, float).reshape(self._parameters[k].shape)
             for k, v in self._step.values.items()
         }
-        return values | _shaped(x, self._states)
+        settable = {p.name for p in self._step.component.parameters}
+        given = _shaped(x, self._states)
+        return values | {name: value for name, value in given.items() if name in settable}
 
     def derivatives(self, size: float) -> StepDerivatives:
         """Differences with `size` and half of it, extrapolated."""
@@ -181,6 +212,24 @@ class _Started:
                 "outputs; expected a component whose states are all outputs or locals with start "
                 "values"
             )
+
+    def check_stays(self, found: StepDerivatives, size: float) -> None:
+        """Raise RunError if a memory of all outputs and locals moves from step to step.
+
+        The derivatives of the next step are then others, as those of a ring of samples are.
+        """
+        if not self._every:
+            return
+        after = copy(self)
+        after._t, after._x = self._t + self._h, self._outputs(self._x, self._u)[0][self._seen]
+        again = after.derivatives(size)
+        for name in "ABCD":
+            one, other = getattr(found, name), getattr(again, name)
+            if np.abs(one - other).max(initial=0.0) > MOVES * np.abs(one).max(initial=1.0):
+                raise RunError(
+                    "its derivatives change from step to step, as those of a ring of samples do; "
+                    "expected a component whose memory stays where it is"
+                )
 
 
 def _same(a: Matrix, b: Matrix) -> bool:

@@ -26,8 +26,8 @@ from cosim.schedule.plan import Plan
 #: What has a linear counterpart here.
 _KNOWN = {Code.COPY, Code.SCALE, Code.PUSH, Code.PULL, Code.STEP, Code.RECORD, Code.AGE, Code.PLAY}
 
-#: States, signals and values in flight at the most: eigenvalues of more take minutes.
-MOST = 3000
+#: States, signals and values in flight at the most: matrices of more fill the memory.
+MOST = 8000
 
 
 @dataclass(frozen=True, slots=True)

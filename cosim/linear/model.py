@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 
 from cosim.linear.component import Matrix
 from cosim.linear.loop import LinearLoop
+from cosim.linear.pieces import pieces
+from cosim.linear.poles import LARGE, near_the_circle
 
 #: Relative rest at which a held signal counts as a combination of states.
 COMBINED = 1e-8
@@ -53,7 +55,16 @@ class LinearModel:
     errors: dict[str, float] = field(default_factory=dict)
 
     def modes(self) -> list[Mode]:
-        """The eigenvalues other than 0, the slowest first; of a pair, the one above the axis."""
+        """The eigenvalues other than 0, the slowest first; of a pair, the one above the axis.
+
+        Of a large model (:mod:`cosim.linear.poles`), those that are not near z = 1 are left out.
+        Raises RunError for a large one without SciPy.
+        """
+        if len(self.A) > LARGE:
+            found = near_the_circle(self.A)
+            whole = zip(found.z, found.state, strict=True)
+            integrals = [self._pole(1.0 + 0.0j, self.states[0][0])] * found.integrals
+            return integrals + [self._pole(complex(z), self.states[i][0]) for z, i in whole]
         z, vectors = np.linalg.eig(self.A)
         try:
             inverse = np.linalg.inv(vectors)
@@ -64,10 +75,13 @@ class LinearModel:
         return [self._mode(complex(z[i]), parts[:, i]) for i in order]
 
     def _mode(self, z: complex, parts: Matrix) -> Mode:
+        return self._pole(z, self.states[int(parts.argmax())][0])
+
+    def _pole(self, z: complex, state: str) -> Mode:
         s = complex(np.log(z)) / self.period
         size = abs(s)
         damping = -s.real / size if size > 0.0 else 0.0
-        return Mode(z, s, size / (2.0 * np.pi), damping, self.states[int(parts.argmax())][0])
+        return Mode(z, s, size / (2.0 * np.pi), damping, state)
 
     def as_data(self) -> dict[str, Any]:
         """The same for JSON and MATLAB: matrices as nested lists, names and units as lists."""
@@ -123,9 +137,12 @@ def _read(F: Matrix, H: Matrix) -> NDArray[np.bool_]:
 def _basis(rows: Matrix, held: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Which rows are states: all that are not held, and held ones that do not follow from these."""
     base = ~held
-    for i in np.flatnonzero(held):
-        if _rest(rows[base], rows[i]) > COMBINED * float(np.linalg.norm(rows[i])):
-            base[i] = True
+    for some, columns in pieces(rows, held):
+        part = rows[np.ix_(some, columns)]
+        for i in np.flatnonzero(held[some]):
+            row = part[i]
+            if _rest(part[base[some]], row) > COMBINED * float(np.linalg.norm(row)):
+                base[some[i]] = True
     return base
 
 
@@ -138,7 +155,13 @@ def _rest(rows: Matrix, row: Matrix) -> float:
 
 def _combinations(rows: Matrix, base: NDArray[np.bool_]) -> Matrix:
     """The factors with which the other rows follow from those of `base`, (rest, base)."""
-    scale = np.linalg.norm(rows[base], axis=1)
-    scale = np.where(scale > 0.0, scale, 1.0)
-    factors = np.linalg.lstsq((rows[base] / scale[:, None]).T, rows[~base].T, rcond=None)[0]
-    return np.asarray(factors.T / scale)
+    found = np.zeros((np.count_nonzero(~base), np.count_nonzero(base)))
+    place = np.where(base, np.cumsum(base), np.cumsum(~base)) - 1  # of each row among its kind
+    for some, columns in pieces(rows, ~base):
+        part, mine = rows[np.ix_(some, columns)], base[some]
+        scale = np.linalg.norm(part[mine], axis=1)
+        scale = np.where(scale > 0.0, scale, 1.0)
+        scaled = (part[mine] / scale[:, None]).T
+        factors = np.linalg.lstsq(scaled, part[~mine].T, rcond=None)[0]
+        found[np.ix_(place[some[~mine]], place[some[mine]])] = factors.T / scale
+    return found

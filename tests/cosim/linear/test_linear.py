@@ -14,6 +14,7 @@ from cosim.base.component import Port
 from cosim.base.errors import RunError, ScenarioError
 from cosim.base.settings import as_toml
 from cosim.linear.model import LinearModel
+from cosim.linear.poles import near_the_circle
 from cosim.linear.scenario import linearized
 from cosim.loading.files import load
 from cosim.scenario.assemble import assemble
@@ -206,9 +207,70 @@ def test_adaptive_teleoperation_with_delay_moves_as_its_model_says() -> None:
 def test_component_that_remembers_more_than_it_shows_is_refused(tmp_path: Path) -> None:
     with pytest.raises(RunError, match=r"control: cannot be linearized .* start values"):
         model(tmp_path, WIRED.replace(":Feedback", ":Slow"))
-    encoder = WIRED + '[components.e]\nmodel = "fmus.models.encoder"\nsizes.joints = 1\n'
-    with pytest.raises(RunError, match=r"e: cannot be linearized .* start values"):
-        model(tmp_path, encoder)
+    ring = (
+        WIRED
+        + """
+    [components.hand]
+    model = "fmus.models.reaction"
+    period = "20 ms"
+    inputs.q = "other.q"
+    [components.other]
+    model = "fmus.models.planar2r"
+    """
+    )
+    with pytest.raises(RunError, match=r"hand: cannot be linearized .* ring of samples"):
+        model(tmp_path, ring)
+
+
+ENCODER = """
+[run]
+step = "1 ms"
+stop = "0.2 s"
+[components.arm]
+model = "fmus.models.arm"
+sizes.joints = 1
+start.q = [0.3]
+inputs.tau = "control.tau"
+parameters = { damping = [0.2], inertia = [[1.0, 0.0, 0.0, 0.0, 0.3, 0.0, 0.3, 0.0, 0.0, 0.5]] }
+[components.encoder]
+model = "fmus.models.encoder"
+sizes.joints = 1
+period = "2 ms"
+parameters.T = 0.01
+inputs.q = "arm.q"
+[components.control]
+model = "fmus.models.pd"
+sizes.joints = 1
+period = "2 ms"
+parameters = { K_p = [20.0], K_d = [2.0] }
+inputs = { q = "encoder.q_m", dq = "encoder.dq_m" }
+start.q_j = [0.0]
+start.dq_j = [0.0]
+"""
+
+
+def test_an_encoder_that_remembers_more_than_its_outputs_has_the_closed_form(
+    tmp_path: Path,
+) -> None:
+    """q_m and dq_m of the last step are remembered: two states besides those of the arm."""
+    found = model(tmp_path, ENCODER, inputs=["arm.tau_ext"], outputs=["arm.q"])
+    h, T, inertia_, damping = 2e-3, 0.01, 0.5, 0.2
+    decay = np.exp(-damping * h / inertia_)
+    A = np.array([[1.0, (1.0 - decay) * inertia_ / damping], [0.0, decay]])
+    b = np.array([h / damping - inertia_ / damping**2 * (1 - decay), (1 - decay) / damping])
+    a = h / (h + T)
+    loop = np.zeros((4, 4))  # q, dq; q_m, dq_m of the step before
+    velocity = np.array([a / h, 0.0, -a / h, 1.0 - a])
+    torque = -20.0 * np.array([1.0, 0.0, 0.0, 0.0]) - 2.0 * velocity
+    loop[:2, :2] = A
+    loop[:2] += np.outer(b, torque)
+    loop[2, 0] = 1.0
+    loop[3] = velocity
+    closed = np.linalg.eigvals(loop)
+    slow = [mode for mode in found.modes() if abs(mode.z) > 1e-3]
+    assert len(slow) == 2 and np.count_nonzero(np.abs(closed) > 1e-3) == 3  # one is of a pair
+    for mode in slow:
+        assert np.abs(closed - mode.z).min() < 1e-7
 
 
 def test_switch_is_reported_as_not_smooth(tmp_path: Path) -> None:
@@ -229,9 +291,41 @@ def test_names_and_times_that_are_not_there_are_refused(tmp_path: Path) -> None:
 
 
 def test_too_many_values_in_flight_are_refused(tmp_path: Path) -> None:
-    text = LINKED.replace("0.034", "3.4").replace('stop = "1 s"', 'stop = "3.6 s"')
-    with pytest.raises(ScenarioError, match=r"34\d\d of them values on their way"):
+    text = LINKED.replace("0.034", "10.0").replace('stop = "1 s"', 'stop = "10.2 s"')
+    with pytest.raises(ScenarioError, match=r"10\d\d\d of them values on their way"):
         model(tmp_path, text)
+
+
+def test_poles_of_a_loop_with_thousands_of_samples_in_flight_are_exact(tmp_path: Path) -> None:
+    """x+ = A x + b f and f = -K x, 1700 steps ago: z^1700 det(z - A) + K adj(z - A) b = 0."""
+    text = LINKED.replace("0.034", "3.4").replace('stop = "1 s"', 'stop = "3.6 s"')
+    found = model(tmp_path, text.replace(f'period = "{H} s"', 'period = "2 ms"'))
+    assert len(found.states) > 3000
+    A, b = held(0.002)
+    K = np.array([[KP, KD]])
+    poles = [mode.z for mode in found.modes()]
+    assert len(poles) > 40
+    for z in poles:
+        back = K @ np.linalg.solve(z * np.eye(2) - A, b)
+        assert complex(back[0, 0]) * z ** (-1700) == pytest.approx(-1.0, abs=1e-5)
+
+
+@pytest.mark.slow
+def test_sparse_poles_are_those_of_the_whole_matrix() -> None:
+    """All that are near z = 1, with the estimates that integrate; and no others."""
+    settings = ["run.stop=20.5", *(f'links.{i}.delay={{law="constant",delay=0.3}}' for i in (0, 1))]
+    found = linearized(TELEOPERATION, settings, 20.0)
+    dense = np.linalg.eigvals(found.A)
+    sparse = near_the_circle(found.A)
+    upper = dense[dense.imag >= 0.0]
+    nearest = upper[np.argsort(np.abs(upper - 1.0))]
+    away = [z for z in nearest if abs(z - 1.0) > 1e-6]
+    for z in away[:12]:
+        assert np.abs(sparse.z - z).min() < 1e-7
+    for z in sparse.z:
+        assert np.abs(dense - z).min() < 1e-6
+    ones = np.count_nonzero(np.abs(dense - 1.0) < 1e-6)
+    assert sparse.integrals + np.count_nonzero(np.abs(sparse.z - 1.0) < 1e-6) <= ones
 
 
 def test_command_prints_poles_and_writes_both_files(cosim: Command, tmp_path: Path) -> None:

@@ -46,6 +46,7 @@ RULES: tuple[Rule, ...] = (
 #: Rules that only ever note something.
 NOTES: tuple[Rule, ...] = (
     laws.prediction,
+    tasks.stiffness,
     tasks.free_joints,
     buses.simulated_response,
     channels.reordered_samples,

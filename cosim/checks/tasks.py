@@ -34,6 +34,12 @@ def _gain(tip: _Tip, q: Sequence[float]) -> Array:
     return tip.task.feedback(q) + np.diag(tip.arm.friction)
 
 
+def _rows(tip: _Tip) -> Array:
+    """J of the coordinates that the arm has, (k, m), where it starts."""
+    own = [c for c in range(len(tip.task.lacks)) if tip.task.has(c)]
+    return tip.task.jacobian(tip.arm.q)[own]
+
+
 def feedback(system: AnalyzedSystem) -> Iterator[Finding]:
     """T_s lambda_max(M⁻¹ (K + J' K_x J)) < 2 over the workspace, as ``sampling.feedback``."""
     share = 1.0 if system.plan.algorithm == "jacobi" else 2.0
@@ -76,7 +82,7 @@ def passivity(system: AnalyzedSystem) -> Iterator[Finding]:
         law, q = tip.law, tip.arm.q
         if law.lambda_c or tip.task.regular(q) < 1.0:
             continue
-        J = tip.task.jacobian(q)[[c for c in range(len(tip.task.lacks)) if tip.task.has(c)]]
+        J = _rows(tip)
         moved = np.linalg.solve(tip.arm.inertia(tip.arm.parameters, q), J.T)
         ratio = np.linalg.eigvals(np.linalg.solve(J @ moved, moved.T @ _gain(tip, q) @ moved))
         limit = law.alpha + float(ratio.real.min())
@@ -181,3 +187,31 @@ def free_joints(system: AnalyzedSystem) -> Iterator[Finding]:
                 " given: they stay where they are pushed",
                 advice="set k_n and q_n",
             )
+
+
+def stiffness(system: AnalyzedSystem) -> Iterator[Finding]:
+    """O5 for tips: (J B⁻¹ J')⁻¹ lambda alpha w_j/lambda_M at the start, B the feedback of s.
+
+    From B s = tau_h = J' f and J s = -z = Σ_j (lambda alpha w_j/lambda_M)(x - x_j) at rest.
+    """
+    tips = {tip.name: tip for tip in _tips(system)}
+    weights: dict[str, list[float]] = {name: [] for name in tips}
+    for e in _between(system, {name: tip.task for name, tip in tips.items()}):
+        weights[e.receiver].append(e.weight)
+    for name, tip in tips.items():
+        law, q = tip.law, tip.arm.q
+        gain = law.lambda_ * law.alpha * min(weights[name], default=0.0)
+        if not gain > 0.0 or not law.lambda_M or law.lambda_c or tip.task.regular(q) < 1.0:
+            continue
+        J = _rows(tip)
+        coupled = np.linalg.inv(J @ np.linalg.solve(tip.task.feedback(q), J.T))
+        least, *_, most = np.linalg.eigvalsh(coupled * gain / law.lambda_M)[[0, -1]]
+        yield Finding(
+            rule="stiffness",
+            severity="note",
+            where=name,
+            number=float(least),
+            unit="N/m",
+            reason=f"at rest each neighbour holds the tip by a spring of {least:.3g} to {most:.3g}"
+            " N/m where it starts (O5): a larger lambda_M is easier to move, and softer",
+        )

@@ -110,7 +110,7 @@ def test_every_rule_is_among_the_cases() -> None:
     }  # fmt: skip
     # those of buses: tests/cosim/scenario/test_buses.py; of FMUs without units: test_unitless.py;
     # of SSPs: tests/ssp/test_published.py; of tips: test_tasks.py
-    assert len(RULES) + len(NOTES) == 35
+    assert len(RULES) + len(NOTES) == 36
 
 
 # ---- predictions and the rest -------------------------------------------------------------------

@@ -37,7 +37,12 @@ def said(document: Document) -> dict[str, list[tuple[str, str, float]]]:
 
 def test_the_shipped_scenario_is_only_noted(shipped: Document) -> None:
     found = said(shipped)
-    assert found.keys() == {"sampling", "size", "backwards"}
+    assert found.keys() == {"sampling", "size", "backwards", "stiffness"}
+    # K_x lambda alpha/lambda_M, and what the joints' K adds
+    assert [where for where, *_ in found["stiffness"]] == [
+        "master_control", "planar_control", "slave_control",
+    ]  # fmt: skip
+    assert 60 * 0.05 < found["stiffness"][2][2] < 60 * 0.05 * 1.05
     assert {severity for several in found.values() for _, severity, _ in several} == {"note"}
 
 

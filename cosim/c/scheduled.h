@@ -14,17 +14,13 @@ API void engine_clock_update(void *environment)
 {
     doing_t *d = environment ? ((log_t *)environment)->step : NULL;
     typed_t *x;
-    double before;
 
     if (!d || d->result != RUN_OK) return;
     x = d->unit->typed;
     d->result = ask_clocks(d);
     for (int64_t i = 0; i < x->n_clocks && d->result == RUN_OK; i++) {
         ticker_t *c = x->clocks + i;
-        if (c->kind != CLOCK_COUNTDOWN) continue;
-        before = c->next;
-        d->result = ask_interval(d, c, d->now);
-        if (c->next != before && c->next <= c->last) d->result = RUN_INTERVAL;
+        if (c->kind == CLOCK_COUNTDOWN) d->result = ask_interval(d, c, d->now);
     }
     d->refused = *d->status;
 }

@@ -1,7 +1,30 @@
 """An ``.fmu`` as a Component: archive, description, library, component."""
 
-from cosim.fmi.component import FmuComponent
-from cosim.fmi.description import Description, read, structural_sizes
-from cosim.fmi.options import FmuOptions
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from cosim.fmi.component import FmuComponent
+    from cosim.fmi.description import Description, read, structural_sizes
+    from cosim.fmi.options import FmuOptions
 
 __all__ = ["Description", "FmuComponent", "FmuOptions", "read", "structural_sizes"]
+
+#: Where each name is defined. The process of an isolated FMU needs none of them, nor NumPy.
+_PUBLIC = {
+    "FmuComponent": "component",
+    "FmuOptions": "options",
+    "Description": "description",
+    "read": "description",
+    "structural_sizes": "description",
+}
+
+
+def __getattr__(name: str) -> Any:
+    """A name, imported when it is first used (PEP 562)."""
+    if name not in _PUBLIC:
+        raise AttributeError(f"module 'cosim.fmi' has no attribute {name!r}")
+    from importlib import import_module
+
+    value = getattr(import_module(f"cosim.fmi.{_PUBLIC[name]}"), name)
+    globals()[name] = value
+    return value

@@ -7,6 +7,8 @@ from __future__ import annotations
 
 import os
 import signal
+import subprocess
+import sys
 import threading
 from collections.abc import Sequence
 from pathlib import Path
@@ -184,6 +186,13 @@ def test_one_of_several_that_ends_the_simulation_lets_the_others_finish(strict, 
         last = {n: float(engine.signals[s.start]) for n, s in plan.slots().items()}
     assert last["x0.y"] == pytest.approx(1.0 + 2.0 * 1.0 * 0.4)  # four steps each, none twice
     assert last["x2.y"] == pytest.approx(1.0 + 2.0 * 3.0 * 0.4)
+
+
+def test_the_process_loads_little() -> None:
+    """What it imports is most of the time that it takes to start."""
+    code = "import sys, cosim.fmi.isolation.worker; print(*sorted(sys.modules))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert not {"numpy", "cosim.fmi.component", "subprocess"} & set(done.stdout.split())
 
 
 # ---- messages -----------------------------------------------------------------------------------

@@ -127,6 +127,14 @@ def test_times_of_fractions_are_exact_after_many_ticks(fmu: Path, calls) -> None
     assert len(pulse) == 1399
 
 
+def test_a_clock_that_counts_down_may_have_any_priority(tmp_path: Path, calls) -> None:
+    """None of its ticks is at the time of another clock's."""
+    late = scheduled3().replace('name="delay" priority="0"', 'name="delay" priority="9"')
+    _, engine = run(plan_of(export(late, tmp_path / "x.fmu"), STEPS))
+    engine.close()
+    assert [clock for clock, _ in activations(calls())] == [clock for clock, _ in expected(1.0)]
+
+
 def test_inputs_are_set_before_and_outputs_got_after_an_activation(fmu: Path, calls) -> None:
     _, engine = run(plan_of(fmu, 1), {"u_fast": np.array([3.0]), "u": np.array([1.0])})
     engine.close()

@@ -80,11 +80,15 @@ SHIPPED: dict[str, tuple[dict[str, int], ...]] = {
     "arm_task": ({}, {"coordinates": 6}),
     "arm_tip": ({},),
     "elastic_joint": ({},),
+    "servo": ({},),
+    "servo_command": ({},),
+    "kinematic": ({},),
     "arm_pd": (),  # compiled when first used, as the next
     "arm_nuno_adaptive": (),
     "arm_chopra": (),
     "arm_wang2014": (),
     "arm_abdessameud2014": (),
+    "arm_velocity": (),
 }
 
 #: Those of them that an installation also brings for any number of joints, of FMI 3.0.

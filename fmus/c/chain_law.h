@@ -86,6 +86,27 @@ static inline void link_gradient(const LinkMotion *of, const double b[3], double
     add_moments(0.5, aw, ov, gradient + 4);
 }
 
+/* Twists and acceleration of link i from those of the link `below` it, and b of its wrench. */
+static inline void link_motion(const Chain *chain, const Pose *pose, int i, const LinkMotion *below,
+                               const double *dq, const double *z, const double *dz, LinkMotion *here,
+                               double b[3]) {
+    const int axis = axis_of(chain, i);
+    double turned[6] = {0.0};
+    to_link(&pose[i], below->v, here->v);
+    to_link(&pose[i], below->w, here->w);
+    to_link(&pose[i], below->a, here->a);
+    here->v[axis] += dq[i];
+    here->w[axis] += z[i];
+    add_turning(chain, i, here->v, 0.5 * z[i], turned);
+    add_turning(chain, i, here->w, 0.5 * dq[i], turned);
+    here->a[axis] += dz[i];
+    UNROLLED for (int k = 0; k < 6; k++) here->a[k] += turned[k];
+    UNROLLED for (int k = 0; k < 3; k++) b[k] = 0.0;
+    add_cross(here->v, here->w + 3, b);
+    add_cross(here->w, here->v + 3, b);
+    UNROLLED for (int k = 0; k < 3; k++) b[k] = here->a[3 + k] + 0.5 * b[k];
+}
+
 /* tau (n,) = Y theta and Ys (n, 10) = Y^T s, for the estimate `theta` (n, 10) instead of the
  * table's inertia, in the position of `pose`. `base` (6,) is the acceleration of the base:
  * base_acceleration() for Y with gravity, 0 for Y without. The armature of the joints is no part of
@@ -103,23 +124,10 @@ static inline void chain_law(const Chain *chain, const Pose *pose, const double 
         below.a[k] = base[k];
     }
     for (int i = 0; i < n; i++) {
-        const int axis = axis_of(chain, i);
-        double b[3], turned[6] = {0.0};
-        to_link(&pose[i], below.v, here.v);
-        to_link(&pose[i], below.w, here.w);
-        to_link(&pose[i], below.a, here.a);
+        double b[3];
+        link_motion(chain, pose, i, &below, dq, z, dz, &here, b);
         to_link(&pose[i], below.sigma, here.sigma);
-        here.v[axis] += dq[i];
-        here.w[axis] += z[i];
-        here.sigma[axis] += s[i];
-        add_turning(chain, i, here.v, 0.5 * z[i], turned);
-        add_turning(chain, i, here.w, 0.5 * dq[i], turned);
-        here.a[axis] += dz[i];
-        UNROLLED for (int k = 0; k < 6; k++) here.a[k] += turned[k];
-        UNROLLED for (int k = 0; k < 3; k++) b[k] = 0.0;
-        add_cross(here.v, here.w + 3, b);
-        add_cross(here.w, here.v + 3, b);
-        UNROLLED for (int k = 0; k < 3; k++) b[k] = here.a[3 + k] + 0.5 * b[k];
+        here.sigma[axis_of(chain, i)] += s[i];
         UNROLLED for (int k = 0; k < 6; k++) f[i][k] = 0.0;
         add_wrench(theta + 10 * i, &here, b, f[i]);
         link_gradient(&here, b, Ys + 10 * i);

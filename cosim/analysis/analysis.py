@@ -139,7 +139,8 @@ def _tests(
         swept.append(one)
         yield from by_frequency(one, b)
     progress("constant push")
-    pushed = list(by_push(replace(bench, known=bench.network is not None)))
+    settable = bench.network is not None and bool(bench.network.law.estimate)
+    pushed = list(by_push(replace(bench, known=settable)))
     yield from pushed
     yield from margin(bench)
     if bench.arm is not None:

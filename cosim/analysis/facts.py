@@ -159,8 +159,12 @@ class DynamicFeedback:
     was received is not used, s, inf where there is no limit. `task`: xi and z are those of the
     coordinates of a tip; closed forms, which take each joint alone, then do not apply.
 
+    A law whose command is a velocity, to a :class:`Servo`, has the servo's gain as its own: K = ().
+    `feeds_forward`: whether the law has the term with Y; `beyond`: why closed forms do not hold for
+    it, or "".
+
     The strings are names: torque out, received signals (a row a neighbour), their weights and ages,
-    the start value of the estimate and the adaptation gain.
+    the start value of the estimate ("" where it cannot be that of the arm) and the adaptation gain.
     """
 
     K: Vector
@@ -183,6 +187,8 @@ class DynamicFeedback:
     age: str = ""
     estimate: str = "theta_hat"
     adaptation: str = "Gamma"
+    feeds_forward: bool = True
+    beyond: str = ""
 
     @property
     def feedback(self) -> Vector:
@@ -221,8 +227,34 @@ class Hand:
     place: Vector
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Servo:
+    """The inner loop of a robot that takes positions or velocities, between an arm and commands.
+
+    tau = K_v (f dq_r - dq) + K_p (q_r - q): `feed_forward` f, 1 for velocities. `command`: the name
+    of the input that it reads; `by_position`: whether that is a position, which the reference
+    reaches along a line in the time `T_c`, s.
+    """
+
+    K_v: Vector
+    K_p: Vector
+    feed_forward: float
+    by_position: bool
+    command: str
+    T_c: float = 0.0
+    tau_max: Vector = (inf,)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ServoCommand:
+    """What turns a torque (the input `torque`) into a command of a servo that is like `servo`."""
+
+    servo: Servo
+    torque: str = "tau"
+
+
 Law: TypeAlias = DynamicFeedback | SpringDamper
-Facts: TypeAlias = Arm | DynamicFeedback | SpringDamper | Hand
+Facts: TypeAlias = Arm | DynamicFeedback | SpringDamper | Hand | Servo | ServoCommand
 
 
 def facts_of(model: str, values: Values) -> Facts | None:

@@ -87,7 +87,7 @@ def with_known(bench: Bench) -> Bench | None:
 
     None if there is no estimate to set.
     """
-    if bench.network is None or bench.arm is None:
+    if bench.network is None or bench.arm is None or not bench.network.law.estimate:
         return None
     return replace(bench, known=True, q=bench.arm.heaviest)
 

@@ -73,7 +73,10 @@ class RobotNetwork:
         """All robots at `q` (m,), with the `estimates` theta_hat of each."""
         m = len(q)
         M = np.array([arm.inertia(arm.parameters, q) for arm in self.arms])
-        M_hat = np.array([arm.inertia(e, q) for arm, e in zip(self.arms, estimates, strict=True)])
+        M_hat = np.array([
+            arm.inertia(e, q) if law.feeds_forward and e else np.zeros((m, m))
+            for law, arm, e in zip(self.laws, self.arms, estimates, strict=True)
+        ])  # fmt: skip
         K = [
             law.lambda_c * M_hat[i] if law.lambda_c else np.diag(spread(law.K, m))
             for i, law in enumerate(self.laws)
@@ -204,6 +207,8 @@ def _network(system: AnalyzedSystem, port: str) -> RobotNetwork | None:
             outside[i] += strength
     arms = tuple(system.arms[str(system.arm_of(name))] for name in names)
     chosen = tuple(laws[name] for name in names)
+    if any(law.beyond or not law.K for law in chosen):
+        return None
     at = names.index(start)
     periods = tuple(system.period(name) for name in names)
     return RobotNetwork(tuple(names), arms, chosen, coupling, delay, outside, at, jitter, periods)

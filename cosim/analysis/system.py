@@ -8,14 +8,24 @@ output, is the source of the row, also through other components.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from math import inf, nan
 from typing import Any, TypeVar
 
 import numpy as np
 
-from cosim.analysis.facts import Arm, Array, DynamicFeedback, Facts, Hand, SpringDamper, facts_of
+from cosim.analysis.facts import (
+    Arm,
+    Array,
+    DynamicFeedback,
+    Facts,
+    Hand,
+    Servo,
+    ServoCommand,
+    SpringDamper,
+    facts_of,
+)
 from cosim.analysis.hands import combined_hand
 from cosim.analysis.inputs import feeders, is_driven, start_value
 from cosim.analysis.quantiles import quantiles
@@ -37,7 +47,7 @@ LOOKS = 8000
 QUANTILES = 48
 
 T = TypeVar("T")
-F = TypeVar("F", Arm, DynamicFeedback, SpringDamper, Hand)
+F = TypeVar("F", Arm, DynamicFeedback, SpringDamper, Hand, Servo, ServoCommand)
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,6 +80,25 @@ class Edge:
     fed: bool = True
 
 
+@dataclass(frozen=True, slots=True)
+class Command:
+    """How a law moves an arm that takes no torque: by the component `servo`.
+
+    `by`: the component whose output is the servo's command, the law itself or one that turns its
+    torque into a command; `link`: on the way from it to the servo, None for a wire.
+    """
+
+    law: str
+    servo: str
+    by: str
+    link: Link | None = None
+
+    @property
+    def direct(self) -> bool:
+        """Whether the law itself commands positions or velocities."""
+        return self.by == self.law
+
+
 @dataclass(frozen=True)
 class AnalyzedSystem:
     """A plan with the facts of its components, by component; `silent`: why facts are missing."""
@@ -80,6 +109,7 @@ class AnalyzedSystem:
     silent: Mapping[str, str]
     edges: tuple[Edge, ...] = ()
     controls: Mapping[str, str] = field(default_factory=dict)  # law or controller by its arm
+    commands: Mapping[str, Command] = field(default_factory=dict)  # by arm, if it takes no torque
     _by_kind: dict[type, dict[str, Any]] = field(
         default_factory=dict, init=False, repr=False, compare=False
     )
@@ -121,6 +151,11 @@ class AnalyzedSystem:
     def period(self, name: str) -> float:
         """The period of a component, s."""
         return self.plan.component(name).period * self.plan.h
+
+    def feedback_period(self, name: str) -> float:
+        """The period at which the velocity that a law feeds back is read, s: its servo's, if any."""
+        command = self.commands.get(self.arm_of(name) or "")
+        return self.period(command.servo if command and command.direct else name)
 
     def held(self) -> tuple[str, ...]:
         """The arms that an operator holds or pushes, by a grip or the external torque."""
@@ -180,9 +215,12 @@ def system(scenario: Scenario, plan: Plan) -> AnalyzedSystem:
             facts[step.name] = found
     bare = AnalyzedSystem(scenario, plan, facts, silent)
     controls = dict(_controls(bare))
-    known = AnalyzedSystem(scenario, plan, facts, silent, (), controls)
+    commands = {arm: c for arm, name in controls.items() if (c := _command(plan, facts, name))}
+    controls |= {arm: command.law for arm, command in commands.items()}
+    facts |= _with_gains(facts, commands)
+    known = AnalyzedSystem(scenario, plan, facts, silent, (), controls, commands)
     edges = tuple(e for name in known.with_facts(DynamicFeedback) for e in _edges(known, name))
-    return AnalyzedSystem(scenario, plan, facts, silent, edges, controls)
+    return AnalyzedSystem(scenario, plan, facts, silent, edges, controls, commands)
 
 
 def _controls(system: AnalyzedSystem) -> Iterable[tuple[str, str]]:
@@ -190,6 +228,40 @@ def _controls(system: AnalyzedSystem) -> Iterable[tuple[str, str]]:
     for wire in system.plan.wires:
         if (name := torques.get(_port(wire.target))) is not None:
             yield name, wire.source.component
+
+
+def _command(plan: Plan, facts: Mapping[str, Facts], servo: str) -> Command | None:
+    """Who commands the component `servo`; None where it is no servo, or nobody does."""
+    what = facts.get(servo)
+    source = _feeder(plan, servo, what.command) if isinstance(what, Servo) else None
+    if source is None:
+        return None
+    by, link = source.source.component, source if isinstance(source, Link) else None
+    turned = facts.get(by)
+    wanted = _feeder(plan, by, turned.torque) if isinstance(turned, ServoCommand) else None
+    law = wanted.source.component if wanted is not None else by
+    return Command(law, servo, by, link)
+
+
+def _feeder(plan: Plan, component: str, port: str) -> Wire | Link | None:
+    slot = next((s for s in plan.component(component).inputs if s.port == port), None)
+    return _source(plan, slot.start) if slot is not None else None
+
+
+def _with_gains(
+    facts: Mapping[str, Facts], commands: Mapping[str, Command]
+) -> Mapping[str, Facts]:
+    """Laws that command velocities or positions, with the gains of their servos."""
+    found: dict[str, Facts] = {}
+    for command in commands.values():
+        law, servo = facts.get(command.law), facts.get(command.servo)
+        if isinstance(law, DynamicFeedback) and isinstance(servo, Servo) and not law.K:
+            holds = any(servo.K_p) or servo.by_position
+            beyond = law.beyond or ("the servo holds its position" if holds else "")
+            found[command.law] = replace(
+                law, K=servo.K_v, tau_max=servo.tau_max, beyond=beyond
+            )
+    return found
 
 
 def _port(slot: Slot) -> str:

@@ -31,6 +31,8 @@ def passivity(system: AnalyzedSystem) -> Iterator[Finding]:
     for name, law, arm in dynamic(system):
         if law.task is not None and not law.lambda_c:
             continue  # its gain depends on the posture: checks.tasks
+        if law.beyond or not law.feeds_forward:
+            continue  # without M_hat it is passive
         limit, joint = closed.worst_passive_limit(law, arm)
         margin = limit - law.lambda_M
         if margin >= 0:
@@ -59,6 +61,8 @@ def grip(system: AnalyzedSystem) -> Iterator[Finding]:
     for start in system.held():
         net = network(system, start)
         if net is None or net.law.lambda_c or not min(net.arms[net.port].grip.stiffness):
+            continue
+        if not net.law.feeds_forward:
             continue
         arm, law = net.arms[net.port], net.law
         stiffness, damping = arm.grip.stiffness, arm.grip.damping
@@ -108,7 +112,7 @@ def no_integral(system: AnalyzedSystem) -> Iterator[Finding]:
     """lambda_M = 0: no integral action, so the force must be held permanently."""
     for name, law, _ in dynamic(system):
         if law.lambda_M == 0 and law.alpha > 0:
-            joints = law.task is None and not law.lambda_c
+            joints = law.task is None and not law.lambda_c and min(law.K, default=0.0) > 0
             gain = 1 / (law.alpha * min(law.K)) if joints else inf
             yield Finding(
                 rule="no-integral",

@@ -5,7 +5,17 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 
 from cosim.analysis.system import AnalyzedSystem, system
-from cosim.checks import buses, channels, couplings, laws, reachability, sampling, tasks, wiring
+from cosim.checks import (
+    buses,
+    channels,
+    couplings,
+    laws,
+    reachability,
+    sampling,
+    servos,
+    tasks,
+    wiring,
+)
 from cosim.checks.finding import Finding, merge_findings
 from cosim.scenario.spec import Scenario
 from cosim.schedule.plan import Plan
@@ -34,6 +44,10 @@ RULES: tuple[Rule, ...] = (
     tasks.spanning_tree,
     couplings.ground_damping,
     couplings.constant_delay,
+    servos.gains,
+    servos.inertia,
+    servos.bandwidth,
+    servos.holding,
     channels.unbounded_delay,
     channels.buffer,
     buses.lost_frames,

@@ -22,7 +22,7 @@ def known_laws(system: AnalyzedSystem) -> Iterator[tuple[str, Law, Arm]]:
     """All controllers whose law and arm are known."""
     for arm, name in sorted(system.controls.items()):
         law = system.facts.get(name)
-        if isinstance(law, DynamicFeedback | SpringDamper):
+        if isinstance(law, SpringDamper) or (isinstance(law, DynamicFeedback) and law.K):
             yield name, law, system.arms[arm]
 
 
@@ -35,7 +35,7 @@ def feedback(system: AnalyzedSystem) -> Iterator[Finding]:
     """
     share = 1.0 if system.plan.algorithm == "jacobi" else 2.0
     for name, law, arm in known_laws(system):
-        T = system.period(name)
+        T = system.feedback_period(name)
         remark3 = isinstance(law, DynamicFeedback) and law.lambda_c > 0
         if isinstance(law, DynamicFeedback) and law.task is not None and not remark3:
             continue  # its gain depends on the posture: checks.tasks
@@ -147,7 +147,7 @@ def sampled_hand(system: AnalyzedSystem) -> Iterator[Finding]:
             continue
         T = system.period(wire.source.component)
         law = system.facts.get(system.controls.get(wire.target.component, ""))
-        known = isinstance(law, DynamicFeedback | SpringDamper)
+        known = isinstance(law, SpringDamper) or (isinstance(law, DynamicFeedback) and law.K)
         damping = spread(law.feedback if known else (0.0,), len(arm.q))  # type: ignore[union-attr]
         k_d, m = max(spring.damping), len(arm.q)
         energy, braked = spread(spring.stiffness, m) * T / 2, spread(spring.damping, m) + damping

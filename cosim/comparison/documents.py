@@ -208,6 +208,14 @@ def _control(
         made.setdefault("period", components[role.controller].get("period"))
         made["inputs"] = {port: _end(role, source) for port, source in side.inputs.items()}
         components[role.controller] = {k: v for k, v in made.items() if v is not None}
+        for part, (keys, wires) in side.parts.items():
+            whole = f"{role.arm}_{part}"
+            if whole in components:
+                place = f"{variants.path} at controllers.{controller.name}.components.{part}"
+                raise ScenarioError(f"the scenario has a component {whole!r} already", place)
+            inputs = {port: _end(role, source) for port, source in wires.items()}
+            model = _model(keys["model"], variants.path.parent)
+            components[whole] = {**keys, "model": model, "inputs": inputs}
         driven = {port: _end(role, source) for port, source in side.drives.items()}
         wired = components[role.arm].get("inputs", {}).items()  # by port, or entry by entry
         kept = {port: wire for port, wire in wired if port.partition("[")[0] not in driven}
@@ -233,7 +241,8 @@ def _links(controller: Controller, law: LinkLaw, variants: Variants) -> list[Doc
 
 def _end(role: Role, port: tuple[str, str]) -> str:
     owner, name = port
-    return f"{role.arm if owner == 'arm' else role.controller}.{name}"
+    own = {"arm": role.arm, "controller": role.controller}
+    return f"{own.get(owner, f'{role.arm}_{owner}')}.{name}"
 
 
 def _touches(link: Any, replaced: tuple[str, ...]) -> bool:

@@ -32,14 +32,18 @@ class Role:
 class ControllerSide:
     """A controller on one side: its component's keys, and wires as input -> (owner, port).
 
-    The owner is ``arm`` or ``controller``: of the own side in `inputs` and `drives`, of the other
-    side in `receives`.
+    The owner is ``arm``, ``controller`` or one of the `parts`: of the own side in `inputs` and
+    `drives`, of the other side in `receives`. `parts`: further components of the side by name, each
+    with its keys and its wires; in the scenario they are called ``ARM_NAME``.
     """
 
     component: Mapping[str, Any]
     inputs: Mapping[str, tuple[str, str]]
     drives: Mapping[str, tuple[str, str]]
     receives: Mapping[str, tuple[str, str]]
+    parts: Mapping[str, tuple[Mapping[str, Any], Mapping[str, tuple[str, str]]]] = field(
+        default_factory=dict
+    )
 
 
 @dataclass(frozen=True, slots=True)

@@ -21,6 +21,9 @@
     preset = "PD(10,4)"
     receives = { q_j = "arm.q", dq_j = "arm.dq" }
     [controllers.wave.master]               # a role's own keys, where the two sides differ
+    [controllers.slow.components.servo]     # a component of each side besides: drives and inputs
+    model = "fmus.models.servo"             # may name it, as in drives = { tau = "servo.tau" }
+    inputs = { q = "arm.q", dq_c = "controller.dq_c" }
 
     [operators.tight]                       # values of a role's arm
     master = { k_p = 200.0, k_d = 2.0 }
@@ -76,7 +79,7 @@ from cosim.comparison.variants import (
 from cosim.scenario.connect import unknown
 
 _NAME = re.compile(r"[\w.+-]+$")
-_ENDPOINT = re.compile(r"(arm|controller)\.(\w[\w.]*(?:\[[\d, ]+\])*)$")
+_ENDPOINT = re.compile(r"(\w+)\.(\w[\w.]*(?:\[[\d, ]+\])*)$")
 _TOP = ("title", "set", "roles", "wiring", "controllers", "operators", "links", "columns",
         "stable", "figure", "port", "default")  # fmt: skip
 _COMPONENT = ("model", "fmi", "sizes", "options", "preset", "period", "parameters", "start")
@@ -147,7 +150,7 @@ def _check_names(top: Section) -> None:
 
 def _controller(name: str, table: Section, top: Section, roles: Mapping[str, Role]) -> Controller:
     own = ("title", "condition", "constant_delay")
-    table.only(*own, *_COMPONENT, *_WIRING, *roles)
+    table.only(*own, *_COMPONENT, *_WIRING, "components", *roles)
     wiring = top.table("wiring")
     wiring.only("inputs", "drives")
     return Controller(
@@ -166,22 +169,29 @@ def _side(shared: Section, own: Section, wiring: Section) -> ControllerSide:
     for key in ("sizes", "options", "parameters", "start"):
         component[key] = shared.mapping(key) | own.mapping(key)
     component["model"] = (own if "model" in own else shared).text("model")
+    further = dict(shared.tables("components")) if "components" in shared else {}
+    owners = ("arm", "controller", *further)
     wires = []
     for key in _WIRING:
         table = next((t for t in (own, shared, wiring) if key in t), shared)
-        wires.append(_wires(table.table(key)))
-    return ControllerSide({k: v for k, v in component.items() if v not in (None, {})}, *wires)
+        wires.append(_wires(table.table(key), owners))
+    parts = {}
+    for name, part in further.items():
+        part.only(*_COMPONENT, "inputs")
+        part.text("model")
+        keys = {key: part.data[key] for key in _COMPONENT if key in part}
+        parts[name] = (keys, _wires(part.table("inputs"), owners))
+    made = {k: v for k, v in component.items() if v not in (None, {})}
+    return ControllerSide(made, *wires, parts)
 
 
-def _wires(table: Section) -> dict[str, tuple[str, str]]:
+def _wires(table: Section, owners: Sequence[str]) -> dict[str, tuple[str, str]]:
     found = {}
     for port in table.data:
         match = _ENDPOINT.match(table.text(port))
-        if match is None:
-            raise ScenarioError(
-                f"{table.text(port)!r}: expected 'arm.PORT' or 'controller.PORT'",
-                table.place(port),
-            )
+        if match is None or match[1] not in owners:
+            expected = " or ".join(f"'{owner}.PORT'" for owner in owners)
+            raise ScenarioError(f"{table.text(port)!r}: expected {expected}", table.place(port))
         found[port] = (match[1], match[2])
     return found
 

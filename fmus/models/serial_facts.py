@@ -8,10 +8,21 @@ extremes over them are close to those of the workspace, but no bounds.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import lru_cache
 from math import pi
 
-from cosim.analysis.facts import Arm, DynamicFeedback, Gravity, Spring, SpringDamper, Values, Vector
+from cosim.analysis.facts import (
+    Arm,
+    DynamicFeedback,
+    Gravity,
+    Servo,
+    ServoCommand,
+    Spring,
+    SpringDamper,
+    Values,
+    Vector,
+)
 from fmus.models import chain
 from fmus.models.arm import FREE
 from fmus.models.chain import Table
@@ -185,6 +196,53 @@ def _regressor_size(values: Values, Gamma: Vector) -> float:
         scaled = Y * np.sqrt(Gamma) / np.sqrt(K)[:, None]
         squares.append(np.linalg.norm(scaled, 2) ** 2)
     return float(np.sqrt(np.mean(squares) * K.min() / max(Gamma)))
+
+
+def velocity(values: Values) -> DynamicFeedback:
+    """The law for velocity-commanded arms: K is that of its servo, the estimates start from 0."""
+    return DynamicFeedback(
+        K=(),
+        Gamma=values["Gamma"],
+        alpha=values["alpha"][0],
+        lambda_M=values["lambda_M"][0],
+        lambda_=values["lambda"][0],
+        z=values["z"],
+        gravity=GRAVITY[int(values["gravity"][0])],
+        age_max=values["age_max"][0],
+        torque="dq_c",
+        received="xi_in",
+        weights="w",
+        age="age",
+        estimate="",
+    )
+
+
+def kinematic(values: Values) -> DynamicFeedback:
+    """The coupling as a command, without a model of the arm."""
+    return replace(
+        velocity({**values, "Gamma": (0.0,), "gravity": (0.0,)}),
+        feeds_forward=False,
+        beyond="it is moved by a measured torque" if any(values["b"]) else "",
+    )
+
+
+def servo(values: Values) -> Servo:
+    """The inner loop of a robot that takes positions or velocities."""
+    by_position = values["mode"][0] == 1
+    return Servo(
+        K_v=values["K_v"],
+        K_p=values["K_p"],
+        feed_forward=values["feed_forward"][0] if by_position else 1.0,
+        by_position=by_position,
+        command="q_c" if by_position else "dq_c",
+        T_c=values.get("T_c", (0.0,))[0],
+        tau_max=values.get("tau_max", (1e9,)),
+    )
+
+
+def servo_command(values: Values) -> ServoCommand:
+    """What turns a torque into commands of a servo."""
+    return ServoCommand(servo=servo(values))
 
 
 def pd(values: Values) -> SpringDamper:

@@ -81,7 +81,7 @@ class Edge:
 
 
 @dataclass(frozen=True, slots=True)
-class Command:
+class CommandPath:
     """How a law moves an arm that takes no torque: by the component `servo`.
 
     `by`: the component whose output is the servo's command, the law itself or one that turns its
@@ -109,7 +109,7 @@ class AnalyzedSystem:
     silent: Mapping[str, str]
     edges: tuple[Edge, ...] = ()
     controls: Mapping[str, str] = field(default_factory=dict)  # law or controller by its arm
-    commands: Mapping[str, Command] = field(default_factory=dict)  # by arm, if it takes no torque
+    commands: Mapping[str, CommandPath] = field(default_factory=dict)  # by arm without torques
     _by_kind: dict[type, dict[str, Any]] = field(
         default_factory=dict, init=False, repr=False, compare=False
     )
@@ -153,7 +153,7 @@ class AnalyzedSystem:
         return self.plan.component(name).period * self.plan.h
 
     def feedback_period(self, name: str) -> float:
-        """The period at which the velocity that a law feeds back is read, s: its servo's, if any."""
+        """The period at which the velocity that a law feeds back is read, s: its servo's if any."""
         command = self.commands.get(self.arm_of(name) or "")
         return self.period(command.servo if command and command.direct else name)
 
@@ -230,7 +230,7 @@ def _controls(system: AnalyzedSystem) -> Iterable[tuple[str, str]]:
             yield name, wire.source.component
 
 
-def _command(plan: Plan, facts: Mapping[str, Facts], servo: str) -> Command | None:
+def _command(plan: Plan, facts: Mapping[str, Facts], servo: str) -> CommandPath | None:
     """Who commands the component `servo`; None where it is no servo, or nobody does."""
     what = facts.get(servo)
     source = _feeder(plan, servo, what.command) if isinstance(what, Servo) else None
@@ -240,7 +240,7 @@ def _command(plan: Plan, facts: Mapping[str, Facts], servo: str) -> Command | No
     turned = facts.get(by)
     wanted = _feeder(plan, by, turned.torque) if isinstance(turned, ServoCommand) else None
     law = wanted.source.component if wanted is not None else by
-    return Command(law, servo, by, link)
+    return CommandPath(law, servo, by, link)
 
 
 def _feeder(plan: Plan, component: str, port: str) -> Wire | Link | None:
@@ -249,7 +249,7 @@ def _feeder(plan: Plan, component: str, port: str) -> Wire | Link | None:
 
 
 def _with_gains(
-    facts: Mapping[str, Facts], commands: Mapping[str, Command]
+    facts: Mapping[str, Facts], commands: Mapping[str, CommandPath]
 ) -> Mapping[str, Facts]:
     """Laws that command velocities or positions, with the gains of their servos."""
     found: dict[str, Facts] = {}
@@ -258,9 +258,7 @@ def _with_gains(
         if isinstance(law, DynamicFeedback) and isinstance(servo, Servo) and not law.K:
             holds = any(servo.K_p) or servo.by_position
             beyond = law.beyond or ("the servo holds its position" if holds else "")
-            found[command.law] = replace(
-                law, K=servo.K_v, tau_max=servo.tau_max, beyond=beyond
-            )
+            found[command.law] = replace(law, K=servo.K_v, tau_max=servo.tau_max, beyond=beyond)
     return found
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from cosim.analysis.facts import Arm, DynamicFeedback, Servo, ServoCommand
 from cosim.analysis.network import spread
-from cosim.analysis.system import AnalyzedSystem, Command, age
+from cosim.analysis.system import AnalyzedSystem, CommandPath, age
 from cosim.checks.finding import Finding, Severity
 
 #: What a law says that is moved by a measured torque.
@@ -19,7 +19,7 @@ LITTLE, MUCH = 0.1, 0.5
 FAST, SAFE = 5.0, 10.0
 
 
-def _commanded(system: AnalyzedSystem) -> Iterator[tuple[Command, Arm, Servo]]:
+def _commanded(system: AnalyzedSystem) -> Iterator[tuple[CommandPath, Arm, Servo]]:
     """Arms with servos, and how they are commanded."""
     for arm, command in sorted(system.commands.items()):
         servo = system.facts[command.servo]
@@ -60,7 +60,11 @@ def _differ(a: Servo, b: Servo, name: str) -> bool:
 
 
 def inertia(system: AnalyzedSystem) -> Iterator[Finding]:
-    """K_v (T/2 + d) against the inertia of a joint: what the servo resists until the next command."""
+    """What the servo resists until the next command, against the inertia of a joint.
+
+    Under a constant torque it seems K_v T (1 + exp(K_v d/M)/(exp(K_v T/M) - 1)) instead of M, for
+    commands every T that are d <= T late, and K_v T more for each further T.
+    """
     for command, arm, servo in _commanded(system):
         if command.direct:
             continue
@@ -68,8 +72,9 @@ def inertia(system: AnalyzedSystem) -> Iterator[Finding]:
         late = age(command.link).mean if command.link is not None else 0.0
         M = np.diag(arm.inertia(arm.parameters, arm.q))
         K_v = spread(servo.K_v, len(M))
-        x = K_v * T / M
-        more = np.where(x > 1e-9, x / -np.expm1(-np.maximum(x, 1e-9)) - 1, 0.0) + K_v * late / M
+        whole, rest = divmod(late, T)
+        x = np.maximum(K_v * T / M, 1e-9)
+        more = x * (1 + whole + np.exp(x * (rest / T - 1)) / -np.expm1(-x)) - 1
         joint = int(np.argmax(more))
         if more[joint] <= LITTLE:
             continue

@@ -171,18 +171,23 @@ def _side(shared: Section, own: Section, wiring: Section) -> ControllerSide:
     component["model"] = (own if "model" in own else shared).text("model")
     further = dict(shared.tables("components")) if "components" in shared else {}
     owners = ("arm", "controller", *further)
-    wires = []
+    wires = {}
     for key in _WIRING:
         table = next((t for t in (own, shared, wiring) if key in t), shared)
-        wires.append(_wires(table.table(key), owners))
-    parts = {}
-    for name, part in further.items():
-        part.only(*_COMPONENT, "inputs")
-        part.text("model")
-        keys = {key: part.data[key] for key in _COMPONENT if key in part}
-        parts[name] = (keys, _wires(part.table("inputs"), owners))
+        wires[key] = _wires(table.table(key), owners)
+    parts = {name: _part(part, owners) for name, part in further.items()}
     made = {k: v for k, v in component.items() if v not in (None, {})}
-    return ControllerSide(made, *wires, parts)
+    return ControllerSide(made, **wires, parts=parts)
+
+
+def _part(
+    table: Section, owners: Sequence[str]
+) -> tuple[Mapping[str, Any], Mapping[str, tuple[str, str]]]:
+    """A further component of a side: its keys, and its wires."""
+    table.only(*_COMPONENT, "inputs")
+    table.text("model")
+    keys = {key: table.data[key] for key in _COMPONENT if key in table}
+    return keys, _wires(table.table("inputs"), owners)
 
 
 def _wires(table: Section, owners: Sequence[str]) -> dict[str, tuple[str, str]]:

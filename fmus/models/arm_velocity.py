@@ -21,13 +21,13 @@ not act on row i and stay.
 
 The servo must have no integral (K_p = 0), which would hold against the person who pushes, and no
 limit that acts: where `clamped` says that one does, no estimate changes, z changes in the other
-direction only, and q_c follows the arm. `gravity` says whether the robot's own controller compensates
-gravity (0) or theta_hat adapts it (2); a torque for it cannot be commanded. Gamma has an entry for
-each parameter of a link; Gamma_row is about one over the K_v that is guessed, for gains that act like
-those of ``arm_teleoperation``.
+direction only, and q_c follows the arm. `gravity` says whether the robot's own controller
+compensates gravity (0) or theta_hat adapts it (2); a torque for it cannot be commanded. Gamma has
+an entry for each parameter of a link; Gamma_row is about one over the K_v that is guessed, for
+gains that act like those of ``arm_teleoperation``.
 
-Sampled: outputs as of t_k; z and the estimates advance by one step of the explicit Euler method. The
-table is that of ``chain``, of which inertia and rotors are not used.
+Sampled: outputs as of t_k; z and the estimates advance by one step of the explicit Euler method.
+The table is that of ``chain``, of which inertia and rotors are not used.
 
 Source: the paper's law with the parameters of each row scaled by the gain of its servo, own
 construction; it is not the law of arXiv 2106.12470. The idea of keeping the inner loop and adapting

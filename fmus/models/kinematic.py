@@ -1,18 +1,19 @@
 """The paper's coupling for a robot that takes velocities or positions, without a model of it.
 
-With a ``servo`` that is fast against the coupling, the reference of the dynamic feedback itself is the
-command, for one arm and its neighbours j::
+With a ``servo`` that is fast against the coupling, the reference of the dynamic feedback itself is
+the command, for one arm and its neighbours j::
 
     xi   = dq + alpha q                                                  sent, (47)
     dz   = -alpha dq + lambda_M (dq - z) + b tau_m - lambda Σ_j w_j (xi - xi_in_j)
     dq_c = z,   q_c = q(0) + ∫ dq_c dt
 
-To a servo in velocity mode with the gain K_v and without an integral this is the paper's law with
-K = K_v and theta_hat = 0, since tau = K_v (z - dq) = -K_v s. A person moves such an arm by what the
-servo yields: s is about tau_h/K_v, so that the felt damping is that of Theorem 5 with this K. A servo
-that yields nothing, because it has an integral or takes positions, is moved by a measured force only:
-`tau_m` is the torque of the operator or of the environment on each joint, and `b` (1/kg.m2) the
-admittance. A constant push tau_m of one of two arms then moves both at b tau_m/(alpha (2 + lambda ΣT)).
+To a servo in velocity mode with the gain K_v and without an integral this is the paper's law with K
+= K_v and theta_hat = 0, since tau = K_v (z - dq) = -K_v s. A person moves such an arm by what the
+servo yields: s is about tau_h/K_v, so that the felt damping is that of Theorem 5 with this K. A
+servo that yields nothing, because it has an integral or takes positions, is moved by a measured
+force only: `tau_m` is the torque of the operator or of the environment on each joint, and `b`
+(1/kg.m2) the admittance. A constant push tau_m of one of two arms then moves both at b tau_m/(alpha
+(2 + lambda ΣT)).
 
 Condition: what is stated holds for K_v/M of each joint 5 to 10 times the rates lambda + alpha, and
 lambda_M + alpha; the delay of the servo, M/K_v, counts as part of the links' delay T.
@@ -23,8 +24,8 @@ not change further in that direction, and q_c moves with the arm.
 Sampled: outputs as of t_k; z advances by one step of the explicit Euler method. `age_max` and
 `age_fade` treat old signals as in ``teleoperation``.
 
-Source: the paper, eqs (76)-(81), for inertia that the servo makes irrelevant: own construction. It is
-not the law of arXiv 2106.12470.
+Source: the paper, eqs (76)-(81), for inertia that the servo makes irrelevant: own construction. It
+is not the law of arXiv 2106.12470.
 """
 
 from __future__ import annotations
@@ -92,8 +93,9 @@ def commands(
     *,
     elementwise: bool = True,
 ) -> tuple[Variable, Variable]:
-    """The outputs q_c, rad, and dq_c, rad/s; the arguments as for :meth:`Joints.torque`."""
-    q_c = arm.signal("q_c", "rad", "Commanded position", depends, ("q",))
+    """The outputs q_c, rad, and dq_c, rad/s; the arguments are those of dq_c."""
+    measured = tuple(dict.fromkeys((*depends, "dq", "clamped")))
+    q_c = arm.signal("q_c", "rad", "Commanded position", measured, ("q",))
     dq_c = arm.signal("dq_c", RATE, "Commanded velocity", depends, start_depends)
     return replace(q_c, elementwise=elementwise), replace(dq_c, elementwise=elementwise)
 

@@ -1,7 +1,7 @@
 """The servo of a robot that takes positions or velocities: what closes its inner loop.
 
-Most arms take no torque. Each joint has a controller of its maker's, which is the same in both modes
-and knows a reference q_r with its velocity dq_r::
+Most arms take no torque. Each joint has a controller of its maker's, which is the same in both
+modes and knows a reference q_r with its velocity dq_r::
 
     tau = K_v (f dq_r - dq) + K_p (q_r - q) + K_i ∫ (q_r - q) dt
 
@@ -12,10 +12,10 @@ In velocity mode K_p is the gain of the integral of the velocity error. In posit
 starts a new line; without one q_r stays where it is. A cascade of a position and a velocity loop
 with the gains k_1 (1/s) and k_2 (N.m.s/rad) is K_v = k_2, K_p = k_1 k_2.
 
-Its limits are those of makers' controllers: dq_r is limited to ±v_max and changes by a_max h at most
-in a step h, and tau is limited to ±tau_max. While tau is limited, both integrals stay. `clamped` is 1
-where something was limited from above, -1 where from below, and 0 elsewhere, so that who commands can
-stop its own integrals.
+Its limits are those of makers' controllers: dq_r is limited to ±v_max and changes by a_max h at
+most in a step h, and tau is limited to ±tau_max. While tau is limited, both integrals stay.
+`clamped` is 1 where something was limited from above, -1 where from below, and 0 elsewhere, so that
+who commands can stop its own integrals.
 
 Sampled: inputs are read at t_k, outputs are held to the next step. The servo stands between an arm
 and whatever commands it, at its own period, which is shorter than that of the commands. A command
@@ -30,14 +30,14 @@ from __future__ import annotations
 from dataclasses import replace
 
 from fmus.model import Model, Terminal, Variable
-from fmus.models.joints import DAMPING, RATE, STIFFNESS, TORQUE, Joints
+from fmus.models.joints import DAMPING, RATE, STIFFNESS, Joints
 from fmus.numeric import Array, np
 from fmus.reference import Values, derive
 
 #: Modes, and where there is no limit.
 VELOCITY, POSITION = 0, 1
 UNLIMITED = 1e9
-INTEGRAL = "N.m/(rad.s)"
+INTEGRAL = "N.m/rad.s"
 
 
 def mode() -> Variable:

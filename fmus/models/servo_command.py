@@ -1,8 +1,9 @@
 """Commands of position or velocity with which a ``servo`` gives a wanted torque.
 
 It makes a law for torques usable on a robot that takes none. It knows the gains of the servo, keeps
-its reference q_r, and chooses the reference's velocity so that the servo's law has the wanted torque
-as its value at the end of the period T, if the arm keeps its velocity. For each joint, with e = q_r - q::
+its reference q_r, and chooses the reference's velocity so that the servo's law has the wanted
+torque as its value at the end of the period T, if the arm keeps its velocity. For each joint, with
+e = q_r - q::
 
     tau = K_v (f dq_c - dq) + K_p (e + T (dq_c - dq)) + K_i ∫ e dt
     q_c = q_r + T dq_c,   and q_r of the next period is q_c
@@ -13,25 +14,26 @@ f K_v must be more than 0. Without f it is q_c = q + (tau + K_v dq)/K_p.
 **Exact** while the servo is linear and not limited, and for T -> 0: the reference then obeys
 f K_v de/dt + K_p e = tau + (1 - f) K_v dq, whose zero -K_p/(f K_v) is stable. Within a period the
 servo resists a change of velocity that the law did not ask for, which acts like more inertia: with
-M of the joint and a command that is d late, about::
+M of the joint and a command that is d <= T late, under a constant torque::
 
-    M x/(1 - exp(-x)) + K_v d,   x = K_v T/M          about M + K_v (T/2 + d) for a short period
+    K_v T (1 + exp(K_v d/M)/(exp(K_v T/M) - 1))       about M + K_v (T/2 + d) for a short period
 
 So K_v T must be small against M: a fast servo needs fast commands.
 
-**Limits.** dq_c keeps within `v_max` and `a_max`, which should be the servo's. `clamped` is that of the
-servo: where it is not 0 in velocity mode, q_r moves with the arm, as the servo's own integral stays.
-In position mode nothing winds up, since q_c follows from the measured position. The torque limit is
-that of the law: give its `tau_max` the servo's.
+**Limits.** dq_c keeps within `v_max` and `a_max`, which should be the servo's. `clamped` is that of
+the servo: where it is not 0 in velocity mode, q_r moves with the arm, as the servo's own integral
+stays. In position mode nothing winds up, since q_c follows from the measured position. The torque
+limit is that of the law: give its `tau_max` the servo's.
 
-Sampled: outputs as of t_k. Source: own construction (inversion of the servo's law by one backward
-difference).
+Sampled: outputs as of t_k.
+
+Source: own construction (inversion of the servo's law by one backward difference).
 """
 
 from __future__ import annotations
 
 from cosim.base.errors import ScenarioError
-from fmus.model import Model, Terminal, Variable
+from fmus.model import Model, Terminal
 from fmus.models import servo
 from fmus.models.joints import RATE, TORQUE, Joints
 from fmus.models.servo import VELOCITY, limited_rate
@@ -74,7 +76,7 @@ def model(joints: int = 7) -> Model:
 
 
 def start(x: Values, q: Array, dq: Array, tau: Array, clamped: Array) -> Values:
-    """At rest where the arm is; `q` (n,) rad. Raises ScenarioError where no command has an effect."""
+    """At rest where the arm is; `q` (n,) rad. Raises ScenarioError if no command has an effect."""
     f = 1.0 if x["mode"] == VELOCITY else x["feed_forward"]
     for i in np.flatnonzero(f * x["K_v"] + x["K_p"] <= 0.0):
         raise ScenarioError(
@@ -86,9 +88,9 @@ def start(x: Values, q: Array, dq: Array, tau: Array, clamped: Array) -> Values:
 
 
 def law(x: Values, t: float, h: float, q: Array, dq: Array, tau: Array, clamped: Array) -> Values:
-    """The equations above: q_c (n,) rad, dq_c (n,) rad/s of tau (n,) N.m, q (n,) rad, dq (n,) rad/s.
+    """The equations above: q_c (n,) rad, dq_c (n,) rad/s of `tau` (n,) N.m; `h` s.
 
-    `h` s, `clamped` (n,) without a unit.
+    `q` (n,) rad, `dq` (n,) rad/s, `clamped` (n,) without a unit.
     """
     by_velocity = x["mode"] == VELOCITY
     f = 1.0 if by_velocity else x["feed_forward"]

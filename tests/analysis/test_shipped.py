@@ -24,7 +24,8 @@ WITHOUT_FACTS = [*CONFIGS.glob("mujoco/*.toml")]
 TIPS = [CONFIGS / "task_space.toml", CONFIGS / "robots" / "turn.toml"]
 #: Serial arms; tests of their ports take minutes (there is a small one in test_serial_arm.py).
 ARMS = [
-    *(CONFIGS / "openarm.toml", CONFIGS / "six_axis.toml"),
+    CONFIGS / "openarm.toml",
+    *CONFIGS.glob("six_axis*.toml"),
     *(path for path in CONFIGS.glob("robots/*.toml") if path not in TIPS),
 ]
 SHIPPED = sorted({*CONFIGS.glob("*.toml"), *CONFIGS.glob("can/*.toml")} - {*ARMS, *TIPS})

@@ -128,7 +128,7 @@ def by_variable(pairs: Iterable[tuple[str, str]]) -> Pairs:
 #: ``test_encoder`` find it in the middle of a run.
 LATER = {
     "wave_admittance", "wave_integral_impedance", "wave_integral_admittance", "tdpa_impedance",
-    "tdpa_admittance", "encoder",
+    "tdpa_admittance", "encoder", "servo", "servo_command", "kinematic",
 }  # fmt: skip
 
 

@@ -115,7 +115,8 @@ def test_a_position_command_is_a_line_that_ends_there() -> None:
 
 def test_limits_are_kept_and_said_with_their_sign() -> None:
     made = servo.kernel(joints=2)
-    made.initialize(values(K_v=[10.0, 1.0], v_max=[0.5, 5.0], a_max=[100.0, 1e9], tau_max=[9.0, 1.0]))
+    limits = {"v_max": [0.5, 5.0], "a_max": [100.0, 1e9], "tau_max": [9.0, 1.0]}
+    made.initialize(values(K_v=[10.0, 1.0], **limits))
     rest = {"q": np.zeros(2), "dq": np.zeros(2), "q_c": np.zeros(2)}
     made.initial(rest | {"dq_c": np.zeros(2)})
     seen = [made.step(k * H, H, rest | {"dq_c": np.array([2.0, -3.0])}) for k in range(8)]
@@ -199,7 +200,7 @@ def test_a_kinematic_law_is_not_stuck_at_a_limit() -> None:
 
 
 def test_rows_of_the_estimate_are_those_of_the_regressor() -> None:
-    """With the true parameters over each K_v, the command is z and the inverse dynamics over K_v."""
+    """With the true parameters over K_v, the command is z and the inverse dynamics over K_v."""
     x = adaptive_values(2)
     K_v = np.array([3.0, 7.0, 11.0])
     table = chain.of_values(x)

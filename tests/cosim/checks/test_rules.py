@@ -109,8 +109,9 @@ def test_every_rule_is_among_the_cases() -> None:
         "jacobi",
     }  # fmt: skip
     # those of buses: tests/cosim/scenario/test_buses.py; of FMUs without units: test_unitless.py;
-    # of SSPs: tests/ssp/test_published.py; of tips: test_tasks.py
-    assert len(RULES) + len(NOTES) == 36
+    # of SSPs: tests/ssp/test_published.py; of tips: test_tasks.py;
+    # of servos: test_servos.py
+    assert len(RULES) + len(NOTES) == 40
 
 
 # ---- predictions and the rest -------------------------------------------------------------------

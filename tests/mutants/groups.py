@@ -42,7 +42,13 @@ GROUPS = {
     ),
     "engine": Group(
         ("cosim/c/*.c", "cosim/c/*.h"),
-        ("tests/cosim/engine", "tests/cosim/fmi", "tests/cosim/mujoco", "tests/system"),
+        (
+            "tests/cosim/engine",
+            "tests/cosim/fmi",
+            "tests/cosim/mujoco",
+            "tests/system",
+            "tests/cosim/sweeps/test_batch.py",
+        ),
         ("cosim", "fmus"),
     ),
     "links": Group(("cosim/links/*.py", "cosim/links/*/*.py"), ("tests/cosim/links",)),

@@ -24,7 +24,7 @@ from cosim.scenario.spec import build
 from cosim.schedule.plan import Plan
 from tests.cosim.fmi.exporter import column, exchange2, exchange3, export, plan_of, run, strict2
 
-BALL, GROWS, POL, STICKS, COUNTS, WRAPS, FAILS, LEAVES, SHRINKS, WALLS = range(10)
+BALL, GROWS, POL, STICKS, COUNTS, WRAPS, FAILS, LEAVES, SHRINKS, WALLS, FADES, SWITCHES = range(12)
 DISCARD, ERROR, FATAL = 2, 3, 4
 BOTH = pytest.mark.parametrize("fmi", ["2.0", "3.0"])
 ALONE = pytest.mark.parametrize("fmi", ["2.0"])
@@ -170,6 +170,29 @@ def test_an_indicator_that_comes_to_zero_from_above_is_an_event(
 ) -> None:
     found = end_of(plan_that(fmus[fmi], LEAVES, 8, 0.25, solver="euler"))
     assert (found["events"], found["at"]) == (1.0, 1.0)
+
+
+@ALONE
+@pytest.mark.parametrize(
+    ("model", "step", "start", "trials"),
+    [
+        (LEAVES, 1.5, {}, 6), (BALL, 1.5, {}, 32), (STICKS, 11.0, {"x0": 0.0}, 6),
+        (FADES, 1.5, {"x0": 0.0, "when": 0.26}, 23), (FADES, 1.5, {"x0": 0.0, "when": 0.9}, 18),
+        (SWITCHES, 1.5, {"x0": 0.0, "when": 0.7}, 351),
+    ],
+)  # fmt: skip
+def test_the_trials_that_find_the_time_of_an_event(
+    fmus: dict[str, Path], calls: Callable[[], list[str]], model: int, step: float,
+    start: dict[str, float], trials: int, fmi: str,
+) -> None:  # fmt: skip
+    """Their number is part of what a run costs: a change of the search shows here.
+
+    Lines find a smooth event in some trials; one that jumps, unevenly, takes many.
+    """
+    found = end_of(plan_that(fmus[fmi], model, 1, step, start=start, solver="rk4", max_step=100.0))
+    assert calls().count("EventIndicators") == trials
+    when = start.get("when", {LEAVES: 1.0, STICKS: 10.0, BALL: bounces(2)[1]}.get(model))
+    assert found["at"] == pytest.approx(when, rel=1e-14)
 
 
 @pytest.mark.parametrize("solver", ["rk4", "cvode"])

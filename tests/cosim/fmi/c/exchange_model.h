@@ -14,6 +14,8 @@
  * SHRINKS     x0' = -100 x0; derivatives are discarded for x0 < 0
  * WALLS       x0' = x1 between walls at 0 and 1, two indicators: rebounds from both with the same speed
  * LEAVES      x0' = -1 from 1, indicator x0: comes to exactly 0 at 1 s, where steps of 2^-n end
+ * FADES       x0' = 1, an event at x0 = `when` by an indicator that falls steeply first and is flat there
+ * SWITCHES    x0' = 1, an event at x0 = `when` by an indicator that is 1 before and -1e-12 after
  */
 #include <float.h>
 #include <math.h>
@@ -23,7 +25,7 @@
 #include <stdlib.h>
 
 #define FMI __attribute__((visibility("default")))
-enum { BALL, GROWS, POL, STICKS, COUNTS, WRAPS, FAILS, LEAVES, SHRINKS, WALLS };
+enum { BALL, GROWS, POL, STICKS, COUNTS, WRAPS, FAILS, LEAVES, SHRINKS, WALLS, FADES, SWITCHES };
 enum { MADE = 1, STARTING = 2, IN_EVENT = 4, CONTINUOUS = 8, OVER = 16, BROKEN = 32, DEAD = 64 };
 enum { X0, X1, DX0, DX1, U, MU, PERIOD, WHEN, AT, Z, MODEL = 20, STATUS, LAST, GEAR, EVENTS, HEARD };
 
@@ -79,12 +81,19 @@ static void rates(const fmu_t *m, double *d)
     default: d[0] = 1.0;
     }
 }
+static double fading(double x)
+{
+    const double y = 400.0 * x * x;
+    return 1.0 / (1.0 + y * y);
+}
 static double indicator(const fmu_t *m)
 {
     switch (m->model) {
     case BALL: return m->x[0] + (m->stopped ? 1.0 : 0.0);
     case STICKS: return m->slips ? 0.1 - m->x[1] + 1e-13 : 1.0 - m->x[0];
     case WALLS: return m->x[0];
+    case FADES: return m->events ? 1.0 : fading(m->x[0]) - fading(m->when);
+    case SWITCHES: return m->events || m->x[0] < m->when ? 1.0 : -1e-12;
     case LEAVES: return m->x[0] == 0.0 && m->events ? -DBL_MIN : m->x[0];
     default: return 1.0;
     }
@@ -105,6 +114,8 @@ static int happens(fmu_t *m)
         m->x[0] = z <= 0.0 ? DBL_MIN : 1.0 - DBL_EPSILON, m->x[1] *= -1.0;
         m->events++, m->at = m->t;
         return 1;
+    } else if ((m->model == FADES || m->model == SWITCHES) && z <= 0.0) {
+        m->events++, m->at = m->t;
     } else if ((m->model == BALL || m->model == STICKS || m->model == LEAVES) && z <= 0.0) {
         if (m->model == LEAVES && m->events) return 0;
         m->events++, m->at = m->t;

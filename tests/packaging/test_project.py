@@ -81,3 +81,10 @@ def test_importing_the_packages_is_cheap() -> None:
     )
     heavy = {"numpy", "pyarrow", "matplotlib", "fmpy", "msgspec"}
     assert not heavy & set(done.stdout.split())
+
+
+def test_the_parts_of_every_week_are_parts_of_the_long_tests():
+    weekly = (ROOT / ".ci" / "weekly").read_text()
+    named = re.search(r"\|\| set -- (.+)", weekly)
+    known = re.findall(r"^part_(\w+)\(\)", (ROOT / ".ci" / "long").read_text(), re.M)
+    assert named is not None and named[1].split() and set(named[1].split()) <= set(known)

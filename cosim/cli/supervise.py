@@ -154,7 +154,11 @@ def _finish_folder(status: int, folder: str) -> int:
     if os.WIFSIGNALED(status):
         name = signal.Signals(os.WTERMSIG(status)).name
         how = f"the process of this command was ended by {name}"
-        how += " (a component crashed)" if name in _CRASHES else ""
+        how += (
+            " (a component crashed; isolate = true tells which FMU does)"
+            if name in _CRASHES
+            else ""
+        )
         how += " (by somebody, or for lack of memory)" if name == "SIGKILL" else ""
     else:
         code = os.WEXITSTATUS(status)

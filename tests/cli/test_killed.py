@@ -97,8 +97,8 @@ def test_recover_completes_the_folder(cosim: Command, tmp_path: Path) -> None:
     first_fast(
         [
             (0, "a component or a library ended the process of this command (exit code 0)"),
-            (2, "ended by SIGSEGV (a component crashed)"),
-            (1, "ended by SIGABRT (a component crashed)"),
+            (2, "ended by SIGSEGV (a component crashed; isolate = true tells which FMU does)"),
+            (1, "ended by SIGABRT (a component crashed; "),
             (3, "ended by SIGKILL"),
         ],
         2,

@@ -46,6 +46,8 @@ from tests.cosim.fmi.test_calls import (
 )
 from tests.cosim.fmi.test_rollback import SAVES
 from tests.cosim.fmi.test_scheduled import scheduled3
+from tests.cosim.fmi.test_slopes import COURSES
+from tests.cosim.fmi.test_within import within3
 from tests.cosim.scenarios import plan
 from tests.fmi.runs import Watch, ran
 
@@ -58,6 +60,7 @@ OTHERS = {
     "events": events3(), "clocks": clocked3(),
     "an interval": events3('intervalVariability="tunable" intervalDecimal="0.2"'),
     "changing clocks": timed3(), "changing clocks, no early return": timed3(""),
+    "intervals as fractions": timed3(clock='supportsFraction="true"'),
 }  # fmt: skip
 
 
@@ -201,3 +204,17 @@ def test_scheduled_execution(watch: Made, isolate: bool) -> None:
     found = watch(scheduled3())
     assert ran(found, start={"u": 1.0, "u_fast": 2.0}, isolate=isolate) == []
     assert "ActivateModelPartition" in {call.name for call in found.calls()}
+
+
+@ISOLATE
+@pytest.mark.parametrize("extrapolate", ["hold", "linear"])
+def test_intermediate_update(watch: Made, extrapolate: str, isolate: bool) -> None:
+    found = watch(within3())
+    x = {
+        "model": str(found.path), "inputs": {"u": "a.y"}, "extrapolate": extrapolate,
+        "isolate": isolate,
+    }  # fmt: skip
+    given = {"algorithm": "jacobi", "step": 0.25, "stop": 1.0}
+    assert looped(found, {"components": {"a": {"model": COURSES}, "x": x}, **given}) == []
+    inside = {call.name for call in found.calls() if call.depth}
+    assert inside == ({"SetFloat64"} if extrapolate == "linear" else set())

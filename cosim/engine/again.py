@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 from cosim.engine.binding import Vector
 from cosim.engine.engine import Engine
-from cosim.engine.rewind import can_rewind
+from cosim.engine.rewind import can_rewind, leave_out_constant_inputs
 from cosim.fmi.components import free_state, go_back, save_state
 from cosim.schedule.parts import Link
 from cosim.schedule.plan import Plan
@@ -64,6 +64,7 @@ class RepeatedEngine:
         self._engine = engine = Engine(plan, columns=recorded, longest=LONGEST)
         engine.initialize()
         if can_rewind(engine.bound) and engine.ended is None:
+            leave_out_constant_inputs(engine.bound)
             self._start = _saved(engine)
         return engine
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 import ctypes as c
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from cosim.fmi.components import start_is_exact
 from cosim.native import structs
 
@@ -43,6 +45,20 @@ def rewind(bound: Binding, plan: Plan) -> None:
     state.tick = state.row = state.stop = 0
     state.failed_tick = state.failed_index = state.failed_status = state.failed_signal = 0
     bound.keep_last()
+
+
+def leave_out_constant_inputs(bound: Binding) -> None:
+    """Do not write inputs in each step that nothing feeds: their values are in the FMUs already.
+
+    For a plan that :func:`can_rewind`, whose signals nobody else changes. Such inputs are left out
+    where they are the last ones of an FMU.
+    """
+    fed = np.zeros(bound.plan.n_signals, dtype=bool)
+    for op in bound.plan.operations:
+        fed[op.target : op.target + max(1, op.count)] = True
+    for unit in bound.units:
+        used = np.flatnonzero(fed[unit.input : unit.input + unit.input_count])
+        unit.n_inputs = int(used[-1]) + 1 if len(used) else 0
 
 
 def structure(bound: Binding) -> bytes:

@@ -70,6 +70,39 @@ LANES_INLINE Lanes wall_lanes(const Arms *x, int i, Lanes q, Lanes dq) {
 #define TEMPLATE_INLINE LANES_INLINE
 #include "planar2r_motion.h"
 
+LANES_INLINE int all_finite_lanes(const Lanes x[], int n) {
+    Mask finite = {-1, -1, -1, -1};
+    for (int i = 0; i < n; i++) finite &= x[i] - x[i] == 0.0;
+    return finite[0] & finite[1] & finite[2] & finite[3] & 1;
+}
+
+/* `arrive` for LANES arms. */
+LANES_INLINE void arrive_lanes(Model *const x[], const Arms *arms, const Lanes q[2],
+                               const Lanes dq[2], const char *why[]) {
+    Lanes tau_h[2], tau_e[2];
+    for (int i = 0; i < 2; i++) {
+        tau_h[i] = hand_lanes(arms, i, q[i], dq[i]);
+        tau_e[i] = wall_lanes(arms, i, q[i], dq[i]);
+    }
+    if (!(all_finite_lanes(q, 2) && all_finite_lanes(dq, 2) && all_finite_lanes(tau_h, 2) &&
+          all_finite_lanes(tau_e, 2))) {
+        for (int k = 0; k < LANES; k++) {
+            const double at[2] = {q[0][k], q[1][k]}, moves[2] = {dq[0][k], dq[1][k]};
+            why[k] = arrive(x[k], at, moves);
+        }
+        return;
+    }
+    for (int k = 0; k < LANES; k++) {
+        for (int i = 0; i < 2; i++) {
+            x[k]->q[i] = q[i][k];
+            x[k]->dq[i] = dq[i][k];
+            x[k]->tau_h[i] = tau_h[i][k];
+            x[k]->tau_e[i] = tau_e[i][k];
+        }
+        why[k] = NULL;
+    }
+}
+
 /* LANES arms of one kind. */
 LANES_INLINE void step_arms(Model *const x[], double h, const char *why[]) {
     const int substeps = (int)x[0]->substeps;
@@ -90,10 +123,7 @@ LANES_INLINE void step_arms(Model *const x[], double h, const char *why[]) {
         }
     }
     for (int i = 0; i < substeps; i++) runge_kutta_lanes(&arms, torque, h / substeps, q, dq);
-    for (int k = 0; k < LANES; k++) {
-        const double at[2] = {q[0][k], q[1][k]}, moves[2] = {dq[0][k], dq[1][k]};
-        why[k] = arrive(x[k], at, moves);
-    }
+    arrive_lanes(x, &arms, q, dq, why);
 }
 
 /* Whether they differ in numbers only. */

@@ -144,6 +144,7 @@ def functions(version: str) -> dict[str, tuple[str, tuple[Argument, ...]]]:
 
 
 def _function(name: str, kind: str, arguments: tuple[Argument, ...]) -> str:
+    version = name[3]
     shown = ", ".join(f"{a.type} {a.name}{'[]' if a.array else ''}" for a in arguments)
     passed = ", ".join(a.name for a in arguments)
     status = kind.endswith("Status")
@@ -155,6 +156,8 @@ def _function(name: str, kind: str, arguments: tuple[Argument, ...]) -> str:
     if kind != "void":
         lines.append(f"    {kind} result;")
     lines.append(f'    if (!real) real = ({name}TYPE *)dlsym(library(), "{name}");')
+    absent = {"void": "", "const char*": f'"{"default" if "Types" in name else version}.0"'}
+    lines.append(f"    if (!real) return {absent.get(kind, '3' if status else 'NULL')};")
     lines.append("    depth++;")
     lines.append(f"    {'' if kind == 'void' else 'result = '}real({passed});")
     lines.append("    depth--;")

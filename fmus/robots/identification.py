@@ -34,9 +34,9 @@ from fmus.numeric import Array, np
 LINK = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
 LINK_UNITS = ("kg", *("kg.m",) * 3, *("kg.m2",) * 6)
 #: Their order in the search for combinations: what comes first stays.
-_FIRST = (9, 4, 5, 7, 8, 1, 2, 6, 3, 0)
+FIRST = (9, 4, 5, 7, 8, 1, 2, 6, 3, 0)
 #: Norm, relative to that of the column, below which a column is a combination of others.
-_DEPENDENT = 1e-8
+DEPENDENT = 1e-8
 #: The same in measured data: what they do not excite.
 _UNEXCITED = 1e-4
 #: Random states of each joint for the base parameters.
@@ -108,18 +108,21 @@ def base(table: Table, v_f: Array) -> tuple[list[int], list[int], Array]:
     states = random.uniform(-1.0, 1.0, (_STATES * n, 3, n)) * np.array([[np.pi], [2.0], [5.0]])
     W = np.vstack([columns(table, v_f, *state) for state in states])
     norms = np.linalg.norm(W, axis=0)
-    order = [10 * i + k for i in range(n) for k in _FIRST] + list(range(11 * n, 13 * n))
+    order = [10 * i + k for i in range(n) for k in FIRST] + list(range(11 * n, 13 * n))
     order += range(10 * n, 11 * n)
-    effective = [i for i in order if norms[i] > _DEPENDENT * norms.max()]
-    kept = _independent(W[:, effective] / norms[effective], _DEPENDENT)
+    effective = [i for i in order if norms[i] > DEPENDENT * norms.max()]
+    kept = independent(W[:, effective] / norms[effective], DEPENDENT)
     chosen = [effective[i] for i in kept]
     others = [i for i in effective if i not in chosen]
     K = np.linalg.lstsq(W[:, chosen], W[:, others], rcond=None)[0]
     return chosen, others, np.where(np.abs(K) > 1e-7, K, 0.0)
 
 
-def _independent(W: Array, least: float) -> list[int]:
-    """Columns that are no combinations of those before, to a rest of `least`."""
+def independent(W: Array, least: float) -> list[int]:
+    """Columns of `W` (k, n), dimensionless, that are no combinations of those before.
+
+    `least`: the norm of what is left of a column of norm 1 that counts as nothing.
+    """
     basis = np.zeros((len(W), 0))
     kept = []
     for i, column in enumerate(W.T):
@@ -151,7 +154,7 @@ def identified(
     chosen, others, K = base(table, v_f)
     Wb = W.reshape(-1, W.shape[2])[:, chosen]
     scale = np.linalg.norm(Wb, axis=0)
-    shown = _independent(Wb / np.where(scale > 0.0, scale, 1.0), _UNEXCITED)
+    shown = independent(Wb / np.where(scale > 0.0, scale, 1.0), _UNEXCITED)
     Wb = Wb[:, shown]
     if len(Wb) <= 2 * len(shown):
         raise RunError(f"{len(W)} values of each joint for {len(shown)} parameters; expected more")

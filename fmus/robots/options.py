@@ -9,6 +9,8 @@ options.tip = "hand"
 options.payload = { mass = "0.5 kg", centre = [0.0, 0.0, 0.1] }   # in the frame of the tip
 options.fixed = { finger = 0.0 }         # joints that are held, rad or m
 options.estimate = 0.8                   # of an adaptive law: theta_hat(0), a part of the file's
+options.adapt = "base"                   # the parameters it adapts; "all", or ["m[6]", 5]
+options.gain = [1.0, 0.1, 0.01]          # Gamma of m, m c and I of what is adapted
 ```
 """
 
@@ -25,6 +27,7 @@ from cosim.base.component import Preparation
 from cosim.base.convert import number, numbers
 from cosim.base.errors import ScenarioError
 from fmus.models.chain import unphysical
+from fmus.robots.adapted import chosen
 from fmus.robots.body import Placement, RigidBody, symmetric
 from fmus.robots.serial import Robot, serial
 
@@ -33,7 +36,8 @@ if TYPE_CHECKING:
 
     from fmus.model import Model
 
-_KEYS = ("urdf", "base", "tip", "payload", "fixed", "estimate")
+_KEYS = ("urdf", "base", "tip", "payload", "fixed", "estimate", "adapt", "gain")
+_GAIN = [1.0, 0.1, 0.01]
 _PAYLOAD = ("mass", "centre", "inertia")
 #: What stands for "no limit" of a position (rad) and of a torque (N.m) in the models.
 NO_LIMIT, NO_TORQUE = 1e6, 1e9
@@ -61,6 +65,14 @@ def prepare(model: Callable[..., Model], options: Mapping[str, Any], folder: Pat
         if "theta_hat" not in declared:
             raise ScenarioError("the model estimates nothing; expected no key 'estimate'")
         found["theta_hat"] = number(options["estimate"], "1", "estimate") * robot.table.inertia
+    if "adapt" in options or "gain" in options:
+        if "Gamma" not in declared:
+            raise ScenarioError("the model adapts nothing; expected no keys 'adapt' and 'gain'")
+        gain = numbers(options.get("gain", _GAIN), (3,), "1", "gain")
+        if min(gain) < 0.0:
+            raise ScenarioError(f"found {gain}, expected nothing below 0", "gain")
+        of_each = np.repeat(gain, (1, 3, 6))  # m, m c, I
+        found["Gamma"] = of_each * chosen(robot.table, options.get("adapt", "all"))
     values = {name: value.tolist() for name, value in found.items() if name in declared}
     file = robot.path
     return Preparation(sizes, values, {str(file): sha256(file.read_bytes()).hexdigest()})

@@ -253,8 +253,21 @@ class ServoCommand:
     torque: str = "tau"
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TipContact:
+    """What acts at the tip of an arm as a separate, sampled component: springs and dampers.
+
+    `hand` and `wall`: stiffness N/m and damping N.s/m of the stiffest direction; `jacobian(q)`
+    (3, m) of the tip.
+    """
+
+    hand: tuple[float, float]
+    wall: tuple[float, float]
+    jacobian: Callable[[Sequence[float]], Array]
+
+
 Law: TypeAlias = DynamicFeedback | SpringDamper
-Facts: TypeAlias = Arm | DynamicFeedback | SpringDamper | Hand | Servo | ServoCommand
+Facts: TypeAlias = Arm | DynamicFeedback | SpringDamper | Hand | Servo | ServoCommand | TipContact
 
 
 def facts_of(model: str, values: Values) -> Facts | None:

@@ -42,6 +42,7 @@ RULES: tuple[Rule, ...] = (
     tasks.singular,
     tasks.missing,
     tasks.spanning_tree,
+    tasks.sampled_contact,
     couplings.ground_damping,
     couplings.constant_delay,
     servos.gains,

@@ -7,7 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cosim.analysis.facts import Arm, Array, DynamicFeedback, TipTask
+from cosim.analysis.facts import Arm, Array, DynamicFeedback, SpringDamper, TipContact, TipTask
+from cosim.analysis.network import spread
 from cosim.analysis.system import AnalyzedSystem, Edge
 from cosim.checks.finding import Finding, Severity
 from cosim.checks.laws import dynamic
@@ -215,3 +216,40 @@ def stiffness(system: AnalyzedSystem) -> Iterator[Finding]:
             reason=f"at rest each neighbour holds the tip by a spring of {least:.3g} to {most:.3g}"
             " N/m where it starts (O5): a larger lambda_M is easier to move, and softer",
         )
+
+
+def sampled_contact(system: AnalyzedSystem) -> Iterator[Finding]:
+    """A sampled hand or wall at a tip: k T/2 < b and the damping of the arm there."""
+    for wire in system.plan.wires:
+        name, arm = wire.source.component, system.arms.get(wire.target.component)
+        at = system.facts.get(name)
+        if not isinstance(at, TipContact) or arm is None or wire.target.port != arm.external:
+            continue
+        T = system.period(name)
+        J, B = at.jacobian(arm.q), _damping(system, wire.target.component, arm)
+        braked = 0.0
+        if np.linalg.matrix_rank(J) == len(J) and np.linalg.eigvalsh(B)[0] > 0.0:
+            braked = float(np.linalg.eigvalsh(np.linalg.inv(J @ np.linalg.solve(B, J.T)))[0])
+        for what, (stiffness, damping) in (("hand", at.hand), ("wall", at.wall)):
+            makes, takes = stiffness * T / 2, damping + braked
+            if makes > takes:
+                yield Finding(
+                    rule="hand",
+                    severity="warning",
+                    where=name,
+                    number=makes,
+                    unit="N.s/m",
+                    reason=f"{what} at the tip, sampled every {T:g} s: k T/2 = {makes:.3g} N.s/m is"
+                    f" not below the damping, {takes:.3g}: it makes energy",
+                    advice="give it more damping, or sample faster",
+                )
+
+
+def _damping(system: AnalyzedSystem, name: str, arm: Arm) -> Array:
+    """The feedback of the arm's controller where it starts, with friction, (m, m) N.m.s/rad."""
+    law, B = system.facts.get(system.controls.get(name, "")), np.diag(arm.friction)
+    if isinstance(law, DynamicFeedback) and law.task is not None:
+        return np.asarray(B + law.task.feedback(arm.q))
+    if isinstance(law, DynamicFeedback | SpringDamper):
+        return np.asarray(B + np.diag(spread(law.feedback, len(arm.q))))
+    return B

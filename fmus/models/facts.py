@@ -253,6 +253,7 @@ FACTS: Mapping[str, Callable[[Values], Facts | None]] = {
     "arm": serial_facts.arm,
     "arm_teleoperation": serial_facts.adaptive,
     "arm_task": task_facts.arm_task,
+    "arm_tip": task_facts.arm_tip,
     "arm_pd": serial_facts.pd,
     "arm_velocity": serial_facts.velocity,
     "kinematic": serial_facts.kinematic,

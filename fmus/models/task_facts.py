@@ -1,11 +1,11 @@
-"""Facts of the law in the coordinates of a tip."""
+"""Facts of the law in the coordinates of a tip, and of what acts there."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
 
-from cosim.analysis.facts import DynamicFeedback, TipTask, Values
+from cosim.analysis.facts import DynamicFeedback, TipContact, TipTask, Values
 from fmus.models import serial_facts, task_space
 from fmus.numeric import Array, np
 
@@ -37,6 +37,16 @@ def arm_task(values: Values) -> DynamicFeedback:
         posture=any(values["k_n"]),
     )
     return replace(serial_facts.adaptive(values), regressor=0.0, task=task)
+
+
+def arm_tip(values: Values) -> TipContact:
+    """A hand and a wall at the tip."""
+    table, point = serial_facts.table_of(values), np.asarray(values["tip"])
+    return TipContact(
+        hand=(max(values["K_h"]), min(values["B_h"])),
+        wall=(values["k_w"][0], values["b_w"][0]),
+        jacobian=lambda q: task_space.jacobian(table, point, np.asarray(q, dtype=np.float64)),
+    )
 
 
 def _shaped(values: Values) -> dict[str, Array]:

@@ -99,3 +99,15 @@ def test_the_passive_limit_is_that_of_the_port_of_the_tip(shipped: Document) -> 
     ((_, _, margin),) = said(changed(shipped, (setting, 1000.0)))["passivity"]
     limit = 1000.0 + margin
     assert least(0.99 * limit) > 0 > least(1.01 * limit)
+
+
+def test_a_stiff_contact_that_is_sampled_slowly_makes_energy(shipped: Document) -> None:
+    """K T/2 against the damping of the wall and of the arm, at least K_x N.s/m."""
+    wall = ("components.hand.parameters.k_w", 2e5)
+    ((where, severity, number),) = said(changed(shipped, wall))["hand"]
+    assert (where, severity) == ("hand", "warning")
+    assert number == pytest.approx(2e5 * 1e-3 / 2)
+    damped = ("components.hand.parameters.b_w", 41.0)  # with the 60 N.s/m of the arm
+    assert "hand" not in said(changed(shipped, wall, damped))
+    less = ("components.hand.parameters.b_w", 20.0)
+    assert "hand" in said(changed(shipped, wall, less))

@@ -236,6 +236,26 @@ def fd(joints: int, nodes: Sequence[int] = NODES) -> list[DbcMessage]:
     return found
 
 
+def servo(joints: int, nodes: Sequence[int] = NODES) -> list[DbcMessage]:
+    """COMMAND (q_c, dq_c) to a robot that takes positions or velocities, and its STATUS (clamped).
+
+    CAN FD, as :func:`fd`; a number of STATUS has 8 bits.
+    """
+    found = []
+    for n in nodes:
+        command = DbcMessage(f"COMMAND_{n}", 0x2A0 + n, padded(8 + 8 * joints, fd=True), f"N{n}", 4)
+        status = DbcMessage(f"STATUS_{n}", 0x520 + n, padded(8 + joints, fd=True), f"N{n}", 4)
+        for new in (command, status):
+            new.p05()
+        for half, (signal, unit) in enumerate((("q_c", "rad"), ("dq_c", "rad/s"))):
+            for i in range(joints):
+                command.number(f"{signal}{i + 1}", 64 + 32 * (half * joints + i), 32, -20, unit)
+        for i in range(joints):
+            status.number(f"clamped{i + 1}", 64 + 8 * i, 8, 0, "")
+        found += [command, status]
+    return found
+
+
 def text(
     messages: Sequence[DbcMessage],
     bus: str,

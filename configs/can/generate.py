@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from bridge.can.link_dbc import classic, common, fd, text
+from bridge.can.link_dbc import classic, common, fd, servo, text
 
 
 def files() -> dict[str, str]:
@@ -23,6 +23,11 @@ def files() -> dict[str, str]:
         ),
         "link_fd.dbc": text(common() + fd(7), "CAN FD", "CAN FD, arms of up to seven joints."),
         "link_fd2.dbc": text(common() + fd(2), "CAN FD", "CAN FD, arms of two joints."),
+        "servo_fd6.dbc": text(
+            common() + fd(6) + servo(6),
+            "CAN FD",
+            "CAN FD, arms of six joints that take positions or velocities.",
+        ),
     }
 
 

@@ -64,6 +64,11 @@ def prepare(model: Callable[..., Model], options: Mapping[str, Any], folder: Pat
     if "estimate" in options:
         if "theta_hat" not in declared:
             raise ScenarioError("the model estimates nothing; expected no key 'estimate'")
+        if declared["theta_hat"].shape != robot.table.inertia.shape:
+            raise ScenarioError(
+                "the model estimates parameters over gains that are not known; expected no key"
+                " 'estimate'"
+            )
         found["theta_hat"] = number(options["estimate"], "1", "estimate") * robot.table.inertia
     if "adapt" in options or "gain" in options:
         if "Gamma" not in declared:

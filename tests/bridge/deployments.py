@@ -22,6 +22,7 @@ TELEOPERATION = CONFIGS / "teleoperation.toml"
 NETWORK = CONFIGS / "network.toml"
 OPENARM = CONFIGS / "openarm.toml"
 SIX_AXIS = CONFIGS / "six_axis.toml"
+SIX_AXIS_POSITION = CONFIGS / "six_axis_position.toml"
 SHORT = "run.stop=2"
 
 
@@ -70,7 +71,8 @@ def system_of(
 
 def scenario_of(name: str) -> Path:
     """The scenario of a deployment of configs/deploy: its name begins with the scenario's."""
-    others = (path for path in (NETWORK, OPENARM, SIX_AXIS) if name.startswith(path.stem))
+    known = (NETWORK, OPENARM, SIX_AXIS_POSITION, SIX_AXIS)
+    others = (path for path in known if name.startswith(path.stem))
     return next(others, TELEOPERATION)
 
 

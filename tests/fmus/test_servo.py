@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -217,3 +219,9 @@ def test_rows_of_the_estimate_are_those_of_the_regressor() -> None:
     Y = regressor(table, u["q"], u["dq"], z, dz, table.g).reshape(N, -1)
     wanted = z + (Y @ table.inertia.ravel() + table.armature * dz) / K_v
     assert np.asarray(y["dq_c"]) == pytest.approx(wanted, rel=1e-10, abs=1e-10)
+
+
+def test_an_estimate_from_a_file_is_refused_since_the_gains_are_not_known() -> None:
+    file = {"urdf": "six_axis.urdf", "base": "link0", "tip": "link6", "estimate": 0.5}
+    with pytest.raises(CosimError, match="over gains that are not known"):
+        arm_velocity.prepare(file, Path(__file__).parents[2] / "configs" / "robots")

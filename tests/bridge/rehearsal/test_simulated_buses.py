@@ -11,7 +11,7 @@ from bridge.deployment.system import load_system
 from bridge.rehearsal.simulated_buses import served
 from bridge.replay.from_log import replay_log
 from cosim.record import Run
-from tests.bridge.deployments import OPENARM, TELEOPERATION
+from tests.bridge.deployments import OPENARM, SIX_AXIS_POSITION, TELEOPERATION
 from tests.cli.command import Command
 
 
@@ -59,6 +59,16 @@ def test_two_openarms_on_simulated_buses_are_their_twin(cosim, period, tmp_path)
     for bus in ("left", "right"):
         load = re.search(rf"bus {bus} .* load ([\d.]+)%", done.out)
         assert load and float(load[1]) == pytest.approx(expected, rel=0.08)
+
+
+@pytest.mark.slow
+def test_two_arms_that_take_positions_are_their_twin(cosim, tmp_path):
+    words = ("rehearse", SIX_AXIS_POSITION, "-i", "cosim", "--clock", "simulated")
+    done = cosim(*words, "--set", "run.stop=1", "--no-plot", "--out", tmp_path / "run")
+    assert done.code == 0, done
+    assert "joint positions differ by 0 rad RMS" in done.out
+    assert "master_command.q_c -> master_servo.q_c" in done.out
+    assert "no slot missed, replays exactly" in done.out
 
 
 @pytest.mark.slow

@@ -10,8 +10,10 @@ from hypothesis import strategies as st
 
 from cosim.analysis.metrics import Error
 from cosim.base.errors import ScenarioError
+from cosim.comparison.documents import Case, read_base, scenario
 from cosim.comparison.variants import Variants, choose
 from cosim.comparison.variants_file import read, variants_path
+from cosim.scenario.assemble import assemble
 from tests.cosim.comparison.parts import CONFIG, SMALL, VARIANTS, written
 
 
@@ -45,6 +47,48 @@ def test_a_side_joins_its_own_keys_with_those_of_both(tmp_path: Path) -> None:
     assert sides["slave"].component["parameters"] == {"K_p": 1.0, "tau_max": 5.0}
     assert sides["slave"].receives == {"q_j": ("arm", "q"), "dq_j": ("arm", "dq")}
     assert sides["slave"].inputs == {"q": ("arm", "q"), "dq": ("arm", "dq")}
+
+
+SERVO = """
+[controllers.slow]
+model = "fmus.models.kinematic"
+sizes = { joints = 2 }
+receives = { "xi_in[0]" = "controller.xi" }
+drives = { tau = "servo.tau" }
+[controllers.slow.components.servo]
+model = "fmus.models.servo"
+sizes = { joints = 2 }
+parameters = { K_v = 30.0 }
+inputs = { q = "arm.q", dq = "arm.dq", dq_c = "controller.dq_c" }
+"""
+
+
+def test_a_controller_brings_components_of_its_own_on_each_side(tmp_path: Path) -> None:
+    variants = read(written(tmp_path, SMALL + SERVO))
+    assert variants.controllers["slow"].sides["slave"].drives == {"tau": ("servo", "tau")}
+    base = read_base(CONFIG, variants)
+    made = scenario(base, variants, Case("slow", next(iter(variants.operators)),
+                                         next(iter(variants.links)), 0))  # fmt: skip
+    for name in ("master", "slave"):
+        assert made.components[f"{name}_servo"].parameters == {"K_v": 30.0}
+        assert made.components[name].inputs["tau"] == f"{name}_servo.tau"
+        assert made.components[f"{name}_servo"].inputs["dq_c"] == f"{name}_control.dq_c"
+    assemble(made)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ('"servo.tau"', '"gear.tau"', "'gear.tau': expected 'arm.PORT' or 'controller.PORT' or"),
+        ("sizes = { joints = 2 }\nparameters", "width = 2\nparameters", "no key 'width'"),
+        ('"controller.dq_c"', '"nobody.dq_c"', "'nobody.dq_c': expected"),
+    ],
+)
+def test_what_is_wrong_in_such_a_component_is_a_sentence(
+    old: str, new: str, said: str, tmp_path: Path
+) -> None:
+    with pytest.raises(ScenarioError, match=said):
+        read(written(tmp_path, SMALL + SERVO.replace(old, new)))
 
 
 def test_columns_are_metrics_or_parts_of_them(shipped: Variants) -> None:

@@ -16,7 +16,7 @@ from cosim.scenario.exposed import ALL, is_pattern
 
 #: Stop time (s) and number of steps where the FMU states none.
 STOP, STEPS = 1.0, 500
-_TABLES = ("run", "components", "links", "metrics", "figures", "title")
+_TABLES = ("run", "components", "links", "events", "metrics", "figures", "analysis", "title")
 
 
 def document(
@@ -28,7 +28,8 @@ def document(
     table of a scenario (``run.``, ``components.`` ...) sets a parameter or start value of the FMU.
     Stop time and step are those of the DefaultExperiment; the step is shortened where the stop time
     is not a multiple of it. `table`: a file (:class:`Recording`) whose columns feed the inputs of
-    the same name, continuous ones joined by lines. Raises FmuError, ScenarioError.
+    the same name, continuous ones joined by lines. What is recorded and what events set may be
+    named without the component. Raises FmuError, ScenarioError.
     """
     fmu = FmuComponent(path.absolute())
     description = fmu.description
@@ -47,21 +48,22 @@ def document(
     if isinstance(run, dict):
         if "step" not in run:
             run["step"] = _step(_seconds(run["stop"], path), description.default_step)
-        _name_recorded(run.get("record"), fmu)
+        record = run.get("record")
+        if isinstance(record, dict) and isinstance(record.get("signals"), list):
+            record["signals"] = [_named(x, fmu) for x in record["signals"]]
+    for event in found.get("events") or ():
+        if isinstance(event, dict) and isinstance(event.get("set"), dict):
+            event["set"] = {_named(k, fmu): v for k, v in event["set"].items()}
     return found
 
 
-def _name_recorded(record: Any, fmu: FmuComponent) -> None:
-    """Signals that are recorded may be named without the component."""
-    signals = record.get("signals") if isinstance(record, dict) else None
-    if not isinstance(signals, list):
-        return
+def _named(signal: Any, fmu: FmuComponent) -> Any:
+    """A signal with its component, whose name may be left out where there is only one."""
     name = fmu.description.identifier
-    for i, signal in enumerate(signals):
-        if not isinstance(signal, str) or signal == ALL or signal.startswith(f"{name}."):
-            continue
-        if is_pattern(signal) or signal in fmu.groups or signal.partition("[")[0] in fmu.groups:
-            signals[i] = f"{name}.{signal}"
+    if not isinstance(signal, str) or signal == ALL or signal.startswith(f"{name}."):
+        return signal
+    known = signal in fmu.groups or signal.partition("[")[0] in fmu.groups
+    return f"{name}.{signal}" if known or is_pattern(signal) else signal
 
 
 def inputs_among(path: Path, recording: Recording) -> tuple[str, ...]:

@@ -109,3 +109,15 @@ def test_what_is_recorded_may_be_named_without_the_component(cosim: Command) -> 
         cosim("run", "x.fmu", "--no-plot", "--out", out, "--record", given)
         assert Run.open(out).names == names
     assert "no signal 'nothing'" in cosim.refused("run", "x.fmu", "--record", "nothing")
+
+
+def test_events_are_set_on_the_command_line_with_names_of_the_fmu(cosim: Command) -> None:
+    exported("x.fmu", strict2())
+    events = 'events=[{at="0.2 s", set={u=2.0}}, {at=0.5, set={"strict2.rate"=1.0}}]'
+    cosim("run", "x.fmu", "--stop", "1", "--set", "run.step=0.1", "--set", events, "--no-plot",
+          "--out", "a")  # fmt: skip
+    y = Run.open("a").column("strict2.y")
+    assert y[-1] == pytest.approx(1.0 + 2.0 * 2.0 * 0.8 + 0.5)
+    assert "no input of strict2 'gain'" in cosim.refused(
+        "run", "x.fmu", "--set", "events=[{at=0.2, set={gain=2.0}}]"
+    )

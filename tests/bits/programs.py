@@ -84,7 +84,8 @@ def digests(toolchain: Toolchain, folder: Path, names: Sequence[str] = ()) -> di
             place = folder / "engine"
             place.mkdir()
             include = (ROOT / "cosim/c", HERE)
-            found["engine"] = pool.submit(_run, toolchain, [HERE / "plan.c"], place, include)
+            files = [HERE / "plan.c", ROOT / "cosim/c/mailbox.c"]
+            found["engine"] = pool.submit(_run, toolchain, files, place, include)
         return {name: made.result() for name, made in found.items()}
 
 

@@ -1,9 +1,11 @@
 """Many runs: how many a second, by kind and number of workers, and next to a loop over FMPy.
 
-    python benchmarks/sweep.py [--quick] [--json FILE] [--runs N] [--study FILE]
+    python benchmarks/sweep.py [--quick] [--json FILE] [--runs N] [--study FILE] [--large]
 
 The runs are ``configs/teleoperation.toml``, 60 s each, with the links' delays drawn anew; `--study`
 measures another study instead. All of a sweep is timed: check, workers, runs, results on disk.
+`--large`: only one sweep, with a process for each core; its processor time, its memory while it
+runs, and how long a million runs would take.
 """
 
 from __future__ import annotations
@@ -11,6 +13,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import resource
 import subprocess
 import sys
 import tempfile
@@ -48,6 +51,55 @@ def timed(study: Study, kind: str, jobs: int, runs: int) -> dict[str, Any]:
         "workers": kind, "jobs": jobs, "runs": len(table.records), "failed": failed,
         "wall": seconds, "rate": len(table.records) / seconds,
     }  # fmt: skip
+
+
+def large(study: Study, runs: int) -> dict[str, Any]:
+    """One sweep with all cores: `cpu` s of all processes a run, `memory` MB of this one by runs."""
+    memory: dict[int, int] = {}
+    count = 0
+
+    def done(_: object) -> None:
+        nonlocal count
+        count += 1
+        if count == 1 or 10 * count % runs < 10:
+            memory[count] = _resident()
+
+    jobs = os.cpu_count() or 2
+    with tempfile.TemporaryDirectory(prefix="sweep-") as folder:
+        before, watch = _processor(), stopwatch()
+        opened = partial(WORKERS["processes"], jobs)
+        table = sweep(study, Path(folder, "out"), opened, limit=runs, done=done)
+        seconds, cpu = watch(), _processor() - before
+    n = len(table.records)
+    return {
+        "jobs": jobs, "runs": n, "wall": seconds, "rate": n / seconds, "cpu": cpu / n,
+        "memory": memory, "peak": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024,
+        "million_hours": seconds / n * 1e6 / 3600,
+        "million_hours_alone": cpu / n / jobs * 1e6 / 3600,
+    }  # fmt: skip
+
+
+def _processor() -> float:
+    """Processor time of this process and of those that have ended, s."""
+    used = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
+    return sum(x.ru_utime + x.ru_stime for x in used)
+
+
+def _resident() -> int:
+    """Memory of this process now, MB."""
+    pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
+    return pages * os.sysconf("SC_PAGE_SIZE") >> 20
+
+
+def report_large(r: dict[str, Any]) -> str:
+    """In words."""
+    memory = ", ".join(f"{mb} MB after {n}" for n, mb in r["memory"].items())
+    return (
+        f"{r['runs']} runs in {r['wall']:.1f} s by {r['jobs']} processes: {r['rate']:.1f} runs/s, "
+        f"{1e3 * r['cpu']:.2f} ms of processor time a run\n"
+        f"a million: {r['million_hours']:.2f} h at this rate, {r['million_hours_alone']:.2f} h if "
+        f"the processors had nothing else to do\nmemory: {memory}; {r['peak']} MB at the end"
+    )
 
 
 def naive(runs: int, stop: str) -> dict[str, Any] | None:
@@ -115,20 +167,30 @@ def main() -> None:
     parser.add_argument("--json", type=Path, metavar="FILE", help="write all numbers here")
     parser.add_argument("--runs", type=int, default=1000, help="runs of each (default 1000)")
     parser.add_argument("--study", type=Path, metavar="FILE", help="measure this study")
+    parser.add_argument("--large", action="store_true", help="one sweep with all cores only")
     options = parser.parse_args()
     runs, stop = (6, "2 s") if options.quick else (options.runs, "60 s")
     found: dict[str, Any] = {"load": list(os.getloadavg()), "processors": processors()}
     with tempfile.TemporaryDirectory(prefix="study-") as folder:
         study = load_study(options.study) if options.study else study_of(runs, stop, Path(folder))
+        if options.large:
+            found |= {"large": large(study, runs), "machine": tables.machine()}
+            print(report_large(found["large"]))
+            _write(options.json, found)
+            return
         found["sweeps"] = [
             timed(study, kind, jobs, runs) for kind in WORKERS for jobs in (1, os.cpu_count() or 2)
         ]
     found["fmpy"] = naive(1 if options.quick else 3, stop)
     found["machine"] = tables.machine()
     print(report(found))
-    if options.json:
-        options.json.parent.mkdir(parents=True, exist_ok=True)
-        options.json.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+    _write(options.json, found)
+
+
+def _write(path: Path | None, found: dict[str, Any]) -> None:
+    if path:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
 
 
 if __name__ == "__main__":

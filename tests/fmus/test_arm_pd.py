@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cosim.base.errors import CosimError
-from fmus.models import arm_pd, chain, pd
+from fmus.models import arm_pd, chain, damping, pd
 from tests.fmus.chains import planar
 from tests.fmus.test_arm_teleoperation import H, motion, played, values_of
 
@@ -68,3 +68,21 @@ def test_a_table_that_cannot_be_is_refused() -> None:
         with pytest.raises(CosimError, match="mass"):
             component.initialize({"inertia": -np.ones((4, 10))})
             component.initial(motion(component, 1, 1)[0])
+
+
+def test_without_a_spring_it_is_damping_with_gravity_compensated() -> None:
+    """Eq. (24): the planar law with its gravity, and arm_pd with K_p = 0 and the planar table."""
+    theta, theta_g, d = (
+        np.array([3.0, 0.7, 0.9]),
+        np.array([30.0, 0.7 * 9.81]),
+        np.array([5.0, 3.0]),
+    )
+    table = planar(theta, theta_g)
+    plain, serial = damping.kernel(), arm_pd.kernel(joints=2)
+    plain.initialize({"d": d, "theta_g": theta_g})
+    serial.initialize({**table.values(), "K_p": np.zeros(2), "K_d": d})
+    still = {"q_j": np.zeros(2), "dq_j": np.zeros(2)}
+    for q, dq in np.random.default_rng(2).uniform(-2, 2, (20, 2, 2)):
+        u = {"q": q, "dq": dq}
+        expected = plain.step(0.0, H, u)["tau"]
+        assert serial.step(0.0, H, u | still)["tau"] == pytest.approx(expected, abs=1e-12)

@@ -57,3 +57,19 @@ def test_what_compensated_friction_and_delay_do_to_the_symmetric_pd(cosim: Comma
     assert stable["openarm", "friction", "cable"]
     assert not stable["openarm", "friction", "constant"]  # 0.3 s of delay
     assert all(stable[key] for key in stable if key[0] == "paper")
+
+
+def test_laws_that_know_nothing_of_an_arm_hold_it_with_gravity_beside_them(
+    cosim: Command,
+) -> None:
+    """Wave variables and time-domain passivity on seven joints, for two seconds on a cable."""
+    rivals = OPENARM.parent / "compare" / "rivals" / "openarm.toml"
+    known = read(rivals)
+    assert check(read_base(OPENARM, known, ()), known, known.default)
+    done = cosim(
+        *("compare", OPENARM, "--variants", rivals, "--controllers", "wave,tdpa-drift,p+d"),
+        *("--links", "cable", "--set", "run.stop=2 s", "--no-plot", "--out", "out", "-q"),
+    )
+    assert done.code == 0, done.err
+    for run in json.loads(Path("out/table.json").read_text())["runs"]:
+        assert 0.0 < run["numbers"]["apart"] < 0.35, run  # 0.3 rad at the start

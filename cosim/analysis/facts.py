@@ -233,7 +233,7 @@ class Servo:
 
     tau = K_v (f dq_r - dq) + K_p (q_r - q): `feed_forward` f, 1 for velocities. `command`: the name
     of the input that it reads; `by_position`: whether that is a position, which the reference
-    reaches along a line in the time `T_c`, s.
+    reaches along a line in the time `T_c`, s. `v_max` limits its velocity, rad/s.
     """
 
     K_v: Vector
@@ -242,6 +242,7 @@ class Servo:
     by_position: bool
     command: str
     T_c: float = 0.0
+    v_max: Vector = (inf,)
     tau_max: Vector = (inf,)
 
 

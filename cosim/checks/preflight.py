@@ -47,6 +47,7 @@ RULES: tuple[Rule, ...] = (
     couplings.constant_delay,
     servos.gains,
     servos.inertia,
+    servos.torque,
     servos.bandwidth,
     servos.holding,
     channels.unbounded_delay,

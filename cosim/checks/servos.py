@@ -92,6 +92,42 @@ def inertia(system: AnalyzedSystem) -> Iterator[Finding]:
         )
 
 
+def torque(system: AnalyzedSystem) -> Iterator[Finding]:
+    """What a velocity mode gives of a torque: K_v v_max at rest, or what an integral kept."""
+    for command, arm, servo in _commanded(system):
+        if command.direct or servo.by_position:
+            continue
+        if any(servo.K_p):
+            yield Finding(
+                rule="servo-integral",
+                severity="warning",
+                where=command.servo,
+                number=max(servo.K_p),
+                unit="N.m/rad",
+                reason="its integral is not known after a limit has acted: what is missing stays as"
+                " a constant torque, and coupled arms stay apart",
+                advice="use its position mode, or a velocity mode without integral",
+            )
+            continue
+        if arm.weight is None:
+            continue
+        m = len(arm.q)
+        most = spread(servo.K_v, m) * spread(servo.v_max, m)
+        weight = np.abs(arm.weight(arm.gravity, arm.q))
+        joint = int(np.argmax(weight / np.maximum(most, 1e-12)))
+        if weight[joint] > most[joint]:
+            yield Finding(
+                rule="servo-torque",
+                severity="warning",
+                where=command.servo,
+                number=float(most[joint]),
+                unit="N.m",
+                reason=f"at rest it gives K_v v_max = {most[joint]:.3g} N.m at most; joint"
+                f" {joint + 1} needs {weight[joint]:.3g} N.m against gravity where it starts",
+                advice="use its position mode, or let the robot compensate gravity",
+            )
+
+
 def bandwidth(system: AnalyzedSystem) -> Iterator[Finding]:
     """A servo whose command is the coupling itself must be fast against it."""
     for command, arm, servo in _commanded(system):

@@ -236,6 +236,7 @@ def servo(values: Values) -> Servo:
         by_position=by_position,
         command="q_c" if by_position else "dq_c",
         T_c=values.get("T_c", (0.0,))[0],
+        v_max=values["v_max"],
         tau_max=values.get("tau_max", (1e9,)),
     )
 

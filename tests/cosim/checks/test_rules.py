@@ -111,7 +111,7 @@ def test_every_rule_is_among_the_cases() -> None:
     # those of buses: tests/cosim/scenario/test_buses.py; of FMUs without units: test_unitless.py;
     # of SSPs: tests/ssp/test_published.py; of tips: test_tasks.py;
     # of servos: test_servos.py
-    assert len(RULES) + len(NOTES) == 41
+    assert len(RULES) + len(NOTES) == 42
 
 
 # ---- predictions and the rest -------------------------------------------------------------------

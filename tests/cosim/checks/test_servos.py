@@ -10,7 +10,7 @@ import pytest
 
 from cosim.analysis.experiments import Bench
 from cosim.analysis.force_tests import by_push
-from cosim.analysis.memory_run import trace
+from cosim.analysis.memory_run import Change, changed, trace
 from cosim.analysis.subject import find_port
 from cosim.checks.finding import Finding
 from cosim.checks.preflight import check
@@ -73,6 +73,53 @@ def test_slow_commands_make_an_arm_heavy() -> None:
     assert said.severity == "warning"
     assert said.number == pytest.approx(np.max(x / (1 - np.exp(-x))) - 1)
     assert findings(scenario)["servo-inertia"].severity == "note"
+
+
+# ---- limits that act ----------------------------------------------------------------------------
+
+BOTH = ("master", "slave")
+
+
+def in_velocity_mode(*, K_p: str = "", **servo: float) -> list[str]:
+    """Changes to the scenario of positions: commands of velocities, and values of the servos."""
+    settings = []
+    for n in BOTH:
+        wires = f'{{q="{n}.q",dq="{n}.dq",dq_c="{n}_command.dq_c"}}'
+        settings += [f"components.{n}_servo.inputs={wires}"]
+        settings += [f"components.{n}_{c}.parameters.mode=0" for c in ("servo", "command")]
+        settings += [f"components.{n}_{c}.parameters.K_p={K_p or 0}" for c in ("servo", "command")]
+        settings += [f"components.{n}_servo.parameters.{k}={v}" for k, v in servo.items()]
+    return settings
+
+
+def apart(scenario: Scenario) -> float:
+    """How far the arms are from each other at the end, rad."""
+    run = trace(assemble(scenario), ["master.q", "slave.q"], 100)
+    return float(np.abs(run.array("master.q")[-1] - run.array("slave.q")[-1]).max())
+
+
+def test_limits_in_position_mode_leave_nothing_behind() -> None:
+    """A tenth of the velocity, which the commands do not know, and little more than gravity."""
+    few = "[2,32,14,1.5,0.8,0.5]"
+    settings = [f"components.{n}_servo.parameters.v_max=0.3" for n in BOTH]
+    settings += [f"components.{n}_servo.parameters.tau_max={few}" for n in BOTH]
+    assert apart(load(POSITION, settings)) < 1e-4
+
+
+def test_an_integral_in_velocity_mode_keeps_what_a_limit_took() -> None:
+    given = "[200,200,120,10,10,10]"
+    without, kept = load(POSITION, in_velocity_mode()), load(POSITION, in_velocity_mode(K_p=given))
+    assert "servo-integral" not in findings(without) and apart(without) < 1e-4
+    assert findings(kept)["servo-integral"].severity == "warning" and apart(kept) > 0.03
+
+
+def test_a_velocity_mode_holds_what_its_gain_and_its_limit_allow() -> None:
+    """At joint 4 the gain gives 0.3 N.m, and 6 N.m at joint 2, which holds 16 N.m: it falls."""
+    slow = load(POSITION, in_velocity_mode(v_max=0.3))
+    said = findings(slow)["servo-torque"]
+    assert said.number == pytest.approx(0.3) and "joint 4" in said.reason
+    assert apart(slow) > 0.5
+    assert "servo-torque" not in findings(load(POSITION, in_velocity_mode()))
 
 
 # ---- laws that command velocities ---------------------------------------------------------------
@@ -153,6 +200,17 @@ def test_a_push_on_a_kinematic_arm_is_felt_as_predicted(K_v: float) -> None:
     (push,) = [q for q in by_push(Bench(found, port, (0.0,))) if q.name == "push_damping"]
     assert push.expected == pytest.approx([K_v * 0.5 * 2], rel=0.02)
     assert push.values == pytest.approx(push.expected, rel=2e-3)
+
+
+def test_a_measured_push_moves_two_arms_that_take_positions() -> None:
+    """Both at b tau_m/(alpha (2 + lambda ΣT)), whatever their servos hold against the push."""
+    scenario = kinematic(25.0, K_p=100.0, b=2.0)
+    scenario.components["master_control"].start["tau_m"] = [0.3]
+    run = trace(changed(assemble(scenario), Change(15.0)), ["master.dq", "slave.dq"], 10)
+    expected = 2.0 * 0.3 / (0.5 * (2 + 2.0 * 2 * 0.001))
+    late = run.t > 12.0
+    for name in ("master.dq", "slave.dq"):
+        assert run.array(name)[late].mean() == pytest.approx(expected, rel=0.01)
 
 
 @pytest.mark.parametrize("path", [POSITION, VELOCITY], ids=lambda path: path.stem)

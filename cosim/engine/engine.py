@@ -114,6 +114,7 @@ class Engine:
 
     def _start(self, tick: int) -> None:
         self._begin_tables(tick)
+        components.share_texts(step.component for step in self.plan.components)
         for step in self.plan.components:
             components.begin_at(step.component, tick * self.plan.h)
         self.ended = initialize(self.plan, self.signals, self._inputs, self._outputs, self._measure)

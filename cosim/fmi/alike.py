@@ -6,6 +6,7 @@ import ctypes as c
 from typing import ClassVar
 
 from cosim.fmi.library import Calls
+from cosim.fmi.texts import NumberedTexts
 from cosim.native import structs
 
 
@@ -19,6 +20,7 @@ class CommonInstance:
     STATE: ClassVar[str]
     HOT: ClassVar[tuple[str, str, str]]
     handle: int
+    numbered: NumberedTexts
     _calls: Calls
 
     @property

@@ -24,6 +24,7 @@ from cosim.fmi.library import OK, Instance, Setup
 from cosim.fmi.options import FmuOptions
 from cosim.fmi.ports import together
 from cosim.fmi.start_values import InstanceStart, StartValue
+from cosim.fmi.texts import NumberedTexts
 from cosim.fmi.values import (
     check_range,
     has_text,
@@ -52,8 +53,9 @@ class FmuComponent(FmuInterface):
 
     `kind` selects its sampling; FMI has no attribute for it (our FMUs have an annotation), so a
     foreign FMU is continuous unless the scenario specifies otherwise. Numbers and Booleans are
-    float64 signals, exact up to 2^53; String and Binary variables are start values and results, not
-    signals. Raises FmuError for any error in the file, the description or the binary.
+    float64 signals, exact up to 2^53; String and Binary variables are start values and results, and
+    signals only where they are connected. Raises FmuError for any error in the file, the
+    description or the binary.
     """
 
     def __init__(
@@ -84,6 +86,8 @@ class FmuComponent(FmuInterface):
         self.taken = frozenset({*sizes, *texts})
         #: Of clocks whose interval was set or asked for, by value reference.
         self.intervals: Intervals = {}
+        #: The texts that signals carry, the same for all components of a run.
+        self.numbered = NumberedTexts()
         #: Time at which it is initialised, s.
         self.begin = 0.0
         self._instance: Instance | None = None
@@ -130,7 +134,7 @@ class FmuComponent(FmuInterface):
     @property
     def sort(self) -> object:
         """Equal for instances that the engine calls alike: same library, variables and ports."""
-        return id(self.description), self._private, self._observed, self._driven
+        return id(self.description), self._private, self._observed, self._driven, self._wired
 
     # ---- start -------------------------------------------------------------------------------
 
@@ -173,11 +177,19 @@ class FmuComponent(FmuInterface):
             tolerance=d.tolerance if options.tolerance is None else options.tolerance,
         )  # fmt: skip
         room = LOG_ROOM if options.log else 0
+        if options.isolate and self._wired:
+            found = ", ".join(sorted(self._wired))
+            raise FmuError(
+                f"{self.name}: the texts {found} are connected, which an isolated FMU does not "
+                "support; expected isolate = false"
+            )
         if options.isolate:
             slopes = self.inputs if self.sloped else ()
             scalars = sum(p.size for p in (*self.inputs, *self.outputs, *slopes))
             return RemoteInstance(setup, options, scalars, room)
-        return instantiate(setup, fmu_log.log(room=room))
+        instance = instantiate(setup, fmu_log.log(room=room))
+        instance.numbered = self.numbered
+        return instance
 
     def _checked(self, name: str, value: Any) -> list[float]:
         flat: list[float] = np.asarray(value, dtype=np.float64).reshape(-1).tolist()
@@ -194,7 +206,11 @@ class FmuComponent(FmuInterface):
         checked = {name: self._checked(name, value) for name, value in given.items()}
         for move in self._moves("set", tuple(checked)):
             values = [v for name in move.names for v in checked[name]]
-            self.instance.set(move.type, move.references, values)
+            if move.type in TEXTS:
+                texts = [self.numbered.text(v) for v in values]
+                self.instance.set_texts(move.type, move.references, texts)
+            else:
+                self.instance.set(move.type, move.references, values)
         carried = self.carried("output")
         readable = tuple(g.name for g in carried if g.name not in self._observed)
         return self._outputs(readable) | self._declared()
@@ -209,12 +225,18 @@ class FmuComponent(FmuInterface):
     def _outputs(self, names: tuple[str, ...]) -> dict[str, NDArray[Any]]:
         found = {n: np.zeros(g.shape) for n in names if (g := self.groups[n]).first.type == "Clock"}
         for move in self._moves("get", tuple(n for n in names if n not in found)):
-            values, at = np.array(self.instance.get(move.type, move.references, move.size)), 0
+            values, at = np.array(self._got(move)), 0
             for name in move.names:
                 group = self.groups[name]
                 found[name] = values[at : at + group.size].reshape(group.shape)
                 at += group.size
         return {name: found[name] for name in names}
+
+    def _got(self, move: _Move) -> list[float]:
+        if move.type not in TEXTS:
+            return self.instance.get(move.type, move.references, move.size)
+        texts = self.instance.get_texts(move.type, move.references, move.size)
+        return [self.numbered.number(text) for text in texts]
 
     def _moves(self, verb: str, names: tuple[str, ...]) -> Sequence[_Move]:
         """The calls that set or get these variables: see :func:`together`."""
@@ -240,6 +262,10 @@ class FmuComponent(FmuInterface):
             g.name for g in self.carried("output")
             if g.first.type != "Clock" and not (self.clocked and g.first.clocks)
         )  # fmt: skip
+        ticked |= {
+            name: [self.numbered.number(t) for t in texts]
+            for name, texts in self.instance.clocked_texts().items() if name in self._wired
+        }  # fmt: skip
         shaped = {name: self._shaped(name, values) for name, values in ticked.items()}
         return self._outputs(free) | shaped
 

@@ -15,6 +15,7 @@ from cosim.fmi.component import FmuComponent
 from cosim.fmi.driver import FmuDriver
 from cosim.fmi.library import FATAL, OK, WARNING
 from cosim.fmi.ports import REAL
+from cosim.fmi.texts import NumberedTexts
 
 
 def stepped_fmu(component: Component) -> FmuComponent | None:
@@ -75,11 +76,32 @@ def model_name(component: Component) -> str:
     return f"{type(component).__module__}:{type(component).__name__}, Python call-back"
 
 
-def expose(component: Component, observed: Collection[str], driven: Collection[str]) -> None:
-    """Make variables of an FMU that the engine steps outputs, and tunable parameters inputs."""
+def expose(
+    component: Component,
+    observed: Collection[str],
+    driven: Collection[str],
+    wired: Collection[str] = (),
+) -> None:
+    """Make variables of an FMU that the engine steps outputs, tunable parameters inputs, and texts
+    that are connected signals.
+    """
     fmu = stepped_fmu(component)
-    if fmu is not None and (observed or driven):
-        fmu.expose(observed, driven)
+    if fmu is not None and (observed or driven or wired):
+        fmu.expose(observed, driven, wired)
+
+
+def share_texts(components: Iterable[Component]) -> None:
+    """Let the FMUs of a run number their texts together, from the start."""
+    numbered = NumberedTexts()
+    for fmu in map(stepped_fmu, components):
+        if fmu is not None:
+            fmu.numbered = numbered
+
+
+def text_type(component: Component, port: str) -> str:
+    """ "String" or "Binary" for such a variable of an FMU, else ""."""
+    fmu = fmu_of(component)
+    return fmu.groups[port].first.type if fmu is not None and fmu.is_text(port) else ""
 
 
 def observable(component: Component) -> tuple[str, ...]:

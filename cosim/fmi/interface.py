@@ -20,7 +20,7 @@ from cosim.fmi.values import (
     settable,
     tunable,
 )
-from cosim.fmi.variables import NUMERIC
+from cosim.fmi.variables import NUMERIC, TEXTS
 
 T = TypeVar("T")
 
@@ -40,14 +40,26 @@ class FmuInterface:
         self.groups = description.groups
         self._observed: frozenset[str] = frozenset()
         self._driven: frozenset[str] = frozenset()
+        self._wired: frozenset[str] = frozenset()
         self.expose()
 
-    def expose(self, observed: Collection[str] = (), driven: Collection[str] = ()) -> None:
-        """Make readable variables outputs, and tunable parameters inputs; before the start.
+    def expose(
+        self,
+        observed: Collection[str] = (),
+        driven: Collection[str] = (),
+        wired: Collection[str] = (),
+    ) -> None:
+        """Make readable variables outputs, tunable parameters inputs, and texts signals.
 
-        They are got and set like the others, in the same calls. `observed` may contain any name:
-        what is no readable number is left out, as is what is no tunable parameter in `driven`.
+        They are got and set like the others, in the same calls. Before the start. `observed` may
+        contain any name: what is no readable number is left out, as is what is no tunable parameter
+        in `driven`, or no String or Binary input or output in `wired`.
         """
+        self._wired = frozenset(
+            n for n in wired
+            if n in self.groups and self.groups[n].first.type in TEXTS
+            and self.groups[n].first.causality in ("input", "output")
+        )  # fmt: skip
         self._observed = frozenset(n for n in observed if n in self.groups and self._readable(n))
         self._driven = frozenset(
             n for n in driven if n in self.groups and tunable(self.groups[n].first)
@@ -67,7 +79,7 @@ class FmuInterface:
 
     def _derived(self, what: str, compute: Callable[[], T]) -> T:
         """What follows from the description and what is exposed: once for all such instances."""
-        key = what, self._observed, self._driven
+        key = what, self._observed, self._driven, self._wired
         if key not in self.description.derived:
             self.description.derived[key] = compute()
         found: T = self.description.derived[key]
@@ -93,7 +105,8 @@ class FmuInterface:
         return self._derived(f"carried {role}", lambda: [
             g for g in self.groups.values()
             if self._role(g) == role
-            and (g.first.type in NUMERIC or (self.clocked and clocks.is_signal(g.first)))
+            and (g.first.type in NUMERIC or g.name in self._wired
+                 or (self.clocked and clocks.is_signal(g.first)))
         ])  # fmt: skip
 
     def references(self, causality: str) -> tuple[int, ...]:

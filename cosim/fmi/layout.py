@@ -15,7 +15,8 @@ from typing import Any
 from cosim.base.errors import FmuError
 from cosim.fmi.exchange import ExchangeLayout, bind_exchange
 from cosim.fmi.intervals import Interval, NextTick
-from cosim.fmi.library import NEVER, Clocked, Instance, TriggeredClock
+from cosim.fmi.library import ERROR, NEVER, OK, Clocked, Instance, TriggeredClock
+from cosim.fmi.variables import TEXTS
 from cosim.native import structs
 
 #: Clocks whose next tick the FMU says.
@@ -290,11 +291,16 @@ def _move(
 def _access(
     instance: Instance, verb: str, move: Move, fmi: str, *, held: bool, alive: list[Any]
 ) -> structs.Access:
-    suffix, code, kind = _CARRIED[fmi][move.type]
     count = len(move.places)
     nothing = [float("nan")] * count
+    kind: Any = c.c_double
+    if move.type in TEXTS:
+        call, code, signature = _text_call(instance, verb, move, alive), 0, 2
+    else:
+        suffix, code, kind = _CARRIED[fmi][move.type]
+        call, signature = instance.address(verb + suffix), _signatures(fmi)
     return structs.Access(
-        call=instance.address(verb + suffix),
+        call=call,
         references=_array_address(c.c_uint32, move.references, alive),
         places=_array_address(c.c_int64, move.places, alive),
         buffer=_array_address(kind, [0] * count, alive),
@@ -302,8 +308,29 @@ def _access(
         n_references=len(move.references),
         count=count,
         type=code,
-        fmi=_signatures(fmi),
+        fmi=signature,
     )
+
+
+def _text_call(instance: Instance, verb: str, move: Move, alive: list[Any]) -> int:
+    """The address of a function that gets or sets texts by their numbers, as one for reals does."""
+    count = len(move.places)
+
+    def call(_: int, __: int, ___: int, numbers: Any) -> int:
+        try:
+            if verb == "Get":
+                for i, text in enumerate(instance.get_texts(move.type, move.references, count)):
+                    numbers[i] = instance.numbered.number(text)
+            else:
+                texts = [instance.numbered.text(number) for number in numbers[:count]]
+                instance.set_texts(move.type, move.references, texts)
+        except FmuError:  # the FMU's log says it as well
+            return ERROR
+        return OK
+
+    function = structs.TEXT_ACCESS(call)
+    alive.append(function)
+    return structs.address(function)
 
 
 def _array_address(kind: Any, values: Sequence[Any], alive: list[Any]) -> int:

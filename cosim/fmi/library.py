@@ -17,6 +17,7 @@ from typing import Any, Protocol
 from cosim.base.errors import FmuError
 from cosim.fmi.elf import missing_bytes
 from cosim.fmi.intervals import Interval, Intervals, NextTick
+from cosim.fmi.texts import NumberedTexts
 from cosim.native import fmu_log
 
 #: Rounds of an event iteration before it is given up.
@@ -33,11 +34,14 @@ def status_name(status: int) -> str:
 
 
 class Instance(Protocol):
-    """One instance of an FMU, FMI 2.0 or 3.0; `next_event` (s): the time event it announced."""
+    """One instance of an FMU; `next_event` (s): the time event it announced; `numbered`: the texts
+    that signals carry.
+    """
 
     log: fmu_log.Log
     handle: int
     next_event: float
+    numbered: NumberedTexts
 
     @property
     def broken(self) -> int:

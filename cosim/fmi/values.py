@@ -33,6 +33,9 @@ def port(group: VariableGroup, *, fed: bool = False, optional: bool = False) -> 
     `optional`: that this is normal.
     """
     v = group.first
+    if v.type in TEXTS:
+        start = (0.0,) * group.size if fed else ()  # the number of the empty text
+        return Port(group.name, group.shape, "1", v.description, start, optional)
     start = tuple(start_numbers(group)) if fed else ()
     low = min(v.limits[0] for v in group.variables)
     high = max(v.limits[1] for v in group.variables)

@@ -111,6 +111,7 @@ class ClockKind(IntEnum):
 CALL = c.CFUNCTYPE(c.c_int32, c.c_int32, c.c_double, c.c_double)
 SAVING = c.CFUNCTYPE(c.c_int32, c.c_int32, c.c_int32)
 TEXTS = c.CFUNCTYPE(c.c_int32)
+TEXT_ACCESS = c.CFUNCTYPE(c.c_int, c.c_void_p, c.c_void_p, c.c_size_t, c.POINTER(c.c_double))
 #: ``MACRO_LEVELS``: how often a period may be halved, with no time at all.
 MACRO_LEVELS = 31
 

@@ -16,7 +16,7 @@ from cosim.base.convert import numbers
 from cosim.base.errors import ScenarioError, UnitError
 from cosim.base.names import unknown as unknown
 from cosim.base.units import Unit, conversion
-from cosim.fmi.components import has_unit, is_text, unit_of
+from cosim.fmi.components import has_unit, is_text, text_type, unit_of
 from cosim.scenario.spec import InputSpec, Scenario
 from cosim.schedule.parts import Link, Player, Slot, Step, Wire
 
@@ -64,7 +64,7 @@ class ScenarioComponents:
             if is_text(component, port):
                 raise ScenarioError(
                     f"{name}.{port} is a String or Binary variable; expected a number or Boolean: "
-                    "texts are set at the start and kept with the run, not wired",
+                    f"texts are connected as inputs and outputs of FMUs, and it is no {causality}",
                     place,
                 )
             other: Causality = "output" if causality == "input" else "input"
@@ -120,7 +120,7 @@ def _part(slot: Slot, index: str, place: str) -> Slot:
 
 
 def wires(parts: ScenarioComponents) -> list[Wire]:
-    """The wires in the components' `inputs`."""
+    """The wires in the components' `inputs`. Raises ScenarioError."""
     found = []
     for name, spec in parts.scenario.components.items():
         for port, given in spec.inputs.items():
@@ -132,6 +132,9 @@ def wires(parts: ScenarioComponents) -> list[Wire]:
             target = parts.endpoint(f"{name}.{port}", "input", place)
             source = parts.endpoint(wire.source, "output", place)
             gain, offset = fit(parts, source, target, place)
+            scaled = (wire.gain, wire.offset) != (1.0, 0.0)
+            if scaled and is_text(parts.steps[name].component, port):
+                raise ScenarioError("found gain or offset, which texts do not have", place)
             found.append(Wire(source, target, wire.gain * gain, wire.gain * offset + wire.offset))
     return found
 
@@ -155,6 +158,12 @@ def fit(parts: ScenarioComponents, source: Slot, target: Slot, place: str) -> tu
     Where one of them is a variable of an FMU for which no unit is declared, the number is taken as
     it is (``cosim check`` names such connections).
     """
+    kinds = [text_type(parts.steps[s.component].component, s.port) for s in (source, target)]
+    if kinds[0] != kinds[1]:
+        said = [f"{k} variable" if k else "number" for k in kinds]
+        raise ScenarioError(
+            f"{source.name} is a {said[0]}, {target.name} expects a {said[1]}", place
+        )
     if source.shape != target.shape:
         raise ScenarioError(
             f"{source.name} has shape {list(source.shape)}, {target.name} expects "

@@ -23,6 +23,7 @@ class ExposedVariables:
         self._patterns: list[str] = []
         self._read: defaultdict[str, set[str]] = defaultdict(set)
         self._changed: defaultdict[str, set[str]] = defaultdict(set)
+        self._wired: defaultdict[str, set[str]] = defaultdict(set)
         for signal in _read(scenario):
             if is_pattern(signal):
                 self._patterns.append(signal)
@@ -32,6 +33,9 @@ class ExposedVariables:
         for signal in _changed(scenario):
             name, _, port = signal.partition(".")
             self._changed[name] |= {port, _INDEX.sub("", port)}
+        for signal in _wired(scenario):
+            name, _, port = signal.partition(".")
+            self._wired[name].add(port)
 
     def expose(self, name: str, component: Component) -> None:
         """Make outputs of an FMU of what is read of it, and inputs of what is changed."""
@@ -40,7 +44,7 @@ class ExposedVariables:
             names = set(observable(component)) - independent(component)
             known = {f"{name}.{variable}": variable for variable in names}
             observed |= {known[s] for p in self._patterns for s in matching(p, known)}
-        expose(component, observed, self._changed[name])
+        expose(component, observed, self._changed[name], self._wired[name])
 
 
 def is_pattern(signal: str) -> bool:
@@ -69,6 +73,16 @@ def _read(scenario: Scenario) -> Iterator[str]:
     for figure in scenario.figures.values():
         for panel in figure.panels:
             yield from panel.y
+
+
+def _wired(scenario: Scenario) -> Iterator[str]:
+    """Both ends of all wires and links, which may be texts."""
+    for name, component in scenario.components.items():
+        for port, given in component.inputs.items():
+            yield f"{name}.{port}"
+            yield given.source if isinstance(given, InputSpec) else given
+    for link in scenario.links:
+        yield from (link.source, link.target)
 
 
 def _changed(scenario: Scenario) -> Iterator[str]:

@@ -24,6 +24,7 @@ from cosim.fmi.isolation.protocol import answered, request
 from cosim.fmi.layout import StepLayout
 from cosim.fmi.library import NEVER, Clocked, Clocks, Setup
 from cosim.fmi.options import PATIENCE, FmuOptions
+from cosim.fmi.texts import NumberedTexts
 from cosim.native import fmu_log, structs
 from cosim.native.mailbox import Lost, Mailbox, MailEnd, library
 
@@ -48,6 +49,7 @@ class RemoteInstance:
     """
 
     handle = broken = 0
+    numbered: NumberedTexts  # none: texts of an isolated FMU are not connected
     next_event = NEVER  # known where the FMU is
     next_ticks: Mapping[int, NextTick] = {}
 

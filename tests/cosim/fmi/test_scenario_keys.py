@@ -52,8 +52,14 @@ def test_sizes_items_texts_and_units_of_the_fmu(passing: Path, tmp_path: Path) -
         ({"parameters": {"mode": "faster"}}, "at components.x.parameters.mode: mode has no item"),
         ({"parameters": {"factor": "1 m"}}, r"\[m\] cannot feed"),
         ({"parameters": {"n": 2.5}}, "n is a size"),
-        ({"inputs": {"u_Int8": "x.said"}}, "x.said is a String or Binary variable; expected"),
-        ({"inputs": {"label": "x.y_Int8"}}, "x.label is a String or Binary variable"),
+        (
+            {"inputs": {"u_Int8": "x.said"}},
+            "x.said is a String variable, x.u_Int8 expects a number",
+        ),
+        (
+            {"inputs": {"label": "x.y_Int8"}},
+            "x.y_Int8 is a number, x.label expects a String variable",
+        ),
         ({"timeout": 0}, "at components.x.timeout: 0 s must be positive"),
         ({"timeout": "2 m"}, "at components.x.timeout"),
     ],

@@ -99,7 +99,7 @@ def share_texts(components: Iterable[Component]) -> None:
 
 
 def text_type(component: Component, port: str) -> str:
-    """ "String" or "Binary" for such a variable of an FMU, else ""."""
+    """The type of a String or Binary variable of an FMU; "" of anything else."""
     fmu = fmu_of(component)
     return fmu.groups[port].first.type if fmu is not None and fmu.is_text(port) else ""
 

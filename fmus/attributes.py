@@ -26,10 +26,25 @@ Unknown = tuple[Variable, tuple[str, ...]]
 def outputs(model: Model) -> list[Unknown]:
     """Every output and the inputs it depends on."""
     inputs = {v.name for v in model.variables if v.causality == "input"}
+    states = tuple(state for state, _ in model.states) if model.exchange else ()
     return [
-        (v, tuple(name for name in v.depends if name in inputs))
+        (v, (*(name for name in v.depends if name in inputs), *states))
         for v in model.variables
         if v.causality == "output"
+    ]
+
+
+def derivatives(model: Model) -> list[Unknown]:
+    """Of an FMU for model exchange, the derivative of every state: it depends on everything."""
+    if not model.exchange:
+        return []
+    rates = {rate: state for state, rate in model.states}
+    states = tuple(rates.values())
+    inputs = tuple(v.name for v in model.variables if v.causality == "input")
+    by_name = {v.name: v for v in model.variables}
+    return [
+        (by_name[rate], (rate,) if rate in states else (*inputs, *states))
+        for _, rate in model.states
     ]
 
 
@@ -39,6 +54,10 @@ def initial_unknowns(model: Model) -> list[Unknown]:
         (v, (*v.depends, *v.start_depends))
         for v in model.variables
         if v.causality == "output" and not v.settable
+    ] + [
+        (v, (*names, *(p.name for p in model.variables if p.causality == "parameter")))
+        for v, names in derivatives(model)
+        if not v.settable
     ]
 
 

@@ -19,7 +19,7 @@ from cosim.base.errors import CosimError, ScenarioError, UnitError
 from cosim.base.units import quantity
 from fmus.build import ANY_SIZE, SHIPPED, VERSIONS, Version, pack, shipped_models, versions
 from fmus.library import compile_model
-from fmus.model import Model, any_size, clocked
+from fmus.model import Model, any_size, clocked, exchanged
 from fmus.toolchain import PLATFORMS
 
 app = typer.Typer(
@@ -64,16 +64,22 @@ def build(
         str,
         typer.Option(help="Interval of a clock for sampled models, e.g. '5 ms' (FMI 3.0 only)."),
     ] = "",
+    exchange: Annotated[
+        bool, typer.Option("--exchange", help="For model exchange: of plants, as NAME_exchange.")
+    ] = False,
 ) -> None:
     """Build FMUs with sources, for this machine or for others."""
     asked, targets, given = _versions(fmi), _platforms(platforms), _sizes(sizes or [])
+    if exchange and clock:
+        raise ScenarioError("found --exchange with --clock, expected one of them", "--exchange")
     classes = [name for name in models or [] if ":" in name]
     for name in classes:
         from fmus.python import build_class
 
         typer.echo(f"{build_class(name, out)}  FMI 2.0, with Python inside")
     named = [name for name in models or [] if name not in classes]
-    for model in _clocked(_models(named, given), clock) if named or not classes else []:
+    chosen = _clocked(_models(named, given), clock) if named or not classes else []
+    for model in [exchanged(model) for model in chosen] if exchange else chosen:
         binaries = compile_model(model, targets)
         for version in (v for v in asked if v in versions(model) or fmi != "both"):
             path = pack(model, version, out, binaries)

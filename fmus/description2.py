@@ -22,14 +22,19 @@ def describe(model: Model) -> Element:
     root.set("guid", token(model))
     attributes.identify(root, model)
     root.set("numberOfEventIndicators", "0")
+    own = {"canHandleVariableCommunicationStepSize": "true"}
+    if model.exchange:
+        own = {"completedIntegratorStepNotNeeded": "true", "providesDirectionalDerivative": "true"}
     interface = SubElement(
         root,
-        "CoSimulation",
-        modelIdentifier=model.identifier,
-        canHandleVariableCommunicationStepSize="true",
-        canNotUseMemoryManagementFunctions="true",
-        canGetAndSetFMUstate="true",
-        canSerializeFMUstate="true",
+        "ModelExchange" if model.exchange else "CoSimulation",
+        {
+            "modelIdentifier": model.identifier,
+            **own,
+            "canNotUseMemoryManagementFunctions": "true",
+            "canGetAndSetFMUstate": "true",
+            "canSerializeFMUstate": "true",
+        },
     )
     files = SubElement(interface, "SourceFiles")
     for name in c_files(model):
@@ -46,6 +51,10 @@ def describe(model: Model) -> Element:
 
 def _variables(listed: Element, model: Model) -> None:
     reference = 0
+    first, at = {}, 0
+    for variable in model.variables:
+        first[variable.name], at = at, at + variable.size
+    states = {rate: first[state] for state, rate in model.states} if model.exchange else {}
     for variable in model.variables:
         starts = attributes.as_text(variable, variable.starts)
         for name, start in zip(scalars(variable), starts, strict=True):
@@ -56,6 +65,9 @@ def _variables(listed: Element, model: Model) -> None:
             typed = SubElement(scalar, _TYPE[variable.type])
             if variable.type == "real":
                 typed.set("unit", variable.unit)
+            if variable.name in states:
+                entry = reference - first[variable.name]
+                typed.set("derivative", str(states[variable.name] + entry + 1))
             attributes.limits(typed, variable)
             if attributes.has_start(variable):
                 typed.set("start", start)
@@ -73,6 +85,8 @@ def _structure(structure: Element, model: Model) -> None:
         place[variable.name] = range(first, first + variable.size)
         first += variable.size
     _unknowns(SubElement(structure, "Outputs"), attributes.outputs(model), place)
+    if model.exchange:
+        _unknowns(SubElement(structure, "Derivatives"), attributes.derivatives(model), place)
     calculated = attributes.initial_unknowns(model)
     if calculated:
         _unknowns(SubElement(structure, "InitialUnknowns"), calculated, place)

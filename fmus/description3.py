@@ -20,13 +20,18 @@ def describe(model: Model) -> Element:
     root = Element("fmiModelDescription", fmiVersion="3.0", modelName=model.identifier)
     root.set("instantiationToken", token(model))
     attributes.identify(root, model)
+    own = {"canHandleVariableCommunicationStepSize": "true"}
+    if model.exchange:
+        own = {"needsCompletedIntegratorStep": "false", "providesDirectionalDerivatives": "true"}
     interface = SubElement(
         root,
-        "CoSimulation",
-        modelIdentifier=model.identifier,
-        canHandleVariableCommunicationStepSize="true",
-        canGetAndSetFMUState="true",
-        canSerializeFMUState="true",
+        "ModelExchange" if model.exchange else "CoSimulation",
+        {
+            "modelIdentifier": model.identifier,
+            **own,
+            "canGetAndSetFMUState": "true",
+            "canSerializeFMUState": "true",
+        },
     )
     if model.clock:
         interface.set("hasEventMode", "true")
@@ -42,6 +47,7 @@ def describe(model: Model) -> Element:
 
 def _variables(listed: Element, model: Model) -> None:
     place = {variable.name: n for n, variable in enumerate(model.variables)}
+    states = {rate: state for state, rate in model.states} if model.exchange else {}
     for reference, variable in enumerate(model.variables):
         element = SubElement(listed, _TYPE[variable.type], name=variable.name)
         element.attrib |= {"valueReference": str(reference)} | attributes.attributes(
@@ -49,6 +55,8 @@ def _variables(listed: Element, model: Model) -> None:
         )
         if variable.type == "real":
             element.set("unit", variable.unit)
+        if variable.name in states:
+            element.set("derivative", str(place[states[variable.name]]))
         if model.clock and variable.causality != "parameter":
             element.set("clocks", str(len(model.variables) + 1))
         attributes.limits(element, variable)
@@ -86,7 +94,11 @@ def _structure(structure: Element, model: Model) -> None:
     initial = (
         [] if model.clock else attributes.initial_unknowns(model)
     )  # not expected of clocked variables
-    for tag, unknowns in (("Output", attributes.outputs(model)), ("InitialUnknown", initial)):
+    for tag, unknowns in (
+        ("Output", attributes.outputs(model)),
+        ("ContinuousStateDerivative", attributes.derivatives(model)),
+        ("InitialUnknown", initial),
+    ):
         for variable, knowns in unknowns:
             element = SubElement(structure, tag, valueReference=str(reference[variable.name]))
             element.attrib |= attributes.dependencies(reference[name] for name in knowns)

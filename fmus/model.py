@@ -82,6 +82,8 @@ class Model:
     page inside the FMU. `clock`: the interval (s) of the clock that its FMU has, 0 for none.
     `lanes`: the first source has ``model_steps``, too, which steps several instances at once.
     `structural`: the variable that gives the extent of arrays (FMI 3.0 only); empty: none.
+    `states`: (state, its derivative) by name, for an FMU for model exchange, whose further
+    variables are `rates`: the first source has ``model_rates`` for it. `exchange`: this is one.
     """
 
     identifier: str
@@ -96,6 +98,9 @@ class Model:
     clock: float = 0.0
     lanes: bool = False
     structural: str = ""
+    states: tuple[tuple[str, str], ...] = ()
+    rates: tuple[Variable, ...] = ()
+    exchange: bool = False
 
     def inputs(self) -> tuple[Port, ...]:
         """Input ports, in order."""
@@ -163,6 +168,20 @@ def any_size(declare: Callable[..., Model], size: str = "joints", most: int = 16
         variables=(*variables, structural),
         structural=size,
     )
+
+
+def exchanged(model: Model) -> Model:
+    """`model` for model exchange, integrated by the importer: NAME_exchange.
+
+    Raises FmuError for a model that does not give its derivatives.
+    """
+    if not model.states:
+        raise FmuError(
+            f"{model.identifier} gives no derivatives of its states; expected a plant that does"
+        )
+    name = f"{model.identifier}_exchange"
+    variables = (*model.variables, *model.rates)
+    return replace(model, identifier=name, variables=variables, exchange=True, lanes=False)
 
 
 def clocked(model: Model, interval: float) -> Model:

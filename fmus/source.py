@@ -11,7 +11,7 @@ import hashlib
 import json
 import re
 import uuid
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import asdict, replace
 from functools import lru_cache
 from itertools import product
@@ -25,10 +25,13 @@ _FOLDER = Path(__file__).parent / "c"
 #: The generic layer: what every library consists of besides the model.
 _GENERIC = (
     "clock.c",
+    "exchange.c",
     "fmi2.c",
+    "fmi2_exchange.c",
     "fmi2_refused.c",
     "fmi3.c",
     "fmi3_events.c",
+    "fmi3_exchange.c",
     "fmi3_refused.c",
     "instance.c",
     "kernel.c",
@@ -187,6 +190,7 @@ def _header(model: Model) -> str:
     size = sum(v.size for v in model.variables)
     members = "".join(f"    {_member(v)}\n" for v in model.variables)
     structural = f"#define STRUCTURAL {model.structural}\n\n" if model.structural else ""
+    structural += "#define EXCHANGE 1 /* model_rates is needed */\n\n" if model.exchange else ""
     return f"""\
 /* variables.h - generated from the declaration of {model.identifier}. */
 #ifndef VARIABLES_H
@@ -224,6 +228,15 @@ def _each(variable: Variable) -> int:
     return 0 if variable.axis < 0 else variable.size // variable.shape[variable.axis]
 
 
+def _places(model: Model, names: Iterable[str]) -> list[str]:
+    """The places of all scalars of some variables."""
+    offset, found = 0, {}
+    for v in model.variables:
+        found[v.name] = [str(offset + k) for k in range(v.size)]
+        offset += v.size
+    return [place for name in names for place in found[name]]
+
+
 def _structural(model: Model) -> str:
     """The place of the structural parameter among the scalars."""
     offset = 0
@@ -255,6 +268,9 @@ def _tables(model: Model, token: str) -> str:
         offset += v.size
     entries.append(f'{{"time", IS_REAL, {offset}, 1, 0, -INFINITY, INFINITY}}')
     ranges = [f"{{{first}, {size}}}" for first, size in _inputs(model)]
+    states = model.states if model.exchange else ()
+    state_places = _places(model, (state for state, _ in states))
+    rate_places = _places(model, (rate for _, rate in states))
     return "\n".join(
         (
             f"/* variables.c - generated from the declaration of {model.identifier}. */",
@@ -266,6 +282,8 @@ def _tables(model: Model, token: str) -> str:
             _table("char *const scalar_names[N_SCALARS + 1]", [*names, '"time"']),
             _table("double start_values[N_SCALARS]", starts),
             _table("Range input_ranges[]", [*ranges, "{0, 0}"]),
+            _table("unsigned state_places[]", [*state_places, "0"]),
+            _table("unsigned rate_places[]", [*rate_places, "0"]),
         )
     )
 
@@ -279,6 +297,8 @@ def _declared(model: Model, token: str) -> list[str]:
         _structural(model),
         f"{int(model.clock > 0.0)}, {_number(model.clock)}",
         "model_steps" if model.lanes else "0",
+        "model_rates" if model.exchange else "0",
+        str(len(_places(model, (s for s, _ in model.states))) if model.exchange else 0),
     ]
 
 

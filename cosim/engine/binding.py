@@ -277,7 +277,7 @@ class Binding:
             stop = c.addressof(self.state) + structs.EngineState.stop.offset
             if fmu.remote is None:
                 unit = bind(fmu.instance, layout, self._alive, stop)
-                if layout.plain:
+                if layout.plain and layout.exchange is None:
                     self._alike[fmu.sort, lag, step.period] = unit
                 return unit
             return fmu.remote.bind(layout, access_order.isolated(fmu, layout), stop)

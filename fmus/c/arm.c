@@ -74,6 +74,16 @@ const char *model_initial(Model *x) {
     return arrive(x, x->q, x->dq);
 }
 
+#ifdef EXCHANGE
+const char *model_rates(Model *x) {
+    double torque[JOINTS];
+    for (int i = 0; i < COUNT(x, JOINTS); i++) torque[i] = x->tau[i] + x->tau_ext[i];
+    const int positive = acceleration(x, torque, x->q, x->dq, x->ddq);
+    if (!all_finite(x->ddq, COUNT(x, JOINTS))) return DIVERGED;
+    return positive ? arrive(x, x->q, x->dq) : NO_INERTIA;
+}
+#endif
+
 const char *model_step(Model *x, double t, double h) {
     const int substeps = (int)x->substeps;
     double torque[JOINTS], q[JOINTS], dq[JOINTS];

@@ -31,6 +31,11 @@ enum { LANES = 4 };
 typedef void Steps(Model *const x[], double t, double h, const char *why[]);
 Steps model_steps;
 
+/* Of a model for model exchange: calculate derivatives of the states and outputs from states, parameters
+ * and inputs. NULL, or a message that says why this failed. */
+typedef const char *Rates(Model *x);
+Rates model_rates;
+
 /* The FMI type of a variable and what may be done with it; bits of `Variable.access`. */
 enum {
     IS_REAL = 1,
@@ -63,6 +68,8 @@ typedef struct {
     int is_clocked;
     double clock_interval; /* s, of a model with a clock */
     Steps *steps;          /* model_steps of a model that has it, else NULL */
+    Rates *rates;          /* model_rates of a model for model exchange, else NULL */
+    unsigned n_states;     /* scalars */
 } Declaration;
 
 extern const Declaration declared;
@@ -72,6 +79,8 @@ extern const Variable variables[];          /* n_variables + 1 */
 extern const unsigned char scalar_access[]; /* n_scalars + 1 */
 extern const char *const scalar_names[];    /* n_scalars + 1 */
 extern const double start_values[];         /* n_scalars */
+extern const unsigned state_places[];       /* n_states: of the states in Model, */
+extern const unsigned rate_places[];        /* and of their derivatives */
 extern const Range input_ranges[];          /* n_input_ranges, in the order of `first` */
 
 /* Whether n values are numbers and finite. */

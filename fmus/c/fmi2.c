@@ -10,9 +10,10 @@
 /* The table: columns instantiated, initializationMode, stepComplete, stepFailed, terminated.
  * Steps end before fmi2DoStep returns, so nothing is in progress or cancelled. */
 enum {
-    ANY = INSTANTIATED | INITIALIZATION | STEPPING | STEP_FAILED | TERMINATED,
-    READ = INITIALIZATION | STEPPING | STEP_FAILED | TERMINATED,
-    WRITE = INSTANTIATED | INITIALIZATION | STEPPING,
+    LIVE = EVENT | CONTINUOUS, /* of model exchange, clause 3.2.3 */
+    ANY = INSTANTIATED | INITIALIZATION | STEPPING | STEP_FAILED | TERMINATED | LIVE,
+    READ = INITIALIZATION | STEPPING | STEP_FAILED | TERMINATED | LIVE,
+    WRITE = INSTANTIATED | INITIALIZATION | STEPPING | LIVE,
     END = STEPPING | STEP_FAILED
 };
 
@@ -42,8 +43,9 @@ fmi2Component fmi2Instantiate(fmi2String instanceName, fmi2Type type, fmi2String
     Instance *x = instance_new(instanceName, guid, loggingOn, forward,
                                (AnyFunction *)functions->logger, functions->componentEnvironment,
                                "fmi2Instantiate");
-    if (x != NULL && type != fmi2CoSimulation) {
-        refuse(x, "fmi2Instantiate", "this FMU is for co-simulation only");
+    if (x != NULL && type != (declared.rates ? fmi2ModelExchange : fmi2CoSimulation)) {
+        refuse(x, "fmi2Instantiate", "this FMU is for %s only",
+               declared.rates ? "model exchange" : "co-simulation");
         instance_free(x);
         return NULL;
     }
@@ -71,7 +73,7 @@ fmi2Status fmi2ExitInitializationMode(fmi2Component c) {
 }
 
 fmi2Status fmi2Terminate(fmi2Component c) {
-    if (!legal(c, END, "fmi2Terminate")) return fmi2Error;
+    if (!legal(c, END | LIVE, "fmi2Terminate")) return fmi2Error;
     return (fmi2Status)terminate(c);
 }
 
@@ -105,7 +107,7 @@ static int may_get(Instance *x, const fmi2ValueReference vr[], size_t n, const v
         refuse(x, function, "%s is null", vr == NULL ? "vr" : "value");
         return 0;
     }
-    if (!x->stale || x->mode != INITIALIZATION) return 1;
+    if (!x->stale || !(x->mode & (INITIALIZATION | LIVE))) return 1;
     for (size_t i = 0; i < n; i++)
         if (has(vr[i], IS_CALCULATED)) return settle(x, function) == STATUS_OK;
     return 1;
@@ -119,7 +121,7 @@ static int may_set(Instance *x, const fmi2ValueReference vr[], size_t n, const v
         refuse(x, function, "%s is null", vr == NULL ? "vr" : "value");
         return 0;
     }
-    const unsigned need = type | (x->mode == STEPPING ? SET_IN_STEPS : SET_AT_START);
+    const unsigned need = type | (x->mode & (STEPPING | LIVE) ? SET_IN_STEPS : SET_AT_START);
     for (size_t i = 0; i < n; i++)
         if (!has(vr[i], need)) {
             refuse_reference(x, function, vr[i], need);

@@ -9,9 +9,10 @@
 #include "instance.h"
 
 enum {
-    ANY = INSTANTIATED | CONFIGURATION | INITIALIZATION | STEPPING | EVENT | TERMINATED,
-    READ = CONFIGURATION | INITIALIZATION | STEPPING | EVENT | TERMINATED,
-    WRITE = INSTANTIATED | CONFIGURATION | INITIALIZATION | STEPPING | EVENT
+    LIVE = STEPPING | EVENT | CONTINUOUS,
+    ANY = INSTANTIATED | CONFIGURATION | INITIALIZATION | LIVE | TERMINATED,
+    READ = CONFIGURATION | INITIALIZATION | LIVE | TERMINATED,
+    WRITE = INSTANTIATED | CONFIGURATION | INITIALIZATION | LIVE
 };
 
 /* --- life cycle --------------------------------------------------------------------------- */
@@ -51,7 +52,8 @@ fmi3Instance fmi3InstantiateCoSimulation(
     (void)earlyReturnAllowed;          /* allowed, never done */
     (void)requiredIntermediateVariables, (void)nRequiredIntermediateVariables;
     (void)intermediateUpdate; /* none provided */
-    const char *impossible = eventModeUsed && !declared.is_clocked
+    const char *impossible = declared.rates ? "this FMU is for model exchange, not co-simulation"
+                             : eventModeUsed && !declared.is_clocked
                                  ? "this FMU has no event mode: eventModeUsed must be false"
                                  : NULL;
     Instance *x = instantiate(instanceName, token, loggingOn, environment, logMessage, impossible,
@@ -66,7 +68,7 @@ fmi3Instance fmi3InstantiateModelExchange(
     fmi3LogMessageCallback logMessage) {
     (void)resourcePath, (void)visible;
     return instantiate(instanceName, token, loggingOn, environment, logMessage,
-                       "this FMU is for co-simulation, not model exchange",
+                       declared.rates ? NULL : "this FMU is for co-simulation, not model exchange",
                        "fmi3InstantiateModelExchange");
 }
 
@@ -120,7 +122,7 @@ fmi3Status fmi3ExitInitializationMode(fmi3Instance x) {
 }
 
 fmi3Status fmi3Terminate(fmi3Instance x) {
-    if (!legal(x, STEPPING | EVENT, "fmi3Terminate")) return fmi3Error;
+    if (!legal(x, LIVE, "fmi3Terminate")) return fmi3Error;
     return (fmi3Status)terminate(x);
 }
 
@@ -175,7 +177,7 @@ static inline int fit(const Instance *x, const fmi3ValueReference vr[], size_t n
 
 /* Before calculated values are read: bring them up to date. */
 static int follow(Instance *x, const fmi3ValueReference vr[], size_t n, const char *function) {
-    if (x->mode == EVENT) return clock_evaluate(x, function) == STATUS_OK;
+    if (x->mode == EVENT && declared.is_clocked) return clock_evaluate(x, function) == STATUS_OK;
     for (size_t i = 0; i < n; i++)
         if (has(vr[i], IS_CALCULATED)) return settle(x, function) == STATUS_OK;
     return 1;
@@ -193,7 +195,7 @@ static inline int may_get(Instance *x, const fmi3ValueReference vr[], size_t n,
                           const char *function) {
     if (!legal(x, READ, function)) return 0;
     if (!fit(x, vr, n, values, nValues, type, function)) return 0;
-    if (!x->stale || !(x->mode & (INITIALIZATION | EVENT))) return 1;
+    if (!x->stale || !(x->mode & (INITIALIZATION | EVENT | CONTINUOUS))) return 1;
     return follow(x, vr, n, function);
 }
 
@@ -202,7 +204,7 @@ static inline int may_set(Instance *x, const fmi3ValueReference vr[], size_t n,
                           const char *function) {
     if (!legal(x, WRITE, function)) return 0;
     const unsigned need = type | (x->mode & CONFIGURATION        ? IS_SIZE
-                                  : x->mode & (STEPPING | EVENT) ? SET_IN_STEPS
+                                  : x->mode & LIVE ? SET_IN_STEPS
                                                                  : SET_AT_START);
     if (!fit(x, vr, n, values, nValues, need, function)) return 0;
     if (declared.is_clocked && n > 0 && !between_ticks(x, function)) return 0;

@@ -1,7 +1,7 @@
 /* fmi3_events.c - FMI 3.0.2: Event Mode and the clock (clauses 2.2.8, 2.3.5 and 4.2.1).
  *
  * A model that was built with a clock has one, an input of constant interval; its value reference is
- * CLOCK_REFERENCE. Other models have neither Event Mode nor clocks, and refuse.
+ * CLOCK_REFERENCE. Other models have no clocks, and Event Mode only for model exchange.
  */
 #include "fmi3.h"
 #include "instance.h"
@@ -32,7 +32,9 @@ static int eventful(const Instance *x, unsigned mode, const char *function) {
 
 fmi3Status fmi3EnterEventMode(fmi3Instance instance) {
     Instance *x = instance;
-    if (!eventful(x, STEPPING, "fmi3EnterEventMode")) return fmi3Error;
+    if (!(declared.rates ? legal(x, CONTINUOUS, "fmi3EnterEventMode")
+                         : eventful(x, STEPPING, "fmi3EnterEventMode")))
+        return fmi3Error;
     x->mode = EVENT;
     return fmi3OK;
 }
@@ -60,7 +62,8 @@ fmi3Status fmi3UpdateDiscreteStates(fmi3Instance x, fmi3Boolean *discreteStatesN
                                     fmi3Boolean *nextEventTimeDefined,
                                     fmi3Float64 *nextEventTime) {
     static const char function[] = "fmi3UpdateDiscreteStates";
-    if (!eventful(x, EVENT, function)) return fmi3Error;
+    if (!(declared.rates ? legal(x, EVENT, function) : eventful(x, EVENT, function)))
+        return fmi3Error;
     if (discreteStatesNeedUpdate == NULL || terminateSimulation == NULL ||
         nominalsOfContinuousStatesChanged == NULL || valuesOfContinuousStatesChanged == NULL ||
         nextEventTimeDefined == NULL || nextEventTime == NULL)
@@ -68,7 +71,7 @@ fmi3Status fmi3UpdateDiscreteStates(fmi3Instance x, fmi3Boolean *discreteStatesN
     *discreteStatesNeedUpdate = *terminateSimulation = *nominalsOfContinuousStatesChanged = 0;
     *valuesOfContinuousStatesChanged = *nextEventTimeDefined = 0;
     *nextEventTime = 0.0;
-    return (fmi3Status)clock_update(x, function);
+    return declared.rates ? fmi3OK : (fmi3Status)clock_update(x, function);
 }
 
 /* --- the clock ---------------------------------------------------------------------------- */

@@ -1,7 +1,7 @@
 /* fmi3_refused.c - functions of FMI 3.0.2 that this FMU exports but does not support.
  *
- * No types but Float64, Int32, Boolean and UInt64 (and Clock, see fmi3_events.c), no derivatives, neither model exchange nor scheduled execution: the model description says so, and a
- * call is refused in every mode with a message.
+ * No types but Float64, Int32, Boolean and UInt64 (and Clock, see fmi3_events.c), no adjoint
+ * derivatives, no scheduled execution: the model description says so, and a call is refused in every mode with a message.
  */
 #include "fmi3.h"
 #include "instance.h"
@@ -73,13 +73,6 @@ fmi3Status fmi3GetVariableDependencies(fmi3Instance x, fmi3ValueReference depend
     return refused(x, "fmi3GetVariableDependencies", NO_DEPENDENCIES);
 }
 
-fmi3Status fmi3GetDirectionalDerivative(fmi3Instance x, const fmi3ValueReference unknowns[],
-                                        size_t nUnknowns, const fmi3ValueReference knowns[],
-                                        size_t nKnowns, const fmi3Float64 seed[], size_t nSeed,
-                                        fmi3Float64 sensitivity[], size_t nSensitivity) {
-    return refused(x, "fmi3GetDirectionalDerivative", NO_DERIVATIVES);
-}
-
 fmi3Status fmi3GetAdjointDerivative(fmi3Instance x, const fmi3ValueReference unknowns[],
                                     size_t nUnknowns, const fmi3ValueReference knowns[],
                                     size_t nKnowns, const fmi3Float64 seed[], size_t nSeed,
@@ -93,53 +86,11 @@ fmi3Status fmi3GetOutputDerivatives(fmi3Instance x, const fmi3ValueReference vr[
     return refused(x, "fmi3GetOutputDerivatives", NO_DERIVATIVES);
 }
 
-/* --- model exchange and scheduled execution ------------------------------------------------- */
+/* --- scheduled execution --------------------------------------------------------------------- */
 
-static const char CO_SIMULATION_ONLY[] = "this FMU is for co-simulation only";
-
-fmi3Status fmi3EnterContinuousTimeMode(fmi3Instance x) {
-    return refused(x, "fmi3EnterContinuousTimeMode", CO_SIMULATION_ONLY);
-}
-
-fmi3Status fmi3CompletedIntegratorStep(fmi3Instance x, fmi3Boolean noSetPrior,
-                                       fmi3Boolean *enterEventMode,
-                                       fmi3Boolean *terminateSimulation) {
-    return refused(x, "fmi3CompletedIntegratorStep", CO_SIMULATION_ONLY);
-}
-
-fmi3Status fmi3SetTime(fmi3Instance x, fmi3Float64 time) {
-    return refused(x, "fmi3SetTime", CO_SIMULATION_ONLY);
-}
-
-fmi3Status fmi3SetContinuousStates(fmi3Instance x, const fmi3Float64 states[], size_t n) {
-    return refused(x, "fmi3SetContinuousStates", CO_SIMULATION_ONLY);
-}
-
-fmi3Status fmi3GetContinuousStateDerivatives(fmi3Instance x, fmi3Float64 derivatives[], size_t n) {
-    return refused(x, "fmi3GetContinuousStateDerivatives", CO_SIMULATION_ONLY);
-}
-
-fmi3Status fmi3GetEventIndicators(fmi3Instance x, fmi3Float64 indicators[], size_t n) {
-    return refused(x, "fmi3GetEventIndicators", CO_SIMULATION_ONLY);
-}
-
-fmi3Status fmi3GetContinuousStates(fmi3Instance x, fmi3Float64 states[], size_t n) {
-    return refused(x, "fmi3GetContinuousStates", CO_SIMULATION_ONLY);
-}
-
-fmi3Status fmi3GetNominalsOfContinuousStates(fmi3Instance x, fmi3Float64 nominals[], size_t n) {
-    return refused(x, "fmi3GetNominalsOfContinuousStates", CO_SIMULATION_ONLY);
-}
-
-fmi3Status fmi3GetNumberOfEventIndicators(fmi3Instance x, size_t *n) {
-    return refused(x, "fmi3GetNumberOfEventIndicators", CO_SIMULATION_ONLY);
-}
-
-fmi3Status fmi3GetNumberOfContinuousStates(fmi3Instance x, size_t *n) {
-    return refused(x, "fmi3GetNumberOfContinuousStates", CO_SIMULATION_ONLY);
-}
+static const char NO_PARTITIONS[] = "this FMU is not for scheduled execution";
 
 fmi3Status fmi3ActivateModelPartition(fmi3Instance x, fmi3ValueReference clock,
                                       fmi3Float64 activationTime) {
-    return refused(x, "fmi3ActivateModelPartition", CO_SIMULATION_ONLY);
+    return refused(x, "fmi3ActivateModelPartition", NO_PARTITIONS);
 }

@@ -28,7 +28,8 @@ static const struct {
              {STEP_FAILED, "Step Failed"},
              {TERMINATED, "Terminated"},
              {EVENT, "Event Mode"},
-             {CONFIGURATION, "Configuration Mode"}};
+             {CONFIGURATION, "Configuration Mode"},
+             {CONTINUOUS, "Continuous-Time Mode"}};
 enum { N_MODES = sizeof MODES / sizeof MODES[0] };
 
 /* --- logging ------------------------------------------------------------------------------ */
@@ -84,7 +85,9 @@ static const char *mode_name(unsigned mode) {
 int refuse_mode(const Instance *x, unsigned allowed, const char *function) {
     char names[160] = "";
     if (x == NULL) return 0;
-    if (!declared.is_clocked) allowed &= ~(unsigned)EVENT;
+    if (!declared.is_clocked && declared.rates == NULL) allowed &= ~(unsigned)EVENT;
+    if (declared.rates == NULL) allowed &= ~(unsigned)CONTINUOUS;
+    if (declared.rates != NULL) allowed &= ~(unsigned)(STEPPING | STEP_FAILED);
     if (declared.structural == declared.n_scalars) allowed &= ~(unsigned)CONFIGURATION;
     for (int i = 0; i < N_MODES; i++)
         if (MODES[i].bit & allowed) {
@@ -229,8 +232,16 @@ static Status check_start(const Instance *x, const char *function) {
 
 Status settle(Instance *x, const char *function) {
     if (!x->stale) return STATUS_OK;
+    if (declared.rates != NULL && (x->mode & (EVENT | CONTINUOUS | TERMINATED))) {
+        const Status inputs = check_inputs(x, x->values[TIME], function);
+        const char *problem = inputs == STATUS_OK ? declared.rates((Model *)x->values) : NULL;
+        if (problem != NULL) return discard(x, function, "at t = %g s %s", x->values[TIME], problem);
+        x->stale = inputs != STATUS_OK;
+        return inputs;
+    }
     if (check_start(x, function) != STATUS_OK) return STATUS_ERROR;
     const char *why = model_initial((Model *)x->values);
+    if (why == NULL && declared.rates != NULL) why = declared.rates((Model *)x->values);
     if (why != NULL) return refuse(x, function, "%s cannot start: %s", declared.identifier, why);
     x->stale = 0;
     return STATUS_OK;
@@ -238,7 +249,7 @@ Status settle(Instance *x, const char *function) {
 
 Status exit_initialization(Instance *x, const char *function) {
     if (settle(x, function) != STATUS_OK) return STATUS_ERROR;
-    x->mode = x->clock.used ? EVENT : STEPPING;
+    x->mode = x->clock.used || declared.rates != NULL ? EVENT : STEPPING;
     note(x, function, "%s initialised at t = %g s", declared.identifier, x->values[TIME]);
     return STATUS_OK;
 }

@@ -24,8 +24,9 @@ enum {
     STEPPING = 4,    /* 2.0: stepComplete, 3.0: Step Mode */
     STEP_FAILED = 8, /* 2.0 only: fmi2DoStep returned fmi2Discard */
     TERMINATED = 16,
-    EVENT = 32,        /* 3.0, of a model with a clock: Event Mode */
-    CONFIGURATION = 64 /* 3.0, of a model with a structural parameter */
+    EVENT = 32,        /* Event Mode: of a model with a clock (3.0), or for model exchange */
+    CONFIGURATION = 64, /* 3.0, of a model with a structural parameter */
+    CONTINUOUS = 128    /* of a model for model exchange: Continuous-Time Mode */
 };
 
 /* Log categories, bits. */
@@ -108,6 +109,25 @@ void do_steps(Instance *const x[], size_t n, double t, double h, const char *fun
 
 /* STATUS_DISCARD, after logging a message, if an input is not finite at time t, in s. */
 Status check_inputs(const Instance *x, double t, const char *function);
+
+/* --- exchange.c: models for model exchange -------------------------------------------------- */
+
+/* Whether `function` may be called in this mode of a model for model exchange, with n numbers. */
+int exchangeable(const Instance *x, unsigned modes, const void *numbers, size_t n, size_t expected,
+                 const char *function);
+Status exchange_set_time(Instance *x, double t, const char *function);
+Status exchange_set_states(Instance *x, const double *states, size_t n, const char *function);
+Status exchange_get_states(Instance *x, double *states, size_t n, const char *function);
+Status exchange_get_rates(Instance *x, double *rates, size_t n, const char *function);
+Status exchange_get_nominals(Instance *x, double *nominals, size_t n, const char *function);
+/* Some scalars, by their places in `values`. */
+typedef struct {
+    const unsigned *places;
+    size_t n;
+} Places;
+/* Derivatives of `unknowns` along `seed`, a direction of `knowns`, by differences of order four. */
+Status exchange_directional(Instance *x, Places unknowns, Places knowns, const double *seed,
+                            double *sensitivity, const char *function);
 
 /* --- clock.c: models with a clock ---------------------------------------------------------- */
 

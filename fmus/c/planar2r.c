@@ -33,6 +33,14 @@ const char *model_initial(Model *x) {
     return arrive(x, x->q, x->dq);
 }
 
+#ifdef EXCHANGE
+const char *model_rates(Model *x) {
+    const double torque[2] = {x->tau[0] + x->tau_ext[0], x->tau[1] + x->tau_ext[1]};
+    acceleration(x, torque, x->q, x->dq, x->ddq);
+    return all_finite(x->ddq, 2) ? arrive(x, x->q, x->dq) : DIVERGED;
+}
+#endif
+
 const char *model_step(Model *x, double t, double h) {
     const int substeps = (int)x->substeps;
     const double torque[2] = {x->tau[0] + x->tau_ext[0], x->tau[1] + x->tau_ext[1]};

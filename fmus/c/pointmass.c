@@ -31,6 +31,17 @@ const char *model_initial(Model *x) {
     return NULL;
 }
 
+#ifdef EXCHANGE
+const char *model_rates(Model *x) {
+    const double b = x->b + x->b_add;
+    if (b < 0.0) return "b + b_add is negative: friction must take energy";
+    const double ddx = (x->f - b * x->dx) / x->m;
+    if (!all_finite(&ddx, 1)) return "the motion left the range of numbers";
+    x->ddx = ddx;
+    return NULL;
+}
+#endif
+
 const char *model_step(Model *x, double t, double h) {
     const double b = x->b + x->b_add, z = -b / x->m * h;
     double E, phi1, phi2;

@@ -186,7 +186,9 @@ static int readable(const Instance *x, const unsigned char bytes[], size_t size,
 static int is_mode(uint32_t mode) {
     const uint32_t event = declared.is_clocked ? EVENT : 0;
     const uint32_t configuration = declared.structural < declared.n_scalars ? CONFIGURATION : 0;
-    const uint32_t modes = (2 * TERMINATED - 1) | event | configuration;
+    const uint32_t exchange = INSTANTIATED | INITIALIZATION | EVENT | CONTINUOUS | TERMINATED;
+    const uint32_t modes =
+        declared.rates ? exchange : (2 * TERMINATED - 1) | event | configuration;
     return mode != 0 && (mode & ~modes) == 0 && (mode & (mode - 1)) == 0;
 }
 

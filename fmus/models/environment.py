@@ -49,6 +49,8 @@ def plant(
         terminals=TERMINALS,
         documentation=documentation or "",
         lanes=lanes,
+        states=(("q", "dq"), ("dq", "ddq")),
+        rates=(arm.vector("ddq", "local", "rad/s2", "Joint acceleration"),),
     )
 
 

@@ -47,6 +47,8 @@ def model() -> Model:
         ),
         sources=("pointmass.c",),
         step=1e-2,
+        states=(("x", "dx"), ("dx", "ddx")),
+        rates=(Variable("ddx", "local", (), "m/s2", description="Acceleration"),),
         terminals=(Terminal("port", ("f", "x", "dx"), "Force in, motion out"),),
         documentation=__doc__ or "",
     )

@@ -10,6 +10,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from cosim.fmi import component
+from cosim.loading.files import read_document
 from cosim.sweeps import batch
 from cosim.sweeps.batch import PLACES, run_points
 from cosim.sweeps.design import Point
@@ -41,6 +43,10 @@ def study() -> StudySetup:
     for link in document["links"]:
         link["delay"] |= {"low": "30 ms", "high": "120 ms"}
     document["figures"] = {}
+    document["metrics"] = read_document(CONFIG)["metrics"] | {
+        "end": {"kind": "final", "of": ["slave.q", "master.q"]},
+        "heard": {"kind": "rms", "of": ["slave_control.xi_in"]},
+    }
     return StudySetup(CONFIG, document, {})
 
 
@@ -78,6 +84,8 @@ def test_every_kind_of_point_after_every_other_one() -> None:
     assert rows(run_points(study(), points)) == expected(points)
     reasons = [row.reason for row in run_points(study(), points)]
     assert sum(map(bool, reasons)) >= 5
+    found = run_points(study(), points)
+    assert len({repr(row.measures) for row in found if not row.reason}) > 15
 
 
 def test_one_that_fails_leaves_the_others_alone() -> None:
@@ -101,3 +109,22 @@ def test_engines_run_together(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(batch, "record_many", noted)
     run_points(study(), [point(i, [f"run.seed={i}"]) for i in range(2 * PLACES + 1)])
     assert groups == [PLACES, PLACES, 1]
+
+
+def test_fmus_of_others_are_made_anew_for_every_run(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is known of our own FMUs only is not assumed of others."""
+    points = [point(i, [each]) for i, each in enumerate(NUMBERS)]
+    wanted = expected(points)
+    monkeypatch.setattr("cosim.fmi.alike.CommonInstance.values_address", lambda _: 0)
+    monkeypatch.setattr("cosim.fmi.alike.CommonInstance.steps_function", lambda _: 0)
+    made, instantiate = [], component.instantiate
+
+    def noted(*given: object) -> object:
+        made.append(instantiate(*given))
+        return made[-1]
+
+    monkeypatch.setattr(component, "instantiate", noted)
+    assert (
+        rows(run_points(replace(study(), stable={"effort": 1e9}), points)) == wanted
+    )  # another one
+    assert len(made) == 4 * len(points)

@@ -21,6 +21,10 @@ _SUFFIXES = {
     ".urdf": ("a robot", "`cosim new arm NAME --urdf {path}`"),
     ".parquet": ("a table", "`cosim run X.fmu --input {path}`"),
     ".csv": ("a table", "`cosim run X.fmu --input {path}`"),
+    ".ssd": (
+        "a description inside of an SSP",
+        "its archive (`zip -r ../system.ssp .` in its folder)",
+    ),
     ".log": ("a bus log", "`cosim replay --from-log {path}`"),
 }
 

@@ -294,3 +294,11 @@ def test_a_step_that_nobody_says_is_asked_for(tmp_path: Path) -> None:
     text = ssd(elements(control=GAINS) + connections(LOOP + BACK)).replace('stopTime="0.5"', "")
     with pytest.raises(ScenarioError, match=r"does not say stop; say --set run\.stop="):
         load(pack(tmp_path / "endless.ssp", text))
+
+
+def test_a_description_outside_of_its_archive_is_named(tmp_path: Path) -> None:
+    from cosim.loading.files import load as load_any
+
+    (tmp_path / "SystemStructure.ssd").write_text(WHOLE)
+    with pytest.raises(ScenarioError, match="is a description inside of an SSP, not a scenario"):
+        load_any(tmp_path / "SystemStructure.ssd")

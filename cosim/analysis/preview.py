@@ -9,7 +9,7 @@ import numpy as np
 
 from cosim.analysis.signals import Array
 from cosim.base.errors import ScenarioError
-from cosim.base.names import unknown
+from cosim.base.names import signal_of, unknown
 
 
 @final
@@ -23,7 +23,7 @@ class Preview:
         self._units = units
         self._whole: dict[str, list[str]] = {}
         for name in units:
-            self._whole.setdefault(name.split("[")[0], []).append(name)
+            self._whole.setdefault(signal_of(name), []).append(name)
 
     @property
     def t(self) -> Array:

@@ -15,7 +15,7 @@ from cosim.analysis.port import PortSignals, port_of
 from cosim.analysis.signals import Signals
 from cosim.analysis.system import AnalyzedSystem, system
 from cosim.base.errors import CosimError, ScenarioError
-from cosim.base.names import listed
+from cosim.base.names import listed, signal_of
 from cosim.loading.files import load
 from cosim.record import Run
 from cosim.scenario.assemble import assemble
@@ -90,7 +90,7 @@ def of_run(folder: str | Path, chosen: str = "") -> Subject:
     """
     folder = Path(folder)
     run = Run.open(folder)
-    names = {name.split("[")[0] for name in run.names}
+    names = {signal_of(name) for name in run.names}
     known, spec, title, remark = None, AnalysisSpec(), folder.name, ""
     try:
         scenario = stored_scenario(run.metadata)

@@ -9,6 +9,7 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, final
 
 from cosim.base.errors import CosimError, ScenarioError
+from cosim.base.names import signal_of
 from cosim.record import Run
 
 if TYPE_CHECKING:
@@ -61,7 +62,7 @@ class RunResult:
     @property
     def signals(self) -> tuple[str, ...]:
         """The names of all recorded signals."""
-        return tuple(dict.fromkeys(name.partition("[")[0] for name in self._run.names))
+        return tuple(dict.fromkeys(signal_of(name) for name in self._run.names))
 
     def unit(self, name: str) -> str:
         """The unit of a signal."""

@@ -3,7 +3,15 @@
 from __future__ import annotations
 
 import difflib
+import re
 from collections.abc import Iterable, Sequence
+
+_INDEX = re.compile(r"(?:\[[\d, ]+\])+$")  # q[0], xi_in[1,0], xi_in[1][0]
+
+
+def signal_of(scalar: str) -> str:
+    """The signal that a scalar is an entry of: ``arm.q`` for ``arm.q[0]``; ``a.b[1].y`` is one."""
+    return _INDEX.sub("", scalar)
 
 
 def nearest(name: str, known: Iterable[str]) -> str:

@@ -116,7 +116,9 @@ def _plan(path: Path, data: Recording, settings: list[str], file: Path) -> tuple
 
 
 def _signals(data: Recording) -> set[str]:
-    return {*data.columns, *(c.partition("[")[0] for c in data.columns)}
+    from cosim.base.names import signal_of
+
+    return {*data.columns, *(signal_of(c) for c in data.columns)}
 
 
 def _outputs(plan: Plan) -> list[Any]:

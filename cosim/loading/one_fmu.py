@@ -9,6 +9,7 @@ from typing import Any
 
 from cosim.base.convert import number
 from cosim.base.errors import CosimError, ScenarioError
+from cosim.base.names import signal_of
 from cosim.base.settings import change
 from cosim.fmi import FmuComponent
 from cosim.record.recording import Recording
@@ -62,7 +63,7 @@ def _named(signal: Any, fmu: FmuComponent) -> Any:
     name = fmu.description.identifier
     if not isinstance(signal, str) or signal == ALL or signal.startswith(f"{name}."):
         return signal
-    known = signal in fmu.groups or signal.partition("[")[0] in fmu.groups
+    known = signal in fmu.groups or signal_of(signal) in fmu.groups
     return f"{name}.{signal}" if known or is_pattern(signal) else signal
 
 
@@ -73,7 +74,7 @@ def inputs_among(path: Path, recording: Recording) -> tuple[str, ...]:
 
 def _columns(fmu: FmuComponent, recording: Recording) -> dict[str, str]:
     """The column of each input that has one, also as ``component.input``."""
-    columns = {*recording.columns, *(name.partition("[")[0] for name in recording.columns)}
+    columns = {*recording.columns, *(signal_of(name) for name in recording.columns)}
     names = {
         p.name: [n for n in (p.name, f"{fmu.description.identifier}.{p.name}") if n in columns]
         for p in fmu.inputs

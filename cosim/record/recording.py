@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim.base.errors import ScenarioError
-from cosim.base.names import unknown
+from cosim.base.names import signal_of, unknown
 from cosim.record.run import Run
 
 Array = NDArray[np.float64]
@@ -82,7 +82,7 @@ class Recording:
 
 def _selected(names: tuple[str, ...], wanted: tuple[str, ...]) -> list[str]:
     """Columns of `names` that belong to any wanted signal."""
-    return [name for name in names if {name, name.partition("[")[0]} & set(wanted)]
+    return [name for name in names if {name, signal_of(name)} & set(wanted)]
 
 
 def _time(columns: dict[str, Array], path: Path) -> str:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from cosim.base.component import Drawing
 from cosim.base.errors import RunError, ScenarioError
+from cosim.base.names import signal_of
 from cosim.record import Run
 from cosim.reporting.arms import DrawnArm, drawn_arms, link_frames, recorded
 from cosim.reporting.moving import write_gif
@@ -47,22 +48,17 @@ def _chosen(run: Run, patterns: Sequence[str]) -> list[str]:
         return list(run.names)
     found: list[str] = []
     for pattern in patterns:
-        names = {**dict.fromkeys(run.names), **dict.fromkeys(map(_of, run.names))}
+        names = {**dict.fromkeys(run.names), **dict.fromkeys(map(signal_of, run.names))}
         for name in matching(pattern, names) or [pattern]:
             found += run.entries(name)  # says which are near
     return [name for name in run.names if name in set(found)]
-
-
-def _of(name: str) -> str:
-    """The signal of a scalar."""
-    return name.partition("[")[0]
 
 
 def _signals(names: Sequence[str]) -> dict[str, list[str]]:
     """Scalars by signal."""
     found: dict[str, list[str]] = {}
     for name in names:
-        found.setdefault(_of(name), []).append(name)
+        found.setdefault(signal_of(name), []).append(name)
     return found
 
 

@@ -15,7 +15,7 @@ from cosim.analysis import declared_metrics
 from cosim.analysis.metric_result import MetricResult
 from cosim.analysis.metrics import evaluate
 from cosim.base.errors import CosimError
-from cosim.base.names import listed
+from cosim.base.names import listed, signal_of
 from cosim.links.storage import read_facts, table_groups
 from cosim.record import Run
 from cosim.reporting import many
@@ -142,7 +142,7 @@ def _panels(
     for spec in declared:
         yield _declared(run, spec, data, dt)
     if not declared:
-        signals = dict.fromkeys(name.partition("[")[0] for name in run.names)
+        signals = dict.fromkeys(signal_of(name) for name in run.names)
         for signal in list(signals)[:PANELS]:
             entries = run.entries(signal)
             yield PlottedPanel(signal, run.units[entries[0]], tuple((n, n) for n in entries))

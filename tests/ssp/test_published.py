@@ -402,8 +402,14 @@ def test_names_of_structures_and_single_entries_are_variables(tmp_path: Path) ->
     )
     wires = connections(wire("a.force[1].y", "b.u[3]"))
     path = pack(tmp_path / "x.ssp", ssd(f"<ssd:Elements>{both}</ssd:Elements>{wires}"), fmus=fmus)
-    found = recorded(load(path, ["run.step=0.1", 'components.a.start."u[3]"=1']))
+    settings = ["run.step=0.1", 'components.a.start."u[3]"=1']
+    found = recorded(load(path, settings))
     assert found["b.u[3]"][-1] == found["a.force[1].y"][-2] > 1.0
+    options = [x for setting in settings for x in ("--set", setting)]
+    given = ["run", str(path), "--record", "all", "--out", str(tmp_path / "run"), *options]
+    result = CliRunner().invoke(app, given)
+    assert result.exit_code == 0, result.output
+    assert (tmp_path / "run" / "report.html").is_file()
     assert np.ptp(found["b.force[1].y"]) > 0.1
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from cosim.base.convert import convert
 from cosim.base.errors import ScenarioError
-from cosim.base.names import hint, listed, nearest, unknown
+from cosim.base.names import hint, listed, nearest, signal_of, unknown
 
 
 @pytest.mark.parametrize(
@@ -79,3 +79,12 @@ def test_a_list_in_a_sentence_ends() -> None:
     names = [f"c{i}" for i in range(13)]
     assert listed(names[:12]) == ", ".join(names[:12])
     assert listed(names, " or ") == "c0 or c1 or c2 or c3 and 9 more"
+
+
+@pytest.mark.parametrize(
+    ("scalar", "signal"),
+    [("a.q[0]", "a.q"), ("a.xi[1,0]", "a.xi"), ("a.xi[1][0]", "a.xi"), ("a.y", "a.y"),
+     ("a.b[1].y", "a.b[1].y"), ("a.b[1].q[2]", "a.b[1].q")],
+)  # fmt: skip
+def test_the_signal_of_a_scalar(scalar: str, signal: str) -> None:
+    assert signal_of(scalar) == signal

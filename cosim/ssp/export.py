@@ -20,6 +20,7 @@ from cosim.base.errors import ScenarioError
 from cosim.fmi import components
 from cosim.fmi.component import FmuComponent
 from cosim.fmi.ports import VariableGroup
+from cosim.fmi.variables import TEXTS
 from cosim.scenario.spec import Scenario
 from cosim.schedule.parts import Link, Slot, Step, Wire
 from cosim.schedule.plan import Plan
@@ -86,8 +87,11 @@ class _Packer:
         self._files: dict[str, bytes] = {}
         edges: tuple[Wire | Link, ...] = (*plan.wires, *plan.links)
         for slot in (s for edge in edges for s in (edge.source, edge.target)):
-            if self._fmus[slot.component].groups[slot.port].first.type == "Clock":
-                what = f"{slot.name} is a clock, which SSP 1.0 has no connectors for"
+            kind = self._fmus[slot.component].groups[slot.port].first.type
+            if kind == "Clock" or kind in TEXTS:
+                said = "a clock, which SSP 1.0 has no connectors for"
+                said = f"a {kind} variable, which is not exported" if kind in TEXTS else said
+                what = f"{slot.name} is {said}"
                 raise ScenarioError(what, str(scenario.path))
         self._fed = {name for edge in edges for name in edge.target.scalars()}
         self._delays: dict[str, Path] = {}  # by the link's name

@@ -10,8 +10,10 @@ import pytest
 from cosim.base.errors import CosimError, RunError, ScenarioError
 from cosim.engine.engine import Engine
 from cosim.fmi.texts import NumberedTexts
+from cosim.scenario.assemble import assemble
+from cosim.ssp.export import write
 from tests.cosim.fmi.exporter import export
-from tests.cosim.scenarios import plan
+from tests.cosim.scenarios import plan, scenario
 
 H, STEPS = 0.1, 10
 
@@ -113,6 +115,13 @@ def test_what_is_connected_is_of_one_type(mail: Path) -> None:
         plan({"a": a, "b": {**a, "inputs": {"note": wire}}}, step=H, stop=H)
     with pytest.raises(ScenarioError, match=r"b.word is a String or Binary variable.* no output"):
         plan({"a": a, "b": {**a, "inputs": {"word": "b.word"}}}, step=H, stop=H)
+
+
+def test_texts_are_not_exported(mail: Path, tmp_path: Path) -> None:
+    a = {"model": str(mail)}
+    made = scenario({"a": a, "b": {**a, "inputs": {"note": "a.echo"}}}, step=H, stop=H)
+    with pytest.raises(ScenarioError, match=r"a.echo is a Binary variable, which is not exported"):
+        write(made, assemble(made), tmp_path / "x.ssp")
 
 
 def test_an_isolated_fmu_is_refused(mail: Path) -> None:

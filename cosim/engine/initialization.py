@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from heapq import heappop, heappush
+from math import isfinite
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,7 @@ from cosim.base.component import Parameter
 from cosim.base.errors import RunError, ScenarioError
 from cosim.engine.algebraic_loops import AlgebraicLoops
 from cosim.engine.binding import Termination, Vector, Views, store
-from cosim.fmi.components import exit_initialization, is_fmu
+from cosim.fmi.components import exit_initialization, is_fmu, stepped_fmu
 from cosim.fmi.failures import starting
 from cosim.schedule.parts import Link, Slot, Step, Wire
 from cosim.schedule.plan import Plan
@@ -66,6 +67,7 @@ class _Settling:
         self._steps, self._inputs, self._outputs = plan.components, inputs, outputs
         self._whole = signals
         self._signals: Any = signals.data  # entries as Python's numbers
+        self._address = signals.ctypes.data
         place = {step.name: i for i, step in enumerate(plan.components)}
         self._fed: list[list[Wire | Link]] = [[] for _ in plan.components]
         self._feeds: list[list[int]] = [[] for _ in plan.components]
@@ -131,8 +133,21 @@ class _Settling:
             return ()
         before = self._bytes(step.outputs)
         with starting(step.name):
-            store(self._outputs[i], step.component.initial(self._inputs[i]))
+            if not self._say_in_place(step):
+                store(self._outputs[i], step.component.initial(self._inputs[i]))
         return self._feeds[i] if self._bytes(step.outputs) != before else ()
+
+    def _say_in_place(self, step: Step) -> bool:
+        """Let an FMU read and write the signals themselves, if it can, and if they are numbers."""
+        fmu = stepped_fmu(step.component)
+        if fmu is None or not (step.inputs and step.outputs):
+            return False
+        first, last = step.inputs[0].start, step.inputs[-1]
+        if not isfinite(sum(self._signals[first : last.start + last.size])):
+            return False
+        size = self._signals.itemsize
+        outputs = self._address + size * step.outputs[0].start
+        return fmu.initial_at(self._address + size * first, outputs)
 
     def exit(self, i: int) -> Termination | None:
         """Let component `i` leave Initialization Mode, and others see what changes by this."""

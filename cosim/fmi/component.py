@@ -16,6 +16,7 @@ from cosim.base.errors import FmuError
 from cosim.fmi import archive as archives
 from cosim.fmi import binaries, clocks
 from cosim.fmi.description import read_cached
+from cosim.fmi.fmi2 import Instance2
 from cosim.fmi.instances import instantiate
 from cosim.fmi.interface import FmuInterface
 from cosim.fmi.intervals import Intervals
@@ -35,6 +36,8 @@ from cosim.fmi.values import (
 from cosim.fmi.variables import TEXTS
 from cosim.native import fmu_log
 
+#: Limits of a variable that has none.
+UNLIMITED = (float("-inf"), float("inf"))
 #: Bytes of log text kept of an FMU whose logging is on.
 LOG_ROOM = 1 << 20
 
@@ -214,6 +217,25 @@ class FmuComponent(FmuInterface):
         carried = self.carried("output")
         readable = tuple(g.name for g in carried if g.name not in self._observed)
         return self._outputs(readable) | self._declared()
+
+    def initial_at(self, inputs: int, outputs: int) -> bool:
+        """As :meth:`initial`, from and to arrays of doubles at these addresses: False: not done.
+
+        It is done for FMI 2.0 with real inputs and outputs only, and inputs that may be anything.
+        """
+        x = self._instance
+        if not isinstance(x, Instance2) or not self._derived("at", self._all_free_reals):
+            return False
+        for verb, role, address in (("Set", "input", inputs), ("Get", "output", outputs)):
+            references = self._derived(f"{role} references", lambda r=role: self.references(r))
+            if references:
+                x.reals_at(verb, references, address)
+        return True
+
+    def _all_free_reals(self) -> bool:
+        both = [*self.carried("input"), *self.carried("output")]
+        free = (v.limits == UNLIMITED for g in self.carried("input") for v in g.variables)
+        return not self._observed and all(g.first.type == "Real" for g in both) and all(free)
 
     def _declared(self) -> dict[str, NDArray[Any]]:
         """Start values of observed variables, which may not be read yet (FMI 2.0.5 §4.2.4)."""

@@ -173,6 +173,10 @@ class Instance2(CommonInstance):
         array = array_of(self.TYPES[kind], [convert(v) for v in values])
         self._access("Set", kind)(self.handle, uint32(references), len(references), array)
 
+    def reals_at(self, verb: str, references: Sequence[int], address: int) -> None:
+        """``fmi2SetReal`` or ``fmi2GetReal`` (`verb`) with the values at an address."""
+        self._access(verb, "Real")(self.handle, uint32(references), len(references), address)
+
     def get_texts(self, kind: str, references: Sequence[int], count: int) -> list[str]:
         """``fmi2GetString``."""
         values = (c.c_char_p * count)()

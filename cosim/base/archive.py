@@ -53,9 +53,7 @@ def unpack(path: Path, what: str, description: str, place: str) -> tuple[Path, s
     deflate, and entries outside the folder.
     """
     try:
-        if not os.path.exists(path):
-            raise ArchiveError("no such file")
-        found = path.stat()
+        found = _state(path)
         if not stat.S_ISREG(found.st_mode):
             raise ArchiveError(f"is not a file; expected an .{what.lower()} file")
         sha256 = _sum(path, (found.st_ino, found.st_size, found.st_mtime_ns, found.st_ctime_ns))
@@ -65,6 +63,15 @@ def unpack(path: Path, what: str, description: str, place: str) -> tuple[Path, s
     if not os.path.isdir(folder):
         _extract(path, what, description, folder)
     return folder, sha256
+
+
+def _state(path: Path) -> os.stat_result:
+    try:
+        return path.stat()
+    except (OSError, ValueError):
+        if not path.exists():
+            raise ArchiveError("no such file") from None
+        raise
 
 
 @lru_cache(maxsize=64)

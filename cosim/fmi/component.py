@@ -5,6 +5,9 @@ from __future__ import annotations
 import shutil
 import tempfile
 from collections.abc import Mapping, Sequence
+from copy import copy
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -97,6 +100,22 @@ class FmuComponent(FmuInterface):
         self._start: InstanceStart | None = None  # while in Initialization Mode
         self._private: str | None = None
         self._last_text = ""
+
+    def alike(self, name: str, given: Mapping[str, Any]) -> FmuComponent:
+        """Another component of the FMU, with other values `given`, neither sizes nor texts.
+
+        Before this one was exposed or initialised.
+        """
+        found = copy(self)
+        found.name, found.options = name, replace(self.options, given=given)
+        return found
+
+    @property
+    def special(self) -> frozenset[str]:
+        """Names of sizes of arrays, and of String and Binary variables."""
+        groups = self.groups.items()
+        texts = (name for name, g in groups if g.first.type in TEXTS)
+        return frozenset(texts) | {v.name for v in self.description.variables if v.is_size}
 
     def _check_interface(self, name: str) -> None:
         d, options = self.description, self.options
@@ -227,7 +246,7 @@ class FmuComponent(FmuInterface):
         if not isinstance(x, Instance2) or not self._derived("at", self._all_free_reals):
             return False
         for verb, role, address in (("Set", "input", inputs), ("Get", "output", outputs)):
-            references = self._derived(f"{role} references", lambda r=role: self.references(r))
+            references = self._derived(f"{role} references", partial(self.references, role))
             if references:
                 x.reals_at(verb, references, address)
         return True

@@ -143,6 +143,9 @@ class FmuInterface:
     @property
     def discrete(self) -> frozenset[str]:
         """Inputs that change in jumps only."""
+        return self._derived("discrete", self._discrete)
+
+    def _discrete(self) -> frozenset[str]:
         inputs = self.carried("input")
         jumps = (g.name for g in inputs if any(v.variability != "continuous" for v in g.variables))
         return frozenset(jumps)
@@ -152,6 +155,9 @@ class FmuInterface:
         """Inputs that can be lines over a step: by their slopes (FMI 2.0.5 §4.2.1), or by
         intermediate updates (FMI 3.0.2 §4.2.2). None of :attr:`discrete`.
         """
+        return self._derived("sloped", self._sloped)
+
+    def _sloped(self) -> frozenset[str]:
         d, discrete = self.description, self.discrete
         smooth = [g for g in self.carried("input") if g.name not in discrete]
         if d.fmi == "2.0":

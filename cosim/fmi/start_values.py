@@ -56,8 +56,8 @@ class StartValue:
             found = x.get_texts(first.type, references, self.group.size)
         else:
             found = x.get(first.type, references, self.group.size)
-        wanted = [_representable(first.type, v) for v in self.values]
-        return None if wanted == [_representable(first.type, v) for v in found] else found
+        same = _all_representable(first.type, self.values) == _all_representable(first.type, found)
+        return None if same else found
 
 
 def set_all(x: Instance, given: Sequence[StartValue]) -> None:
@@ -74,9 +74,10 @@ def unequal(x: Instance, given: Sequence[StartValue]) -> Iterator[tuple[StartVal
     """Those of which the FMU has others, with what it has; asked together, then one by one."""
     for kind, some in _by_call(given):
         if kind not in TEXTS:
-            wanted = [_representable(kind, v) for one in some for v in one.values]
+            wanted = [float(v) for one in some for v in one.values]
             found = x.get(kind, _references(some), len(wanted))
-            if wanted == [_representable(kind, v) for v in found]:
+            same = wanted == found
+            if same or _all_representable(kind, wanted) == _all_representable(kind, found):
                 continue
         for one in some:
             other = one.differs(x)
@@ -84,7 +85,15 @@ def unequal(x: Instance, given: Sequence[StartValue]) -> Iterator[tuple[StartVal
                 yield one, other
 
 
-def _by_call(given: Sequence[StartValue]) -> Iterator[tuple[str, list[StartValue]]]:
+def _all_representable(kind: str, values: Found) -> list[float | str]:
+    return [_representable(kind, v) for v in values]
+
+
+def _by_call(given: Sequence[StartValue]) -> Iterator[tuple[str, Sequence[StartValue]]]:
+    firsts = [one.group.first for one in given]
+    if given and not any(v.shape or v.type != firsts[0].type for v in firsts):
+        yield firsts[0].type, given
+        return
     by = {id(one.group): one for one in given}
     for kind, groups in together(one.group for one in given):
         yield kind, [by[id(group)] for group in groups]

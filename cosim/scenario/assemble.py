@@ -22,7 +22,7 @@ from cosim.scenario.connect_links import links as connected_links
 from cosim.scenario.connect_links import stepped_buses
 from cosim.scenario.exposed import ExposedVariables
 from cosim.scenario.macro import adaptive_settings, check_groups
-from cosim.scenario.models import LoadedComponent, load_component
+from cosim.scenario.models import LoadedComponent, load_alike, load_component
 from cosim.scenario.spec import ComponentSpec, InputSpec, Scenario
 from cosim.schedule.parts import Player, Slot, Step
 from cosim.schedule.plan import Plan, compile_plan
@@ -86,6 +86,7 @@ def scenario_components(
 def _steps(scenario: Scenario, h: float, load: Load) -> list[Step]:
     steps: list[Step] = []
     start = 0
+    load = load_alike() if load is load_component else load
     exposed = ExposedVariables(scenario)
     for name, spec in sorted(scenario.components.items()):
         place = scenario.place("components", name)

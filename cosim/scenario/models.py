@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import importlib
 import pkgutil
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_args
@@ -20,6 +20,7 @@ from cosim.base.convert import number
 from cosim.base.errors import CosimError, FmuError, MujocoError, ScenarioError
 from cosim.base.names import hint
 from cosim.fmi import FmuComponent, FmuOptions, structural_sizes
+from cosim.fmi.components import stepped_fmu
 from cosim.fmi.failures import sentence
 from cosim.fmi.options import PATIENCE
 from cosim.scenario.spec import ComponentSpec
@@ -81,6 +82,28 @@ def load_component(name: str, spec: ComponentSpec, folder: Path, place: str) -> 
         component.kind = spec.kind  # type: ignore[assignment]
     _check(component, f"{place}.model")
     return component, presets, prepared
+
+
+def load_alike() -> Callable[[str, ComponentSpec, Path, str], LoadedComponent]:
+    """:func:`load_component` for the components of one scenario.
+
+    FMUs that differ in their values only are read once.
+    """
+    known: dict[bytes, tuple[FmuComponent, frozenset[str], Mapping[str, Any]]] = {}
+
+    def load(name: str, spec: ComponentSpec, folder: Path, place: str) -> LoadedComponent:
+        key = spec.likeness()
+        if key in known:
+            like, special, presets = known[key]
+            if not special.intersection(spec.parameters, spec.start):
+                return like.alike(name, spec.values), presets, _UNPREPARED
+        found, presets, prepared = load_component(name, spec, folder, place)
+        fmu = stepped_fmu(found)
+        if fmu is not None and prepared is _UNPREPARED and not fmu.taken:
+            known[key] = fmu.alike(name, {}), fmu.special, presets
+        return found, presets, prepared
+
+    return load
 
 
 def _structural(path: Path, sizes: Mapping[str, int]) -> dict[str, int]:

@@ -117,6 +117,10 @@ class ComponentSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
         """Parameters and start values."""
         return {**self.parameters, **self.start}
 
+    def likeness(self) -> bytes:
+        """Equal for components that differ in their values and what feeds them only."""
+        return msgspec.json.encode(msgspec.structs.replace(self.without_values(), inputs={}))
+
     def without_values(self) -> ComponentSpec:
         """What is not a number of its run: neither values nor how often it steps."""
         return msgspec.structs.replace(self, parameters={}, start={}, preset=None, period=None)

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from bridge.can.messages import BusMessage, bus_responses
 from bridge.can.rates import control_rate, simulated_worst
 from cosim.bus.timing import BusTiming
+from cosim.record import Run
 from tests.cli.command import Command
 
 ROOT = Path(__file__).parents[3]
@@ -116,3 +117,20 @@ def test_a_dbc_file_is_checked(cosim: Command) -> None:
     assert "543 Hz" in slow.out and "[bus-load]" in slow.out
     assert cosim("check", file, "--deploy", "can").code == 2
     assert "no-such.dbc" in cosim("check", "no-such.dbc").err
+
+
+def test_two_openarms_with_grippers_have_the_rate_of_eight_motors(
+    cosim: Command, tmp_path: Path
+) -> None:
+    """16 frames an arm; in the twin the master's gripper closes as its operator wants."""
+    deployment = ("configs/openarm.toml", "--deploy", "openarm-grippers")
+    done = cosim("check", *deployment)
+    assert done.code == 0, done.err
+    assert done.out.count("1246 Hz") == done.out.count("1120 Hz") == 2
+    signals = 'run.record.signals=["master_gripper.q", "slave_gripper.q"]'
+    out = tmp_path / "run"
+    ran = cosim("run", *deployment, "--set", "run.stop=2", "--set", signals, "--out", out, "-q")
+    assert ran.code == 0, ran.err
+    run = Run.open(out)
+    assert run.array("master_gripper.q")[[0, -1], 0] == pytest.approx([-0.8, -0.1], abs=0.05)
+    assert run.array("slave_gripper.q")[-1, 0] > -0.59  # follows, after the delay

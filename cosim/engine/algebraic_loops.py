@@ -7,7 +7,8 @@ System Simulation, ch. 7). In a loop the unknowns are the inputs u that its wire
 
     r(u) = u - (gain y(u) + offset) = 0        u <- u - s (dr/du)^-1 r
 
-The derivatives are differences. The step is halved (s) until r decreases.
+The derivatives are those of an FMU that has them, else differences. The step is halved (s) until r
+decreases.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from cosim.base.errors import CosimError, ScenarioError
 from cosim.engine.binding import Vector, Views
 from cosim.engine.feedthrough import dependent_outputs, initial_outputs
 from cosim.fmi import components
+from cosim.fmi.components import output_derivatives
 from cosim.schedule.order import strongly_connected
 from cosim.schedule.parts import Link, Slot, Wire
 from cosim.schedule.plan import Plan
@@ -87,6 +89,7 @@ class AlgebraicLoops:
         step = self.plan.components[number]
         declared = components.feedthrough(step.component, start=True)
         fed = {e.target.port for e in self.edges if e.target.component == step.name}
+        fed -= step.discrete  # what jumps is not solved for
         found = [
             (f"{step.name}.{port}", slot.name)
             for slot in step.outputs
@@ -207,6 +210,10 @@ class _Loop:
         jacobian = np.empty((len(u), len(u)))
         owners = [self._system.number(e.target) for e in self._edges for _ in range(e.target.size)]
         for k, owner in enumerate(owners):
+            column = self._given_column(k, owner)
+            if column is not None:
+                jacobian[:, k] = column
+                continue
             changed = u.copy()
             change = 1e-7 * max(1.0, abs(u[k]))
             changed[k] += change
@@ -218,6 +225,20 @@ class _Loop:
             jacobian[:, k] = 0.0 if found is None else (found - r) / change
             self._residual(u, owner)
         return np.linalg.lstsq(jacobian, -r, rcond=None)[0].astype(np.float64)
+
+    def _given_column(self, k: int, owner: int) -> Vector | None:
+        """Derivatives of the residual by unknown `k`, (unknowns,), if its FMU has them."""
+        step, place = self._system.plan.components[owner], int(self._places[k])
+        slot = next(s for s in step.inputs if s.start <= place < s.start + s.size)
+        given = output_derivatives(step.component, slot.port, place - slot.start)
+        if given is None:
+            return None
+        rates = np.zeros(self._system.plan.n_signals)
+        for output in step.outputs:
+            _part(rates, output)[:] = given.get(output.port, 0.0)
+        column = -np.concatenate([e.gain * _part(rates, e.source) for e in self._edges])
+        column[k] += 1.0
+        return column
 
     def _changed(self, u: Vector, owner: int) -> Vector | None:
         try:

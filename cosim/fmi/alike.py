@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import ctypes as c
+from collections.abc import Sequence
 from typing import ClassVar
 
-from cosim.fmi.library import Calls
+from cosim.fmi.library import Calls, array_of, uint32
 from cosim.fmi.texts import NumberedTexts
 from cosim.native import structs
 
@@ -53,6 +54,24 @@ class CommonInstance:
         """``fmi2FreeFMUstate``, ``fmi3FreeFMUState``."""
         free = self._calls.checked(f"Free{self.STATE}", c.c_void_p, c.c_void_p)
         free(self.handle, c.byref(c.c_void_p(state)))
+
+    def directional(
+        self, unknowns: Sequence[int], knowns: Sequence[int], seed: Sequence[float], count: int
+    ) -> list[float]:
+        """``GetDirectionalDerivative``: of `count` scalars of variables, along a direction."""
+        first, second = uint32(unknowns), uint32(knowns)
+        given, found = array_of(c.c_double, seed), (c.c_double * count)()
+        size, pointer = c.c_size_t, c.c_void_p
+        types: tuple[type, ...] = (pointer, pointer, size, pointer, size)
+        arguments = (self.handle, first, len(unknowns), second, len(knowns))
+        if self._calls.prefix == "fmi2":
+            call = self._calls.checked("GetDirectionalDerivative", *types, pointer, pointer)
+            call(*arguments, given, found)
+        else:
+            types = (*types, pointer, size, pointer, size)
+            call = self._calls.checked("GetDirectionalDerivative", *types)
+            call(*arguments, given, len(seed), found, count)
+        return list(found)
 
     def state_functions(self) -> tuple[int, int]:
         """Addresses of the functions that save the state, and that restore it."""

@@ -202,6 +202,34 @@ def feedthrough(component: Component, *, start: bool = False) -> Mapping[str, fr
     }
 
 
+def output_derivatives(
+    component: Component, port: str, entry: int
+) -> Mapping[str, list[float]] | None:
+    """Derivatives of outputs by an entry of an input at the start, by the FMU's own function.
+
+    None: it has none. Outputs without a derivative there are left out: they are given exactly.
+    """
+    fmu = stepped_fmu(component)
+    flags = {} if fmu is None else fmu.description.flags
+    names = ("providesDirectionalDerivative", "providesDirectionalDerivatives")
+    if fmu is None or not any(flags.get(name) for name in names):
+        return None
+    known = fmu.groups[port]
+    outputs = [
+        g for g in fmu.carried("output")
+        if g.first.type in REAL and g.first.initial != "exact" and g.first.causality == "output"
+    ]  # fmt: skip
+    if known.first.type not in REAL or not outputs:
+        return None
+    if len(known.references) == known.size:
+        references, seed = known.references[entry : entry + 1], [1.0]
+    else:  # an array of FMI 3.0
+        references, seed = known.references, [float(i == entry) for i in range(known.size)]
+    unknowns = [r for g in outputs for r in g.references]
+    found = iter(fmu.instance.directional(unknowns, references, seed, sum(g.size for g in outputs)))
+    return {g.name: [next(found) for _ in range(g.size)] for g in outputs}
+
+
 def jumping_outputs(component: Component) -> frozenset[str]:
     """Outputs that an FMU declares as no continuous real numbers."""
     fmu = fmu_of(component)

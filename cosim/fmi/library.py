@@ -117,6 +117,11 @@ class Instance(Protocol):
     def free_state(self, state: int) -> None:
         """Give a saved state back."""
 
+    def directional(
+        self, unknowns: Sequence[int], knowns: Sequence[int], seed: Sequence[float], count: int
+    ) -> list[float]:
+        """Derivatives of variables, `count` scalars in all, along `seed`, a direction of others."""
+
     def state_functions(self) -> tuple[int, int]:
         """Addresses of the functions that save the state, and that restore it."""
 

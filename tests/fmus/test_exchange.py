@@ -16,6 +16,7 @@ from typer.testing import CliRunner
 
 from cosim.base.component import Port
 from cosim.base.errors import FmuError
+from cosim.engine import algebraic_loops
 from cosim.engine.engine import Engine
 from cosim.scenario.assemble import assemble
 from cosim.scenario.spec import build as scenario
@@ -250,3 +251,52 @@ def test_it_is_saved_and_restored_in_macro_steps(version: Version) -> None:
     t = np.arange(plan.ticks) * plan.h
     expected = 0.5 + 0.5 * np.cos(np.sqrt(8.0) * t)  # the distance has the stiffness 2 k / m
     assert rows[:, plan.slots()["a.x"].start] == pytest.approx(expected, abs=1e-4)
+
+
+@EVERY
+@pytest.mark.parametrize("known", [True, False])
+def test_its_directional_derivatives_solve_a_loop_at_the_start(
+    version: Version, known: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """q_h = 2 tau_h and tau_h = -k_p (q - q_h): a loop in which iteration diverges."""
+    given = []
+    real = algebraic_loops.output_derivatives
+
+    def counted(*arguments: Any) -> Any:
+        given.append(real(*arguments) if known else None)
+        return given[-1]
+
+    monkeypatch.setattr(algebraic_loops, "output_derivatives", counted)
+    arm_ = {
+        "model": str(find(exchanged(planar2r.model()), version)),
+        "parameters": {"q": [0.4, -0.8], "k_p": [4.0, 3.0]},
+        "inputs": {"q_h": {"from": "gain.y", "gain": 1.0}},
+    }
+    gain = {"model": f"{__name__}:Doubled", "inputs": {"u": "arm.tau_h"}}
+    document = {"run": {"step": 1e-3, "stop": 1e-3}, "components": {"arm": arm_, "gain": gain}}
+    plan = assemble(scenario(document, Path("exchange.toml").absolute()))
+    with Engine(plan) as engine:
+        engine.initialize()
+        found = engine.signals[plan.slots()["arm.tau_h"].start :][:2]
+    stiffness, q = np.array([4.0, 3.0]), np.array([0.4, -0.8])
+    expected = -stiffness * q / (1.0 - 2.0 * stiffness)  # tau = -k (q - 2 tau)
+    assert found == pytest.approx(expected, rel=1e-9)
+    assert any(x is not None for x in given) == known
+
+
+class Doubled:
+    """y = 2 u at once, from N.m to rad."""
+
+    kind = "continuous"
+    inputs = (Port("u", (2,), "N.m"),)
+    outputs = (Port("y", (2,), "rad"),)
+    parameters = ()
+
+    def initialize(self, values: Any) -> None:
+        """Nothing to do."""
+
+    def initial(self, u: Any) -> Any:
+        return {"y": 2.0 * u["u"]}
+
+    def step(self, t: float, h: float, u: Any) -> Any:
+        return self.initial(u)

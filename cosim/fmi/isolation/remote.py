@@ -216,6 +216,13 @@ class RemoteInstance:
         """There are none in this process."""
         raise FmuError(f"{self._name}: its functions are in another process")
 
+    def directional(
+        self, unknowns: Sequence[int], knowns: Sequence[int], seed: Sequence[float], count: int
+    ) -> list[float]:
+        """Derivatives of variables along a direction of others."""
+        found: list[float] = self._call("directional", unknowns, knowns, seed, count)
+        return found
+
     def state_functions(self) -> tuple[int, int]:
         """There are none in this process."""
         raise FmuError(f"{self._name}: its functions are in another process")

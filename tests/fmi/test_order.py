@@ -17,6 +17,7 @@ import pytest
 from cosim.base.errors import CosimError
 from cosim.engine.engine import Engine
 from fmus.build import find
+from fmus.model import exchanged
 from fmus.models import pd, planar2r
 from tests.cosim.fmi.exporter import (
     clocked3,
@@ -47,7 +48,7 @@ from tests.cosim.fmi.test_calls import (
 from tests.cosim.fmi.test_rollback import SAVES
 from tests.cosim.fmi.test_scheduled import scheduled3
 from tests.cosim.fmi.test_slopes import COURSES
-from tests.cosim.fmi.test_within import within3
+from tests.cosim.fmi.test_within import EARLY, within3
 from tests.cosim.scenarios import plan
 from tests.fmi.runs import Watch, ran
 
@@ -218,3 +219,26 @@ def test_intermediate_update(watch: Made, extrapolate: str, isolate: bool) -> No
     assert looped(found, {"components": {"a": {"model": COURSES}, "x": x}, **given}) == []
     inside = {call.name for call in found.calls() if call.depth}
     assert inside == ({"SetFloat64"} if extrapolate == "linear" else set())
+
+
+@pytest.mark.parametrize("fmi", ["2.0", "3.0"])
+@pytest.mark.parametrize("solver", ["rk4", "cvode"])
+def test_our_plants_for_model_exchange(watch: Made, fmi: str, solver: str) -> None:
+    path = find(exchanged(planar2r.model()), fmi)  # type: ignore[arg-type]
+    found = watch(path)
+    assert ran(found, 5, 0.01, solver=solver) == []
+    names = {call.name for call in found.calls()}
+    assert ("GetDirectionalDerivative" in names) == (solver == "cvode")
+
+
+@pytest.mark.parametrize("algorithm", ["jacobi", "gauss-seidel"])
+def test_intermediate_update_with_early_return(watch: Made, algorithm: str) -> None:
+    found = watch(within3(EARLY))
+    components = {
+        "a": {"model": COURSES},
+        "x": {"model": str(found.path), "inputs": {"u": "a.y"}, "extrapolate": "linear"},
+    }
+    given = {"algorithm": algorithm, "step": 0.1, "stop": 1.0}
+    assert looped(found, {"components": components, **given}) == []
+    inside = [call for call in found.calls() if call.depth]
+    assert inside and {call.name for call in inside} == {"SetFloat64"}

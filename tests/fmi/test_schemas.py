@@ -21,8 +21,8 @@ from cosim.ssp.container import write as write_container
 from cosim.ssp.delays import build_delays
 from fmus.build import find, shipped_models
 from fmus.bus_fmu import build_bus
-from fmus.model import Model, clocked
-from fmus.models import pd
+from fmus.model import Model, clocked, exchanged
+from fmus.models import pd, planar2r
 from fmus.python import build_class
 from tests.system.runs import scenario, teleoperation
 
@@ -88,6 +88,8 @@ def a_container(folder: Path) -> Path:
 
 OWN: dict[str, Callable[[Path], Path]] = {
     "a clocked partition": lambda folder: find(clocked(pd.model(), 0.005), "3.0"),
+    "a plant for model exchange, 2.0": lambda folder: find(exchanged(planar2r.model()), "2.0"),
+    "a plant for model exchange, 3.0": lambda folder: find(exchanged(planar2r.model()), "3.0"),
     "a delay": a_delay,
     "a closed loop": a_container,
     "a CAN bus": lambda folder: build_bus(2, BusTiming(500e3), folder / "bus.fmu"),

@@ -16,9 +16,10 @@ from typer.testing import CliRunner
 
 from cosim.base.errors import CosimError, ScenarioError
 from cosim.cli.commands import app
+from cosim.scenario.assemble import assemble
 from cosim.ssp import load
 from cosim.ssp.document import ignored
-from tests.cosim.fmi.exporter import exchange2, export, nasty2, strict2
+from tests.cosim.fmi.exporter import exchange2, export, nasty2, passing3, strict2
 from tests.ssp.parts import (
     FMUS,
     SPACES,
@@ -421,3 +422,20 @@ def test_a_local_variable_may_be_the_start_of_a_connection(
     text = ssd(f"<ssd:Elements>{both}</ssd:Elements>{connections(wire('a.x', 'b.u'))}", "2.0")
     found = recorded(load(pack(tmp_path / "x.ssp", text, fmus=strict), ["run.step=0.1"]))
     assert found["b.u"][1] == 1.0
+
+
+def test_texts_are_connected(tmp_path: Path) -> None:
+    fmus = {"strict.fmu": export(passing3(), tmp_path / "x.fmu")}
+    ports = {"label": "input", "said": "output"}
+    both = part("a", "strict.fmu", **ports) + part("b", "strict.fmu", **ports)
+    text = ssd(
+        f"<ssd:Elements>{both}</ssd:Elements>{connections(wire('a.said', 'b.label'))}", "2.0"
+    )
+    read = load(pack(tmp_path / "x.ssp", text, fmus=fmus), ["run.step=0.1"])
+    assert read.components["b"].inputs == {"label": "a.said"}
+    assemble(read)
+    scaled = text.replace(
+        "></ssd:Connection>", '><ssc:LinearTransformation factor="2"/></ssd:Connection>'
+    )
+    with pytest.raises(ScenarioError):
+        assemble(load(pack(tmp_path / "y.ssp", scaled, fmus=fmus), ["run.step=0.1"]))

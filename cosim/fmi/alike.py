@@ -58,7 +58,7 @@ class CommonInstance:
     def directional(
         self, unknowns: Sequence[int], knowns: Sequence[int], seed: Sequence[float], count: int
     ) -> list[float]:
-        """``GetDirectionalDerivative``: of `count` scalars of variables, along a direction."""
+        """``GetDirectionalDerivative`` of variables, `count` scalars in all, in their units."""
         first, second = uint32(unknowns), uint32(knowns)
         given, found = array_of(c.c_double, seed), (c.c_double * count)()
         size, pointer = c.c_size_t, c.c_void_p

@@ -207,7 +207,7 @@ def output_derivatives(
 ) -> Mapping[str, list[float]] | None:
     """Derivatives of outputs by an entry of an input at the start, by the FMU's own function.
 
-    None: it has none. Outputs without a derivative there are left out: they are given exactly.
+    In the units of both. None: it has none. Outputs that are given exactly there are left out.
     """
     fmu = stepped_fmu(component)
     flags = {} if fmu is None else fmu.description.flags

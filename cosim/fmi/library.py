@@ -120,7 +120,9 @@ class Instance(Protocol):
     def directional(
         self, unknowns: Sequence[int], knowns: Sequence[int], seed: Sequence[float], count: int
     ) -> list[float]:
-        """Derivatives of variables, `count` scalars in all, along `seed`, a direction of others."""
+        """Derivatives of variables, `count` scalars, along `seed`, a direction of others; in their
+        units.
+        """
 
     def state_functions(self) -> tuple[int, int]:
         """Addresses of the functions that save the state, and that restore it."""

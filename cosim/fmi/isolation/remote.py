@@ -219,7 +219,7 @@ class RemoteInstance:
     def directional(
         self, unknowns: Sequence[int], knowns: Sequence[int], seed: Sequence[float], count: int
     ) -> list[float]:
-        """Derivatives of variables along a direction of others."""
+        """Derivatives of variables along a direction of others, in their units."""
         found: list[float] = self._call("directional", unknowns, knowns, seed, count)
         return found
 

@@ -7,11 +7,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from math import exp
 from pathlib import Path
 
 from tests.cosim.fmi.exporter import events3, exchange2, exchange3, export, nasty2, strict2, strict3
 from tests.cosim.fmi.test_calls import ENDS as ASKS
 from tests.cosim.fmi.test_calls import ERROR, FATAL, IGNORES, JUMPS, LATER, RETURNS
+from tests.cosim.fmi.test_old import old1, written
 from tests.cosim.fmi.test_scheduled import scheduled3
 from tests.fmi.peers import Outcome, outcome
 from tests.fmi.runs import judged
@@ -125,6 +127,16 @@ def crash(peer: str, folder: Path) -> str:
     return "yes" if found.error and found.status == 0 else "no: the process ends"
 
 
+def old(peer: str, folder: Path) -> str:
+    found = outcome(peer, written(old1(), folder / "x.fmu"), 8, H, {"u": 1.0, "gain": 2.0}, ["y"])
+    if found.status < 0:
+        return "no: the process ends"
+    last = found.last("y")
+    return (
+        "no" if found.error else "yes" if abs(last - 2.0 + exp(-1.0)) < 1e-9 else f"no: {last:.4g}"
+    )
+
+
 # ---- SSP ------------------------------------------------------------------------------------
 
 IO = {"u": "input", "y": "output"}
@@ -199,6 +211,7 @@ def ssp_units(peer: str, folder: Path) -> str:
 
 
 ABILITIES = (
+    Ability("FMI 1.0, co-simulation", old, "tests/cosim/fmi/test_old.py", ("no", "yes")),
     Ability("FMI 2.0, co-simulation", runs(strict2(), "y", 2.0, rate=1.0),
             "tests/cosim/fmi/test_calls.py", ("yes", "yes")),
     Ability("FMI 3.0, co-simulation", runs(strict3(), "y", 2.0, rate=1.0),

@@ -43,13 +43,15 @@ def _line(ax: Axes, found: Sequence[SearchedRegion], said: str) -> None:
     """One axis: the points of each search in a row, the boundary as strokes."""
     for row, region in enumerate(found):
         x, inside = region.values(region.at)[:, 0], region.side < 0.0
-        for mask, colour in ((inside, INSIDE), (~inside, BEYOND)):
-            ax.plot(x[mask], np.full(mask.sum(), row), "o", color=colour, markersize=4)
+        for mask, colour, name in ((inside, INSIDE, said), (~inside, BEYOND, f"not {said}")):
+            label = name if row == 0 else None
+            ax.plot(x[mask], np.full(mask.sum(), row), "o", color=colour, ms=4, label=label)
         for at in region.values(region.crossings()[0])[:, 0]:
             ax.plot([at, at], [row - 0.3, row + 0.3], color="black")
             ax.annotate(f"{at:.4g}", (at, row + 0.32), ha="center", fontsize=8)
     ax.set_yticks(range(len(found)), [_label(region, said) for region in found])
     ax.set_ylim(-0.7, len(found) - 0.3)
+    ax.legend(loc="lower center", ncols=2)
     _scale(ax, found[0].axes[:1])
 
 

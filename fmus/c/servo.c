@@ -45,7 +45,7 @@ static void step_joint(Model *x, int i, double h) {
     x->q_next[i] = x->q_r[i] + h * (by_velocity && over ? x->dq[i] : x->dq_r[i]);
     if (!over) x->e_sum[i] += h * error;
     x->q_last[i] = x->q_c[i];
-    x->left[i] = x->left[i] > 1.5 * h ? x->left[i] - h : 0.0;
+    x->left[i] = x->dq_r[i] != rate ? x->T_c : x->left[i] > 1.5 * h ? x->left[i] - h : 0.0;
 }
 
 const char *model_step(Model *x, double t, double h) {

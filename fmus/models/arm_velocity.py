@@ -27,7 +27,8 @@ an entry for each parameter of a link; Gamma_row is about one over the K_v that 
 gains that act like those of ``arm_teleoperation``.
 
 Sampled: outputs as of t_k; z and the estimates advance by one step of the explicit Euler method.
-The table is that of ``chain``, of which inertia and rotors are not used.
+The table is that of ``chain``, of which inertia and rotors are not used; for ``planar2r`` it is two
+joints with the `origin` (0, 0, 0) and (1, 0, 0), the length of its first link in m.
 
 Source: the paper's law with the parameters of each row scaled by the gain of its servo, own
 construction; it is not the law of arXiv 2106.12470. The idea of keeping the inner loop and adapting

@@ -13,7 +13,8 @@ starts a new line; without one q_r stays where it is. A cascade of a position an
 with the gains k_1 (1/s) and k_2 (N.m.s/rad) is K_v = k_2, K_p = k_1 k_2.
 
 Its limits are those of makers' controllers: dq_r is limited to ±v_max and changes by a_max h at
-most in a step h, and tau is limited to ±tau_max. While tau is limited, both integrals stay.
+most in a step h, and tau is limited to ±tau_max. While dq_r is limited, the line to q_c begins
+anew, so that q_r arrives later and does not catch up. While tau is limited, both integrals stay.
 `clamped` is 1 where something was limited from above, -1 where from below, and 0 elsewhere, so that
 who commands can stop its own integrals.
 
@@ -141,7 +142,7 @@ def law(x: Values, t: float, h: float, q: Array, dq: Array, q_c: Array, dq_c: Ar
         "q_next": q_r + h * moved,
         "e_sum": np.where(over, x["e_sum"], x["e_sum"] + h * error),
         "q_last": q_c,
-        "left": np.where(left > 1.5 * h, left - h, 0.0),
+        "left": np.where(dq_r != asked, x["T_c"], np.where(left > 1.5 * h, left - h, 0.0)),
     }
 
 

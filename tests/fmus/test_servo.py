@@ -129,6 +129,20 @@ def test_limits_are_kept_and_said_with_their_sign() -> None:
     assert list(after["clamped"]) == [0.0, 0.0]
 
 
+def test_a_reference_that_is_limited_arrives_late_and_rests() -> None:
+    """A command that jumps by 10 mrad, then stands still: no swing remains of the limits."""
+    made = servo.kernel(joints=1)
+    made.initialize(values(mode=1, v_max=[0.5], a_max=[60.0], T_c=0.004))
+    u = {name: np.zeros(1) for name in ("q", "dq", "dq_c")} | {"q_c": np.array([0.01])}
+    made.initial(u | {"q_c": np.zeros(1)})
+    seen = [made.step(k * H, H, u) for k in range(1000)]
+    q_r, dq_r = (np.array([y[name][0] for y in seen]) for name in ("q_r", "dq_r"))
+    assert np.abs(dq_r).max() == pytest.approx(0.5)
+    assert np.abs(np.diff(dq_r)).max() < 60.0 * H * (1 + 1e-9)
+    assert np.abs(q_r[-300:] - 0.01).max() < 1e-9 and np.abs(dq_r[-300:]).max() < 1e-6
+    assert not seen[-1]["clamped"].any()
+
+
 def test_a_limited_torque_does_not_wind_up_the_integral() -> None:
     """A blocked joint in velocity mode: when the command ends, the torque is not what piled up."""
     made = servo.kernel(joints=1)

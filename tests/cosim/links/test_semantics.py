@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from fractions import Fraction
+from hashlib import sha256
 from math import ceil, floor
 
 import numpy as np
@@ -261,3 +262,10 @@ def test_lost_packets_are_refused_where_they_have_no_meaning():
     ):
         rows = DrawnTable("x", grid, law, rule, 0).stream().rows(400)
         assert rows.tolist() == [-1] * 20 + list(range(200)) + [199] * 180
+
+
+@given(seed=st.integers(0, 2**100) | st.sampled_from([0, 2**32 - 1, 2**32, 2**64]), name=st.text())
+def test_a_generator_is_seeded_by_the_number_and_the_sum_of_the_name(seed: int, name: str):
+    words = np.frombuffer(sha256(name.encode()).digest(), dtype="<u4")
+    expected = np.random.Generator(np.random.PCG64(np.random.SeedSequence([seed, *words.tolist()])))
+    assert generator(seed, name).random(3).tolist() == expected.random(3).tolist()

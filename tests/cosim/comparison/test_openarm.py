@@ -73,3 +73,26 @@ def test_laws_that_know_nothing_of_an_arm_hold_it_with_gravity_beside_them(
     assert done.code == 0, done.err
     for run in json.loads(Path("out/table.json").read_text())["runs"]:
         assert 0.0 < run["numbers"]["apart"] < 0.35, run  # 0.3 rad at the start
+
+
+TURN = OPENARM.parent / "robots" / "turn.toml"
+
+
+def test_arms_that_differ_have_options_of_their_own() -> None:
+    """Seven joints on the left, six on the right; their links carry coordinates of tips."""
+    known = read(variants_path(TURN))
+    plans = check(read_base(TURN, known, ()), known, known.default)
+    shapes = {tuple(p.component(f"{side}_control").inputs[0].shape[0] for side in known.roles)
+              for p in plans}  # fmt: skip
+    assert shapes == {(7, 6)}
+
+
+@pytest.mark.slow
+def test_only_the_feedback_of_the_tip_reflects_the_force(cosim: Command) -> None:
+    chosen = ("--controllers", "tips,tips-joints", "--operators", "floor", "--links", "paper")
+    done = cosim("compare", TURN, *chosen, "--out", "out", "-q")
+    assert done.code == 0, done.err
+    runs = json.loads(Path("out/table.json").read_text())["runs"]
+    shares = {r["controller"]: r["numbers"]["pressed"] / r["numbers"]["holding"] for r in runs}
+    assert 0.9 < shares["tips"] < 1.0
+    assert shares["tips-joints"] < 0.35

@@ -439,3 +439,11 @@ def test_texts_are_connected(tmp_path: Path) -> None:
     )
     with pytest.raises(ScenarioError):
         assemble(load(pack(tmp_path / "y.ssp", scaled, fmus=fmus), ["run.step=0.1"]))
+
+
+def test_the_longest_name_of_an_element_wins(tmp_path: Path, strict: dict[str, Path]) -> None:
+    """``a.b.gain`` is of the element ``a.b``, though there is an ``a``."""
+    both = part("a", "strict.fmu", **IO) + part("a.b", "strict.fmu", **IO)
+    text = ssd(bindings(embedded({"a.b.gain": "3"})) + f"<ssd:Elements>{both}</ssd:Elements>")
+    read = load(pack(tmp_path / "x.ssp", text, fmus=strict), ["run.step=0.1"])
+    assert [spec.parameters for spec in read.components.values()] == [{}, {"gain": 3.0}]

@@ -104,7 +104,6 @@ def summary(scenario: Scenario, run: Run, outcome: RunOutcome) -> list[str]:
     """The numbers of a run, a line each."""
     from cosim.analysis import declared_metrics
     from cosim.analysis.metrics import evaluate
-    from cosim.reporting.macro_steps import macro_lines
 
     results = evaluate(declared_metrics.metrics(scenario), run)
     lines = [_line(r.label, r.text) for r in results]
@@ -114,7 +113,10 @@ def summary(scenario: Scenario, run: Run, outcome: RunOutcome) -> list[str]:
         at = timed[-1] + 1  # behind the last error that has one
         lines.insert(at, _line("settle time", settled))
     lines += [_line("link age", text) for text in _ages(outcome)]
-    lines += [_line(what, text) for what, text in macro_lines(outcome.macro_steps)]
+    if outcome.macro_steps:
+        from cosim.reporting.macro_steps import macro_lines
+
+        lines += [_line(what, text) for what, text in macro_lines(outcome.macro_steps)]
     ratio = outcome.seconds / outcome.wall
     lines.append(
         _line(

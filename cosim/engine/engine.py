@@ -21,7 +21,6 @@ from cosim.base.garbage import without_collections
 from cosim.base.interrupts import stop_on_signal
 from cosim.engine.binding import Binding, Termination, Vector, Views
 from cosim.engine.initialization import initialize, part
-from cosim.engine.macro_steps import Feedthrough, MacroBinding, measure
 from cosim.engine.rewind import rewind
 from cosim.engine.tables import NEVER, DrawnRows, RowTables
 from cosim.fmi import components
@@ -33,6 +32,7 @@ from cosim.schedule.parts import RunningBus, Slot, Step
 from cosim.schedule.plan import Plan
 
 if TYPE_CHECKING:
+    from cosim.engine.macro_steps import Feedthrough, MacroBinding
     from cosim.engine.team import Team
 
 
@@ -103,6 +103,8 @@ class Engine:
         with without_collections():
             self._start(tick)
         if self.plan.groups:
+            from cosim.engine.macro_steps import MacroBinding
+
             self._macros = MacroBinding(
                 self.plan, self._bound.units, self.signals, self._direct, self._bound.fail
             )
@@ -149,7 +151,10 @@ class Engine:
 
     def _measure(self) -> None:
         """Find the direct feed-through of groups, while all are in their initial states."""
-        self._direct = measure(self.plan, self._inputs)
+        if self.plan.groups:
+            from cosim.engine.macro_steps import measure
+
+            self._direct = measure(self.plan, self._inputs)
 
     # ---- running -----------------------------------------------------------------------------
 

@@ -5,18 +5,20 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from heapq import heappop, heappush
 from math import isfinite
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from cosim.base.component import Parameter
 from cosim.base.errors import RunError, ScenarioError
-from cosim.engine.algebraic_loops import AlgebraicLoops
 from cosim.engine.binding import Termination, Vector, Views, store
 from cosim.fmi.components import exit_initialization, is_fmu, stepped_fmu
 from cosim.fmi.failures import starting
 from cosim.schedule.parts import Link, Slot, Step, Wire
 from cosim.schedule.plan import Plan
+
+if TYPE_CHECKING:
+    from cosim.engine.algebraic_loops import AlgebraicLoops
 
 
 def initialize(
@@ -76,7 +78,8 @@ class _Settling:
             receiver = place[edge.target.component]
             self._fed[receiver].append(edge)
             self._feeds[place[edge.source.component]].append(receiver)
-        self._loops = AlgebraicLoops(plan, signals, inputs, edges)
+        self._loops: AlgebraicLoops | None = None  # once they are needed
+        self._of_loops = plan, signals, inputs, edges
         self._known = dict[int, bytes]()  # the inputs for which each has said its outputs
         self._unsettled = set(range(len(plan.components)))
         self._stale = set(self._unsettled)
@@ -85,7 +88,7 @@ class _Settling:
     def settle(self) -> None:
         """Pass values on until none changes, or solve the loops that do not come to rest."""
         start, refused = self._whole.copy(), None
-        if not self._loops.loops:
+        if self._loops is None or not self._loops.loops:
             try:
                 if self._iterate():
                     return
@@ -94,6 +97,10 @@ class _Settling:
             self._whole[:] = start
         self._known.clear()
         self._stale = set(range(len(self._steps)))
+        if self._loops is None:
+            from cosim.engine.algebraic_loops import AlgebraicLoops
+
+            self._loops = AlgebraicLoops(*self._of_loops)
         try:
             looped = self._loops.solve(self._unsettled)
         except ScenarioError:

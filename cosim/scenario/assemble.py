@@ -21,7 +21,6 @@ from cosim.scenario.bus_nodes import connect_nodes
 from cosim.scenario.connect_links import links as connected_links
 from cosim.scenario.connect_links import stepped_buses
 from cosim.scenario.exposed import ExposedVariables
-from cosim.scenario.macro import adaptive_settings, check_groups
 from cosim.scenario.models import LoadedComponent, load_alike, load_component
 from cosim.scenario.spec import ComponentSpec, InputSpec, Scenario
 from cosim.schedule.parts import Player, Slot, Step
@@ -46,7 +45,11 @@ def _assemble(scenario: Scenario, load: Load) -> Plan:
     connect_nodes(scenario, list(parts.steps.values()))
     wires, links, players = connect.wires(parts), connected_links(parts), _players(parts)
     connect.check_single_sources(parts, wires, links, players)
-    adaptive = adaptive_settings(scenario)
+    adaptive = None
+    if scenario.run.algorithm == "adaptive" or scenario.run.adaptive is not None:
+        from cosim.scenario.macro import adaptive_settings
+
+        adaptive = adaptive_settings(scenario)
     try:
         plan = compile_plan(
             parts.h, parts.ticks, list(parts.steps.values()), wires, links,
@@ -55,7 +58,10 @@ def _assemble(scenario: Scenario, load: Load) -> Plan:
         )  # fmt: skip
     except PlanError as error:
         raise PlanError(f"{scenario.path}: {error}") from None
-    check_groups(plan, scenario)
+    if plan.groups:
+        from cosim.scenario.macro import check_groups
+
+        check_groups(plan, scenario)
     return plan
 
 

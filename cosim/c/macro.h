@@ -13,7 +13,7 @@
  * they go back to b. What the short step itself has changed is taken away along the line from a.
  */
 
-enum { FETCH, PUT_BACK, SHORT = 1024 }; /* SHORT: a step over the short one at its end */
+enum { FETCH, PUT_BACK, SHORT_STEP = 1024 }; /* a step over the short one at its end */
 
 typedef struct {
     double *inputs, *held, *start, *first, *last, *end, *largest;
@@ -149,7 +149,7 @@ static int finish_outputs(engine_t *e, macro_t *m, int64_t tick, double t, doubl
         result = move_state(e, r, MOVE_SAVE_END, failure);
         if (result != RUN_OK) return result;
         copy(before, y, u->output_count);
-        u->h = h / SHORT;
+        u->h = h / SHORT_STEP;
         result = step_from(e, tick, t, r->unit, failure);
         u->h = whole;
         if (result != RUN_OK && result != RUN_TERMINATED) return result;
@@ -157,7 +157,7 @@ static int finish_outputs(engine_t *e, macro_t *m, int64_t tick, double t, doubl
         if (back != RUN_OK) return back;
         carry(e, m, r, v.held + r->input, 1);
         for (int64_t k = 0; k < u->output_count; k++)
-            y[k] = r->roles[k] == ROLE_DIRECT ? y[k] - (y[k] - v.start[r->first + k]) / (SHORT + 1)
+            y[k] = r->roles[k] == ROLE_DIRECT ? y[k] - (y[k] - v.start[r->first + k]) / (SHORT_STEP + 1)
                                               : before[k];
     }
     return RUN_OK;

@@ -12,6 +12,7 @@
  * caller starts the threads: each calls engine_work while engine_run runs.
  */
 #if defined(_WIN32)
+#define WIN32_LEAN_AND_MEAN /* nothing of sockets, whose names are common words */
 #include <windows.h>
 #define YIELD() SwitchToThread()
 #else

@@ -9,7 +9,7 @@ from copy import copy
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +23,6 @@ from cosim.fmi.fmi2 import Instance2
 from cosim.fmi.instances import instantiate
 from cosim.fmi.interface import FmuInterface
 from cosim.fmi.intervals import Intervals
-from cosim.fmi.isolation.remote import RemoteInstance
 from cosim.fmi.library import OK, Instance, Setup
 from cosim.fmi.options import FmuOptions
 from cosim.fmi.ports import together
@@ -38,6 +37,9 @@ from cosim.fmi.values import (
 )
 from cosim.fmi.variables import TEXTS
 from cosim.native import fmu_log
+
+if TYPE_CHECKING:
+    from cosim.fmi.isolation.remote import RemoteInstance
 
 #: Limits of a variable that has none.
 UNLIMITED = (float("-inf"), float("inf"))
@@ -97,6 +99,7 @@ class FmuComponent(FmuInterface):
         #: Time at which it is initialised, s.
         self.begin = 0.0
         self._instance: Instance | None = None
+        self._remote: RemoteInstance | None = None
         self._start: InstanceStart | None = None  # while in Initialization Mode
         self._private: str | None = None
         self._last_text = ""
@@ -137,7 +140,7 @@ class FmuComponent(FmuInterface):
     @property
     def remote(self) -> RemoteInstance | None:
         """The active instance if it is in another process, else None."""
-        return self._instance if isinstance(self._instance, RemoteInstance) else None
+        return self._remote if self._instance is not None else None
 
     @property
     def broken(self) -> int:
@@ -208,7 +211,10 @@ class FmuComponent(FmuInterface):
         if options.isolate:
             slopes = self.inputs if self.sloped else ()
             scalars = sum(p.size for p in (*self.inputs, *self.outputs, *slopes))
-            return RemoteInstance(setup, options, scalars, room)
+            from cosim.fmi.isolation.remote import RemoteInstance  # few runs need it
+
+            self._remote = RemoteInstance(setup, options, scalars, room)
+            return self._remote
         instance = instantiate(setup, fmu_log.log(room=room))
         instance.numbered = self.numbered
         return instance

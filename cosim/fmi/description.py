@@ -16,7 +16,6 @@ from cosim.base.units import BASE, Unit
 from cosim.fmi.archive import unpack
 from cosim.fmi.continuous_states import ContinuousStates, read_states
 from cosim.fmi.dependencies import Dependencies, read_dependencies
-from cosim.fmi.description1 import interface1, variables1
 from cosim.fmi.ports import VariableGroup, groups
 from cosim.fmi.variables import FmuVariable, variables2, variables3
 
@@ -117,6 +116,8 @@ def _interfaces(root: ElementTree.Element, fmi: str) -> dict[str, ElementTree.El
     Raises ValueError for FMI 1.0 that cannot be run.
     """
     if fmi == "1.0":
+        from cosim.fmi.description1 import interface1
+
         return {"CoSimulation": interface1(root)}
     known = [name for name in INTERFACES if fmi != "2.0" or name != "ScheduledExecution"]
     found = ((name, root.find(name)) for name in known)
@@ -190,7 +191,11 @@ def _variables(
 ) -> Iterable[FmuVariable]:
     if fmi == "3.0":
         return variables3(root, sizes)
-    return variables1(root) if fmi == "1.0" else variables2(root)
+    if fmi == "2.0":
+        return variables2(root)
+    from cosim.fmi.description1 import variables1
+
+    return variables1(root)
 
 
 _BOOLEANS = ("true", "false", "1", "0")

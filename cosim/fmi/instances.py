@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from cosim.fmi.fmi1 import Instance1
 from cosim.fmi.fmi2 import Instance2
 from cosim.fmi.fmi3 import Instance3
 from cosim.fmi.library import Instance, Setup
@@ -14,6 +13,7 @@ def instantiate(setup: Setup, log: fmu_log.Log | None = None) -> Instance:
 
     Raises FmuError.
     """
-    kinds: dict[str, type[Instance1] | type[Instance2] | type[Instance3]]
-    kinds = {"1.0": Instance1, "2.0": Instance2, "3.0": Instance3}
-    return kinds[setup.fmi](setup, fmu_log.log() if log is None else log)
+    kind: type[Instance2] | type[Instance3] = Instance2 if setup.fmi == "2.0" else Instance3
+    if setup.fmi == "1.0":
+        from cosim.fmi.fmi1 import Instance1 as kind  # few runs need it
+    return kind(setup, fmu_log.log() if log is None else log)

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 from cosim.fmi.component import FmuComponent
 from cosim.fmi.failures import step_failure
 from cosim.fmi.library import status_name
-from cosim.native.mailbox import Lost
 from cosim.native.structs import EngineResult
 from cosim.schedule.parts import Slot, Step
 
@@ -71,7 +70,7 @@ def step_refused(
     assert isinstance(step.component, FmuComponent)
     slots = (*step.inputs, *step.outputs)
     if result is EngineResult.LOST and step.component.remote is not None:
-        return step.component.remote.lost(Lost(status), "doStep").removeprefix(f"{step.name}: ")
+        return step.component.remote.lost(status, "doStep").removeprefix(f"{step.name}: ")
     said = step.component.instance.log.said()
     call = _CALLS[step.component.description.interface]
     return refusal(result, status, said, wrong_value(slots, signals, place), call)

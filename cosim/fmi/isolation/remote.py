@@ -114,8 +114,12 @@ class RemoteInstance:
                 stopped, patience = True, min(patience, waited + _GRACE)
         return Lost.STOPPED if stopped else Lost.LATE
 
-    def lost(self, why: Lost, what: str) -> str:
-        """End the process, which did not answer to `what`; returns the sentence about it."""
+    def lost(self, status: int, what: str) -> str:
+        """End the process, which did not answer to `what`; returns the sentence about it.
+
+        `status`: why, as C has it (:class:`Lost`).
+        """
+        why = Lost(status)
         if why is Lost.ENDED:
             return self._sentence(f"its process ended in {what}: {self._status()}")
         self._kill()

@@ -85,7 +85,7 @@ def _drive(arm: Joints) -> tuple[Variable, ...]:
 
 def _mechanics(arm: Joints) -> tuple[Variable, ...]:
     return (
-        arm.gain("J", _INERTIA, 0.0, "Inertia of the rotor behind the gear"),
+        arm.gain("J", _INERTIA, 0.01, "Inertia of the rotor behind the gear"),
         arm.gain("M", _INERTIA, 1.0, "Inertia of the link, more than 0"),
         arm.gain("damping", DAMPING, 0.0, "Viscous friction"),
         arm.gain("friction", TORQUE, 0.0, "Coulomb friction"),

@@ -20,7 +20,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib.util import find_spec
 from math import inf
-from typing import Literal, TypeAlias
+from typing import Literal, TypeAlias, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +31,8 @@ Array = NDArray[np.float64]
 Vector: TypeAlias = tuple[float, ...]
 Values: TypeAlias = Mapping[str, Vector]
 Gravity = Literal["none", "compensated", "adapted"]
+#: In the order of the values of a parameter `gravity`.
+GRAVITY: tuple[Gravity, ...] = get_args(Gravity)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

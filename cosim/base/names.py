@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import re
 from collections.abc import Iterable, Sequence
 
@@ -20,6 +19,8 @@ def nearest(name: str, known: Iterable[str]) -> str:
     folded = {other.casefold(): other for other in reversed(names)}
     if name.casefold() in folded:
         return folded[name.casefold()]
+    import difflib  # only a wrong name needs it
+
     return next(iter(difflib.get_close_matches(name, names, 1)), "")
 
 

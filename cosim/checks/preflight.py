@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import importlib
 from collections.abc import Callable, Iterator
+from functools import partial
 
+from cosim.analysis.facts import TipContact, TipTask
 from cosim.analysis.system import AnalyzedSystem, system
 from cosim.checks import (
     buses,
@@ -12,8 +15,6 @@ from cosim.checks import (
     laws,
     reachability,
     sampling,
-    servos,
-    tasks,
     wiring,
 )
 from cosim.checks.finding import Finding, merge_findings
@@ -21,6 +22,30 @@ from cosim.scenario.spec import Scenario
 from cosim.schedule.plan import Plan
 
 Rule = Callable[[AnalyzedSystem], Iterator[Finding]]
+
+
+def _rules(module: str, concerned: Callable[[AnalyzedSystem], bool], *names: str) -> Iterator[Rule]:
+    """Rules of a module that is imported only for the systems that it concerns."""
+    for name in names:
+        yield partial(_rule, module, concerned, name)
+
+
+def _rule(
+    module: str, concerned: Callable[[AnalyzedSystem], bool], name: str, known: AnalyzedSystem
+) -> Iterator[Finding]:
+    if concerned(known):
+        yield from getattr(importlib.import_module(f"cosim.checks.{module}"), name)(known)
+
+
+def _tips(known: AnalyzedSystem) -> bool:
+    """Whether an arm is controlled or held at its tip."""
+    return any(isinstance(facts, TipTask | TipContact) for facts in known.facts.values())
+
+
+def _commands(known: AnalyzedSystem) -> bool:
+    """Whether an arm takes positions or velocities."""
+    return bool(known.commands)
+
 
 #: Rules that can find an error or a warning; they take milliseconds together.
 RULES: tuple[Rule, ...] = (
@@ -37,19 +62,11 @@ RULES: tuple[Rule, ...] = (
     laws.degenerate,
     laws.no_integral,
     laws.gravity,
-    tasks.feedback,
-    tasks.passivity,
-    tasks.singular,
-    tasks.missing,
-    tasks.spanning_tree,
-    tasks.sampled_contact,
+    *_rules("tasks", _tips, "feedback", "passivity", "singular", "missing", "spanning_tree"),
+    *_rules("tasks", _tips, "sampled_contact"),
     couplings.ground_damping,
     couplings.constant_delay,
-    servos.gains,
-    servos.inertia,
-    servos.torque,
-    servos.bandwidth,
-    servos.holding,
+    *_rules("servos", _commands, "gains", "inertia", "torque", "bandwidth", "holding"),
     channels.unbounded_delay,
     channels.buffer,
     buses.lost_frames,
@@ -62,8 +79,7 @@ RULES: tuple[Rule, ...] = (
 #: Rules that only ever note something.
 NOTES: tuple[Rule, ...] = (
     laws.prediction,
-    tasks.stiffness,
-    tasks.free_joints,
+    *_rules("tasks", _tips, "stiffness", "free_joints"),
     buses.simulated_response,
     channels.reordered_samples,
     channels.zero_minimum_delay,

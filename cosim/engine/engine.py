@@ -21,7 +21,6 @@ from cosim.base.garbage import without_collections
 from cosim.base.interrupts import stop_on_signal
 from cosim.engine.binding import Binding, Termination, Vector, Views
 from cosim.engine.initialization import initialize, part
-from cosim.engine.rewind import rewind
 from cosim.engine.tables import NEVER, DrawnRows, RowTables
 from cosim.fmi import components
 from cosim.fmi.failures import not_finite, sentence
@@ -147,6 +146,8 @@ class Engine:
             self.ended = initialize(plan, self.signals, self._inputs, self._outputs)
         else:
             self.signals[:] = signals
+        from cosim.engine.rewind import rewind
+
         rewind(self._bound, plan)
 
     def _measure(self) -> None:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import ClassVar
 
 from cosim.fmi.library import Calls, array_of, uint32
-from cosim.fmi.texts import NumberedTexts
+from cosim.fmi.values import NumberedTexts
 from cosim.native import structs
 
 

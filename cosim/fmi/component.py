@@ -27,8 +27,8 @@ from cosim.fmi.library import OK, Instance, Setup
 from cosim.fmi.options import FmuOptions
 from cosim.fmi.ports import together
 from cosim.fmi.start_values import InstanceStart, StartValue
-from cosim.fmi.texts import NumberedTexts
 from cosim.fmi.values import (
+    NumberedTexts,
     check_range,
     has_text,
     sizes_among,

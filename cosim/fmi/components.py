@@ -15,7 +15,7 @@ from cosim.fmi.component import FmuComponent
 from cosim.fmi.driver import FmuDriver
 from cosim.fmi.library import FATAL, OK, WARNING
 from cosim.fmi.ports import REAL
-from cosim.fmi.texts import NumberedTexts
+from cosim.fmi.values import NumberedTexts
 
 
 def stepped_fmu(component: Component) -> FmuComponent | None:

@@ -14,8 +14,12 @@ from xml.etree import ElementTree
 from cosim.base.errors import FmuError
 from cosim.base.units import BASE, Unit
 from cosim.fmi.archive import unpack
-from cosim.fmi.continuous_states import ContinuousStates, read_states
-from cosim.fmi.dependencies import Dependencies, read_dependencies
+from cosim.fmi.model_structure import (
+    ContinuousStates,
+    Dependencies,
+    read_dependencies,
+    read_states,
+)
 from cosim.fmi.ports import VariableGroup, groups
 from cosim.fmi.variables import FmuVariable, variables2, variables3
 

@@ -17,7 +17,7 @@ from typing import Any, Protocol
 from cosim.base.errors import FmuError
 from cosim.fmi.elf import missing_bytes
 from cosim.fmi.intervals import Interval, Intervals, NextTick
-from cosim.fmi.texts import NumberedTexts
+from cosim.fmi.values import NumberedTexts
 from cosim.native import fmu_log
 
 #: Rounds of an event iteration before it is given up.

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 from warnings import warn
@@ -147,6 +146,8 @@ class Run:
 
     def _unknown(self, name: str) -> ScenarioError:
         known = [*self._groups, *self.units]
+        from difflib import get_close_matches
+
         near = get_close_matches(name, known, n=3, cutoff=0.5)
         hint = f"; did you mean {' or '.join(map(repr, near))}?" if near else ""
         if not hint:

@@ -8,7 +8,6 @@ discovered or registered.
 from __future__ import annotations
 
 import importlib
-import pkgutil
 from collections.abc import Callable, Mapping
 from functools import lru_cache
 from pathlib import Path
@@ -246,6 +245,8 @@ def _beside(name: str) -> list[str]:
         places = importlib.import_module(package).__path__
     except Exception:  # it may do anything
         return []
+    import pkgutil  # only a wrong name needs it
+
     return [f"{package}.{found.name}" for found in pkgutil.iter_modules(places)]
 
 

@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 from cosim.native.structs import Code
-from cosim.schedule.macro import MacroGroup
 from cosim.schedule.parts import Gate, Link, Player, Step, Wire
+
+if TYPE_CHECKING:
+    from cosim.schedule.macro import MacroGroup
 
 T = TypeVar("T")
 

@@ -12,12 +12,15 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
+from typing import TYPE_CHECKING
 
 from cosim.base.errors import PlanError
-from cosim.schedule.macro import AdaptiveSettings, MacroGroup, macro_groups
 from cosim.schedule.operations import Connections, Line, Operation, compile_operations
 from cosim.schedule.order import CycleError, sequence, topological
 from cosim.schedule.parts import Gate, Link, Player, Slot, Step, SteppedBus, Wire
+
+if TYPE_CHECKING:
+    from cosim.schedule.macro import AdaptiveSettings, MacroGroup
 
 Feeder = Wire | Link | Player
 
@@ -114,11 +117,12 @@ def compile_plan(
     connections = Connections.of(wires_, links_, players_, lines, n_signals, gates_)
     newest = algorithm == "gauss-seidel"
     end = n_signals + sum(line.room for line in lines)
-    if adaptive is None and algorithm == "adaptive":
-        adaptive = AdaptiveSettings()
-    groups = () if adaptive is None else macro_groups(
-        steps, wires_, frozenset(sampled), adaptive, h, end
-    )  # fmt: skip
+    groups: tuple[MacroGroup, ...] = ()
+    if adaptive is not None or algorithm == "adaptive":
+        from cosim.schedule.macro import AdaptiveSettings, macro_groups
+
+        adaptive = adaptive or AdaptiveSettings()
+        groups = macro_groups(steps, wires_, frozenset(sampled), adaptive, h, end)
     return Plan(
         h=h,
         ticks=ticks,

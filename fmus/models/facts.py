@@ -6,6 +6,7 @@ that has one; :mod:`cosim.analysis.facts` describes the argument and the result.
 
 from __future__ import annotations
 
+import importlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache
@@ -13,6 +14,7 @@ from functools import lru_cache
 import numpy as np
 
 from cosim.analysis.facts import (
+    GRAVITY,
     Arm,
     DynamicFeedback,
     Facts,
@@ -22,7 +24,6 @@ from cosim.analysis.facts import (
     Values,
     Vector,
 )
-from fmus.models import serial_facts, task_facts
 from fmus.models.dynamics import inertia, regressor
 from fmus.numeric import Array
 
@@ -94,7 +95,7 @@ def adaptive(values: Values) -> DynamicFeedback | None:
     if any(values.get("K_off", ())) or any(values.get("Gamma_off", ())):
         return None
     network = "lambda" in values
-    gravity = serial_facts.GRAVITY[int(values["gravity"][0])] if "gravity" in values else "none"
+    gravity = GRAVITY[int(values["gravity"][0])] if "gravity" in values else "none"
     return DynamicFeedback(
         K=values["K"],
         Gamma=values["Gamma"],
@@ -195,10 +196,22 @@ def abdessameud2014(values: Values) -> SpringDamper:
     )
 
 
+def _in(module: str, function: str) -> Callable[[Values], Facts | None]:
+    """A function of facts in a module of its own, which is imported when facts are asked for."""
+
+    def facts(values: Values) -> Facts | None:
+        found: Callable[[Values], Facts | None] = getattr(importlib.import_module(module), function)
+        return found(values)
+
+    return facts
+
+
 def _serial(law: Callable[[Values], SpringDamper]) -> Callable[[Values], SpringDamper]:
     """The facts of a law for a serial arm, which compensates or adapts gravity by its table."""
 
     def facts(values: Values) -> SpringDamper:
+        from fmus.models import serial_facts
+
         treated = values["gravity"][0] > 0
         return replace(law(values), theta_g=serial_facts.weights(values) if treated else ())
 
@@ -250,15 +263,15 @@ FACTS: Mapping[str, Callable[[Values], Facts | None]] = {
     "chopra": chopra,
     "wang2014": wang2014,
     "abdessameud2014": abdessameud2014,
-    "arm": serial_facts.arm,
-    "arm_teleoperation": serial_facts.adaptive,
-    "arm_task": task_facts.arm_task,
-    "arm_tip": task_facts.arm_tip,
-    "arm_pd": serial_facts.pd,
-    "arm_velocity": serial_facts.velocity,
-    "kinematic": serial_facts.kinematic,
-    "servo": serial_facts.servo,
-    "servo_command": serial_facts.servo_command,
+    "arm": _in("fmus.models.serial_facts", "arm"),
+    "arm_teleoperation": _in("fmus.models.serial_facts", "adaptive"),
+    "arm_task": _in("fmus.models.task_facts", "arm_task"),
+    "arm_tip": _in("fmus.models.task_facts", "arm_tip"),
+    "arm_pd": _in("fmus.models.serial_facts", "pd"),
+    "arm_velocity": _in("fmus.models.serial_facts", "velocity"),
+    "kinematic": _in("fmus.models.serial_facts", "kinematic"),
+    "servo": _in("fmus.models.serial_facts", "servo"),
+    "servo_command": _in("fmus.models.serial_facts", "servo_command"),
     "arm_nuno_adaptive": _serial(nuno_adaptive),
     "arm_chopra": _serial(chopra),
     "arm_wang2014": _serial(wang2014),

@@ -13,9 +13,9 @@ from functools import lru_cache
 from math import pi
 
 from cosim.analysis.facts import (
+    GRAVITY,
     Arm,
     DynamicFeedback,
-    Gravity,
     Servo,
     ServoCommand,
     Spring,
@@ -29,7 +29,6 @@ from fmus.models.chain import Table
 from fmus.models.chain_law import regressor
 from fmus.numeric import Array, np
 
-GRAVITY: tuple[Gravity, ...] = ("none", "compensated", "adapted")
 #: Random postures that stand for the workspace, and for the mean size of a regressor.
 _POSTURES, _FEW = 256, 16
 

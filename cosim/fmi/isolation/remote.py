@@ -24,7 +24,7 @@ from cosim.fmi.isolation.protocol import answered, request
 from cosim.fmi.layout import StepLayout
 from cosim.fmi.library import NEVER, Clocked, Clocks, Setup
 from cosim.fmi.options import PATIENCE, FmuOptions
-from cosim.fmi.texts import NumberedTexts
+from cosim.fmi.values import NumberedTexts
 from cosim.native import fmu_log, structs
 from cosim.native.mailbox import Lost, Mailbox, MailEnd, library
 

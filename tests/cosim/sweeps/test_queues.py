@@ -64,6 +64,7 @@ def test_the_program_for_slurm(
     assert repr([{**r, "wall": 0} for r in a]) == repr([{**r, "wall": 0} for r in b])
 
 
+@pytest.mark.slow  # its package is among the oracles, which only slow tests need
 @pytest.mark.skipif(not has("distributed", "dask_kubernetes"), reason="needs dask-kubernetes")
 def test_the_resource_for_kubernetes() -> None:
     from dask_kubernetes.operator import make_cluster_spec

@@ -47,7 +47,7 @@ def main() -> None:
 def trace(
     commands: CommandTimes, taken: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Rows (n,), s: when a sample was taken, and its delay; a sample that nobody used is lost."""
+    """Rows (n,), s: when a sample was taken, and its delay; a sample that is never used is lost."""
     ticks = np.floor((taken - BEGIN) / STEP + 1e-6).astype(np.int64)
     count = round(LASTS / STEP)
     delay = np.full(count, np.nan)

@@ -231,7 +231,7 @@ def _controls(system: AnalyzedSystem) -> Iterable[tuple[str, str]]:
 
 
 def _command(plan: Plan, facts: Mapping[str, Facts], servo: str) -> CommandPath | None:
-    """Who commands the component `servo`; None where it is no servo, or nobody does."""
+    """The commands of the component `servo`; None if it is no servo, or has no commands."""
     what = facts.get(servo)
     source = _feeder(plan, servo, what.command) if isinstance(what, Servo) else None
     if source is None:

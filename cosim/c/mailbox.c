@@ -105,7 +105,7 @@ static void bring(const mail_end_t *x, uint32_t *count, uint32_t *asleep)
         return;
     }
 #endif
-    if (write(x->outgoing, "!", 1) != 1) return; /* nobody is there: the wait will tell */
+    if (write(x->outgoing, "!", 1) != 1) return; /* the other process has ended: the wait reports it */
 }
 
 static void ask(mail_end_t *x, int32_t what)
@@ -155,7 +155,7 @@ API int32_t engine_await(mail_end_t *x, double patience)
     return lost;
 }
 
-/* The side with the FMU: steps as asked, until a call is asked for (1) or nobody is left (0). */
+/* The side with the FMU: steps when asked, until a call is asked for (1) or the other side has ended (0). */
 API int32_t engine_serve(mail_end_t *x)
 {
     mailbox_t *box = x->box;

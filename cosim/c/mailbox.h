@@ -1,9 +1,9 @@
 /* mailbox.h: an FMU in a process of its own, which is stepped through memory that both processes share.
  * cosim/native/mailbox.py repeats it.
  *
- * Each side counts what it has brought. Who waits looks for a few microseconds, as long as that was
- * worth it lately, and then sleeps: in a futex where there are any (Linux), else until a byte comes through
- * a pipe. A pipe whose other end is closed tells both that there is nobody left to wait for. */
+ * Each side counts its messages. A side that waits polls for a few microseconds, as long as polling has
+ * succeeded lately, and then sleeps: in a futex on Linux, elsewhere until a byte comes through
+ * a pipe. A pipe whose other end is closed tells both that the other side has ended. */
 #ifndef COSIM_MAILBOX_H
 #define COSIM_MAILBOX_H
 

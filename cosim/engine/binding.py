@@ -60,7 +60,7 @@ class Binding:
     `inputs`, `outputs`: the signals of each component, as views. `failure`: the last exception of a
     callback. `threads`: how many will run it. `columns`: the signals in a recorded row; None: all.
     `partition`: parts that may run apart, if that is worth it, after :meth:`bind`. `exact`: whether
-    it can be rewound (:mod:`cosim.engine.rewind`), None: nobody has asked.
+    it can be rewound (:mod:`cosim.engine.rewind`), None: not determined yet.
     """
 
     def __init__(

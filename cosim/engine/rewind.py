@@ -50,7 +50,7 @@ def rewind(bound: Binding, plan: Plan) -> None:
 def leave_out_constant_inputs(bound: Binding) -> None:
     """Do not write inputs in each step that nothing feeds: their values are in the FMUs already.
 
-    For a plan that :func:`can_rewind`, whose signals nobody else changes. Such inputs are left out
+    For a plan that :func:`can_rewind`, whose signals nothing else changes. Such inputs are left out
     where they are the last ones of an FMU.
     """
     fed = np.zeros(bound.plan.n_signals, dtype=bool)

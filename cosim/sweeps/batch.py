@@ -140,7 +140,7 @@ def run_points(setup: StudySetup, points: Sequence[Point]) -> list[StudyRow]:
         return [run_point(setup, point) for point in points]
     places = _places.of(setup)
     rows: dict[str, StudyRow] = {}
-    with np.errstate(all="ignore"):  # what diverges overflows; the row says so
+    with np.errstate(all="ignore"):  # values that diverge overflow; the row reports it
         for first in range(0, len(points), PLACES):
             for row in _run(setup, places, points[first : first + PLACES]):
                 rows[row.run] = row

@@ -1,6 +1,6 @@
 """The state machines of FMI 2.0.5 (3.2.3 model exchange, 4.2.4 co-simulation) over a list of calls.
 
-Written from the tables of the standard, and used for calls that somebody else wrote down.
+Written from the tables of the standard, and used for calls that were recorded elsewhere.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """The state machines of FMI 3.0.2 (2.3 common, 3.2, 4.2, 5.2) over a list of calls.
 
-Written from the lists of allowed calls in the standard, and used for calls that somebody else wrote
-down.
+Written from the lists of allowed calls in the standard, and used for calls that were recorded
+elsewhere.
 """
 
 from __future__ import annotations

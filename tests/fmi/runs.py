@@ -25,7 +25,7 @@ def judged(found: list[Call], fmu: Path) -> list[str]:
 
 
 class Watch:
-    """An FMU between whose functions and its caller somebody writes: see :mod:`tests.fmi.watch`."""
+    """An FMU whose calls are recorded: see :mod:`tests.fmi.watch`."""
 
     def __init__(self, fmu: Path, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         self.fmu, self.path = fmu, watched(fmu, folder / f"watched-{fmu.name}")

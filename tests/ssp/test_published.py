@@ -81,7 +81,7 @@ def units(u: str = "", gain: str = "") -> str:
     [("m", "m", 3.0), ("", "m", 3.0), ("m", "mm", 0.003), ("pu", "pu", 3.0), ("", "pu", 3.0)],
 )
 def test_a_unit_in_a_parameter_set(tmp_path: Path, own: str, given: str, expected: float) -> None:
-    """Also one that nobody defines, if the FMU calls its variable's unit the same."""
+    """Also one that is defined nowhere, if the FMU calls its variable's unit the same."""
     fmu = {"strict.fmu": export(units(gain=own), tmp_path / "strict.fmu")}
     text = two(bindings(embedded({"gain": "3"}, unit=given)))
     found = load(pack(tmp_path / "x.ssp", text, fmus=fmu), ["run.step=0.1"])

@@ -33,7 +33,7 @@ def test_what_waits_is_one_payload_a_message(tmp_path: Path):
     ours._put_payload = lambda n, *rest: (puts.append(n), inner(n, *rest))  # type: ignore
     frames = [Frame.of(0x100 + k % 2, bytes([k])) for k in range(100)]
     for frame in frames:
-        ours._tx.put(frame)  # nobody wakes the thread yet
+        ours._tx.put(frame)  # the thread is not woken yet
     ours._wake.set()
     found = collect(theirs.bus, 100)
     for number in (0x100, 0x101):

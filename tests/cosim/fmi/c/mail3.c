@@ -153,5 +153,5 @@ FMI int fmi3GetString(fmu_t *m, const uint32_t *r, size_t n, const char **v, siz
     v[0] = r[0] == WORD ? m->word : m->said;
     return 0;
 }
-FMI int fmi3SetFloat64(void *m) { (void)m; return 3; } /* nobody calls these two */
+FMI int fmi3SetFloat64(void *m) { (void)m; return 3; } /* never called */
 FMI int fmi3GetFloat64(void *m) { (void)m; return 3; }

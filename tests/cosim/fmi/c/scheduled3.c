@@ -109,7 +109,7 @@ FMI int fmi3GetClock(fmu_t *x, const uint32_t *r, size_t n, bool *v)
     for (size_t i = 0; i < n; i++) {
         if (called(x, "GetClock", r[i], 0, r[i] == DONE ? UPDATE : 0)) return 3;
         v[i] = x->done;
-        x->done = false; /* only the first call for an activation says so */
+        x->done = false; /* only the first call for an activation reports it */
     }
     return 0;
 }

@@ -30,8 +30,8 @@ from bridge.wiring.inlets import InletBindings
 from bridge.wiring.outlets import OutletBindings, forwardings
 from cosim.base.clock import stopwatch
 from cosim.base.errors import CosimError, RunError
+from cosim.engine.binding import part
 from cosim.engine.engine import Engine
-from cosim.engine.initialization import part
 from cosim.native import structs as engine_native
 from cosim.native.structs import Code
 

@@ -19,7 +19,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from cosim.base.errors import CosimError, ScenarioError
-from cosim.engine.binding import Vector, Views
+from cosim.engine.binding import Vector, Views, part
 from cosim.engine.feedthrough import dependent_outputs, initial_outputs
 from cosim.fmi import components
 from cosim.fmi.components import output_derivatives
@@ -127,8 +127,8 @@ class AlgebraicLoops:
         """Carry values along edges to their inputs."""
         for e in edges:
             initial = _initial(e)
-            value = e.gain * _part(self.signals, e.source) + e.offset
-            _part(self.signals, e.target)[:] = value if initial is None else initial
+            value = e.gain * part(self.signals, e.source) + e.offset
+            part(self.signals, e.target)[:] = value if initial is None else initial
 
     def outputs_of(self, number: int) -> Vector:
         """All outputs of a component for its inputs as they stand, (scalars,), in their units."""
@@ -140,7 +140,7 @@ class AlgebraicLoops:
         for slot in self.plan.components[number].outputs:
             if slot.name in names:
                 at = first[slot.name]
-                _part(self.signals, slot)[:] = values[at : at + slot.size]
+                part(self.signals, slot)[:] = values[at : at + slot.size]
 
 
 class _Loop:
@@ -202,7 +202,7 @@ class _Loop:
         system.signals[self._places] = u
         for number in self._components if only is None else (only,):
             system.put(number, system.outputs_of(number), self._ports)
-        brought = [e.gain * _part(system.signals, e.source) + e.offset for e in self._edges]
+        brought = [e.gain * part(system.signals, e.source) + e.offset for e in self._edges]
         return u - np.concatenate(brought)
 
     def _direction(self, u: Vector, r: Vector) -> Vector:
@@ -235,8 +235,8 @@ class _Loop:
             return None
         rates = np.zeros(self._system.plan.n_signals)
         for output in step.outputs:
-            _part(rates, output)[:] = given.get(output.port, 0.0)
-        column = -np.concatenate([e.gain * _part(rates, e.source) for e in self._edges])
+            part(rates, output)[:] = given.get(output.port, 0.0)
+        column = -np.concatenate([e.gain * part(rates, e.source) for e in self._edges])
         column[k] += 1.0
         return column
 
@@ -264,7 +264,3 @@ def _port(slot: Slot) -> str:
 def _initial(edge: Edge) -> tuple[float, ...] | None:
     """What an edge brings whatever its source is."""
     return edge.initial if isinstance(edge, Link) else None
-
-
-def _part(signals: Vector, slot: Slot) -> Vector:
-    return signals[slot.start : slot.start + slot.size]

@@ -385,6 +385,11 @@ def _extent(slots: Sequence[Slot]) -> tuple[int, int]:
     return first, last.start + last.size - first
 
 
+def part(signals: Vector, slot: Slot) -> Vector:
+    """The signals of a slot, (size,)."""
+    return signals[slot.start : slot.start + slot.size]
+
+
 def store(views: Views, outputs: Mapping[str, Any]) -> None:
     """Write what a component returned.
 

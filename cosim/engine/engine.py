@@ -19,8 +19,8 @@ from cosim.base.component import NativeComponent
 from cosim.base.errors import RunError
 from cosim.base.garbage import without_collections
 from cosim.base.interrupts import stop_on_signal
-from cosim.engine.binding import Binding, Termination, Vector, Views
-from cosim.engine.initialization import initialize, part
+from cosim.engine.binding import Binding, Termination, Vector, Views, part
+from cosim.engine.initialization import initialize
 from cosim.engine.tables import NEVER, DrawnRows, RowTables
 from cosim.fmi import components
 from cosim.fmi.failures import not_finite, sentence

@@ -11,7 +11,7 @@ import numpy as np
 
 from cosim.base.component import Parameter
 from cosim.base.errors import RunError, ScenarioError
-from cosim.engine.binding import Termination, Vector, Views, store
+from cosim.engine.binding import Termination, Vector, Views, part, store
 from cosim.fmi.components import exit_initialization, is_fmu, stepped_fmu
 from cosim.fmi.failures import starting
 from cosim.schedule.parts import Link, Slot, Step, Wire
@@ -185,11 +185,6 @@ class _Settling:
             source, gain, offset = e.source.start, e.gain, e.offset
             for k in range(e.source.size):
                 signals[first + k] = gain * signals[source + k] + offset
-
-
-def part(signals: Vector, slot: Slot) -> Vector:
-    """The signals of a slot, (size,)."""
-    return signals[slot.start : slot.start + slot.size]
 
 
 def _start(step: Step, parameters: Mapping[str, Parameter], signals: Vector) -> None:

@@ -40,7 +40,7 @@ class Structure:
     """A flattened system. `edges` and `values` are by the connector that gets them.
 
     `elements`: all elements by their names from the outside in; `ignored`: what is said about
-    values that belong to nobody.
+    values that fit no element.
     """
 
     root: XmlNode

@@ -30,6 +30,9 @@ _PLACEHOLDER = re.compile(r"\{(\w+)\}")
 _NUMBERED = re.compile(r"(\w+)\{i\}")
 #: Laws of a value that each component has its own of.
 LAWS = ("uniform", "normal", "list", "file")
+#: Keys of a link with a graph: into how many regions its robots are divided, and what links between
+#: two of them have in place of the others'.
+ACROSS = ("regions", "between")
 
 
 @dataclass(frozen=True, slots=True)
@@ -251,9 +254,29 @@ def _links(given: Sequence[Any], graphs: Mapping[str, ScenarioGraph], path: Path
             yield spec
             continue
         place = f"{path} at links.{number}"
-        common = {k: v for k, v in spec.items() if k != "graph"}
-        for words in _edge_words(_named(spec["graph"], graphs, f"{place}.graph")):
-            yield _filled(common, words, place)
+        common = {k: v for k, v in spec.items() if k not in ("graph", *ACROSS)}
+        graph = _named(spec["graph"], graphs, f"{place}.graph")
+        regions, across = _across(spec, common, graph.n, place)
+        for words in _edge_words(graph):
+            same = (words["i"] - 1) * regions // graph.n == (words["j"] - 1) * regions // graph.n
+            yield _filled(common if same else across, words, place)
+
+
+def _across(spec: Document, common: Document, n: int, place: str) -> tuple[int, Document]:
+    """Into how many regions n robots are divided by number, and what a link between two is."""
+    if not set(ACROSS) & spec.keys():
+        return 1, common
+    regions, between = (spec.get(key) for key in ACROSS)
+    if not isinstance(between, dict) or {"graph", *ACROSS, "from", "to"} & between.keys():
+        raise ScenarioError(
+            f"found between = {between!r}; expected a table of what differs in links from one"
+            " region to another, such as { delay = ... }, with the number of regions",
+            f"{place}.between",
+        )
+    if not isinstance(regions, int) or isinstance(regions, bool) or not 1 <= regions <= n:
+        raise ScenarioError(f"regions {regions!r}; expected 1 to {n}, the robots",
+                            f"{place}.regions")  # fmt: skip
+    return regions, {**common, **between}
 
 
 def _edge_words(graph: ScenarioGraph) -> Iterator[dict[str, int]]:

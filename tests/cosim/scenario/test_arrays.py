@@ -93,6 +93,22 @@ def test_links_follow_the_edges_of_a_graph() -> None:
     assert found["links"][2] == {"from": "c3.xi", "to": "c1.xi_in[1]", "name": "1 from 3"}
 
 
+def test_links_between_regions_have_what_is_theirs() -> None:
+    """Five robots in two regions: 1 to 3, and 4 and 5."""
+    link = {
+        "graph": "net", "from": "c{j}.xi", "to": "c{i}.xi_in[{k}]", "delay": "5 ms", "loss": 0.1,
+        "regions": 2, "between": {"delay": "80 ms", "name": "{i} far from {j}"},
+    }  # fmt: skip
+    ring = {"net": {"kind": "ring", "n": 5}}
+    found = expanded(document(graphs=ring, links=[link]))["links"]
+    assert {x["to"][1]: x["delay"] for x in found} == {
+        "1": "80 ms", "2": "5 ms", "3": "5 ms", "4": "80 ms", "5": "5 ms",
+    }  # fmt: skip
+    assert found[3] == {
+        "from": "c3.xi", "to": "c4.xi_in[0]", "delay": "80 ms", "loss": 0.1, "name": "4 far from 3",
+    }  # fmt: skip
+
+
 def test_a_topology_has_each_edge_in_one_of_its_graphs() -> None:
     topology = {"graph": "net", "parts": 3, "dwell": "1 s", "weights": "c{i}.w[{k}]"}
     found = expanded(document(graphs=GRAPH, topology=topology))["topology"]
@@ -136,6 +152,20 @@ def test_signals_of_all_robots_are_listed() -> None:
         (document(graphs={"g": {"kind": "rign", "n": 3}}), "rign"),
         (document(graphs=3), r"expected a table \[graphs.NAME\]"),
         (document(links=[{"graph": "g"}]), "no graph 'g'|unknown graph 'g'"),
+        (
+            document(graphs=GRAPH, links=[{"graph": "net", "regions": 2}]),
+            "links.0.between: found between = None; expected a table of what differs",
+        ),
+        (
+            document(
+                graphs=GRAPH, links=[{"graph": "net", "regions": 2, "between": {"to": "a.b"}}]
+            ),
+            "expected a table of what differs in links",
+        ),
+        (
+            document(graphs=GRAPH, links=[{"graph": "net", "regions": 5, "between": {}}]),
+            "links.0.regions: regions 5; expected 1 to 4, the robots",
+        ),
         (
             document(graphs=GRAPH, topology={"graph": "net", "weights": "w{i}", "parts": 9}),
             "parts 9; expected 1 to 8, the edges",

@@ -8,6 +8,7 @@ from functools import partial
 from typing import Any, final
 
 import numpy as np
+from msgspec import structs
 from numpy.typing import NDArray
 
 from benchmarks.cases import Case, Document, delayed, vdp_ring, wide_ring
@@ -75,7 +76,7 @@ def prepared(plan: Plan) -> Plan:
     links = []
     for link in plan.links:
         rows = link.table.stream(plan.ticks).rows(plan.ticks)
-        links.append(replace(link, table=Prepared(link.table, rows.astype(np.int64))))
+        links.append(structs.replace(link, table=Prepared(link.table, rows.astype(np.int64))))
     return replace(plan, links=tuple(links))
 
 

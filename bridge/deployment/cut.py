@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from math import gcd
 
 import numpy as np
+from msgspec import structs
 from numpy.typing import NDArray
 
 from bridge.deployment.crossing import Crossing, crossings, node_of_component
@@ -224,7 +225,7 @@ def _with_start_values(step: Step, remote: Collection[str], start: Vector) -> St
         for s in step.inputs
         if s.name in remote
     }
-    return replace(step, start={**step.start, **given})
+    return structs.replace(step, start={**step.start, **given})
 
 
 def _steps(here: Sequence[Step], ticks: int) -> tuple[list[Step], dict[str, int]]:
@@ -236,11 +237,11 @@ def _steps(here: Sequence[Step], ticks: int) -> tuple[list[Step], dict[str, int]
         places: list[Slot] = []
         for slot in (*c.inputs, *c.outputs):
             moved[slot.name] = start - slot.start
-            places.append(replace(slot, start=start))
+            places.append(structs.replace(slot, start=start))
             start += slot.size
         n = len(c.inputs)
         steps.append(
-            replace(
+            structs.replace(
                 c, inputs=tuple(places[:n]), outputs=tuple(places[n:]), period=c.period // ticks
             )
         )
@@ -248,16 +249,16 @@ def _steps(here: Sequence[Step], ticks: int) -> tuple[list[Step], dict[str, int]
 
 
 def _move(slot: Slot, moved: Mapping[str, int]) -> Slot:
-    return replace(slot, start=slot.start + moved[_whole(slot)])
+    return structs.replace(slot, start=slot.start + moved[_whole(slot)])
 
 
 def _moved_wire(w: Wire, moved: Mapping[str, int]) -> Wire:
-    return replace(w, source=_move(w.source, moved), target=_move(w.target, moved))
+    return structs.replace(w, source=_move(w.source, moved), target=_move(w.target, moved))
 
 
 def _moved_link(x: Link, moved: Mapping[str, int]) -> Link:
     age = None if x.age is None else _move(x.age, moved)
-    return replace(x, source=_move(x.source, moved), target=_move(x.target, moved), age=age)
+    return structs.replace(x, source=_move(x.source, moved), target=_move(x.target, moved), age=age)
 
 
 def _outlet(

@@ -8,7 +8,9 @@ may be carried by several messages, and a receiver listens to the one on a bus i
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+
+from msgspec import structs
 
 from bridge.deployment.spec import Deployment, MessageSpec
 from cosim.base.errors import ScenarioError
@@ -55,7 +57,7 @@ def carried_signals(plan: Plan, m: MessageSpec, place: str) -> tuple[Slot, ...]:
 def entries(slot: Slot) -> Iterator[Slot]:
     """The scalars of a slot, as slots."""
     for i, name in enumerate(slot.scalars()):
-        yield replace(slot, name=name, start=slot.start + i, shape=())
+        yield structs.replace(slot, name=name, start=slot.start + i, shape=())
 
 
 def gateways(d: Deployment) -> frozenset[str]:

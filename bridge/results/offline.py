@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from msgspec import structs
 from numpy.typing import NDArray
 
 from bridge.deployment.cut import Inlet, NodePlan
@@ -82,7 +83,9 @@ def _players(
     for slot in (inlet.target, *([inlet.age] if inlet.age else [])):
         for name, place, column in _entries(system, node, slot):
             values = _received_signal(system, rows, node, inlet, column)
-            yield Player(replace(slot, name=name, start=place, shape=()), RepeatedValues(values))
+            yield Player(
+                structs.replace(slot, name=name, start=place, shape=()), RepeatedValues(values)
+            )
 
 
 def _entries(system: System, node: str, slot: Slot) -> Iterator[tuple[str, int, int]]:
@@ -172,5 +175,5 @@ def _silence(
     def told(found: Rows) -> NDArray[Any]:
         return np.asarray(found["signals"][:, at])
 
-    target = replace(whole, name=whole.scalars()[k], start=whole.start + k, shape=())
+    target = structs.replace(whole, name=whole.scalars()[k], start=whole.start + k, shape=())
     return Player(target, RepeatedValues(at_hits(system, rows, node, inlet.ticks, told, 0.0)))

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
+from msgspec import structs
 
 from cosim.base.component import Parameter
 from cosim.base.errors import ScenarioError
@@ -63,7 +64,7 @@ def with_values(plan: Plan, parameters: Sequence[Varied], values: Sequence[float
 
 
 def _replaced(step: Step, values: dict[str, tuple[float, ...]]) -> Step:
-    return replace(step, values=values)
+    return structs.replace(step, values=values)
 
 
 def _varied(plan: Plan, text: str) -> Varied:

@@ -6,10 +6,10 @@ it asks for rows in chunks of any size. Memory does not grow with the run.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from hashlib import sha256
 from typing import TYPE_CHECKING, Any, Protocol
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -57,8 +57,7 @@ class TableSpec(Protocol):
         """The metadata of the table."""
 
 
-@dataclass(frozen=True, slots=True)
-class DrawnTable:
+class DrawnTable(msgspec.Struct, frozen=True, gc=False):
     """A table that a law and a rule make from a seed; `name` keeps apart links of one seed.
 
     The order in which links are listed does not matter: the generator depends on (seed, name).

@@ -7,8 +7,9 @@ its receiver held. The same scenario, or another controller, can therefore recei
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import replace
 from pathlib import Path
+
+from msgspec import structs
 
 from cosim.base.errors import ScenarioError
 from cosim.links.grid import Grid
@@ -35,7 +36,7 @@ def with_recorded_links(plan: Plan, run: str | Path, players: Iterable[Player] =
             raise ScenarioError(
                 f"no table of the link {link.name!r} in this run; it has: {found}", str(run)
             )
-        links.append(replace(link, table=_table(link, files[link.name], plan.ticks)))
+        links.append(structs.replace(link, table=_table(link, files[link.name], plan.ticks)))
     order = plan.later if plan.algorithm == "gauss-seidel" else ()
     of_buses = {gate.name for bus in plan.buses for gate in bus.gates}  # the tables replace them
     return compile_plan(

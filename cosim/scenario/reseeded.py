@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
+from msgspec import structs
+
 from cosim.links.table import DrawnTable
 from cosim.scenario.spec import has_many
 from cosim.schedule.plan import Plan
@@ -24,7 +26,7 @@ def can_reseed(document: Mapping[str, Any], plan: Plan) -> bool:
 def reseeded(plan: Plan, seed: int) -> Plan:
     """The plan of the same scenario with this seed. Raises ScenarioError."""
     links = tuple(
-        replace(link, table=replace(link.table, seed=seed))
+        structs.replace(link, table=link.table.of(link.table.name, seed))
         if isinstance(link.table, DrawnTable)
         else link
         for link in plan.links

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from msgspec import structs
 from numpy.typing import NDArray
 
 from cosim.base.convert import number
@@ -233,6 +234,6 @@ def _ramp(at: float, start: float, end: float, over: float) -> list[tuple[float,
 def _scalars(slot: Slot) -> list[Slot]:
     """The scalars of a slot, as slots."""
     return [
-        replace(slot, name=name, start=slot.start + i, shape=())
+        structs.replace(slot, name=name, start=slot.start + i, shape=())
         for i, name in enumerate(slot.scalars())
     ]

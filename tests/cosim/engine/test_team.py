@@ -2,13 +2,13 @@
 
 import threading
 from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from msgspec import structs
 
 from benchmarks.cases import rings
 from cosim.base.errors import RunError
@@ -167,7 +167,9 @@ def test_a_link_that_takes_no_time_joins_its_ends() -> None:
 def test_a_wire_joins_its_ends() -> None:
     p = many()
     a, b = sorted(p.order)[:2]
-    wire = replace(p.wires[0], source=p.component(a).outputs[0], target=p.component(b).inputs[0])
+    wire = structs.replace(
+        p.wires[0], source=p.component(a).outputs[0], target=p.component(b).inputs[0]
+    )
     wires = [w for w in p.wires if w.target.start != wire.target.start]
     other = compile_plan(p.h, p.ticks, p.components, [*wires, wire], p.links)
     found, before = partition(other), partition(p)
@@ -189,9 +191,7 @@ def test_the_first_component_that_fails_is_named(threads: int) -> None:
         name: replace_start(spec, far) if name in ("f07", "f22") else spec
         for name, spec in made.components.items()
     }
-    import msgspec
-
-    p = assemble(msgspec.structs.replace(made, components=components))
+    p = assemble(structs.replace(made, components=components))
     with Engine(p, threads=threads) as engine:
         engine.initialize()
         with pytest.raises(RunError, match=r"^f07: .* at tick \d+ ") as error:
@@ -253,9 +253,7 @@ def test_a_run_that_stops_leaves_what_it_leaves_tick_by_tick(
 
 
 def replace_start(spec: object, start: dict[str, float]) -> object:
-    import msgspec
-
-    return msgspec.structs.replace(spec, start=start)
+    return structs.replace(spec, start=start)
 
 
 def test_a_run_with_threads_is_the_same_run(tmp_path) -> None:  # type: ignore[no-untyped-def]

@@ -10,9 +10,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
-from msgspec import structs
-
 from bridge.deployment.spec import Deployment, MessageSpec
+from cosim.base import struct
 from cosim.base.errors import ScenarioError
 from cosim.schedule.parts import Slot
 from cosim.schedule.plan import Plan
@@ -57,7 +56,7 @@ def carried_signals(plan: Plan, m: MessageSpec, place: str) -> tuple[Slot, ...]:
 def entries(slot: Slot) -> Iterator[Slot]:
     """The scalars of a slot, as slots."""
     for i, name in enumerate(slot.scalars()):
-        yield structs.replace(slot, name=name, start=slot.start + i, shape=())
+        yield struct.replace(slot, name=name, start=slot.start + i, shape=())
 
 
 def gateways(d: Deployment) -> frozenset[str]:

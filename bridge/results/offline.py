@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from msgspec import structs
 from numpy.typing import NDArray
 
 from bridge.deployment.cut import Inlet, NodePlan
@@ -26,6 +25,7 @@ from bridge.recording.run_folder import at_hits, places
 from bridge.records.lives import Life
 from bridge.wiring.wiring import Rows
 from cosim.analysis.memory_run import RepeatedValues
+from cosim.base import struct
 from cosim.base.errors import PlanError
 from cosim.engine.simulate import simulate
 from cosim.scenario.assemble import assemble
@@ -84,7 +84,7 @@ def _players(
         for name, place, column in _entries(system, node, slot):
             values = _received_signal(system, rows, node, inlet, column)
             yield Player(
-                structs.replace(slot, name=name, start=place, shape=()), RepeatedValues(values)
+                struct.replace(slot, name=name, start=place, shape=()), RepeatedValues(values)
             )
 
 
@@ -175,5 +175,5 @@ def _silence(
     def told(found: Rows) -> NDArray[Any]:
         return np.asarray(found["signals"][:, at])
 
-    target = structs.replace(whole, name=whole.scalars()[k], start=whole.start + k, shape=())
+    target = struct.replace(whole, name=whole.scalars()[k], start=whole.start + k, shape=())
     return Player(target, RepeatedValues(at_hits(system, rows, node, inlet.ticks, told, 0.0)))

@@ -11,9 +11,9 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from msgspec import structs
 
 from cosim.analysis.facts import Array
+from cosim.base import struct
 from cosim.base.errors import RunError, ScenarioError
 from cosim.engine.engine import Engine
 from cosim.scenario.connect import unknown
@@ -189,11 +189,11 @@ def _step(step: Step, given: Mapping[str, Sequence[float]]) -> Step:
             raise ScenarioError(unknown(name, [*parameters, *inputs], what))
         where, size = (values, parameters) if name in parameters else (start, inputs)
         where[name] = tuple(float(x) for x in np.broadcast_to(value, (size[name],)))
-    return structs.replace(step, values=values, start=start)
+    return struct.replace(step, values=values, start=start)
 
 
 def _scalar(slot: Slot, i: int) -> Slot:
-    return structs.replace(slot, name=slot.scalars()[i], start=slot.start + i, shape=())
+    return struct.replace(slot, name=slot.scalars()[i], start=slot.start + i, shape=())
 
 
 def _hits(target: Slot, taken: Sequence[Slot]) -> bool:

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from msgspec import structs
 
+from cosim.base import struct
 from cosim.base.component import Parameter
 from cosim.base.errors import ScenarioError
 from cosim.base.names import unknown
@@ -64,7 +64,7 @@ def with_values(plan: Plan, parameters: Sequence[Varied], values: Sequence[float
 
 
 def _replaced(step: Step, values: dict[str, tuple[float, ...]]) -> Step:
-    return structs.replace(step, values=values)
+    return struct.replace(step, values=values)
 
 
 def _varied(plan: Plan, text: str) -> Varied:

@@ -9,11 +9,11 @@ from __future__ import annotations
 from hashlib import sha256
 from typing import TYPE_CHECKING, Any, Protocol
 
-import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
 from cosim.base.errors import RunError, ScenarioError
+from cosim.base.struct import Struct
 from cosim.links.grid import Grid
 from cosim.links.laws import Law
 from cosim.links.semantics import RowStream, Rule
@@ -57,7 +57,7 @@ class TableSpec(Protocol):
         """The metadata of the table."""
 
 
-class DrawnTable(msgspec.Struct, frozen=True, gc=False):
+class DrawnTable(Struct, frozen=True, gc=False):
     """A table that a law and a rule make from a seed; `name` keeps apart links of one seed.
 
     The order in which links are listed does not matter: the generator depends on (seed, name).

@@ -17,7 +17,6 @@ from cosim.base.garbage import without_collections
 from cosim.fmi.component import FmuComponent
 from cosim.fmi.components import discrete_inputs, fmu_of, is_fmu, sloped_inputs
 from cosim.scenario import connect
-from cosim.scenario.bus_nodes import connect_nodes
 from cosim.scenario.connect_links import links as connected_links
 from cosim.scenario.connect_links import stepped_buses
 from cosim.scenario.exposed import ExposedVariables
@@ -42,7 +41,10 @@ def assemble(scenario: Scenario, load: Load = load_component) -> Plan:
 
 def _assemble(scenario: Scenario, load: Load) -> Plan:
     parts = scenario_components(scenario, load)
-    connect_nodes(scenario, list(parts.steps.values()))
+    if any(spec.bus for spec in scenario.components.values()):
+        from cosim.scenario.bus_nodes import connect_nodes
+
+        connect_nodes(scenario, list(parts.steps.values()))
     wires, links, players = connect.wires(parts), connected_links(parts), _players(parts)
     connect.check_single_sources(parts, wires, links, players)
     adaptive = None

@@ -6,8 +6,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
-from msgspec import structs
-
+from cosim.base import struct
 from cosim.links.table import DrawnTable
 from cosim.scenario.spec import has_many
 from cosim.schedule.plan import Plan
@@ -26,7 +25,7 @@ def can_reseed(document: Mapping[str, Any], plan: Plan) -> bool:
 def reseeded(plan: Plan, seed: int) -> Plan:
     """The plan of the same scenario with this seed. Raises ScenarioError."""
     links = tuple(
-        structs.replace(link, table=link.table.of(link.table.name, seed))
+        struct.replace(link, table=link.table.of(link.table.name, seed))
         if isinstance(link.table, DrawnTable)
         else link
         for link in plan.links

@@ -13,9 +13,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from msgspec import structs
 from numpy.typing import NDArray
 
+from cosim.base import struct
 from cosim.base.convert import number
 from cosim.base.errors import ScenarioError, UnitError
 from cosim.base.units import conversion
@@ -234,6 +234,6 @@ def _ramp(at: float, start: float, end: float, over: float) -> list[tuple[float,
 def _scalars(slot: Slot) -> list[Slot]:
     """The scalars of a slot, as slots."""
     return [
-        structs.replace(slot, name=name, start=slot.start + i, shape=())
+        struct.replace(slot, name=name, start=slot.start + i, shape=())
         for i, name in enumerate(slot.scalars())
     ]

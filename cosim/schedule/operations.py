@@ -7,9 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, TypeVar
 
-import msgspec
-from msgspec.structs import replace
-
+from cosim.base.struct import Struct, replace
 from cosim.native.structs import Code
 from cosim.schedule.parts import Gate, Link, Player, Step, Wire
 
@@ -19,7 +17,7 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 
-class Operation(msgspec.Struct, frozen=True, gc=False):
+class Operation(Struct, frozen=True, gc=False):
     """One operation, due at ticks `first`, `first + period`, ...
 
     `index`: of component or link; of the last values of what is extrapolated, in the signals.

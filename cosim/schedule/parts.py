@@ -1,8 +1,6 @@
 """Parts of a plan: slots of the signal vector, steps, wires, links, players and gates.
 
-Those of which a plan has very many are structs of msgspec: a frozen dataclass takes ten times as
-long to make. ``gc=False``: they contain no part of a plan, so they are in no cycle of references,
-and Python's search for garbage need not look at them.
+Those of which a plan has very many are structs (:mod:`cosim.base.struct`).
 """
 
 from __future__ import annotations
@@ -12,9 +10,8 @@ from dataclasses import dataclass
 from math import prod
 from typing import TYPE_CHECKING, Any, Protocol
 
-import msgspec
-
 from cosim.base.component import Component, Kind
+from cosim.base.struct import Struct, field
 
 if TYPE_CHECKING:
     import numpy as np
@@ -23,7 +20,7 @@ if TYPE_CHECKING:
     from cosim.links.table import TableSpec
 
 
-class Slot(msgspec.Struct, frozen=True, gc=False):
+class Slot(Struct, frozen=True, gc=False):
     """A stretch of the signal vector: a port, or a row of one. `name` is ``component.port``."""
 
     name: str
@@ -47,7 +44,7 @@ class Slot(msgspec.Struct, frozen=True, gc=False):
         return tuple(f"{head}{','.join(map(str, i))}]" if i else self.name for i in indices)
 
 
-class Step(msgspec.Struct, frozen=True):
+class Step(Struct, frozen=True):
     """A component in the plan: `period` in ticks, `values` flattened, its slots in port order."""
 
     name: str
@@ -61,10 +58,10 @@ class Step(msgspec.Struct, frozen=True):
     extrapolate: bool = False  # wires from continuous components, over a step
     discrete: frozenset[str] = frozenset()  # inputs that are held all the same
     sloped: frozenset[str] = frozenset()  # inputs that take the slope of what is extrapolated
-    files: Mapping[str, str] = msgspec.field(default_factory=dict)  # read for it: SHA-256 by path
+    files: Mapping[str, str] = field(default_factory=dict)  # read for it: SHA-256 by path
 
 
-class Wire(msgspec.Struct, frozen=True, gc=False):
+class Wire(Struct, frozen=True, gc=False):
     """`target = gain * source + offset`, in the same tick."""
 
     source: Slot
@@ -73,7 +70,7 @@ class Wire(msgspec.Struct, frozen=True, gc=False):
     offset: float = 0.0
 
 
-class Link(msgspec.Struct, frozen=True, gc=False):
+class Link(Struct, frozen=True, gc=False):
     """A wire through a table of sent samples; `initial` is the pre-history, None: the start.
 
     `age`: a scalar input that gets the age (s) of what the link holds.

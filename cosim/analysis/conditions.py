@@ -54,7 +54,7 @@ def constant(system: AnalyzedSystem, net: RobotNetwork) -> bool:
         isinstance(p.source, EdgeWeight) and len(p.source.topology.graphs) > 1
         for p in system.plan.players
     )
-    return not switching and not net.jitter
+    return not switching and not any(age.spread for age in net.couplings.ages)
 
 
 def _known(arm: Arm, law: DynamicFeedback) -> bool:

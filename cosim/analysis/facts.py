@@ -109,11 +109,10 @@ class Arm:
         return self._extreme(gains, greatest=False)
 
     def _extreme(self, gains: Sequence[float], *, greatest: bool) -> tuple[float, int, Vector]:
-        each = np.broadcast_to(np.asarray(gains, dtype=np.float64), (len(self.q),))
         if self.workspace is None or self.postures is None:
-            i = 0 if greatest else 1
-            gain = each.max() if greatest else each.min()
-            return float(gain) / self.inertia_range[i], int(np.argmax(each == gain)), self.heaviest
+            i, gain = (0, max(gains)) if greatest else (1, min(gains))
+            return float(gain) / self.inertia_range[i], list(gains).index(gain), self.heaviest
+        each = np.broadcast_to(np.asarray(gains, dtype=np.float64), (len(self.q),))
         root = np.sqrt(each)
         values, vectors = np.linalg.eigh(root[:, None] * np.linalg.inv(self.workspace) * root)
         at = -1 if greatest else 0
@@ -279,11 +278,12 @@ def facts_of(model: str, values: Values) -> Facts | None:
 
     Raises whatever the model's function raises.
     """
-    function = _function(model)
+    function = facts_function(model)
     return None if function is None else function(values)
 
 
-def _function(model: str) -> Callable[[Values], Facts | None] | None:
+def facts_function(model: str) -> Callable[[Values], Facts | None] | None:
+    """The function that :func:`facts_of` asks. Raises what importing the model raises."""
     if model.endswith(".fmu") or model.startswith(PREFIX):
         return None
     name = model.partition(":")[0]

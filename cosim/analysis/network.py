@@ -20,38 +20,72 @@ Source: own construction, the linearisation of the paper's (42)-(45), (61) and (
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from cosim.analysis.ages import Age
 from cosim.analysis.facts import Arm, Array, DynamicFeedback, Vector
 from cosim.analysis.system import AnalyzedSystem
 
 Complex = NDArray[np.complex128]
+Indices = NDArray[np.intp]
 
 #: Step of the derivative of gravity, rad.
 STEP = 1e-4
+#: Robots beyond which a matrix of their couplings is taken as sparse.
+DENSE = 100
+
+
+@dataclass(frozen=True, slots=True)
+class Couplings:
+    """The edges of a network, from robot `senders[k]` to robot `receivers[k]`, (edges,).
+
+    `strength`: lambda w, 1/s; `kinds`: which of the `ages` what the receiver holds has.
+    """
+
+    receivers: Indices
+    senders: Indices
+    strength: Array
+    kinds: Indices
+    ages: tuple[Age, ...]
+
+    def around(self, n: int) -> Array:
+        """The sum of the strengths of the edges to each of `n` robots, (n,), 1/s."""
+        return np.bincount(self.receivers, self.strength, n).astype(np.float64)
+
+    def of_kinds(self) -> Iterator[tuple[Indices, Age]]:
+        """The edges, by number, of each age."""
+        for kind, age in enumerate(self.ages):
+            yield np.flatnonzero(self.kinds == kind), age
+
+    def heard(self, p: Complex) -> Complex:
+        """The strength of each edge with its delay, (..., edges), 1/s, for each p (...)."""
+        found = np.empty((*p.shape, len(self.strength)), dtype=np.complex128)
+        for edges, age in self.of_kinds():
+            found[..., edges] = self.strength[edges] * np.exp(-p * age.mean)[..., None]
+            if age.spread:
+                jitter = np.exp(-p[..., None] * np.asarray(age.spread)).mean(axis=-1)
+                found[..., edges] *= jitter[..., None]
+        return found
 
 
 @dataclass(frozen=True, slots=True)
 class RobotNetwork:
     """The robots that communicate; the `port` is at the one that the operator holds.
 
-    `coupling` (n, n): lambda w_ij, 1/s; `delay` (n, n): mean T_ij, s; `jitter`: differences from
-    that mean, s, equally likely, of the edges (i, j) whose delay varies; `outside` (n,): lambda w
-    of rows from unknown senders, which count as standing still; `periods`: of the laws, s.
+    `outside` (n,): lambda w of rows from unknown senders, which count as standing still, 1/s;
+    `periods`: of the laws, s.
     """
 
     names: tuple[str, ...]
     arms: tuple[Arm, ...]
     laws: tuple[DynamicFeedback, ...]
-    coupling: Array
-    delay: Array
+    couplings: Couplings
     outside: Array
     port: int
-    jitter: Mapping[tuple[int, int], Vector] = field(default_factory=dict)
     periods: Vector = ()
 
     @property
@@ -59,15 +93,21 @@ class RobotNetwork:
         """The law at the port."""
         return self.laws[self.port]
 
+    @property
+    def around(self) -> Array:
+        """What each robot is coupled by to all others, (n,), 1/s."""
+        return self.couplings.around(len(self.laws)) + self.outside
+
     def L(self, p: ArrayLike) -> Complex:
         """The matrix of the delayed couplings, (..., n, n), 1/s, for one p or several, (...)."""
-        p = np.asarray(p, dtype=np.complex128)[..., None, None]
-        around = self.coupling.sum(axis=1) + self.outside
-        own = p * np.eye(len(around)) + np.diag(around)
-        heard = self.coupling * np.exp(-p * self.delay)
-        for (i, j), spread_ in self.jitter.items():
-            heard[..., i, j] *= np.exp(-p[..., 0] * np.asarray(spread_)).mean(axis=-1)
-        return np.asarray(own - heard)
+        p, edges = np.asarray(p, dtype=np.complex128), self.couplings
+        one = np.eye(len(self.laws))
+        heard = np.zeros((*p.shape, *one.shape), dtype=np.complex128)
+        for i, j, strength in zip(
+            edges.receivers, edges.senders, np.moveaxis(edges.heard(p), -1, 0), strict=True
+        ):
+            heard[..., i, j] += strength
+        return np.asarray(p[..., None, None] * one + np.diag(self.around) - heard)
 
     def at(self, q: Sequence[float], estimates: Sequence[Sequence[float]]) -> Linear:
         """All robots at `q` (m,), with the `estimates` theta_hat of each."""
@@ -109,10 +149,27 @@ class RobotNetwork:
         `K`: the feedback gain of that joint, and `friction` its viscous friction, N.m.s/rad, the
         same for all robots.
         """
-        law = self.law
-        A = K * (p + law.alpha) / (p + law.lambda_M) * self.L(p)
-        A += friction * p * np.eye(len(self.laws))
+        law, n = self.law, len(self.laws)
+        feedback = K * (p + law.alpha) / (p + law.lambda_M)
+        if n > DENSE:
+            return self._sparse_quasi_static(p, feedback, friction)
+        A = feedback * self.L(p) + friction * p * np.eye(n)
         return complex(np.linalg.inv(A)[self.port, self.port])
+
+    def _sparse_quasi_static(self, p: complex, feedback: complex, friction: float) -> complex:
+        """The same by elimination in a matrix that is almost empty."""
+        from scipy.sparse import csc_array, diags_array
+        from scipy.sparse.linalg import splu
+
+        n, edges = len(self.laws), self.couplings
+        heard = edges.heard(np.asarray(p, dtype=np.complex128))
+        coupled = csc_array((heard, (edges.receivers, edges.senders)), shape=(n, n))
+        A = feedback * (diags_array(p + self.around) - coupled) + diags_array(
+            np.full(n, friction * p)
+        )
+        force = np.zeros(n, dtype=np.complex128)
+        force[self.port] = 1.0
+        return complex(splu(csc_array(A), permc_spec="MMD_AT_PLUS_A").solve(force)[self.port])
 
 
 @dataclass(frozen=True, slots=True)
@@ -174,44 +231,63 @@ def network(system: AnalyzedSystem, port: str) -> RobotNetwork | None:
 
 
 def _network(system: AnalyzedSystem, port: str) -> RobotNetwork | None:
-    laws = system.with_facts(DynamicFeedback)
     start = system.controls.get(port, "")
-    if start not in laws:
+    if start not in system.with_facts(DynamicFeedback):
         return None
+    groups = system.once("groups", "", lambda: _groups(system))
+    names = groups.get(start, (start,))
+    found = system.once("group", names[0], lambda: _connected(system, names))
+    return None if found is None else replace(found, port=names.index(start))
+
+
+def _groups(system: AnalyzedSystem) -> Mapping[str, tuple[str, ...]]:
+    """The laws that communicate with each other, sorted, by each of their names."""
     beside: dict[str, set[str]] = {}
     for e in system.edges:
         if e.recurrent and e.sender:
             beside.setdefault(e.receiver, set()).add(e.sender)
             beside.setdefault(e.sender, set()).add(e.receiver)
-    known, waiting = {start}, [start]
-    while waiting:
-        new = beside.get(waiting.pop(), set()) - known
-        known |= new
-        waiting += new
-    names = sorted(known)
-    numbers = {name: i for i, name in enumerate(names)}
+    groups: dict[str, tuple[str, ...]] = {}
+    for start in beside:
+        if start in groups:
+            continue
+        known, waiting = {start}, [start]
+        while waiting:
+            new = beside[waiting.pop()] - known
+            known |= new
+            waiting += new
+        groups |= dict.fromkeys(known, tuple(sorted(known)))
+    return groups
+
+
+def _connected(system: AnalyzedSystem, names: tuple[str, ...]) -> RobotNetwork | None:
+    """The network of the laws `names`, with its port at the first of them."""
+    laws = system.with_facts(DynamicFeedback)
     if any(system.arm_of(name) is None or laws[name].task is not None for name in names):
         return None
-    n = len(names)
-    coupling, delay, outside = np.zeros((n, n)), np.zeros((n, n)), np.zeros(n)
-    jitter: dict[tuple[int, int], Vector] = {}
-    for e in (e for e in system.edges if e.receiver in numbers and e.recurrent):
-        i, strength = numbers[e.receiver], laws[e.receiver].lambda_ * e.weight
-        if e.sender in numbers:
-            j = numbers[e.sender]
-            coupling[i, j] += strength
-            delay[i, j] = e.age.mean
-            if e.age.spread:
-                jitter[i, j] = e.age.spread
-        else:
-            outside[i] += strength
-    arms = tuple(system.arms[str(system.arm_of(name))] for name in names)
     chosen = tuple(laws[name] for name in names)
     if any(law.beyond or not law.K for law in chosen):
         return None
-    at = names.index(start)
+    numbers = {name: i for i, name in enumerate(names)}
+    outside = np.zeros(len(names))
+    ages: dict[Age, int] = {}
+    edges: list[tuple[int, int, float, int]] = []
+    heard = (e for name in names for e in system.edges_to.get(name, ()) if e.recurrent)
+    for e in heard:
+        i, strength = numbers[e.receiver], laws[e.receiver].lambda_ * e.weight
+        if e.sender in numbers:
+            age = system.age(e.link) if e.link is not None else Age()
+            edges.append((i, numbers[e.sender], strength, ages.setdefault(age, len(ages))))
+        else:
+            outside[i] += strength
+    receivers, senders, strengths, kinds = zip(*edges, strict=True) if edges else ((),) * 4
+    couplings = Couplings(
+        np.array(receivers, dtype=np.intp), np.array(senders, dtype=np.intp),
+        np.array(strengths), np.array(kinds, dtype=np.intp), tuple(ages),
+    )  # fmt: skip
+    arms = tuple(system.arms[str(system.arm_of(name))] for name in names)
     periods = tuple(system.period(name) for name in names)
-    return RobotNetwork(tuple(names), arms, chosen, coupling, delay, outside, at, jitter, periods)
+    return RobotNetwork(names, arms, chosen, couplings, outside, 0, periods)
 
 
 def spread(values: Sequence[float], m: int) -> Array:

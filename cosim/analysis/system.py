@@ -7,59 +7,32 @@ output, is the source of the row, also through other components.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Hashable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
-from functools import cached_property
-from math import inf, nan
+from functools import cached_property, lru_cache
+from math import nan
 from typing import Any, TypeVar
 
-import numpy as np
-
+from cosim.analysis.ages import LOOKS, Age, age, kind_of
 from cosim.analysis.facts import (
     Arm,
-    Array,
     DynamicFeedback,
     Facts,
     Hand,
     Servo,
     ServoCommand,
     SpringDamper,
-    facts_of,
+    facts_function,
 )
 from cosim.analysis.hands import combined_hand
 from cosim.analysis.inputs import feeders, is_driven, start_value
-from cosim.analysis.quantiles import quantiles
-from cosim.base.errors import ScenarioError
-from cosim.links.laws import Law
-from cosim.links.losses import Lossy
-from cosim.links.semantics import PlayoutSemantics, SignalSemantics
-from cosim.links.table import DrawnTable, TableSpec
 from cosim.scenario.connect import EdgeWeight
 from cosim.scenario.spec import Scenario
 from cosim.schedule.parts import Link, Player, Slot, Step, Wire
-from cosim.schedule.plan import Plan
-
-#: Looks over which the mean age of a link is taken where its law does not give it, and the mean
-#: of a table of weights that is no switching graph.
-LOOKS = 8000
-
-#: Values that stand for the distribution of the ages of a link.
-QUANTILES = 48
+from cosim.schedule.plan import Feeder, Plan
 
 T = TypeVar("T")
 F = TypeVar("F", Arm, DynamicFeedback, SpringDamper, Hand, Servo, ServoCommand)
-
-
-@dataclass(frozen=True, slots=True)
-class Age:
-    """Age of the held sample, s: `mean`, and `bound` (inf: unbounded).
-
-    `spread`: differences from the mean, s, equally likely; () if the age is constant.
-    """
-
-    mean: float = 0.0
-    bound: float = 0.0
-    spread: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +49,6 @@ class Edge:
     weight: float
     recurrent: bool
     link: Link | None = None
-    age: Age = Age()
     fed: bool = True
 
 
@@ -113,16 +85,20 @@ class AnalyzedSystem:
     _by_kind: dict[type, dict[str, Any]] = field(
         default_factory=dict, init=False, repr=False, compare=False
     )
-    _computed: dict[tuple[str, str], Any] = field(
+    _computed: dict[tuple[str, Hashable], Any] = field(
         default_factory=dict, init=False, repr=False, compare=False
     )
 
-    def once(self, what: str, arm: str, compute: Callable[[], T]) -> T:
-        """What `compute` returns for an arm, computed when it is first asked for."""
-        if (what, arm) not in self._computed:
-            self._computed[what, arm] = compute()
-        found: T = self._computed[what, arm]
+    def once(self, what: str, of: Hashable, compute: Callable[[], T]) -> T:
+        """What `compute` returns of an arm or another key, computed when it is first asked for."""
+        if (what, of) not in self._computed:
+            self._computed[what, of] = compute()
+        found: T = self._computed[what, of]
         return found
+
+    def age(self, link: Link) -> Age:
+        """The age of what a link holds: that of the first link that is asked for of its kind."""
+        return self.once("age", kind_of(link.table), lambda: age(link.table))
 
     def with_facts(self, kind: type[F]) -> dict[str, F]:
         """Components with facts of one kind."""
@@ -144,6 +120,14 @@ class AnalyzedSystem:
     def _arms_by_controller(self) -> Mapping[str, str]:
         return {name: arm for arm, name in reversed(tuple(self.controls.items()))}
 
+    @cached_property
+    def edges_to(self) -> Mapping[str, list[Edge]]:
+        """The edges by their receiver."""
+        found: dict[str, list[Edge]] = {}
+        for edge in self.edges:
+            found.setdefault(edge.receiver, []).append(edge)
+        return found
+
     def is_position(self, signal: str) -> bool:
         """Whether a signal is the position of an arm, which closed forms are about."""
         return any(signal == f"{name}.{arm.position}" for name, arm in self.arms.items())
@@ -159,6 +143,10 @@ class AnalyzedSystem:
 
     def held(self) -> tuple[str, ...]:
         """The arms that an operator holds or pushes, by a grip or the external torque."""
+        return self._held
+
+    @cached_property
+    def _held(self) -> tuple[str, ...]:
         return tuple(
             name
             for name, arm in sorted(self.arms.items())
@@ -205,9 +193,11 @@ def system(scenario: Scenario, plan: Plan) -> AnalyzedSystem:
     """What is known of a plan. A function of a model that fails is noted, not raised."""
     facts: dict[str, Facts] = {}
     silent: dict[str, str] = {}
+    functions = lru_cache(maxsize=None)(facts_function)  # of a model, which many may have
     for step in plan.components:
         try:
-            found = facts_of(scenario.components[step.name].model, values_of(step))
+            function = functions(scenario.components[step.name].model)
+            found = None if function is None else function(values_of(step))
         except Exception as error:  # foreign code: that it fails is a finding of its own
             silent[step.name] = f"{type(error).__name__}: {error}"
             continue
@@ -245,7 +235,8 @@ def _command(plan: Plan, facts: Mapping[str, Facts], servo: str) -> CommandPath 
 
 def _feeder(plan: Plan, component: str, port: str) -> Wire | Link | None:
     slot = next((s for s in plan.component(component).inputs if s.port == port), None)
-    return _source(plan, slot.start) if slot is not None else None
+    source = _fed(plan, slot).get(slot.start) if slot is not None else None
+    return None if isinstance(source, Player) else source
 
 
 def _with_gains(
@@ -275,36 +266,42 @@ def _edges(system: AnalyzedSystem, name: str) -> Iterable[Edge]:
     slots = {s.port: s for s in step.inputs}
     if law.received not in slots:
         return
-    received = slots[law.received]
+    received, weights = slots[law.received], slots.get(law.weights)
     width = received.size // received.shape[0]
+    sources = _fed(system.plan, received)
+    weighed = _fed(system.plan, weights) if weights is not None else {}
     for row in range(received.shape[0]):
-        first = received.start + row * width
-        source = _source(system.plan, first)
-        weight, lasting = _weight(system, slots.get(law.weights), row)
-        if source is None:
+        source = sources.get(received.start + row * width)
+        weight, lasting = _weight(step, weights, weighed, row)
+        if source is None or isinstance(source, Player):
             yield Edge(name, row, "", weight, lasting, fed=False)
             continue
         link = source if isinstance(source, Link) else None
         sender = _origin(system, source.source.component)
-        yield Edge(name, row, sender, weight, lasting, link, age(link) if link else Age())
+        yield Edge(name, row, sender, weight, lasting, link)
 
 
-def _source(plan: Plan, at: int) -> Wire | Link | None:
-    """The source of an entry of the signal vector."""
-    return next((f for f in plan.feeders(at) if not isinstance(f, Player)), None)
+def _fed(plan: Plan, slot: Slot) -> dict[int, Feeder]:
+    """What feeds each entry of an input, by the entry's place in the signal vector."""
+    found: dict[int, Feeder] = {}
+    for feeder in feeders(plan, slot):
+        start = feeder.target.start
+        found |= dict.fromkeys(range(start, start + feeder.target.size), feeder)
+    return found
 
 
-def _weight(system: AnalyzedSystem, slot: Slot | None, row: int) -> tuple[float, bool]:
+def _weight(
+    step: Step, slot: Slot | None, fed: Mapping[int, Feeder], row: int
+) -> tuple[float, bool]:
     """(mean weight, whether it is there again and again) of a row."""
     if slot is None:
         return 1.0, True
-    at = slot.start + row
-    for player in system.plan.feeders(at):
-        if isinstance(player, Player) and player.target.start == at:
-            return _played(player)
-    if _source(system.plan, at) is not None:
+    feeder = fed.get(slot.start + row)
+    if isinstance(feeder, Player):
+        return _played(feeder)
+    if feeder is not None:
         return nan, True  # computed by a component: not known beforehand
-    value = values_of(system.plan.component(slot.component))[slot.port][row]
+    value = start_value(step, slot)[row]
     return value, value > 0
 
 
@@ -340,54 +337,3 @@ def _sources_of(plan: Plan, name: str) -> set[str]:
         f for slot in plan.component(name).inputs for f in plan.feeders(slot.start, slot.size)
     )
     return {f.source.component for f in feeders if isinstance(f, Wire)}
-
-
-def age(link: Link) -> Age:
-    """Mean age of what a link holds once it holds something, and the bound its law declares."""
-    table = link.table
-    ages = _ages(table)
-    drawn = table if isinstance(table, DrawnTable) else None
-    declared = drawn.law.mean if drawn and isinstance(drawn.rule, SignalSemantics) else None
-    if not len(ages):
-        return Age(nan if declared is None else declared, age_bound(table))
-    middle = float(ages.mean())
-    parts = quantiles(ages - middle, (np.arange(QUANTILES) + 0.5) / QUANTILES)
-    spread = tuple((parts - parts.mean()).tolist()) if np.ptp(ages) > table.grid.h else ()
-    return Age(middle if declared is None else declared, age_bound(table), spread)
-
-
-def _ages(table: TableSpec) -> Array:
-    """The ages of what a link holds at the looks of its receiver, (n,), s, once it has begun."""
-    rows = LOOKS
-    while rows:
-        try:
-            table.check(rows)
-            break
-        except ScenarioError:  # a stored table, or a trace, that is shorter
-            rows //= 2
-    held = table.stream().rows(rows) if rows else np.empty(0, np.int32)
-    begun = held[np.argmax(held >= 0) :] if (held >= 0).any() else held[:0]
-    if not len(begun):
-        return np.empty(0)
-    first = len(held) - len(begun)
-    looks = table.grid.n_r * np.arange(first, len(held), dtype=np.int64)
-    ages = (looks - table.grid.n_s * begun.astype(np.int64)) * table.grid.h
-    return np.asarray(ages[min(len(ages) // 2, table.history * table.grid.n_s // table.grid.n_r) :])
-
-
-def age_bound(table: TableSpec) -> float:
-    """No sample that is held is older, s; inf where nothing may come for any time."""
-    grid = table.grid
-    slack = (grid.n_s + grid.n_r) * grid.h
-    if not isinstance(table, DrawnTable):
-        return table.history * grid.n_s * grid.h + slack
-    law: Law = table.law
-    longest = 0.0
-    if isinstance(law, Lossy):
-        longest, law = law.loss.longest, law.delay
-    oldest = law.maximum
-    if isinstance(table.rule, PlayoutSemantics):
-        if law.maximum > table.rule.buffer:
-            return inf  # what comes later than the buffer is never played
-        oldest = table.rule.buffer
-    return inf if law.loses_packets else oldest + longest + slack

@@ -7,7 +7,8 @@ from math import inf, isinf
 
 import numpy as np
 
-from cosim.analysis.system import AnalyzedSystem, age, age_bound
+from cosim.analysis.ages import age_bound
+from cosim.analysis.system import AnalyzedSystem
 from cosim.checks.couplings import is_constant, longest_delay
 from cosim.checks.finding import Finding, Severity
 from cosim.links.bursts import ParetoBursts
@@ -94,7 +95,7 @@ def reordered_samples(system: AnalyzedSystem) -> Iterator[Finding]:
         last = isinstance(table.rule, PacketSemantics) and table.rule.order == "last-arrival"
         if last or isinstance(table.rule, SignalSemantics):
             name = table.rule.facts()["semantics"]
-            mean = age(link).mean
+            mean = system.age(link).mean
             yield Finding(
                 rule="backwards",
                 severity="note",

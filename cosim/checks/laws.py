@@ -62,9 +62,9 @@ def grip(system: AnalyzedSystem) -> Iterator[Finding]:
         net = network(system, start)
         if net is None or net.law.lambda_c or not min(net.arms[net.port].grip.stiffness):
             continue
-        if not net.law.feeds_forward:
-            continue
         arm, law = net.arms[net.port], net.law
+        if not law.feeds_forward or len(net.laws) * len(arm.q) > closed.MANY:
+            continue  # without M_hat it is stable; many robots would take minutes
         stiffness, damping = arm.grip.stiffness, arm.grip.damping
         k_p, k_d = max(stiffness), min(damping)
         failing = [
@@ -225,7 +225,8 @@ def _each(values: Sequence[float]) -> str:
 
 
 def _coupling(net: RobotNetwork, where: str, K: Sequence[float]) -> Iterator[Finding]:
-    weight = net.coupling[net.port].sum() / net.law.lambda_ if net.law.lambda_ else 0.0
+    coupled = net.couplings.around(len(net.laws))[net.port]
+    weight = coupled / net.law.lambda_ if net.law.lambda_ else 0.0
     if len(net.laws) == 2 and weight and net.law.lambda_M:
         kappa = [closed.static_stiffness(net.law, weight, k) for k in K]
         yield _note(

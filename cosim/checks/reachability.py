@@ -47,7 +47,8 @@ def _has_zero_weight(system: AnalyzedSystem, target: str, wires: Sequence[Wire])
     law = system.with_facts(DynamicFeedback).get(target)
     if law is None or any(w.target.port != law.received for w in wires):
         return False
-    rows = {e.row: e.recurrent for e in system.edges if e.receiver == target and e.link is None}
+    edges = system.edges_to.get(target, ())
+    rows = {e.row: e.recurrent for e in edges if e.link is None}
     slot = next(s for s in system.plan.component(target).inputs if s.port == law.received)
     width = slot.size // slot.shape[0]
     return all(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 import numpy as np
 
@@ -34,9 +34,11 @@ def feedback(system: AnalyzedSystem) -> Iterator[Finding]:
     hand, a warning if it fails elsewhere.
     """
     share = 1.0 if system.plan.algorithm == "jacobi" else 2.0
-    for name, law, arm in known_laws(system):
+    known = list(known_laws(system))
+    visited = _fastest_when_visited(known)
+    for name, law, arm in known:
         T = system.feedback_period(name)
-        remark3 = isinstance(law, DynamicFeedback) and law.lambda_c > 0
+        remark3 = _is_remark_3(law)
         if isinstance(law, DynamicFeedback) and law.task is not None and not remark3:
             continue  # its gain depends on the posture: checks.tasks
         gain = law.lambda_c if remark3 else max(law.feedback)  # type: ignore[union-attr]
@@ -48,8 +50,7 @@ def feedback(system: AnalyzedSystem) -> Iterator[Finding]:
             gain = law.feedback[joint % len(law.feedback)]
             least = gain / rate
         ratio = T * gain / (share * least)
-        visited = [gain] if remark3 else [_fastest(arm, q, law.feedback) for q in _postures(arm)]
-        fails = any(share < T * M for M in visited)
+        fails = share < T * (gain if remark3 else visited[name])
         severity: Severity = "error" if fails else "warning" if ratio > CLOSE else "note"
         many = arm.workspace is not None and not remark3
         what = "lambda_c" if remark3 else f"K of joint {joint + 1}" if many else "K"
@@ -69,15 +70,29 @@ def feedback(system: AnalyzedSystem) -> Iterator[Finding]:
         )  # fmt: skip
 
 
+def _is_remark_3(law: Law) -> bool:
+    return isinstance(law, DynamicFeedback) and law.lambda_c > 0
+
+
+def _fastest_when_visited(known: Iterable[tuple[str, Law, Arm]]) -> Mapping[str, float]:
+    """The greatest eigenvalue of M⁻¹ K in the postures that an arm is expected in, 1/s, by law."""
+    found: dict[str, float] = {}
+    cases: dict[int, list[tuple[str, Law, Arm, Sequence[float]]]] = {}  # by number of joints
+    for name, law, arm in known:
+        for q in _postures(arm) if not _is_remark_3(law) else ():
+            cases.setdefault(len(q), []).append((name, law, arm, q))
+    for m, alike in cases.items():
+        inverse = np.linalg.inv([arm.inertia(arm.parameters, q) for _, _, arm, q in alike])
+        K = np.array([spread(law.feedback, m) for _, law, _, _ in alike])
+        rates = np.linalg.eigvals(inverse * K[:, None]).real.max(axis=-1)
+        for (name, *_), rate in zip(alike, rates.tolist(), strict=True):
+            found[name] = max(rate, found.get(name, rate))
+    return found
+
+
 def _postures(arm: Arm) -> list[Sequence[float]]:
     """Expected postures of an arm: its start position and the target of its hand."""
     return [arm.q, arm.grip.place] if any(arm.grip.stiffness) else [arm.q]
-
-
-def _fastest(arm: Arm, q: Sequence[float], K: Sequence[float]) -> float:
-    """The greatest eigenvalue of M⁻¹ K in one posture, 1/s."""
-    inverse = np.linalg.inv(arm.inertia(arm.parameters, q))
-    return float(np.linalg.eigvals(inverse * spread(K, len(q))).real.max())
 
 
 def adaptation(system: AnalyzedSystem) -> Iterator[Finding]:
@@ -91,7 +106,7 @@ def adaptation(system: AnalyzedSystem) -> Iterator[Finding]:
         net = network(system, start)
         if net is None or net.law.lambda_c or done.issuperset(net.names):
             continue
-        found = peaks_of(system, start, net)
+        found = peaks_of(system, net)
         done.update(net.names)
         for i, (name, law) in enumerate(zip(net.names, net.laws, strict=True)):
             T, Y = system.period(name), law.regressor * found.dz[i]

@@ -8,7 +8,7 @@ import numpy as np
 
 from cosim.analysis.facts import Arm, DynamicFeedback, Servo, ServoCommand
 from cosim.analysis.network import spread
-from cosim.analysis.system import AnalyzedSystem, CommandPath, age
+from cosim.analysis.system import AnalyzedSystem, CommandPath
 from cosim.checks.finding import Finding, Severity
 
 #: What a law says that is moved by a measured torque.
@@ -69,7 +69,7 @@ def inertia(system: AnalyzedSystem) -> Iterator[Finding]:
         if command.direct:
             continue
         T = system.period(command.by)
-        late = age(command.link).mean if command.link is not None else 0.0
+        late = system.age(command.link).mean if command.link is not None else 0.0
         M = np.diag(arm.inertia(arm.parameters, arm.q))
         K_v = spread(servo.K_v, len(M))
         whole, rest = divmod(late, T)

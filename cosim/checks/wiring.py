@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+import numpy as np
+
 from cosim.analysis.network import network
 from cosim.analysis.system import AnalyzedSystem
 from cosim.checks.finding import Finding, Severity
@@ -21,12 +23,15 @@ def unconnected_inputs(plan: Plan) -> Iterator[Finding]:
 
     Not those that their model declares optional (:class:`cosim.base.component.Port`).
     """
-    fed = {i for slot in _connected_inputs(plan) for i in range(slot.start, slot.start + slot.size)}
+    fed = np.zeros(plan.n_signals, dtype=np.bool_)
+    for slot in _connected_inputs(plan):
+        fed[slot.start : slot.start + slot.size] = True
     for step in plan.components:
         for slot, port in zip(step.inputs, step.component.inputs, strict=True):
-            idle = [name for i, name in enumerate(slot.scalars()) if slot.start + i not in fed]
-            if not idle or port.optional or port.name in step.start:
+            connected = fed[slot.start : slot.start + slot.size]
+            if port.optional or port.name in step.start or connected.all():
                 continue
+            idle = [n for n, is_fed in zip(slot.scalars(), connected, strict=True) if not is_fed]
             which = slot.name if len(idle) == slot.size else ", ".join(idle)
             yield Finding(
                 rule="unfed",
@@ -44,9 +49,11 @@ def unitless_connections(plan: Plan) -> Iterator[Finding]:
     """Connections whose number is not converted, since one end is an FMU's without a unit."""
     edges: tuple[Wire | Link, ...] = (*plan.wires, *plan.links)
     for edge in edges:
+        if edge.source.unit == edge.target.unit:
+            continue
         ends = (edge.source, edge.target)
         declared = [has_unit(plan.component(s.component).component, s.port) for s in ends]
-        if edge.source.unit == edge.target.unit or all(declared):
+        if all(declared):
             continue
         bare, other = ends[::-1] if declared[0] else ends
         if other.unit != "1":
@@ -92,7 +99,7 @@ def saturation(system: AnalyzedSystem) -> Iterator[Finding]:
         net = network(system, start)
         if net is None or net.law.lambda_c:
             continue
-        found = peaks_of(system, start, net)
+        found = peaks_of(system, net)
         for name, law, tau in zip(net.names, net.laws, found.tau, strict=True):
             limit = min(law.tau_max)
             if tau <= limit:

@@ -50,8 +50,8 @@ class Plan:
     groups: tuple[MacroGroup, ...] = ()
 
     def component(self, name: str) -> Step:
-        """The component of that name, which must be there (they are sorted by name)."""
-        return self.components[bisect_left(self.components, name, key=lambda c: c.name)]
+        """The component of that name, which must be there."""
+        return self._by_name[name]
 
     def slots(self) -> Mapping[str, Slot]:
         """Every port's slot by ``component.port``."""
@@ -66,6 +66,10 @@ class Plan:
             if feeder.target.start + feeder.target.size > start:
                 found.append((number, feeder))
         return tuple(feeder for _, feeder in sorted(found, key=lambda pair: pair[0]))
+
+    @cached_property
+    def _by_name(self) -> Mapping[str, Step]:
+        return {c.name: c for c in self.components}
 
     @cached_property
     def _slots(self) -> Mapping[str, Slot]:

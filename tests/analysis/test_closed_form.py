@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import copy
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from cosim.analysis import closed_form as closed
+from cosim.analysis import network as network_module
 from cosim.analysis.facts import DynamicFeedback
 from cosim.analysis.network import RobotNetwork, network
 from cosim.analysis.system import system
@@ -165,9 +169,7 @@ def test_stiffest_grip_by_frequency_is_that_of_routh(lambda_M: float) -> None:
     document = DOCUMENTS["single-6"]
     net = net_of(document)
     one = law(lambda_M, 2.0)
-    changed = RobotNetwork(
-        net.names, net.arms, (one,), net.coupling, net.delay, net.outside, net.port
-    )
+    changed = replace(net, laws=(one,), periods=())
     M = np.linalg.eigvalsh(net.arms[0].inertia(THETA, (0.0, 0.0)))
     expected = min(closed.stiffest_grip(one, float(m), K) for m in M)
     assert closed.stiffest_network_grip(changed, (0.0, 0.0)) == pytest.approx(expected, rel=2e-3)
@@ -193,9 +195,42 @@ def test_with_no_estimate_the_impedance_is_a_mass_and_a_passive_filter() -> None
 def test_a_pair_is_two_robots_with_the_delay_of_each_link() -> None:
     net = net_of(DOCUMENTS["pair-10"])
     assert net.names == ("master_control", "slave_control") and net.port == 0
-    assert net.coupling.tolist() == [[0.0, 2.0], [2.0, 0.0]]
-    assert net.delay[0, 1] == net.delay[1, 0] == 0.75
+    edges = net.couplings
+    assert edges.strength.tolist() == [2.0, 2.0]
+    assert (edges.receivers.tolist(), edges.senders.tolist()) == ([0, 1], [1, 0])
+    assert [age.mean for age in edges.ages] == [0.75] and not any(edges.kinds)
     assert not net.outside.any()
+
+
+def test_a_network_of_many_robots_feels_as_one_that_is_taken_whole(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    net = many(12)
+    dense = [closed.felt_damping(net, K, D) for D in (0.0, 0.7)]
+    monkeypatch.setattr(network_module, "DENSE", 0)
+    sparse = [closed.felt_damping(net, K, D) for D in (0.0, 0.7)]
+    assert sparse == pytest.approx(dense, rel=1e-6)
+
+
+def test_the_couplings_are_late_by_the_age_of_each_link() -> None:
+    """One link with a varying delay, one with a constant delay, between two robots."""
+    document = copy.deepcopy(DOCUMENTS["pair-10-jitter"])
+    document["links"][1]["delay"] = {"law": "constant", "delay": 0.4}
+    L = net_of(document).L(np.array([0.0, 2.0j]))
+    assert L[0] == pytest.approx(np.array([[2.0, -2.0], [-2.0, 2.0]]))
+    assert L[1, 1, 0] == pytest.approx(-2 * np.exp(-0.8j))
+    jittery = -2 * np.exp(-2.0j * np.linspace(0.3, 1.2, 2000)).mean()
+    assert L[1, 0, 1] == pytest.approx(jittery, rel=0.05) and abs(L[1, 0, 1]) < 1.9
+
+
+def test_what_is_held_by_several_hands_is_one_network_with_several_ports() -> None:
+    settings = ('graphs.net.kind="ring"', "graphs.net.n=5", "components.robot.parameters.k_p=10")
+    scenario = load(CONFIGS / "many.toml", settings)
+    found = system(scenario, assemble(scenario))
+    nets = [network(found, name) for name in found.held()]
+    assert len(nets) == 5 and None not in nets
+    assert [net.port for net in nets if net is not None] == [0, 1, 2, 3, 4]
+    assert len({id(net.couplings) for net in nets if net is not None}) == 1
 
 
 @pytest.mark.parametrize("n", [3, 6, 11])

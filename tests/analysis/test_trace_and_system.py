@@ -10,10 +10,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from cosim.analysis.ages import Age, age
 from cosim.analysis.closed_form import felt_damping
 from cosim.analysis.facts import Arm, DynamicFeedback, facts_of
 from cosim.analysis.memory_run import Change, SignalTrace, changed, trace
-from cosim.analysis.system import AnalyzedSystem, age, system
+from cosim.analysis.system import AnalyzedSystem, system
 from cosim.base.errors import ScenarioError
 from cosim.scenario.assemble import assemble
 from cosim.scenario.spec import build
@@ -99,7 +100,7 @@ def test_edges_over_links_and_over_components_in_between() -> None:
     for found, delay in ((over_link, 0.75), (direct, 0.0)):
         senders = {e.receiver: e.sender for e in found.edges}
         assert senders == {"master_control": "slave_control", "slave_control": "master_control"}
-        assert {e.age.mean for e in found.edges} == {delay}
+        assert {(found.age(e.link) if e.link else Age()).mean for e in found.edges} == {delay}
         assert all(e.weight == 1.0 and e.recurrent and e.fed for e in found.edges)
 
 
@@ -130,16 +131,30 @@ def test_felt_damping_of_a_switching_network_is_that_of_the_mean_graph() -> None
 def test_mean_ages_are_those_of_the_reading(semantics: str, mean: float) -> None:
     link = {"delay": {"law": "uniform", "low": 0.3, "high": 1.2, "hold": 0.03}}
     plan = planned(teleoperator(5.0, link={**link, "semantics": semantics}))
-    assert age(plan.links[0]).mean == pytest.approx(mean, rel=0.05)
-    assert 1.2 <= age(plan.links[0]).bound < 1.25
+    assert age(plan.links[0].table).mean == pytest.approx(mean, rel=0.05)
+    assert 1.2 <= age(plan.links[0].table).bound < 1.25
 
 
 def test_losses_at_random_leave_the_age_without_a_bound() -> None:
     link = {"delay": {"law": "constant", "delay": 0.1}, "semantics": "newest-stamp",
             "loss": {"law": "independent", "p": 0.1}}  # fmt: skip
-    assert age(planned(teleoperator(5.0, link=link)).links[0]).bound == np.inf
+    assert age(planned(teleoperator(5.0, link=link)).links[0].table).bound == np.inf
     outage = {**link, "loss": {"law": "outage", "length": 0.5, "every": 5.0}}
-    assert age(planned(teleoperator(5.0, link=outage)).links[0]).bound == pytest.approx(0.61)
+    assert age(planned(teleoperator(5.0, link=outage)).links[0].table).bound == pytest.approx(0.61)
+
+
+def test_links_that_are_alike_have_one_age() -> None:
+    """Drawn once for a law, semantics and periods; the seed of a link is its own."""
+    link = {"delay": {"law": "uniform", "low": 0.3, "high": 1.2}, "semantics": "last-arrival"}
+    document = teleoperator(5.0, link=link)
+    found = known(document)
+    there, back = found.plan.links
+    assert found.age(there) is found.age(back)
+    assert age(there.table).mean != age(back.table).mean
+    document["links"][1]["semantics"] = "newest-stamp"
+    found = known(document)
+    there, back = found.plan.links
+    assert found.age(back).mean > found.age(there).mean + 0.1
 
 
 # ---- facts --------------------------------------------------------------------------------------

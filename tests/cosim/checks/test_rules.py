@@ -2,10 +2,17 @@
 
 from __future__ import annotations
 
+import copy
+from pathlib import Path
+
 import pytest
 
-from cosim.checks import Severity
+from cosim.analysis.network import network as robots
+from cosim.analysis.system import system
+from cosim.checks import Severity, peaks
 from cosim.checks.preflight import NOTES, RULES
+from cosim.scenario.assemble import assemble
+from cosim.scenario.spec import build
 from fmus.paper.experiments import network, single, teleoperator
 from tests.cosim.checks.cases import (
     CONSTANT,
@@ -174,6 +181,32 @@ def test_adaptation_is_told_near_the_limit_of_the_reading() -> None:
     assert fails and max(f.number for f in fails) > 1
     assert {f.severity for f in works} == {"note"}
     assert not tripped(network(120.0, Gamma=1.0), "adaptation")
+
+
+def test_many_robots_move_as_those_that_are_taken_together(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Estimates of their peaks and of the time to settle, with and without friction of joints."""
+    for document in (network(), teleoperator(grip=TIGHT)):
+        scenario = build(copy.deepcopy(document), Path("test.toml"))
+        known = system(scenario, assemble(scenario))
+        net = robots(known, known.held()[0])
+        assert net is not None
+        monkeypatch.setattr(peaks, "MANY", 100)
+        together, time = peaks.peaks(net), peaks.settling(net, 0.05)
+        monkeypatch.setattr(peaks, "MANY", 0)
+        apart = peaks.peaks(net)
+        assert apart.dz == pytest.approx(together.dz, rel=1e-2)
+        assert apart.tau == pytest.approx(together.tau, rel=1e-2)
+        assert peaks.settling(net, 0.05) == pytest.approx(time, rel=1e-2)
+
+
+def test_a_law_that_fails_in_one_of_several_postures_is_told() -> None:
+    """The postures of all arms are looked into together, those of an arm one by one."""
+    document = changed(teleoperator(60.0, period=0.02), ("components.slave.start.q", [0.0, 0.0]))
+    said = {f.where: f.severity for f in tripped(document, "sampling")}
+    assert set(said.values()) <= {"error", "warning"}
+    assert said == {"slave_control": "error", "master_control": "warning"}
 
 
 def test_gravity_that_nobody_compensates() -> None:

@@ -1,0 +1,111 @@
+"""Ages of what links hold: mean, bound and distribution, drawn before a run.
+
+Links of one kind have one distribution, so that it is drawn once, with the seed of one of them:
+robots whose links are alike have the same numbers then.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Hashable
+from dataclasses import dataclass
+from math import inf, nan
+
+import numpy as np
+
+from cosim.analysis.facts import Array
+from cosim.base.errors import ScenarioError
+from cosim.links.laws import Law
+from cosim.links.losses import Lossy
+from cosim.links.semantics import PlayoutSemantics, SignalSemantics
+from cosim.links.table import DrawnTable, TableSpec
+
+#: Looks over which the mean age of a link is taken where its law does not give it.
+LOOKS = 8000
+
+#: Values that stand for the distribution of the ages of a link.
+QUANTILES = 48
+
+
+@dataclass(frozen=True, slots=True)
+class Age:
+    """Age of the held sample, s: `mean`, and `bound` (inf: unbounded).
+
+    `spread`: differences from the mean, s, equally likely; () if the age is constant.
+    """
+
+    mean: float = 0.0
+    bound: float = 0.0
+    spread: tuple[float, ...] = ()
+
+
+def kind_of(table: TableSpec) -> Hashable:
+    """Equal for links whose ages have the same distribution: one law, one rule, the same periods.
+
+    A stored table is a kind of its own.
+    """
+    if isinstance(table, DrawnTable):
+        return id(table.law), table.rule, table.grid
+    return table.name
+
+
+def age(table: TableSpec) -> Age:
+    """Mean age of what a link holds once it holds something, and the bound its law declares."""
+    ages = _ages(table)
+    drawn = table if isinstance(table, DrawnTable) else None
+    declared = drawn.law.mean if drawn and isinstance(drawn.rule, SignalSemantics) else None
+    if not len(ages):
+        return Age(nan if declared is None else declared, age_bound(table))
+    middle = float(ages.mean())
+    parts = quantiles(ages - middle, (np.arange(QUANTILES) + 0.5) / QUANTILES)
+    spread = tuple((parts - parts.mean()).tolist()) if np.ptp(ages) > table.grid.h else ()
+    return Age(middle if declared is None else declared, age_bound(table), spread)
+
+
+def _ages(table: TableSpec) -> Array:
+    """The ages of what a link holds at the looks of its receiver, (n,), s, once it has begun."""
+    rows = LOOKS
+    while rows:
+        try:
+            table.check(rows)
+            break
+        except ScenarioError:  # a stored table, or a trace, that is shorter
+            rows //= 2
+    held = table.stream().rows(rows) if rows else np.empty(0, np.int32)
+    begun = held[np.argmax(held >= 0) :] if (held >= 0).any() else held[:0]
+    if not len(begun):
+        return np.empty(0)
+    first = len(held) - len(begun)
+    looks = table.grid.n_r * np.arange(first, len(held), dtype=np.int64)
+    ages = (looks - table.grid.n_s * begun.astype(np.int64)) * table.grid.h
+    return np.asarray(ages[min(len(ages) // 2, table.history * table.grid.n_s // table.grid.n_r) :])
+
+
+def age_bound(table: TableSpec) -> float:
+    """No sample that is held is older, s; inf where nothing may come for any time."""
+    grid = table.grid
+    slack = (grid.n_s + grid.n_r) * grid.h
+    if not isinstance(table, DrawnTable):
+        return table.history * grid.n_s * grid.h + slack
+    law: Law = table.law
+    longest = 0.0
+    if isinstance(law, Lossy):
+        longest, law = law.loss.longest, law.delay
+    oldest = law.maximum
+    if isinstance(table.rule, PlayoutSemantics):
+        if law.maximum > table.rule.buffer:
+            return inf  # what comes later than the buffer is never played
+        oldest = table.rule.buffer
+    return inf if law.loses_packets else oldest + longest + slack
+
+
+def quantiles(values: Array, shares: Array) -> Array:
+    """``np.quantile(values, shares)`` to the bit: of finite `values` (n,), n > 0, at `shares` (m,)
+    from 0 to 1, (m,).
+
+    NumPy imports ``numpy.ma`` for it, which takes as long as a whole check of a scenario.
+    """
+    place = shares * (len(values) - 1)
+    ordered, low = np.sort(values), place.astype(np.intp)
+    below, above = ordered[low], ordered[np.minimum(low + 1, len(values) - 1)]
+    t, step = place - low, above - below
+    return np.where(t < 0.5, below + step * t, above - step * (1 - t))

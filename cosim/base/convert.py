@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from math import prod
 from pathlib import Path
 from typing import Any, Literal, TypeVar, get_args, get_origin
@@ -21,7 +21,24 @@ T = TypeVar("T")
 
 def convert_each(table: Mapping[str, Any], kind: type[T], path: Path, key: str) -> dict[str, T]:
     """:func:`convert` for every entry of a table called `key`."""
-    return {name: convert(value, kind, path, f"{key}.{name}") for name, value in table.items()}
+    places = (f"{key}.{name}" for name in table)
+    return dict(zip(table, _convert_all(list(table.values()), kind, path, places), strict=True))
+
+
+def convert_array(values: Sequence[Any], kind: type[T], path: Path, key: str) -> list[T]:
+    """:func:`convert` for every entry of an array called `key`."""
+    return _convert_all(values, kind, path, (f"{key}.{i}" for i in range(len(values))))
+
+
+def _convert_all(
+    values: Sequence[Any], kind: type[T], path: Path, places: Iterable[str]
+) -> list[T]:
+    try:
+        return msgspec.convert(values, list[kind])  # type: ignore[valid-type]
+    except msgspec.ValidationError:  # the first that is wrong says so itself
+        return [
+            convert(value, kind, path, place) for value, place in zip(values, places, strict=True)
+        ]
 
 
 def convert(value: Any, kind: type[T], path: Path, place: str = "") -> T:

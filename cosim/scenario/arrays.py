@@ -24,9 +24,9 @@ from cosim.base.errors import ScenarioError
 from cosim.base.names import unknown
 from cosim.links.named_graphs import MOST_ROBOTS, Edges, GraphSpec, graph_edges
 from cosim.links.table import generator
+from cosim.scenario.placeholders import Each, Words, filled
 
 Document = dict[str, Any]
-_PLACEHOLDER = re.compile(r"\{(\w+)\}")
 _NUMBERED = re.compile(r"(\w+)\{i\}")
 #: Laws of a value that each component has its own of.
 LAWS = ("uniform", "normal", "list", "file")
@@ -131,20 +131,23 @@ def _each(
 ) -> Iterator[Document]:
     place = f"{path} at components.{name}"
     common = {k: v for k, v in spec.items() if k not in ("count", "graph", "each")}
-    degrees = graphs[spec["graph"]].degrees() if "graph" in spec else []
     different = _different(spec.get("each", {}), n, f"{place}.each")
-    laws = {
-        (table, key): _values(law, n, f"components.{name}.{table}.{key}", seed, path)
-        for table in ("parameters", "start")
-        for key, law in common.get(table, {}).items()
-        if isinstance(law, dict)
-    }
-    for i in range(1, n + 1):
-        words = {"i": i, "n": n} | ({"degree": degrees[i - 1]} if degrees else {})
-        one = _filled(common, words, place)
-        for (table, key), values in laws.items():
-            one[table][key] = values[i - 1]
-        yield _merged(one, _filled(different.get(i, {}), words, f"{place}.each.{i}"))
+    for table in ("parameters", "start"):
+        if isinstance(common.get(table), dict):
+            common[table] = {
+                key: Each(_values(law, n, f"components.{name}.{table}.{key}", seed, path)[:n])
+                if isinstance(law, dict)
+                else law
+                for key, law in common[table].items()
+            }
+    words: dict[str, Sequence[int]] = {"i": range(1, n + 1), "n": [n] * n}
+    if "graph" in spec:
+        words["degree"] = graphs[spec["graph"]].degrees()
+    for i, one in enumerate(filled(common, words, n, place), 1):
+        if i in different:
+            mine = {word: numbers[i - 1 : i] for word, numbers in words.items()}
+            one = _merged(one, *filled(different[i], mine, 1, f"{place}.each.{i}"))
+        yield one
 
 
 def _different(each: Any, n: int, place: str) -> dict[int, Document]:
@@ -157,31 +160,13 @@ def _different(each: Any, n: int, place: str) -> dict[int, Document]:
     return {int(key): value for key, value in each.items()}
 
 
-def _merged(base: Document, other: Mapping[str, Any]) -> Document:
+def _merged(base: Document, other: Document) -> Document:
     """`base` with the values of `other`; tables are merged."""
+    found = {**base, **other}
     for key, value in other.items():
-        mine = base.get(key)
-        if isinstance(mine, dict) and isinstance(value, dict):
-            base[key] = _merged(mine, value)
-        else:
-            base[key] = value
-    return base
-
-
-def _filled(value: Any, words: Mapping[str, int], place: str) -> Any:
-    """A copy with placeholders replaced; a text that is only one becomes a number."""
-    if isinstance(value, dict):
-        return {k: _filled(v, words, place) for k, v in value.items()}
-    if isinstance(value, list):
-        return [_filled(v, words, place) for v in value]
-    if not isinstance(value, str) or "{" not in value:
-        return value
-    for word in _PLACEHOLDER.findall(value):
-        if word not in words:
-            known = ", ".join(f"{{{w}}}" for w in words)
-            raise ScenarioError(f"found {{{word}}} in {value!r}; expected {known}", place)
-    alone = _PLACEHOLDER.fullmatch(value)
-    return words[alone[1]] if alone else _PLACEHOLDER.sub(lambda m: str(words[m[1]]), value)
+        if isinstance(mine := base.get(key), dict) and isinstance(value, dict):
+            found[key] = _merged(mine, value)
+    return found
 
 
 # ---- values --------------------------------------------------------------------------------------
@@ -257,9 +242,15 @@ def _links(given: Sequence[Any], graphs: Mapping[str, ScenarioGraph], path: Path
         common = {k: v for k, v in spec.items() if k not in ("graph", *ACROSS)}
         graph = _named(spec["graph"], graphs, f"{place}.graph")
         regions, across = _across(spec, common, graph.n, place)
-        for words in _edge_words(graph):
-            same = (words["i"] - 1) * regions // graph.n == (words["j"] - 1) * regions // graph.n
-            yield _filled(common if same else across, words, place)
+        region = (graph.edges - 1) * regions // graph.n
+        same = region[:, 0] == region[:, 1]
+        found: list[Any] = [None] * len(same)
+        for what, chosen in ((common, same), (across, ~same)):
+            words = _edge_words(graph, chosen)
+            places = np.flatnonzero(chosen).tolist()
+            for at, one in zip(places, filled(what, words, len(places), place), strict=True):
+                found[at] = one
+        yield from found
 
 
 def _across(spec: Document, common: Document, n: int, place: str) -> tuple[int, Document]:
@@ -279,13 +270,13 @@ def _across(spec: Document, common: Document, n: int, place: str) -> tuple[int, 
     return regions, {**common, **between}
 
 
-def _edge_words(graph: ScenarioGraph) -> Iterator[dict[str, int]]:
-    """Of each edge: receiver i, sender j, and the place of j among the senders of i, from 0."""
-    last, k = 0, 0
-    for i, j in graph.edges.tolist():
-        k = k + 1 if i == last else 0
-        last = i
-        yield {"i": i, "j": j, "k": k}
+def _edge_words(graph: ScenarioGraph, chosen: Any = slice(None)) -> Words:
+    """Of the `chosen` edges: receiver i, sender j, and the place of j among the senders of i, from
+    0.
+    """
+    i, j = graph.edges.T
+    k = np.arange(len(i)) - np.searchsorted(i, i)
+    return {word: column[chosen].tolist() for word, column in (("i", i), ("j", j), ("k", k))}
 
 
 def _topology(given: Any, graphs: Mapping[str, ScenarioGraph], path: Path) -> Any:
@@ -306,9 +297,8 @@ def _topology(given: Any, graphs: Mapping[str, ScenarioGraph], path: Path) -> An
         )
     chosen = generator(0, f"parts of {given['graph']}").permutation(len(graph.edges)) % parts
     found["graphs"] = [graph.edges[chosen == k].tolist() for k in range(parts)]
-    found["weights"] = {
-        _filled(weights, words, place): [words["i"], words["j"]] for words in _edge_words(graph)
-    }
+    inputs = filled(weights, _edge_words(graph), len(graph.edges), place)
+    found["weights"] = dict(zip(inputs, graph.edges.tolist(), strict=True))
     return found
 
 

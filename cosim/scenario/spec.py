@@ -8,14 +8,16 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from operator import attrgetter
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
 
 import msgspec
 
 from cosim.base import toml
-from cosim.base.convert import Number, Value, convert, convert_each, number
+from cosim.base.convert import Number, Value, convert, convert_array, convert_each, number
 from cosim.base.errors import ScenarioError
+from cosim.base.garbage import without_collections
 from cosim.links.semantics_names import Semantics
 from cosim.scenario.bus_spec import LinkFrameSpec, ScenarioBusSpec
 
@@ -81,7 +83,9 @@ class InputSpec(
     offset: float = 0.0
 
 
-class ComponentSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+class ComponentSpec(
+    msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, gc=False
+):
     """One component: its model, how often it steps, its values, and what feeds its inputs.
 
     The last ten are for FMUs, see :class:`cosim.fmi.FmuOptions`; of these `bus` names the bus of
@@ -118,12 +122,18 @@ class ComponentSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
         return {**self.parameters, **self.start}
 
     def likeness(self) -> bytes:
-        """Equal for components that differ in their values and what feeds them only."""
-        return msgspec.json.encode(msgspec.structs.replace(self.without_values(), inputs={}))
+        """Equal for components that differ in their values, period and what feeds them only."""
+        return msgspec.json.encode(_likeness(self))
 
     def without_values(self) -> ComponentSpec:
         """What is not a number of its run: neither values nor how often it steps."""
         return msgspec.structs.replace(self, parameters={}, start={}, preset=None, period=None)
+
+
+_likeness = attrgetter(*(
+    name for name in ComponentSpec.__struct_fields__
+    if name not in ("parameters", "start", "preset", "period", "inputs")
+))  # fmt: skip
 
 
 class LinkSpec(
@@ -131,6 +141,7 @@ class LinkSpec(
     frozen=True,
     forbid_unknown_fields=True,
     kw_only=True,
+    gc=False,
     rename={"source": "from", "target": "to"},
 ):
     """A link from an output to an input: late, sometimes, or never.
@@ -272,7 +283,11 @@ _TABLES = (
 
 def build(document: Mapping[str, Any], path: str | Path) -> Scenario:
     """A scenario from an already parsed document. Raises ScenarioError."""
-    path = Path(path)
+    with without_collections():
+        return _build(document, Path(path))
+
+
+def _build(document: Mapping[str, Any], path: Path) -> Scenario:
     toml.check_numbers(document, str(path))
     if has_many(document):
         from cosim.scenario.arrays import expand
@@ -298,8 +313,8 @@ def build(document: Mapping[str, Any], path: str | Path) -> Scenario:
         title=convert(document.get("title", path.stem), str, path, "title"),
         run=convert(document["run"], RunSpec, path, "run"),
         components=convert_each(tables["components"], ComponentSpec, path, "components"),
-        links=tuple(convert(x, LinkSpec, path, f"links.{i}") for i, x in enumerate(links)),
-        events=tuple(convert(x, EventSpec, path, f"events.{i}") for i, x in enumerate(events)),
+        links=tuple(convert_array(links, LinkSpec, path, "links")),
+        events=tuple(convert_array(events, EventSpec, path, "events")),
         topology=_topology(document, path),
         metrics=convert_each(tables["metrics"], MetricSpec, path, "metrics"),
         figures=convert_each(tables["figures"], FigureSpec, path, "figures"),

@@ -12,8 +12,9 @@ typedef struct {
     engine_t *const *engines;
     int32_t *results;
     int64_t n;
+    int64_t ticks;              /* that are run as one now, see engine_run_many */
     int32_t running[MANY];
-    failure_t ended[MANY];      /* by an FMU, in this tick; `operation` -1: not */
+    failure_t ended[MANY];      /* why it leaves when these are done; `operation` -1: it does not */
 } many_t;
 
 NOINLINE void leave(many_t *m, int32_t number, int64_t tick, const failure_t *f, int result)
@@ -40,43 +41,92 @@ NOINLINE void take_note(many_t *m, int32_t number, int64_t tick, failure_t *f, i
         leave(m, number, tick, f, result);
 }
 
+/* A step that failed in one execution. Of ticks that are run as one, the first that fails counts, and units
+ * behind this one may fail sooner. */
+NOINLINE void take_note_of_step(many_t *m, int32_t number, int64_t tick, failure_t *f, int result)
+{
+    failure_t *const ended = m->ended + number;
+
+    if (m->ticks == 1 || result == RUN_TERMINATED) {
+        take_note(m, number, tick, f, result);
+    } else if (ended->operation < 0 || tick < ended->tick) {
+        f->result = result;
+        f->tick = tick;
+        f->operation = 0;
+        *ended = *f;
+    }
+}
+
+/* Units of executions that are stepped at once: `each` of every execution in `numbers`. */
+typedef struct {
+    void *instances[MANY * AT_ONCE];
+    int status[MANY * AT_ONCE];
+    int32_t numbers[MANY];
+    int64_t n, each;
+} stepped_t;
+
+/* After a step of all of them: executions with one that failed are left out. */
+NOINLINE void drop_failed(many_t *m, stepped_t *s, int64_t tick, int64_t place)
+{
+    int64_t kept = 0;
+
+    for (int64_t k = 0; k < s->n; k++) {
+        const engine_t *e = m->engines[s->numbers[k]];
+        int64_t i = 0;
+        while (i < s->each && !failed_call(s->status[k * s->each + i])) i++;
+        if (i < s->each) {
+            failure_t failure = {-1, 0, 0, e->operations[place + i].index,
+                                 s->status[k * s->each + i], 0};
+            take_note_of_step(m, s->numbers[k], tick, &failure, RUN_STEP);
+            continue;
+        }
+        s->numbers[kept] = s->numbers[k];
+        memmove(s->instances + kept * s->each, s->instances + k * s->each,
+                (size_t)s->each * sizeof *s->instances);
+        kept++;
+    }
+    s->n = kept;
+}
+
+/* The inputs of the units of operation `place` and of those behind it in all executions; no FMU refuses them,
+ * as the values of all are open. */
+INLINE void enter_all(const many_t *m, stepped_t *s, int64_t place)
+{
+    for (s->n = 0; s->n < m->n; s->n++) {
+        const int32_t number = s->numbers[s->n] = m->running[s->n];
+        const engine_t *e = m->engines[number];
+        for (int64_t i = 0; i < s->each; i++) {
+            const unit_t *u = e->units + e->operations[place + i].index;
+            s->instances[s->n * s->each + i] = u->instance;
+            set_inputs(u, u->kind, e->signals);
+        }
+    }
+}
+
 /* The step of operation `place` and of the `count` behind it in all executions, at once. */
 NOINLINE void step_all(many_t *m, int64_t tick, int64_t place, int64_t count)
 {
-    void *instances[MANY * AT_ONCE];
-    int status[MANY * AT_ONCE];
-    const int64_t n = m->n;
-    const unit_t *first = NULL;
-    size_t filled = 0;
-    int refused[MANY] = {0}, status_of_inputs[MANY];
-    int32_t numbers[MANY];
+    const engine_t *first = m->engines[m->running[0]];
+    const unit_t *u = first->units + first->operations[place].index;
+    const int64_t last = tick + (u->period == 1 ? m->ticks : 1) - 1;
+    stepped_t s;
 
-    for (int64_t k = 0; k < n; k++) {
-        const engine_t *e = m->engines[numbers[k] = m->running[k]];
-        const size_t before = filled;
-        for (int64_t i = 0; i <= count && !refused[k]; i++) {
-            const unit_t *u = e->units + e->operations[place + i].index;
-            first = u;
-            refused[k] = failed_call(status_of_inputs[k] = set_inputs(u, u->kind, e->signals));
-            instances[filled++] = u->instance;
-        }
-        if (refused[k]) filled = before;
+    s.each = count + 1;
+    enter_all(m, &s, place);
+    for (int64_t now = tick; now <= last && s.n > 0; now++) {
+        int any = 0;
+        ((steps_t)u->steps)(s.instances, (size_t)(s.n * s.each), (double)(now - u->lag) * first->h,
+                            u->h, s.status);
+        for (int64_t k = 0; k < s.n * s.each; k++) any |= failed_call(s.status[k]);
+        if (any) drop_failed(m, &s, now, place);
     }
-    if (filled)
-        ((steps_t)first->steps)(instances, filled, (double)(tick - first->lag) * m->engines[0]->h,
-                                first->h, status);
-    filled = 0;
-    for (int64_t k = 0; k < n; k++) {
-        engine_t *const e = m->engines[numbers[k]];
-        const operation_t *op = e->operations + place;
+    for (int64_t k = 0; k < s.n; k++) {
+        engine_t *const e = m->engines[s.numbers[k]];
         failure_t failure = {-1, 0, 0, 0, 0, 0};
         int result = RUN_OK;
-        if (refused[k])
-            result = step_units(e, tick, op, &failure); /* one by one */
-        for (int64_t i = 0; i <= count && !refused[k] && result == RUN_OK; i++)
-            result = take_outputs(e, op[i].index, status[filled + (size_t)i], &failure);
-        if (!refused[k]) filled += (size_t)count + 1;
-        if (result != RUN_OK) take_note(m, numbers[k], tick, &failure, result);
+        for (int64_t i = 0; i < s.each && result == RUN_OK; i++)
+            result = take_outputs(e, e->operations[place + i].index, 0, &failure);
+        if (result != RUN_OK) take_note_of_step(m, s.numbers[k], last, &failure, result);
     }
 }
 
@@ -101,28 +151,34 @@ INLINE void copy_all(const many_t *m, const operation_t *op)
     }
 }
 
-/* All executions have done a tick. */
-INLINE void next_tick(many_t *m, int64_t tick)
+/* All executions have done these ticks. */
+INLINE void next_ticks(many_t *m, int64_t tick)
 {
     for (int64_t k = m->n - 1; k >= 0; k--) {
         const int32_t number = m->running[k];
+        const failure_t *ended = m->ended + number;
         engine_t *const e = m->engines[number];
-        e->tick = tick + 1;
-        if (m->ended[number].operation >= 0)
-            leave(m, number, tick + 1, &m->ended[number], RUN_TERMINATED);
+        e->tick = tick + m->ticks;
+        if (ended->operation >= 0)
+            leave(m, number, ended->tick + (ended->result == RUN_TERMINATED), ended, ended->result);
         else if (*(volatile int32_t *)&e->stop)
-            leave(m, number, tick + 1, NULL, RUN_STOPPED);
+            leave(m, number, e->tick, NULL, RUN_STOPPED);
     }
 }
 
-/* Runs `ticks` ticks of up to MANY engines without teams, which are at the same tick, have the same
+/* Runs `ticks` ticks of up to MANY engines without teams, of FMUs with open values, which are at the same tick, have the same
  * operations but for gains and offsets, and the same `every`; results[k] is what engine_run returns for
- * engine k. Rows are those of ticks k with k mod every = 0, and no others. */
-API void engine_run_many(engine_t *const *engines, int64_t n, int64_t ticks, int32_t *results)
+ * engine k. Rows are those of ticks k with k mod every = 0, and no others.
+ *
+ * Ticks from one multiple of `stride` to the next are run as one, in which units with a period of a tick are stepped
+ * so often, and everything else is done once. `stride` divides `every` and all periods but 1; within it, no
+ * input of these units changes, and nothing reads their outputs. */
+API void engine_run_many(engine_t *const *engines, int64_t n, int64_t ticks, int64_t stride,
+                         int32_t *results)
 {
-    many_t m = {engines, results, n, {0}, {{0}}};
+    many_t m = {engines, results, n, 1, {0}, {{0}}};
     engine_t *const first = engines[0];
-    const int64_t start = first->tick;
+    const int64_t start = first->tick, end = start + ticks;
 
     for (int32_t k = 0; k < n; k++) {
         m.running[k] = k;
@@ -130,10 +186,12 @@ API void engine_run_many(engine_t *const *engines, int64_t n, int64_t ticks, int
         results[k] = RUN_OK;
     }
     catch_up(first->segments, first->n_segments, start);
-    for (int64_t tick = start; tick < start + ticks && m.n > 0; tick++) {
+    for (int64_t tick = start; tick < end && m.n > 0; tick += m.ticks) {
+        m.ticks = stride - tick % stride;
+        if (m.ticks > end - tick) m.ticks = end - tick;
         for (segment_t *x = first->segments; x < first->segments + first->n_segments; x++) {
             if (x->next != tick) continue;
-            x->next = tick + x->period;
+            x->next = tick + (x->period == 1 ? m.ticks : x->period);
             for (int64_t i = x->first; i < x->last && m.n > 0; i++) {
                 const operation_t *op = first->operations + i;
                 if (op->code == OP_STEP && first->units[op->index].steps) {
@@ -146,6 +204,6 @@ API void engine_run_many(engine_t *const *engines, int64_t n, int64_t ticks, int
                 }
             }
         }
-        next_tick(&m, tick);
+        next_ticks(&m, tick);
     }
 }

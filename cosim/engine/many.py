@@ -9,6 +9,9 @@ from __future__ import annotations
 
 import ctypes as c
 from collections.abc import Mapping, Sequence
+from math import gcd
+
+import numpy as np
 
 from cosim.base.errors import CosimError
 from cosim.base.interrupts import stop_on_signal
@@ -16,6 +19,7 @@ from cosim.engine.binding import Vector
 from cosim.engine.engine import Engine
 from cosim.engine.rewind import can_rewind, structure
 from cosim.native import structs
+from cosim.native.structs import Code
 
 #: Engines that run together at most (``MANY``).
 MOST = 16
@@ -48,6 +52,7 @@ def run_many(
     for engine, record in zip(engines, records, strict=True):
         engine.record_into(record)
     end = engines[0].tick + ticks
+    length = stride(engines[0])
 
     def stop() -> None:
         for engine in engines:
@@ -55,12 +60,16 @@ def run_many(
 
     with stop_on_signal(stop):
         while running and engines[running[0]].tick < end:
-            _advance(engines, running, end, failed)
+            _advance(engines, running, end, length, failed)
     return failed
 
 
 def _advance(
-    engines: Sequence[Engine], running: list[int], end: int, failed: list[BaseException | None]
+    engines: Sequence[Engine],
+    running: list[int],
+    end: int,
+    length: int,
+    failed: list[BaseException | None],
 ) -> None:
     """As far as the tables of all reach; who fails or ends is `running` no more."""
     n = end - engines[running[0]].tick
@@ -72,8 +81,33 @@ def _advance(
             running.remove(i)
     pointers = (c.c_void_p * len(running))(*(c.addressof(engines[i].state) for i in running))
     results = (c.c_int32 * len(running))()
-    structs.library().engine_run_many(pointers, len(running), n, results)
+    structs.library().engine_run_many(pointers, len(running), n, length, results)
     for i, result in zip(list(running), results, strict=True):
         if result != structs.EngineResult.OK:
             failed[i] = engines[i].finish(result)
             running.remove(i)
+
+
+def stride(engine: Engine) -> int:
+    """How many ticks ``engine_run_many`` can run as one; 1: each of them alone.
+
+    Components that are stepped in each tick are stepped so often one after the other. So nothing
+    else may come behind their steps in a tick, or read what they give before the next stride.
+    """
+    plan, units = engine.plan, engine.bound.units
+    n = gcd(engine.state.every, *(op.period for op in plan.operations if op.period > 1))
+    stepped = False
+    given = np.zeros(plan.n_signals, dtype=bool)
+    for unit in units:
+        if unit.period == 1:
+            given[unit.output : unit.output + unit.output_count] = True
+    for op in plan.operations:
+        if op.code == Code.STEP and op.period == 1 and units[op.index].steps:
+            stepped = True
+        elif stepped or op.first:
+            return 1
+        elif op.period == 1 and op.code != Code.RECORD:
+            held = op.code in (Code.COPY, Code.SCALE)
+            if not held or given[op.source : op.source + op.count].any():
+                return 1
+    return n

@@ -13,6 +13,7 @@ typedef struct {
     int32_t *results;
     int64_t n;
     int64_t ticks;              /* that are run as one now, see engine_run_many */
+    int64_t apart;              /* numbers from one column of a record to the next */
     int32_t running[MANY];
     failure_t ended[MANY];      /* why it leaves when these are done; `operation` -1: it does not */
 } many_t;
@@ -151,6 +152,21 @@ INLINE void copy_all(const many_t *m, const operation_t *op)
     }
 }
 
+/* What is recorded of a tick, in all executions: the entries of a row are in different columns. */
+INLINE void record_all(const many_t *m, const operation_t *op)
+{
+    for (int64_t k = 0; k < m->n; k++) {
+        engine_t *const e = m->engines[m->running[k]];
+        const columns_t *columns = e->columns + op->index;
+        double *const row = e->record + e->row++;
+        for (int64_t i = 0; i < columns->n_stretches; i++) {
+            const stretch_t *x = columns->stretches + i;
+            for (int64_t j = 0; j < x->count; j++)
+                row[(x->place + j) * m->apart] = e->signals[x->source + j];
+        }
+    }
+}
+
 /* All executions have done these ticks. */
 INLINE void next_ticks(many_t *m, int64_t tick)
 {
@@ -168,15 +184,16 @@ INLINE void next_ticks(many_t *m, int64_t tick)
 
 /* Runs `ticks` ticks of up to MANY engines without teams, of FMUs with open values, which are at the same tick, have the same
  * operations but for gains and offsets, and the same `every`; results[k] is what engine_run returns for
- * engine k. Rows are those of ticks k with k mod every = 0, and no others.
+ * engine k. Rows are those of ticks k with k mod every = 0, and no others; their entries are `apart` numbers
+ * apart, one row behind the other.
  *
  * Ticks from one multiple of `stride` to the next are run as one, in which units with a period of a tick are stepped
  * so often, and everything else is done once. `stride` divides `every` and all periods but 1; within it, no
  * input of these units changes, and nothing reads their outputs. */
 API void engine_run_many(engine_t *const *engines, int64_t n, int64_t ticks, int64_t stride,
-                         int32_t *results)
+                         int64_t apart, int32_t *results)
 {
-    many_t m = {engines, results, n, 1, {0}, {{0}}};
+    many_t m = {engines, results, n, 1, apart, {0}, {{0}}};
     engine_t *const first = engines[0];
     const int64_t start = first->tick, end = start + ticks;
 
@@ -199,8 +216,10 @@ API void engine_run_many(engine_t *const *engines, int64_t n, int64_t ticks, int
                     i += op->count;
                 } else if (op->code == OP_COPY) {
                     copy_all(&m, op);
-                } else if (op->code != OP_RECORD || tick % first->every == 0) {
+                } else if (op->code != OP_RECORD) {
                     run_all(&m, tick, i);
+                } else if (tick % first->every == 0) {
+                    record_all(&m, op);
                 }
             }
         }

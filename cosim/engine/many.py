@@ -40,19 +40,20 @@ def can_join(engine: Engine) -> bool:
 
 
 def run_many(
-    engines: Sequence[Engine], ticks: int, records: Sequence[Vector]
+    engines: Sequence[Engine], ticks: int, records: Sequence[Vector], every: int
 ) -> list[BaseException | None]:
-    """Run `ticks` ticks of engines at the same tick; `records` (rows, columns), one for each.
+    """Run `ticks` ticks of engines at the same tick; their rows, of every `every`-th tick, become
+    columns of `records`, (signals, rows) each.
 
-    What :meth:`Engine.run` would raise, of each; its rows are :attr:`Engine.rows`. Raises
-    KeyboardInterrupt.
+    What :meth:`Engine.run` would raise, of each. Raises KeyboardInterrupt.
     """
     failed: list[BaseException | None] = [None] * len(engines)
-    running = [i for i, engine in enumerate(engines) if engine.ended is None]
+    running = list(range(len(engines)))
     for engine, record in zip(engines, records, strict=True):
         engine.record_into(record)
+        engine.state.every = every
     end = engines[0].tick + ticks
-    length = stride(engines[0])
+    numbers = stride(engines[0]), records[0].shape[1]
 
     def stop() -> None:
         for engine in engines:
@@ -60,7 +61,7 @@ def run_many(
 
     with stop_on_signal(stop):
         while running and engines[running[0]].tick < end:
-            _advance(engines, running, end, length, failed)
+            _advance(engines, running, end, numbers, failed)
     return failed
 
 
@@ -68,10 +69,13 @@ def _advance(
     engines: Sequence[Engine],
     running: list[int],
     end: int,
-    length: int,
+    numbers: tuple[int, int],
     failed: list[BaseException | None],
 ) -> None:
-    """As far as the tables of all reach; who fails or ends is `running` no more."""
+    """As far as the tables of all reach; who fails or ends is `running` no more.
+
+    `numbers`: ticks at once, and how far columns of a record are apart.
+    """
     n = end - engines[running[0]].tick
     for i in list(running):
         try:
@@ -81,7 +85,7 @@ def _advance(
             running.remove(i)
     pointers = (c.c_void_p * len(running))(*(c.addressof(engines[i].state) for i in running))
     results = (c.c_int32 * len(running))()
-    structs.library().engine_run_many(pointers, len(running), n, length, results)
+    structs.library().engine_run_many(pointers, len(running), n, *numbers, results)
     for i, result in zip(list(running), results, strict=True):
         if result != structs.EngineResult.OK:
             failed[i] = engines[i].finish(result)

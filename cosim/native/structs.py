@@ -11,7 +11,7 @@ from pathlib import Path
 from cosim.base.errors import CosimError
 from cosim.native.fmu_log import Log
 
-ABI = 21
+ABI = 22
 
 
 class Code(IntEnum):
@@ -463,7 +463,7 @@ def library() -> c.CDLL:
     engine = c.CDLL(str(path))
     engine.engine_run.argtypes = (c.POINTER(EngineState), c.c_int64)
     engine.engine_run.restype = c.c_int32
-    engine.engine_run_many.argtypes = (c.c_void_p, *[c.c_int64] * 3, c.c_void_p)
+    engine.engine_run_many.argtypes = (c.c_void_p, *[c.c_int64] * 4, c.c_void_p)
     engine.engine_run_many.restype = None
     engine.engine_work.argtypes = (c.POINTER(EngineState), c.c_int32)
     engine.engine_work.restype = c.c_int32

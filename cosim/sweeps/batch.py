@@ -30,7 +30,7 @@ from cosim.scenario.spec import build
 from cosim.schedule.plan import Plan
 from cosim.sweeps.axes import setting_path
 from cosim.sweeps.design import Point
-from cosim.sweeps.memory import Memory, record_many
+from cosim.sweeps.memory import Memory, Rooms, record_many
 from cosim.sweeps.run_point import (
     StudyRow,
     StudySetup,
@@ -116,9 +116,10 @@ def _seed(settings: Sequence[str]) -> tuple[Sequence[str], int | None]:
 
 
 class _RunPlaces(threading.local):
-    """The places of this thread, for the last study."""
+    """The places of this thread, for the last study; `rooms`: what was recorded last."""
 
     def __init__(self) -> None:
+        self.rooms = Rooms()
         self._setup: StudySetup | None = None
         self._places: list[_RunPlace] = []
 
@@ -174,9 +175,9 @@ def _run(setup: StudySetup, places: Sequence[_RunPlace], points: Sequence[Point]
 
 def _measured(setup: StudySetup, group: Sequence[_Begun]) -> list[StudyRow]:
     """The rows of engines that run together, or of one."""
-    first = group[0].prepared
+    first, engines = group[0].prepared, [begun.engine for begun in group]
     try:
-        recorded = record_many([b.engine for b in group], first.columns, first.every)
+        recorded = record_many(engines, first.columns, first.every, _places.rooms)
     except Exception as error:
         return [failed_row(begun.point, error) for begun in group]
     return [_row(setup, begun, found) for begun, found in zip(group, recorded, strict=True)]

@@ -54,6 +54,20 @@ class Memory:
         return self._names.unit(prefix)
 
 
+class Rooms:
+    """Arrays of the last runs, in which the next ones of the same size are recorded."""
+
+    def __init__(self) -> None:
+        self._arrays: dict[int, Array] = {}
+
+    def array(self, number: int, shape: tuple[int, int]) -> Array:
+        """The array of run `number` of those that run together."""
+        found = self._arrays.get(number)
+        if found is None or found.shape != shape:
+            found = self._arrays[number] = np.empty(shape)
+        return found
+
+
 def record(plan: Plan, columns: Sequence[Column], every: int = 1) -> Memory:
     """Run a plan from start to stop; every `every`-th tick of `columns`, and the last one.
 
@@ -70,83 +84,56 @@ def record(plan: Plan, columns: Sequence[Column], every: int = 1) -> Memory:
 
 
 def record_many(
-    engines: Sequence[Engine], columns: Sequence[Column], every: int = 1
+    engines: Sequence[Engine], columns: Sequence[Column], every: int = 1, rooms: Rooms | None = None
 ) -> list[Memory | BaseException]:
     """The same of engines at tick 0 that record `columns`, and of what they raise.
 
-    More than one can run together (:func:`cosim.engine.many.together`).
+    More than one can run together (:func:`cosim.engine.many.together`). With `rooms`, what was
+    recorded before is overwritten.
     """
-    going = {i: _Rows(engine, columns, every) for i, engine in enumerate(engines)}
-    found: dict[int, Memory | BaseException] = {}
-    while going:
-        for i, error in zip(list(going), _run_chunk(list(going.values())), strict=True):
-            if error is not None:
-                found[i] = error
-                del going[i]
-            elif going[i].take():
-                found[i] = going.pop(i).memory()
-    return [found[i] for i in range(len(engines))]
+    plan = engines[0].plan
+    ticks = np.append(np.arange(0, plan.ticks, every, dtype=np.int64), plan.ticks)
+    rooms = rooms or Rooms()
+    recorded = [rooms.array(i, (len(columns), len(ticks))) for i in range(len(engines))]
+    found: Sequence[Array | BaseException | None]
+    if can_join(engines[0]):
+        found = run_many(engines, plan.ticks, recorded, every)
+    else:
+        found = [_run_alone(engines[0], every, recorded[0])]
+    t = (ticks * plan.h).astype(np.float64)
+    index = [column.index for column in columns]
+    memories: list[Memory | BaseException] = []
+    for engine, x, last in zip(engines, recorded, found, strict=True):
+        if isinstance(last, BaseException):
+            memories.append(last)
+            continue
+        rows = int(np.searchsorted(ticks, engine.tick))
+        x[:, rows] = engine.signals[index] if last is None else last
+        ends = t if rows == len(t) - 1 else np.append(t[:rows], engine.tick * plan.h)
+        memories.append(Memory(columns, ends, x[:, : rows + 1]))
+    return memories
 
 
-def _run_chunk(going: Sequence[_Rows]) -> list[BaseException | None]:
-    first, engine = going[0], going[0].engine
-    buffers = [rows.begin() for rows in going]
-    ticks = min(len(buffers[0]) * first.every, engine.plan.ticks - engine.tick)
-    if first.joins:
-        return run_many([rows.engine for rows in going], ticks, buffers)
-    ticks = min(len(buffers[0]), ticks)
-    try:
-        engine.run(ticks, buffers[0])
-    except CosimError as error:
-        return [error]
-    if engine.tick < first.first + ticks and engine.ended is None:
-        raise KeyboardInterrupt
-    return [None]
+def _run_alone(engine: Engine, every: int, x: Array) -> Array | CosimError | None:
+    """Record an engine that gives a row for each tick, in `x` (columns, n).
 
-
-class _Rows:
-    """The rows of one run: `engine` writes those of a chunk to a buffer, from tick `first` on.
-
-    `joins`: whether it runs together with others, and writes the rows that are wanted only. A
-    component of another one may end it in a tick between them, whose row is then the last.
+    Returns the last row, if a component ended the run in a tick whose row was recorded already.
     """
-
-    def __init__(self, engine: Engine, columns: Sequence[Column], every: int) -> None:
-        self.engine, self.every, self.joins = engine, every, can_join(engine)
-        self._columns = columns
-        ticks = engine.plan.ticks
-        self._ticks = np.arange(0, ticks + 1, every, dtype=np.int64)
-        if self._ticks[-1] != ticks:
-            self._ticks = np.append(self._ticks, ticks)
-        self._x = np.empty((len(columns), len(self._ticks)))
-        rows = max(64, min(_CHUNK_TICKS, _CHUNK_VALUES // max(1, len(columns))))
-        self._buffer = np.empty((min(rows, ticks), len(columns)))
-        self._filled = self.first = 0
-        self._last: Array | None = None
-        engine.state.every = every if self.joins else 1
-
-    def begin(self) -> Array:
-        """The buffer for the next chunk, (rows, columns)."""
-        self.first = self.engine.tick
-        return self._buffer
-
-    def take(self) -> bool:
-        """Keep what is in the buffer; return whether that was the last of it."""
-        engine, done = self.engine, self.engine.rows
-        part = self._buffer[:done]
-        if not self.joins:
-            if done > engine.tick - self.first:  # it ended in a tick that is recorded already
-                self._last = part[-1].copy()
-            part = part[-self.first % self.every :: self.every]
-        self._x[:, self._filled : self._filled + len(part)] = part.T
-        self._filled += len(part)
-        return engine.tick >= engine.plan.ticks or engine.ended is not None
-
-    def memory(self) -> Memory:
-        """All of them, and the signals as they are at the end."""
-        engine = self.engine
-        ticks = np.append(self._ticks[self._ticks < engine.tick], engine.tick)
-        x = self._x[:, : len(ticks)]
-        index = [column.index for column in self._columns]
-        x[:, -1] = engine.signals[index] if self._last is None else self._last
-        return Memory(self._columns, (ticks * engine.plan.h).astype(np.float64), x)
+    rows = max(64, min(_CHUNK_TICKS, _CHUNK_VALUES // max(1, len(x))))
+    buffer = np.empty((min(rows, engine.plan.ticks), len(x)))
+    filled, last = 0, None
+    while engine.tick < engine.plan.ticks and engine.ended is None:
+        first = engine.tick
+        ticks = min(len(buffer), engine.plan.ticks - first)
+        try:
+            done = engine.run(ticks, buffer)
+        except CosimError as error:
+            return error
+        if engine.tick < first + ticks and engine.ended is None:
+            raise KeyboardInterrupt
+        if done > engine.tick - first:
+            last = buffer[done - 1].copy()
+        part = buffer[-first % every : done : every]
+        x[:, filled : filled + len(part)] = part.T
+        filled += len(part)
+    return last

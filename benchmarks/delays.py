@@ -23,10 +23,10 @@ from cosim.schedule.plan import Plan
 class _Ready:
     """Rows that are there already, once around and again."""
 
-    def __init__(self, rows: NDArray[np.int64]) -> None:
+    def __init__(self, rows: NDArray[np.int32]) -> None:
         self._rows, self._at = rows, 0
 
-    def take(self, n: int) -> NDArray[np.int64]:
+    def take(self, n: int) -> NDArray[np.int32]:
         self._at += n
         return self._rows[self._at - n : self._at]
 
@@ -36,7 +36,7 @@ class Prepared:
     """A link's table drawn before the run: leaves what the engine itself does with it."""
 
     table: TableSpec
-    rows: NDArray[np.int64]
+    rows: NDArray[np.int32]
 
     @property
     def name(self) -> str:
@@ -64,7 +64,7 @@ class Prepared:
 
     def stream(self, length: int | None = None) -> TableStream:
         """The rows, from memory."""
-        return TableStream(_Ready(self.rows), self.grid, length)
+        return TableStream(_Ready(self.rows), length)
 
     def facts(self) -> dict[str, Any]:
         """As the table does."""
@@ -76,7 +76,7 @@ def prepared(plan: Plan) -> Plan:
     links = []
     for link in plan.links:
         rows = link.table.stream(plan.ticks).rows(plan.ticks)
-        links.append(structs.replace(link, table=Prepared(link.table, rows.astype(np.int64))))
+        links.append(structs.replace(link, table=Prepared(link.table, rows)))
     return replace(plan, links=tuple(links))
 
 

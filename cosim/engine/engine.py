@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cosim.base.component import NativeComponent
 from cosim.base.errors import RunError
@@ -21,7 +20,7 @@ from cosim.base.garbage import without_collections
 from cosim.base.interrupts import stop_on_signal
 from cosim.engine.binding import Binding, Termination, Vector, Views, part
 from cosim.engine.initialization import initialize
-from cosim.engine.tables import NEVER, DrawnRows, RowTables
+from cosim.engine.tables import NEVER, DrawnRows, LinkRows, RowTables, filled_rows
 from cosim.fmi import components
 from cosim.fmi.failures import not_finite, sentence
 from cosim.fmi.refusals import step_refused
@@ -34,12 +33,14 @@ if TYPE_CHECKING:
     from cosim.engine.macro_steps import Feedthrough, MacroBinding
     from cosim.engine.team import Team
 
+LINK = np.dtype(structs.LinkStruct)
+
 
 class Engine:
     """One execution of a plan, from :meth:`initialize` on. Use as a context manager.
 
-    `signals` is the signal vector; `tick` the next tick to run. `tables` collects the rows of each
-    link's table as they are used, if `keep_tables` is given: called with (link name, rows).
+    `signals` is the signal vector; `tick` the next tick to run. `keep_tables` is called with the
+    next rows of all links' tables as they are used.
     `gates`: (address of the function, of its context) of each gate of the plan, by its name; those
     of the plan's buses come with them. `threads`: how many share the components; the results are
     the same for any number. `columns`: the signals in a recorded row; None: all of them. `every`: a
@@ -50,7 +51,7 @@ class Engine:
     def __init__(
         self,
         plan: Plan,
-        keep_tables: Callable[[str, NDArray[np.int32]], None] | None = None,
+        keep_tables: Callable[[LinkRows], None] | None = None,
         gates: Mapping[str, tuple[int, int]] | None = None,
         threads: int = 1,
         columns: Sequence[int] | None = None,
@@ -67,7 +68,7 @@ class Engine:
         self._macros: MacroBinding | None = None
         self._direct: Feedthrough = {}
         self._tables: RowTables | None = None
-        self._drawn = DrawnRows(0, (), ())
+        self._drawn = _no_rows(0)
         self._buses: dict[str, RunningBus] = {}  # of links whose table the run fills in
         gates = dict(gates or {})
         for bus in plan.buses:
@@ -126,7 +127,7 @@ class Engine:
             self._tables.close()
         any_tables = self.plan.links or self.plan.players
         self._tables = RowTables(self.plan, self._buses, self._longest)
-        self._drawn = DrawnRows(tick if any_tables else NEVER, (), ())
+        self._drawn = _no_rows(tick if any_tables else NEVER)
 
     @property
     def bound(self) -> Binding:
@@ -238,27 +239,22 @@ class Engine:
         """Take the next rows where none are left; return for how many of `ticks` they last."""
         if self._drawn.end <= self.tick and self._tables:
             self._drawn = drawn = self._tables.draw(self.tick, ticks)
-            for link, bound, rows in zip(
-                self.plan.links, self._bound.links, drawn.rows, strict=True
-            ):
-                bound.table, bound.row, bound.rows = rows.ctypes.data, 0, len(rows)
-                if self._keep_tables and link.name not in self._buses:
-                    self._keep_tables(link.name, rows)
+            if self.plan.links:
+                links = np.frombuffer(memoryview(self._bound.links), LINK)
+                links["table"], links["row"] = drawn.addresses, 0
+                links["rows"] = drawn.links.counts
+                if self._keep_tables and not drawn.filled:
+                    self._keep_tables(drawn.links)
             for played, values in zip(self._bound.players, drawn.values, strict=True):
                 played.values, played.row, played.rows = values.ctypes.data, 0, len(values)
             if self._team:
-                self._team.allow(drawn.rows, self.tick)
+                self._team.allow(drawn.links, self.tick)
         return min(ticks, self._drawn.end - self.tick)
 
     def _keep_filled_tables(self) -> None:
         """Keep the rows that the run has filled in, as far as it came."""
-        if not self._buses or not self._keep_tables:
-            return
-        for link, bound, rows in zip(
-            self.plan.links, self._bound.links, self._drawn.rows, strict=True
-        ):
-            if link.name in self._buses:
-                self._keep_tables(link.name, rows[: bound.row])
+        if self._drawn.filled and self._keep_tables:
+            self._keep_tables(filled_rows(self._drawn, [x.row for x in self._bound.links]))
 
     def _error(self, result: EngineResult) -> BaseException:
         failure, self._bound.failure = self._bound.failure, None
@@ -341,6 +337,11 @@ class Engine:
             [s.component for s in self.plan.components], state.failed_index, state.failed_status,
             saved,
         )  # fmt: skip
+
+
+def _no_rows(end: int) -> DrawnRows:
+    nothing = np.empty(0, np.int64)
+    return DrawnRows(end, LinkRows(np.empty(0, np.int32), nothing), nothing, {}, ())
 
 
 def _views(signals: Vector, slots: Sequence[Slot], *, writable: bool) -> Views:

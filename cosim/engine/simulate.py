@@ -7,12 +7,10 @@ import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 import cosim
 from cosim.base.clock import stopwatch
@@ -21,6 +19,7 @@ from cosim.base.interrupts import stop_on_signal
 from cosim.base.names import unknown
 from cosim.engine.binding import Termination
 from cosim.engine.engine import Engine
+from cosim.engine.tables import LinkRows
 from cosim.fmi.components import facts, simulator_facts
 from cosim.links.statistics import Ages, LinkStatistics
 from cosim.links.writer import TableWriter
@@ -130,12 +129,12 @@ def simulate(
     width = plan.n_signals if taken is None else len(taken)
     every = 1 if taken is None else scenario.run.record.every
     rows = max(64, min(CHUNK_TICKS, CHUNK_VALUES // max(1, width), plan.ticks + 2))
-    tables: dict[str, Callable[[NDArray[np.int32]], None]] = {}
-    counts = {x.name: _Counted(Ages(x.table.grid)) for x in plan.links}
+    counted = _Counted(plan)
+    kept: list[Callable[[LinkRows], None]] = [counted.add]
 
-    def keep(name: str, held: NDArray[np.int32]) -> None:
-        tables[name](held)
-        counts[name].add(held)
+    def keep(rows: LinkRows) -> None:
+        for take in kept:
+            take(rows)
 
     with ExitStack() as stack:
         engine = stack.enter_context(
@@ -147,7 +146,7 @@ def simulate(
         facts = {**metadata(scenario, plan), **(further or {})}
         stack.enter_context(_completed(folder, facts))
         stack.callback(engine.save_logs, folder)
-        tables |= _table_writers(folder, plan, stack)
+        kept.append(_table_writer(folder, plan, stack))
         recorder = Recorder(
             folder, recorded, h=plan.h, every=scenario.run.record.every, rows_per_chunk=rows,
             n_signals=width, everything=everything, sparse=taken is not None,
@@ -170,10 +169,9 @@ def simulate(
             "late_clocks": late,
             "ended": None if engine.ended is None else asdict(engine.ended),
         }
-    statistics = {name: counted.result() for name, counted in counts.items()}
     return RunOutcome(
-        folder, plan, engine.tick, engine.tick * plan.h, wall, statistics, late, engine.ended,
-        shared, facts.get("macro_steps", ()),
+        folder, plan, engine.tick, engine.tick * plan.h, wall, counted.results(), late,
+        engine.ended, shared, facts.get("macro_steps", ()),
     )  # fmt: skip
 
 
@@ -182,43 +180,51 @@ def _macro_facts(engine: Engine) -> dict[str, Any]:
     return {"macro_steps": found} if found else {}
 
 
-def _table_writers(
-    folder: Path, plan: Plan, stack: ExitStack
-) -> Mapping[str, Callable[[NDArray[np.int32]], None]]:
-    """What takes the rows of each link's table: a file for each, or one for many links."""
+def _table_writer(folder: Path, plan: Plan, stack: ExitStack) -> Callable[[LinkRows], None]:
+    """What writes the rows of the links' tables: into a file for each, or one for many links."""
     facts = {x.name: x.table.facts() for x in plan.links}
     if len(plan.links) >= MANY and not plan.buses:
         together = stack.enter_context(TablesWriter(folder, facts))
-        return {name: partial(together.write, name) for name in facts}
-    return {
-        name: stack.enter_context(TableWriter(link_file(folder, name), found)).write
-        for name, found in facts.items()
-    }
+        return lambda found: together.write(found.rows, found.counts)
+    files = [
+        stack.enter_context(TableWriter(link_file(folder, name), text))
+        for name, text in facts.items()
+    ]
+
+    def write(found: LinkRows) -> None:
+        for file, rows in zip(files, found.parts(), strict=True):
+            file.write(rows)
+
+    return write
 
 
 class _Counted:
-    """Rows of a link's table, gathered for the statistics of their ages."""
+    """Rows of the links' tables, gathered for the statistics of their ages."""
 
-    def __init__(self, ages: Ages) -> None:
-        self._ages, self._rows, self._size = ages, list[NDArray[np.int32]](), 0
+    def __init__(self, plan: Plan) -> None:
+        self._ages = {x.name: Ages(x.table.grid) for x in plan.links}
+        self._rows, self._size = list[LinkRows](), 0
 
-    def add(self, rows: NDArray[np.int32]) -> None:
+    def add(self, rows: LinkRows) -> None:
         """Take the next rows; they must not change afterwards."""
         self._rows.append(rows)
-        self._size += rows.size
+        self._size += int(rows.counts.max(initial=0))
         if self._size >= COUNTED:
             self._count()
 
     def _count(self) -> None:
-        self._ages.add(np.concatenate(self._rows))
+        for ages, *parts in zip(
+            self._ages.values(), *(rows.parts() for rows in self._rows), strict=True
+        ):
+            ages.add(np.concatenate(parts))
         self._rows.clear()
         self._size = 0
 
-    def result(self) -> LinkStatistics:
-        """The statistics of all rows."""
+    def results(self) -> dict[str, LinkStatistics]:
+        """The statistics of all rows, by link."""
         if self._rows:
             self._count()
-        return self._ages.result()
+        return {name: ages.result() for name, ages in self._ages.items()}
 
 
 def _loop(

@@ -1,24 +1,27 @@
 """The rows of links' tables and players' values for the next ticks, drawn for a stretch at a time.
 
-A stretch is many calls of the engine long, since each drawing costs some 20 us a link. With many
-links a thread draws the next stretch while the engine runs, which has no part in it.
+A stretch is many calls of the engine long, since each drawing costs a little for every table. With
+many links a thread draws the next stretch while the engine runs, which has no part in it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from threading import Thread
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cosim.engine.binding import Vector
+from cosim.links.drawing import Drawing
+from cosim.links.table import DrawnTable
 from cosim.schedule.parts import RunningBus
 from cosim.schedule.plan import Plan
 
 #: Ticks for which tables are drawn at once: at least, at most; bytes of all tables together.
-STRETCH, LONGEST, TOGETHER = 1024, 16_384, 1 << 27
+STRETCH, LONGEST, TOGETHER = 1024, 16_384, 1 << 25
 #: Links from which on the next stretch is drawn in a thread.
 MANY = 256
 #: A tick after all others.
@@ -26,11 +29,32 @@ NEVER = 1 << 62
 
 
 @dataclass(frozen=True, slots=True)
+class LinkRows:
+    """Rows of the tables of all links of a plan, in their order.
+
+    `rows`: one link after the other; `counts` (links,): how many each has.
+    """
+
+    rows: NDArray[np.int32]
+    counts: NDArray[np.int64]
+
+    def parts(self) -> list[NDArray[np.int32]]:
+        """Of each link, (count,)."""
+        ends = np.cumsum(self.counts).tolist()
+        return [self.rows[end - n : end] for end, n in zip(ends, self.counts.tolist(), strict=True)]
+
+
+@dataclass(frozen=True, slots=True)
 class DrawnRows:
-    """Rows of links and values of players, (hits,) each, in their order, up to tick `end`."""
+    """Rows of links, up to tick `end`, and where C finds them, (links,); values of players.
+
+    `filled`: those that the run fills in, by the number of the link.
+    """
 
     end: int
-    rows: tuple[NDArray[np.int32], ...]
+    links: LinkRows
+    addresses: NDArray[np.int64]
+    filled: Mapping[int, NDArray[np.int32]]
     values: tuple[Vector, ...]
 
 
@@ -42,10 +66,19 @@ class RowTables:
     """
 
     def __init__(self, plan: Plan, buses: Mapping[str, RunningBus], longest: int = 0) -> None:
-        self._plan, self._buses = plan, buses
-        self._streams = [link.table.stream() for link in plan.links]
+        self._plan = plan
+        self._filled = {i: buses[x.name] for i, x in enumerate(plan.links) if x.name in buses}
+        drawn, self._streams = dict[int, DrawnTable](), {}
+        for i, link in enumerate(plan.links):
+            if isinstance(link.table, DrawnTable):
+                drawn[i] = link.table
+            elif i not in self._filled:
+                self._streams[i] = link.table.stream()
+        self._places = np.array(list(drawn), np.int64)
+        self._drawing = Drawing(tuple(drawn.values()))
         self._played = [player.source.stream() for player in plan.players]
-        bytes_a_tick = sum(4 / x.table.grid.n_r for x in plan.links)
+        self._periods = np.array([x.table.grid.n_r for x in plan.links], np.int64)
+        bytes_a_tick = float((4 / self._periods).sum())
         most = max(STRETCH, int(TOGETHER / max(1.0, bytes_a_tick)))
         self._stretch = min(longest or LONGEST, most)
         self._thread: Thread | None = None
@@ -72,7 +105,7 @@ class RowTables:
 
     def _draw_ahead(self, tick: int) -> None:
         """Begin with the next stretch, if there is one."""
-        if len(self._streams) < MANY or self._plan.buses or tick >= self._plan.ticks:
+        if len(self._plan.links) < MANY or self._plan.buses or tick >= self._plan.ticks:
             return
 
         def work() -> None:
@@ -85,18 +118,22 @@ class RowTables:
         self._thread.start()
 
     def _drawn(self, tick: int, ticks: int) -> DrawnRows:
-        hits = _hits(self._plan, tick, ticks)
-        rows = []
-        for link, stream in zip(self._plan.links, self._streams, strict=True):
-            n = hits(link.target.component)
-            bus = self._buses.get(link.name)
-            found = bus.rows(link.name, n) if bus else stream.rows(n)
-            rows.append(np.ascontiguousarray(found, dtype=np.int32))
-        values = [
-            np.ascontiguousarray(played.rows(hits(x.target.component)), dtype=np.float64)
-            for x, played in zip(self._plan.players, self._played, strict=True)
-        ]
-        return DrawnRows(tick + ticks, tuple(rows), tuple(values))
+        counts = _hits(self._periods, tick, ticks)
+        firsts = np.cumsum(counts) - counts
+        rows = np.empty(int(counts.sum()), np.int32)
+        addresses = rows.ctypes.data + firsts * rows.itemsize
+        self._drawing.fill(rows, firsts[self._places], counts[self._places])
+        for i, stream in self._streams.items():
+            rows[firsts[i] :][: counts[i]] = stream.rows(int(counts[i]))
+        filled = {}
+        for i, bus in self._filled.items():
+            filled[i] = bus.rows(self._plan.links[i].name, int(counts[i]))
+            addresses[i] = filled[i].ctypes.data
+        values = []
+        for player, played in zip(self._plan.players, self._played, strict=True):
+            period = self._plan.component(player.target.component).period
+            values.append(np.ascontiguousarray(played.rows(_hits(period, tick, ticks)), np.float64))
+        return DrawnRows(tick + ticks, LinkRows(rows, counts), addresses, filled, tuple(values))
 
     def close(self) -> None:
         """Wait for what is being drawn."""
@@ -105,14 +142,14 @@ class RowTables:
             self._thread = None
 
 
-def _hits(plan: Plan, tick: int, ticks: int) -> Callable[[str], int]:
-    """The number of steps of a component in these ticks, as a function of its name."""
-    by_period: dict[int, int] = {}
+def filled_rows(drawn: DrawnRows, counts: Sequence[int]) -> LinkRows:
+    """The rows of all links; of those that the run fills in the first `counts` (links,)."""
+    parts = drawn.links.parts()
+    for i, rows in drawn.filled.items():
+        parts[i] = rows[: counts[i]]
+    return LinkRows(np.concatenate(parts), np.array([len(x) for x in parts]))
 
-    def hits(name: str) -> int:
-        period = plan.component(name).period
-        if period not in by_period:
-            by_period[period] = -(-(tick + ticks) // period) - -(-tick // period)
-        return by_period[period]
 
-    return hits
+def _hits(period: Any, tick: int, ticks: int) -> Any:
+    """How often components of a `period`, a number or (n,), step in these ticks."""
+    return -(-(tick + ticks) // period) - -(-tick // period)

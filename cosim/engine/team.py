@@ -11,16 +11,16 @@ from __future__ import annotations
 
 import ctypes as c
 import threading
-from collections.abc import Sequence
 from types import TracebackType
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cosim.engine.binding import WINDOW, Binding
+from cosim.engine.tables import LinkRows
+from cosim.links.grid import Grid
 from cosim.native import structs
 from cosim.native.structs import Code
-from cosim.schedule.parts import Link
 
 #: How the threads are called, with a number.
 NAME = "engine thread"
@@ -39,7 +39,9 @@ class Team:
         parts = bound.partition
         assert parts is not None
         self._bound, self._threads, self._start = bound, threads, start
-        self._links = {i: bound.plan.links[i] for i in parts.links}
+        least = {i: bound.plan.links[i].table.minimum_delay_ticks for i in parts.links}
+        self._least = min((x for x in least.values() if x >= ENOUGH), default=WINDOW)
+        self._short = {i: bound.plan.links[i].table.grid for i, x in least.items() if x < ENOUGH}
         none = structs.FailureStruct(operation=-1)
         self._members = (structs.MemberStruct * threads)(
             *(structs.MemberStruct(failed=none, ended=none) for _ in range(threads))
@@ -62,27 +64,18 @@ class Team:
         """Ticks for which parts run apart, at most."""
         return int(self._team.longest)
 
-    def allow(self, rows: Sequence[NDArray[np.int32]], tick: int) -> None:
+    def allow(self, drawn: LinkRows, tick: int) -> None:
         """Make windows as long as the least delay in the next rows of the links' tables, or long
         enough.
 
-        `rows` (n,): of each link of the plan, the samples held; `tick`: of the first or before.
+        `tick`: of the first rows or before.
         """
-        self._team.longest = min(
-            (self._least(link, rows[i], tick - self._start) for i, link in self._links.items()),
-            default=WINDOW,
-        )
-
-    @staticmethod
-    def _least(link: Link, held: NDArray[np.int32], tick: int) -> int:
-        """The least age of a sample in these rows, up to a window."""
-        if link.table.minimum_delay_ticks >= ENOUGH:
-            return min(WINDOW, link.table.minimum_delay_ticks)
-        grid = link.table.grid
-        first = -(-tick // grid.n_r) * grid.n_r
-        looks = np.arange(first, first + held.size * grid.n_r, grid.n_r)
-        ages = (looks - held.astype(np.int64) * grid.n_s)[held >= 0]
-        return min(WINDOW, int(ages.min(initial=WINDOW)))
+        longest = min(WINDOW, self._least)
+        if self._short:
+            parts = drawn.parts()
+            ages = (_least(grid, parts[i], tick - self._start) for i, grid in self._short.items())
+            longest = min(longest, *ages)
+        self._team.longest = longest
 
     def __enter__(self) -> Team:
         """Let the others begin, for one call of ``engine_run``."""
@@ -126,3 +119,11 @@ class Team:
         for thread in self._running:
             thread.join()
         self._running = []
+
+
+def _least(grid: Grid, held: NDArray[np.int32], tick: int) -> int:
+    """The least age of a sample in these rows, up to a window."""
+    first = -(-tick // grid.n_r) * grid.n_r
+    looks = np.arange(first, first + held.size * grid.n_r, grid.n_r)
+    ages = (looks - held.astype(np.int64) * grid.n_s)[held >= 0]
+    return min(WINDOW, int(ages.min(initial=WINDOW)))

@@ -17,6 +17,7 @@ import numpy as np
 
 from cosim.base.errors import ScenarioError
 from cosim.engine.engine import Engine
+from cosim.engine.tables import LinkRows
 from cosim.linear.component import Matrix, StepDerivatives, step_derivatives
 from cosim.native.structs import Code
 from cosim.schedule.operations import Operation
@@ -54,7 +55,12 @@ def operating_point(plan: Plan, time: float) -> OperatingPoint:
     begin = int(time / plan.h + 1e-6) // period * period
     tables: defaultdict[str, list[int]] = defaultdict(list)
     rows = []
-    with Engine(plan, lambda name, found: tables[name].extend(found.tolist())) as engine:
+
+    def keep(found: LinkRows) -> None:
+        for link, rows in zip(plan.links, found.parts(), strict=True):
+            tables[link.name].extend(rows.tolist())
+
+    with Engine(plan, keep) as engine:
         engine.initialize()
         engine.run(begin)
         tables.clear()

@@ -17,6 +17,7 @@ which it is built up::
     grid        when it is sent and looked at, in ticks
     semantics   which sample the receiver uses: signal, three packet rules, playout
     table       LinkSpec -> stream of rows, with the facts an engine must know beforehand
+    drawing     the rows of many tables at once, by ``tables.c``
     storage     tables as Parquet files, and their replay
     statistics  age of what was held, how often it was held, how often it went back in time
     keys        the structs a scenario decodes

@@ -192,15 +192,20 @@ def hold_delays(
     `draw(n)`: the next n draws, (n,), s, in an order that n does not change; `name`: what `hold`
     is called in messages. Raises ScenarioError for more than 10000 draws a sample.
     """
+    return _Held(draw, draws_per_sample(hold, period, name))
+
+
+def draws_per_sample(hold: float | None, period: Fraction, name: str = "hold") -> Fraction:
+    """Period (s)/hold, 1 without a hold; see :func:`hold_delays`. Raises ScenarioError."""
     if hold is None:
-        return _Held(draw, Fraction(1))
-    draws_per_sample = (period / decimal_fraction(hold)).limit_denominator(10**9)
-    if draws_per_sample > 10**4:
+        return Fraction(1)
+    ratio = (period / decimal_fraction(hold)).limit_denominator(10**9)
+    if ratio > 10**4:
         raise ScenarioError(
             f"{name} = {hold:g} s; expected at least 1/10000 of the sampling period"
             f" {float(period):g} s"
         )
-    return _Held(draw, draws_per_sample)
+    return ratio
 
 
 class _Same:
@@ -221,13 +226,8 @@ class _Held:
         self._value = np.zeros(1)  # (1,), the last draw made, s
 
     def take(self, n: int) -> FloatArray:
-        drawn, which = self.draws(n)
-        return drawn[which]
-
-    def draws(self, n: int) -> tuple[FloatArray, IntArray]:
-        """Of the next `n` samples, the draws (draws,), s, and which each sample has, (n,)."""
         if n == 0:
-            return np.empty(0), np.empty(0, np.int64)
+            return np.empty(0)
         p, q = self._ratio.numerator, self._ratio.denominator
         whole, rest = divmod(self._sample * p, q)  # Python integers: no overflow in long runs
         first = self._draw - whole  # what `_value` holds, relative to `whole`
@@ -235,12 +235,8 @@ class _Held:
         drawn = np.concatenate((self._value, self._fresh(int(which[-1]))))
         self._sample, self._value = self._sample + n, drawn[-1:]
         self._draw = whole + first + int(which[-1])
-        return drawn, which
-
-
-def draws(delays: Delays, n: int) -> tuple[FloatArray, IntArray | slice]:
-    """The next `n` delays as draws (draws,), s, and which of them each sample has, (n,)."""
-    return delays.draws(n) if isinstance(delays, _Held) else (delays.take(n), slice(None))
+        taken: FloatArray = drawn[which]
+        return taken
 
 
 @lru_cache(maxsize=16)

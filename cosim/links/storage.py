@@ -65,7 +65,7 @@ class StoredTable:
         """The rows, read one row group at a time."""
         if length is not None:
             self.check(length)
-        return TableStream(_StoredRows(self.path), self.grid, self.length)
+        return TableStream(_StoredRows(self.path), self.length)
 
     def facts(self) -> dict[str, Any]:
         """The facts in the file, for its replay."""
@@ -124,7 +124,7 @@ class _StoredRows:
         self._groups = table_groups(path)
         self._rest = np.empty(0, np.int32)
 
-    def take(self, n: int) -> IntArray:
+    def take(self, n: int) -> NDArray[np.int32]:
         parts = []
         while n:
             if not self._rest.size:
@@ -132,7 +132,7 @@ class _StoredRows:
             parts.append(self._rest[:n])
             self._rest = self._rest[parts[-1].size :]
             n -= parts[-1].size
-        return np.concatenate([np.empty(0, np.int32), *parts]).astype(np.int64)
+        return np.concatenate([np.empty(0, np.int32), *parts])
 
 
 def table_groups(path: Path) -> Iterator[NDArray[np.int32]]:

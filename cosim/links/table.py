@@ -15,14 +15,20 @@ from numpy.typing import NDArray
 from cosim.base.errors import RunError, ScenarioError
 from cosim.base.struct import Struct
 from cosim.links.grid import Grid
-from cosim.links.laws import Law
-from cosim.links.semantics import RowStream, Rule
+from cosim.links.laws import Delays, Law
+from cosim.links.semantics import Rule
 
 if TYPE_CHECKING:
     from numpy.random import Generator
 
 INDEX_MAXIMUM = 2**31 - 1  # a row is an int32
-BLOCK = 1 << 14  # rows or packets worked on at once; they stay in the cache
+
+
+class RowStream(Protocol):
+    """The rows of one link, in order."""
+
+    def take(self, n: int) -> NDArray[np.int32]:
+        """The next `n` rows, (n,): the sample held at each look, -1: none yet."""
 
 
 class TableSpec(Protocol):
@@ -108,10 +114,20 @@ class DrawnTable(Struct, frozen=True, gc=False):
 
     def stream(self, length: int | None = None) -> TableStream:
         """The rows, drawn from the start."""
+        from cosim.links.drawing import OneDrawing  # not needed to only look at a table
+
         if length is not None:
             self.check(length)
-        rows = self.rule.stream(self.law, self.grid, generator(self.seed, self.name))
-        return TableStream(rows, self.grid, length)
+        return TableStream(OneDrawing(self), length)
+
+    def delays(self) -> Delays:
+        """The delays that the rule asks for, drawn by NumPy from the start."""
+        period, _ = self.rule.asks(self.grid, 0)
+        return self.law.stream(period, generator(self.seed, self.name))
+
+    def entropy(self) -> bytes:
+        """What the generator is seeded with: words of 32 bits, little-endian."""
+        return entropy(self.seed, self.name)
 
     def facts(self) -> dict[str, Any]:
         """Name, periods (ticks), base step (s), law, semantics, seed."""
@@ -129,11 +145,9 @@ class DrawnTable(Struct, frozen=True, gc=False):
 class TableStream:
     """Rows in order, in chunks whose sizes do not change them."""
 
-    def __init__(self, rows: RowStream, grid: Grid, length: int | None = None) -> None:
-        self._rows, self._grid = rows, grid
+    def __init__(self, rows: RowStream, length: int | None = None) -> None:
+        self._rows, self._row = rows, 0
         self._length = INDEX_MAXIMUM if length is None else length
-        self._row = 0
-        self._block = max(1, BLOCK * grid.n_s // max(grid.n_s, grid.n_r))
 
     @property
     def row(self) -> int:
@@ -149,12 +163,8 @@ class TableStream:
             raise RunError(
                 f"rows {self._row} to {self._row + n} of a link table opened for {self._length}"
             )
-        out = np.empty(n, np.int32)
-        for start in range(0, n, self._block):
-            part = out[start : start + self._block]
-            part[:] = self._rows.take(part.size)
         self._row += n
-        return out
+        return self._rows.take(n)
 
 
 def check_indices(grid: Grid, length: int) -> None:
@@ -163,12 +173,18 @@ def check_indices(grid: Grid, length: int) -> None:
         raise ScenarioError(f"{length} rows; more than {INDEX_MAXIMUM} samples are sent or read")
 
 
-def generator(seed: int, name: str) -> Generator:
-    """The generator of one link: PCG64, seeded by `seed` and the SHA-256 of the name."""
-    from numpy.random import PCG64, Generator, SeedSequence  # not needed to only look at a table
+def entropy(seed: int, name: str) -> bytes:
+    """What the generator of one link is seeded with: `seed`, and the SHA-256 of the name.
 
-    # an array of words is the same entropy as a list of numbers, in half of the time
+    An array of words is the same entropy as a list of numbers, in half of the time.
+    """
     size = max(1, -(-seed.bit_length() // 32)) * 4
-    entropy = seed.to_bytes(size, "little") + sha256(name.encode()).digest()
-    words = np.frombuffer(entropy, dtype="<u4").astype(np.uint32)
+    return seed.to_bytes(size, "little") + sha256(name.encode()).digest()
+
+
+def generator(seed: int, name: str) -> Generator:
+    """The generator of one link: PCG64, seeded by :func:`entropy`."""
+    from numpy.random import PCG64, Generator, SeedSequence  # most runs need none
+
+    words = np.frombuffer(entropy(seed, name), dtype="<u4").astype(np.uint32)
     return Generator(PCG64(SeedSequence(words)))

@@ -39,7 +39,6 @@ class TablesWriter(Closing):
     def __init__(self, folder: Path, facts: Mapping[str, Mapping[str, Any]]) -> None:
         self._folder, self._facts = folder, facts
         self._path = folder / TABLE_ROWS
-        self._block: dict[str, Rows] = {}
         first = json.dumps(list(facts)).encode()
         part = self._path.with_name(f"{TABLE_ROWS}.part")
         try:
@@ -50,20 +49,14 @@ class TablesWriter(Closing):
         except OSError as error:
             raise self._error(error) from error
 
-    def write(self, name: str, rows: Rows) -> None:
-        """Take the next rows (n,) of a link; they are written once all links have theirs."""
-        self._block[name] = rows
-        if len(self._block) < len(self._facts):
-            return
-        block = [np.ascontiguousarray(self._block[name], "<i4") for name in self._facts]
+    def write(self, rows: Rows, counts: NDArray[np.int64]) -> None:
+        """Append the next rows of all links, one link after the other, `counts` (links,) each."""
         try:
-            self._file.write(np.array([len(rows) for rows in block], "<i4").data)
-            for rows in block:
-                self._file.write(rows.data)
+            self._file.write(np.ascontiguousarray(counts, "<i4").data)
+            self._file.write(np.ascontiguousarray(rows, "<i4").data)
             self._file.flush()
         except OSError as error:
             raise self._error(error) from error
-        self._block.clear()
 
     def close(self) -> None:
         """Make the Parquet file, and delete the one it was made from."""

@@ -16,6 +16,7 @@ import cosim.mujoco.library
 import cosim.native.fmu_log
 import cosim.native.mailbox
 import cosim.native.structs
+import cosim.native.tables
 from bridge.native import (
     bus,
     delay,
@@ -50,9 +51,13 @@ MODULES = (
     pace, safety,
 )  # fmt: skip
 HEADERS = sorted((ROOT / "bridge/c").glob("*.h"))
-ENGINE = [ROOT / "cosim/c" / name for name in ("engine.h", "fmu_log.h", "mailbox.h", "mujoco.h")]
+ENGINE = [
+    ROOT / "cosim/c" / name
+    for name in ("engine.h", "fmu_log.h", "mailbox.h", "mujoco.h", "tables.h")
+]
 ENGINE_MODULES = (
-    cosim.native.structs, cosim.native.fmu_log, cosim.native.mailbox, cosim.mujoco.library,
+    cosim.native.structs, cosim.native.fmu_log, cosim.native.mailbox, cosim.native.tables,
+    cosim.mujoco.library,
 )  # fmt: skip
 BUS = [ROOT / "cosim/c/bus" / name for name in ("bus.h", "length.h", "tick.h")]
 BUS_MODULES = (cosim.bus.frames, cosim.bus.settings, cosim.bus.structs)

@@ -253,8 +253,14 @@ def test_a_table_that_names_a_sample_which_the_link_does_not_hold_stops_the_run(
     with Engine(p) as engine:
         engine.initialize()
         engine.run(40)
-        real = engine._tables._streams[0].rows
-        engine._tables._streams[0].rows = lambda n: real(n) + wrong
+        real = engine._tables._drawn
+
+        def drawn(tick, ticks):
+            found = real(tick, ticks)
+            found.links.rows[:] += wrong
+            return found
+
+        engine._tables._drawn = drawn
         with pytest.raises(RunError, match=r"link control.y->other.u.*: no such sample at tick 4"):
             engine.run(40)
 
@@ -265,8 +271,13 @@ def test_tables_that_are_drawn_ahead_are_the_same(many, monkeypatch):
 
     def rows():
         p = assemble(load(CONFIGS / "many.toml", ("graphs.net.n=5", "run.stop=0.9")))
-        found, kept = np.empty((900, p.n_signals)), {x.name: [] for x in p.links}
-        with Engine(p, lambda name, held: kept[name].extend(held.tolist())) as engine:
+        found, kept = np.empty((900, p.n_signals)), [[] for _ in p.links]
+
+        def keep(held):
+            for rows, part in zip(kept, held.parts(), strict=True):
+                rows.extend(part.tolist())
+
+        with Engine(p, keep) as engine:
             engine.initialize()
             for first, last in pairwise((0, 7, 300, 301, 900)):
                 assert engine.run(last - first, found[first:last]) == last - first
@@ -287,12 +298,12 @@ def test_what_fails_while_tables_are_drawn_ahead_stops_the_run(monkeypatch):
     p = plan(LOOP, [{**LINKS[0], "delay": {"law": "constant", "delay": 0.5}}], stop=100.0)
     calls = iter(range(100))
 
-    def fails(self, n):
+    def fails(self, rows, firsts, counts):
         if next(calls) == 1:
             raise RunError("no more rows")
-        return np.zeros(n, np.int32)
+        rows[:] = 0
 
-    monkeypatch.setattr("cosim.links.table.TableStream.rows", fails)
+    monkeypatch.setattr("cosim.links.drawing.Drawing.fill", fails)
     with Engine(p) as engine:
         engine.initialize()
         engine.run(40)

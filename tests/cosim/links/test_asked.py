@@ -10,9 +10,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from cosim.links.drawing import Drawing
 from cosim.links.grid import Grid
 from cosim.links.laws import Constant
 from cosim.links.semantics import PacketSemantics, PlayoutSemantics, SignalSemantics
+from cosim.links.table import DrawnTable
 
 RULES = [
     SignalSemantics(),
@@ -25,7 +27,7 @@ RULES = [
 ]
 
 
-@dataclass(slots=True)
+@dataclass
 class Counted:
     """A constant delay of 0 s that counts what is taken of it, and remembers the period (s)."""
 
@@ -51,8 +53,14 @@ class Counted:
     chunks=st.lists(st.integers(0, 60), max_size=6),
 )
 def test_what_a_rule_asks_for_is_what_it_takes(rule, n_s, n_r, chunks):
-    law, grid = Counted(), Grid(n_s, n_r, 0.005)
-    rows = rule.stream(law, grid, np.random.default_rng(0))
+    law = Counted()
+    table = DrawnTable("x", Grid(n_s, n_r, 0.005), law, rule, 0)
+    drawn = Drawing([table])
+    given = []  # the address behind the delays that C was handed over
+    ask = law.take
+    law.take = lambda n: given.append(ask(n)) or given[-1]
     for n in chunks:
-        assert len(rows.take(n)) == n
-    assert (law.period, law.taken) == rule.asks(grid, sum(chunks))
+        drawn.fill(np.empty(n, np.int32), np.zeros(1, int), np.array([n]))
+        if n:
+            assert drawn._state["delays"] == given[-1].ctypes.data + given[-1].nbytes
+    assert (law.period, law.taken) == rule.asks(table.grid, sum(chunks))

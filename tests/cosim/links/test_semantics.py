@@ -154,16 +154,6 @@ def test_chunks_of_any_size_give_the_same_rows(law, rule, n_s, n_r, cuts):
     assert np.array_equal(np.concatenate(parts), whole)
 
 
-@pytest.mark.parametrize("n_s, n_r", [(1, 1), (5, 1), (1, 5), (3, 2)])
-@pytest.mark.parametrize("rule", [*PACKETS, SignalSemantics(), PlayoutSemantics(0.25)])
-def test_working_in_blocks_does_not_show(rule, n_s, n_r):
-    """Rows across several internal blocks equal those taken in one go."""
-    law, grid, n = Uniform(0.01, 0.3, 0.03), Grid(n_s, n_r, 0.005), 40_000
-    table = DrawnTable("x", grid, law, rule, 7)
-    at_once = rule.stream(law, grid, generator(7, "x")).take(n)
-    assert np.array_equal(table.stream(n).rows(n), at_once)
-
-
 @pytest.mark.parametrize("n_s, n_r", [(1, 1), (5, 1), (1, 5), (4, 6), (6, 4), (3, 7)])
 @pytest.mark.parametrize("T", [0.0, 0.002, 0.005, 0.0125, 0.02, 0.3, 0.3001])
 @pytest.mark.parametrize(

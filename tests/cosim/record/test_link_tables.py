@@ -32,8 +32,8 @@ ROWS = st.lists(st.integers(-1, 2**31 - 1), max_size=9)
 def written(folder: Path, blocks: list[list[list[int]]]) -> TablesWriter:
     writer = TablesWriter(folder, FACTS)
     for block in blocks:
-        for name, rows in zip(NAMES, block, strict=True):
-            writer.write(name, np.array(rows, np.int32))
+        rows = np.array([x for rows in block for x in rows], np.int32)
+        writer.write(rows, np.array([len(rows) for rows in block]))
     return writer
 
 

@@ -110,7 +110,12 @@ def tables_of(tmp_path, bus="", data='data = "zeros"', simulated="auto", chunk=1
     path.write_text(text)
     plan = assemble(load(path))
     kept = {link.name: [] for link in plan.links}
-    with Engine(plan, lambda name, rows: kept[name].append(rows.copy())) as engine:
+
+    def keep(held):
+        for rows, part in zip(kept.values(), held.parts(), strict=True):
+            rows.append(part)
+
+    with Engine(plan, keep) as engine:
         engine.initialize()
         while engine.tick < plan.ticks:
             engine.run(min(chunk, plan.ticks - engine.tick))
@@ -214,7 +219,7 @@ def test_each_frame_takes_the_time_of_its_very_bits(tmp_path, encoding):
     kind, scale = FORMATS[encoding]
     _, plan = wave_plan(tmp_path, f'data = "{encoding}", scale = {scale}')
     rows = []
-    with Engine(plan, lambda name, found: rows.append(found.copy())) as engine:
+    with Engine(plan, lambda found: rows.append(found.rows)) as engine:
         engine.initialize()
         engine.run(plan.ticks)
     held = np.concatenate(rows)
@@ -249,7 +254,7 @@ def test_a_run_stores_its_tables_and_another_run_can_use_them(tmp_path):
     assert not again.gates
     stored = again.links[0].table.stream().rows(plan.ticks)
     fresh = []
-    with Engine(plan, lambda name, found: fresh.append(found.copy())) as engine:
+    with Engine(plan, lambda found: fresh.append(found.rows)) as engine:
         engine.initialize()
         engine.run(plan.ticks)
     assert np.concatenate(fresh).tobytes() == stored.tobytes()

@@ -59,8 +59,8 @@ def info(
 def _component(model: str) -> Component:
     """The component that a scenario would make of a model. Raises CosimError."""
     from cosim.fmi import FmuComponent
-    from cosim.mujoco import MujocoComponent, scene_path
-    from cosim.mujoco.options import PREFIX
+    from cosim.mujoco.component import MujocoComponent
+    from cosim.mujoco.options import PREFIX, scene_path
     from cosim.scenario.models import load_component
     from cosim.scenario.spec import ComponentSpec
 
@@ -77,7 +77,7 @@ Contents = tuple[list[tuple[str, str]], tuple[str, ...], list[list[str]]]
 def _contents(component: Component) -> Contents:
     """Facts of a component, and the columns and rows of the table of its signals."""
     from cosim.fmi.components import fmu_of
-    from cosim.mujoco import MujocoComponent
+    from cosim.mujoco.component import MujocoComponent
 
     fmu = fmu_of(component)
     if fmu is not None:

@@ -5,8 +5,6 @@ from __future__ import annotations
 import shutil
 import tempfile
 from collections.abc import Mapping, Sequence
-from copy import copy
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -104,13 +102,11 @@ class FmuComponent(FmuInterface):
         self._private: str | None = None
         self._last_text = ""
 
-    def alike(self, name: str, given: Mapping[str, Any]) -> FmuComponent:
-        """Another component of the FMU, with other values `given`, neither sizes nor texts.
-
-        Before this one was exposed or initialised.
-        """
-        found = copy(self)
-        found.name, found.options = name, replace(self.options, given=given)
+    def alike(self, name: str) -> FmuComponent:
+        """Another component of the FMU, with the same sizes and texts; before the start."""
+        found = object.__new__(type(self))
+        found.__dict__.update(self.__dict__)
+        found.name = name
         return found
 
     @property

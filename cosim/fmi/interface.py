@@ -55,16 +55,27 @@ class FmuInterface:
         contain any name: what is no readable number is left out, as is what is no tunable parameter
         in `driven`, or no String or Binary input or output in `wired`.
         """
-        self._wired = frozenset(
-            n for n in wired
-            if n in self.groups and self.groups[n].first.type in TEXTS
-            and self.groups[n].first.causality in ("input", "output")
-        )  # fmt: skip
-        self._observed = frozenset(n for n in observed if n in self.groups and self._readable(n))
-        self._driven = frozenset(
-            n for n in driven if n in self.groups and tunable(self.groups[n].first)
-        )
+        known: dict[Any, Any] = self.description.derived
+        key = "exposed", frozenset(observed), frozenset(driven), frozenset(wired)
+        if key not in known:
+            known[key] = self._exposed(observed, driven, wired)
+        self._observed, self._driven, self._wired = known[key]
         self.inputs, self.outputs, self.parameters = self._derived("ports", self._ports)
+
+    def _exposed(
+        self, observed: Collection[str], driven: Collection[str], wired: Collection[str]
+    ) -> tuple[frozenset[str], frozenset[str], frozenset[str]]:
+        """Of these names, those that can be exposed."""
+        groups = self.groups
+        return (
+            frozenset(n for n in observed if n in groups and self._readable(n)),
+            frozenset(n for n in driven if n in groups and tunable(groups[n].first)),
+            frozenset(
+                n for n in wired
+                if n in groups and groups[n].first.type in TEXTS
+                and groups[n].first.causality in ("input", "output")
+            ),
+        )  # fmt: skip
 
     def _ports(self) -> tuple[tuple[Port, ...], tuple[Port, ...], tuple[Parameter, ...]]:
         optional = self.description.optional

@@ -6,23 +6,23 @@ between them is :mod:`cosim.scenario.connect`'s. Every error names its place in 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from cosim.base.component import Component, NativeComponent, Parameter, Port, Preparation
-from cosim.base.convert import numbers
-from cosim.base.errors import FmuError, PlanError, ScenarioError
+from cosim.base.component import Component, NativeComponent, Preparation
+from cosim.base.convert import Number
+from cosim.base.errors import PlanError, ScenarioError
 from cosim.base.garbage import without_collections
-from cosim.fmi.component import FmuComponent
-from cosim.fmi.components import discrete_inputs, fmu_of, is_fmu, sloped_inputs
+from cosim.fmi.components import fmu_of, is_fmu
 from cosim.scenario import connect
 from cosim.scenario.connect_links import links as connected_links
 from cosim.scenario.connect_links import stepped_buses
 from cosim.scenario.exposed import ExposedVariables
 from cosim.scenario.models import LoadedComponent, load_alike, load_component
+from cosim.scenario.sorts import Sort, Sorts
 from cosim.scenario.spec import ComponentSpec, InputSpec, Scenario
-from cosim.schedule.parts import Player, Slot, Step
+from cosim.schedule.parts import Player, Step
 from cosim.schedule.plan import Plan, compile_plan
 
 #: Ticks of a run: a tick is a whole number that float64 has exactly, and in ns it has 64 bits.
@@ -87,109 +87,76 @@ def scenario_components(
     if not 0 < h < float("inf") or not 0 < stop < float("inf"):
         raise ScenarioError(f"step {h} s and stop {stop} s must be positive", scenario.place("run"))
     ticks = _ticks(stop, h, scenario.place("run.stop"))
-    steps = _steps(scenario, h, load)
-    return connect.ScenarioComponents(scenario, {c.name: c for c in steps}, h, ticks)
+    sorts: dict[str, Sort] = {}
+    steps = _steps(scenario, h, load, sorts)
+    return connect.ScenarioComponents(scenario, {c.name: c for c in steps}, h, ticks, sorts)
 
 
-def _steps(scenario: Scenario, h: float, load: Load) -> list[Step]:
+def _steps(scenario: Scenario, h: float, load: Load, sorts: dict[str, Sort]) -> list[Step]:
+    """The components, sorted by name; `sorts` gets the sort of each."""
     steps: list[Step] = []
     start = 0
     load = load_alike() if load is load_component else load
-    exposed = ExposedVariables(scenario)
+    exposed, known = ExposedVariables(scenario), Sorts()
+    ticks: dict[Number, int] = {}
+    folder, components = scenario.path.parent, scenario.place("components")
     for name, spec in sorted(scenario.components.items()):
-        place = scenario.place("components", name)
-        component, presets, prepared = load(name, spec, scenario.path.parent, place)
+        place = f"{components}.{name}"
+        component, presets, prepared = load(name, spec, folder, place)
         exposed.expose(name, component)
-        period = h
-        if spec.period is not None:
-            period = scenario.seconds(spec.period, "components", name, "period")
+        period = h if spec.period is None else spec.period
+        if period not in ticks:
+            seconds = scenario.seconds(period, "components", name, "period")
+            ticks[period] = _ticks(seconds, h, f"{place}.period")
         if not is_fmu(component) and isinstance(component, NativeComponent):
-            component.check_period(period, f"{place}.period")
-        inputs, start = _slots(name, component.inputs, start)
-        outputs, start = _slots(name, component.outputs, start)
-        values, starts = _values(spec, component, presets, prepared, place)
+            component.check_period(scenario.seconds(period), f"{place}.period")
+        sort = sorts[name] = known.of(component)
+        inputs, outputs, start = sort.slots(name, start)
+        values, starts = _values(spec, component, sort, presets, prepared, place)
         steps.append(
             Step(
                 name=name,
                 component=component,
                 kind=component.kind,
-                period=_ticks(period, h, scenario.place("components", name, "period")),
+                period=ticks[period],
                 values=values,
                 inputs=inputs,
                 outputs=outputs,
                 start=starts,
                 extrapolate=spec.extrapolate == "linear",
-                discrete=discrete_inputs(component),
-                sloped=sloped_inputs(component),
+                discrete=sort.discrete,
+                sloped=sort.sloped,
                 files=prepared.files,
             )
         )
     return steps
 
 
-def _slots(name: str, ports: Iterable[Port], start: int) -> tuple[tuple[Slot, ...], int]:
-    slots = []
-    for port in ports:
-        slots.append(Slot(f"{name}.{port.name}", name, port.name, start, port.shape, port.unit))
-        start += port.size
-    return tuple(slots), start
-
-
 def _values(
     spec: ComponentSpec,
     component: Component,
+    sort: Sort,
     presets: Mapping[str, Any],
     prepared: Preparation,
     place: str,
 ) -> tuple[dict[str, tuple[float, ...]], dict[str, tuple[float, ...]]]:
     """(parameters and start values, start values of inputs), flattened."""
-    settable = {p.name: p for p in component.parameters}
-    inputs = {p.name: p for p in component.inputs}
-    given: dict[str, tuple[Any, str]] = {
-        k: (v, f"{place}.options") for k, v in prepared.values.items()
-    }
+    given: dict[str, tuple[Any, str]] = {k: (v, "options") for k, v in prepared.values.items()}
     if spec.preset is not None:
         if spec.preset not in presets:
             raise ScenarioError(connect.unknown(spec.preset, presets, "preset"), f"{place}.preset")
-        given |= {k: (v, f"{place}.preset") for k, v in presets[spec.preset].items()}
-    given |= {k: (v, f"{place}.parameters.{k}") for k, v in spec.parameters.items()}
-    given |= {k: (v, f"{place}.start.{k}") for k, v in spec.start.items()}
+        given |= {k: (v, "preset") for k, v in presets[spec.preset].items()}
+    given |= {k: (v, "parameters") for k, v in spec.parameters.items()}
+    given |= {k: (v, "start") for k, v in spec.start.items()}
+    fmu = fmu_of(component)
+    taken = () if fmu is None else fmu.taken
     values: dict[str, tuple[float, ...]] = {}
     starts: dict[str, tuple[float, ...]] = {}
-    fmu = fmu_of(component)
-    for key, (value, where) in given.items():
-        if fmu is not None and key in fmu.taken:
-            continue
-        if key in settable:
-            values[key] = _numbers(fmu, settable[key], value, where)
-            _check_type(settable[key], values[key], where)
-        elif key in inputs:
-            starts[key] = _numbers(fmu, inputs[key], value, where)
-        else:
-            raise ScenarioError(
-                connect.unknown(key, [*settable, *inputs], "parameter or start"), where
-            )
+    for key, (value, table) in given.items():
+        if key not in taken:
+            into = values if key in sort.parameters else starts
+            into[key] = sort.numbers(key, value, place, table)
     return values, starts
-
-
-def _numbers(
-    fmu: FmuComponent | None, p: Parameter | Port, value: Any, place: str
-) -> tuple[float, ...]:
-    """Values of a parameter or port, in an FMU with its own units and names of items."""
-    if fmu is None:
-        return numbers(value, p.shape, p.unit, place)
-    try:
-        value = fmu.number(p.name, value)
-    except FmuError as error:
-        raise ScenarioError(str(error), place) from None
-    return numbers(value, p.shape, fmu.unit(p.unit), place)
-
-
-def _check_type(parameter: Parameter, values: tuple[float, ...], place: str) -> None:
-    if parameter.type == "integer" and any(v != int(v) for v in values):
-        raise ScenarioError(f"{parameter.name} is an integer, found {list(values)}", place)
-    if parameter.type == "boolean" and any(v not in (0.0, 1.0) for v in values):
-        raise ScenarioError(f"{parameter.name} is a Boolean, found {list(values)}", place)
 
 
 # ---- ticks ----------------------------------------------------------------------------------

@@ -7,8 +7,9 @@ the scenario.
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 from math import prod
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -17,6 +18,7 @@ from cosim.base.errors import ScenarioError, UnitError
 from cosim.base.names import unknown as unknown
 from cosim.base.units import Unit, conversion
 from cosim.fmi.components import has_unit, is_text, text_type, unit_of
+from cosim.scenario.sorts import Sort
 from cosim.scenario.spec import InputSpec, Scenario
 from cosim.schedule.parts import Link, Player, Slot, Step, Wire
 
@@ -38,26 +40,30 @@ class ScenarioComponents:
     steps: Mapping[str, Step]
     h: float
     ticks: int
+    sorts: Mapping[str, Sort]  # by the name of the component
     slots: Mapping[Causality, Mapping[str, Slot]] = field(init=False)  # by component.port
+    fits: dict[Hashable, tuple[float, float]] = field(init=False)  # those found so far
 
     def __post_init__(self) -> None:
-        found: dict[Causality, dict[str, Slot]] = {"input": {}, "output": {}}
-        for step in self.steps.values():
-            found["input"] |= {s.name: s for s in step.inputs}
-            found["output"] |= {s.name: s for s in step.outputs}
+        steps = self.steps.values()
+        found: dict[Causality, dict[str, Slot]] = {
+            "input": {s.name: s for step in steps for s in step.inputs},
+            "output": {s.name: s for step in steps for s in step.outputs},
+        }
         object.__setattr__(self, "slots", found)
+        object.__setattr__(self, "fits", {})
 
     def endpoint(self, text: str, causality: Causality, place: str) -> Slot:
         """The slot an endpoint names. Raises ScenarioError at `place`."""
+        whole = self.slots[causality].get(text)
+        if whole is not None:
+            return whole  # also an entry of what is no whole array: an FMU's variable ``u[3]``
         match = _ENDPOINT.match(text)
         if match is None:
             raise ScenarioError(f"{text!r} is not an endpoint; expected 'component.port'", place)
         name, port, index = match[1], match[2], match[3]
         if name not in self.steps:
             raise ScenarioError(unknown(name, self.steps, "component"), place)
-        whole = self.slots[causality].get(text)
-        if whole is not None:
-            return whole  # also an entry of what is no whole array: an FMU's variable ``u[3]``
         slot = self.slots[causality].get(f"{name}.{port}")
         if slot is None:
             component = self.steps[name].component
@@ -104,16 +110,27 @@ class ScenarioComponents:
 
 
 def _part(slot: Slot, index: str, place: str) -> Slot:
-    at = tuple(int(i) for i in index.split(","))
-    if len(at) > len(slot.shape) or any(i >= n for i, n in zip(at, slot.shape, strict=False)):
+    found = _row(slot.shape, index)
+    if found is None:
         raise ScenarioError(
             f"[{index}] is outside of {slot.name}, which has shape {list(slot.shape)}", place
         )
-    start, shape = slot.start, slot.shape
+    start, shape = found
+    name = f"{slot.name}[{index}]"
+    return Slot(name, slot.component, slot.port, slot.start + start, shape, slot.unit)
+
+
+@lru_cache(maxsize=1024)
+def _row(shape: tuple[int, ...], index: str) -> tuple[int, tuple[int, ...]] | None:
+    """Where an entry, or a row, of an array begins, and its shape; None: it is outside."""
+    at = tuple(int(i) for i in index.split(","))
+    if len(at) > len(shape) or any(i >= n for i, n in zip(at, shape, strict=False)):
+        return None
+    start = 0
     for i in at:
         shape = shape[1:]
         start += i * prod(shape)
-    return Slot(f"{slot.name}[{index}]", slot.component, slot.port, start, shape, slot.unit)
+    return start, shape
 
 
 # ---- wires ----------------------------------------------------------------------------------
@@ -122,11 +139,13 @@ def _part(slot: Slot, index: str, place: str) -> Slot:
 def wires(parts: ScenarioComponents) -> list[Wire]:
     """The wires in the components' `inputs`. Raises ScenarioError."""
     found = []
+    components = parts.scenario.place("components")
     for name, spec in parts.scenario.components.items():
         for port, given in spec.inputs.items():
-            place = parts.scenario.place("components", name, "inputs", port)
+            place = f"{components}.{name}.inputs.{port}"
             wire = given if isinstance(given, InputSpec) else InputSpec(source=given)
-            _check_input(wire, place)
+            if wire is given or not given:  # there is nothing to check of a source alone
+                _check_input(wire, place)
             if not wire.source:
                 continue
             target = parts.endpoint(f"{name}.{port}", "input", place)
@@ -158,6 +177,14 @@ def fit(parts: ScenarioComponents, source: Slot, target: Slot, place: str) -> tu
     Where one of them is a variable of an FMU for which no unit is declared, the number is taken as
     it is (``cosim check`` names such connections).
     """
+    sorts = parts.sorts[source.component], parts.sorts[target.component]
+    key = (*sorts, source.port, source.shape, target.port, target.shape)
+    if key not in parts.fits:
+        parts.fits[key] = _fit(parts, source, target, place)
+    return parts.fits[key]
+
+
+def _fit(parts: ScenarioComponents, source: Slot, target: Slot, place: str) -> tuple[float, float]:
     kinds = [text_type(parts.steps[s.component].component, s.port) for s in (source, target)]
     if kinds[0] != kinds[1]:
         said = [f"{k} variable" if k else "number" for k in kinds]
@@ -275,9 +302,9 @@ def check_single_sources(
     fed += [(p.target, _origin(p)) for p in players]
     sources: dict[int, str] = {}
     for target, source in fed:
-        for i, scalar in enumerate(target.scalars()):
-            at = target.start + i
+        for at in range(target.start, target.start + target.size):
             if at in sources:
+                scalar = target.scalars()[at - target.start]
                 raise ScenarioError(
                     f"{scalar} is fed twice: by {sources[at]} and by {source}",
                     str(parts.scenario.path),

@@ -27,10 +27,11 @@ def links(parts: ScenarioComponents) -> list[Link]:
     found: dict[str, Link] = {}
     simulated = _on_buses(parts)
     known: dict[Hashable, DrawnTable] = {}
+    array = parts.scenario.place("links")
     for i, spec in enumerate(parts.scenario.links):
-        link = _link(parts, spec, parts.scenario.place("links", i), simulated, known)
+        place = f"{array}.{i}"
+        link = _link(parts, spec, place, simulated, known)
         if link.name in found:
-            place = parts.scenario.place("links", i)
             raise ScenarioError(f"a second link has the name {link.name!r}", place)
         found[link.name] = link
     return list(found.values())

@@ -6,6 +6,7 @@ import re
 from collections import defaultdict
 from collections.abc import Iterable, Iterator
 from fnmatch import translate
+from functools import lru_cache
 
 from cosim.base.component import Component
 from cosim.fmi.components import expose, independent, observable
@@ -24,18 +25,34 @@ class ExposedVariables:
         self._read: defaultdict[str, set[str]] = defaultdict(set)
         self._changed: defaultdict[str, set[str]] = defaultdict(set)
         self._wired: defaultdict[str, set[str]] = defaultdict(set)
-        for signal in _read(scenario):
-            if is_pattern(signal):
-                self._patterns.append(signal)
-            else:
-                name, _, variable = signal.partition(".")
-                self._read[name] |= {variable, _INDEX.sub("", variable)}
-        for signal in _changed(scenario):
-            name, _, port = signal.partition(".")
-            self._changed[name] |= {port, _INDEX.sub("", port)}
-        for signal in _wired(scenario):
-            name, _, port = signal.partition(".")
-            self._wired[name].add(port)
+        for signal in _shown(scenario):
+            self._add_read(signal)
+        for event in scenario.events:
+            for signal in event.set:
+                self._add_changed(*_split(signal))
+        for name, component in scenario.components.items():
+            for port, given in component.inputs.items():
+                self._connect(given.source if isinstance(given, InputSpec) else given, name, port)
+        for link in scenario.links:
+            self._connect(link.source, *_split(link.target))
+
+    def _add_read(self, signal: str) -> None:
+        if is_pattern(signal):
+            self._patterns.append(signal)
+        else:
+            name, variable = _split(signal)
+            self._read[name].update(_with_array(variable))
+
+    def _add_changed(self, name: str, port: str) -> None:
+        self._changed[name].update(_with_array(port))
+
+    def _connect(self, source: str, name: str, port: str) -> None:
+        """A wire or a link from an output to a port; both ends may be texts."""
+        self._add_read(source)
+        self._add_changed(name, port)
+        self._wired[name].add(port)
+        sender, output = _split(source)
+        self._wired[sender].add(output)
 
     def expose(self, name: str, component: Component) -> None:
         """Make outputs of an FMU of what is read of it, and inputs of what is changed."""
@@ -45,6 +62,12 @@ class ExposedVariables:
             known = {f"{name}.{variable}": variable for variable in names}
             observed |= {known[s] for p in self._patterns for s in matching(p, known)}
         expose(component, observed, self._changed[name], self._wired[name])
+
+
+@lru_cache(maxsize=1024)
+def _with_array(variable: str) -> tuple[str, str]:
+    """A variable, or an entry of one, and the variable."""
+    return variable, _INDEX.sub("", variable)
 
 
 def is_pattern(signal: str) -> bool:
@@ -60,35 +83,17 @@ def matching(pattern: str, names: Iterable[str]) -> list[str]:
     return [name for name in names if match(name)]
 
 
-def _read(scenario: Scenario) -> Iterator[str]:
-    """Everything that a scenario reads, as ``component.port``, or a pattern of it."""
+def _split(signal: str) -> tuple[str, str]:
+    """The component and the port of ``component.port``."""
+    name, _, port = signal.partition(".")
+    return name, port
+
+
+def _shown(scenario: Scenario) -> Iterator[str]:
+    """What is recorded, measured or drawn, as ``component.port``, or a pattern of it."""
     yield from scenario.run.record.signals
-    for component in scenario.components.values():
-        for given in component.inputs.values():
-            yield given.source if isinstance(given, InputSpec) else given
-    for link in scenario.links:
-        yield link.source
     for metric in scenario.metrics.values():
         yield from (*metric.of, *metric.contact)
     for figure in scenario.figures.values():
         for panel in figure.panels:
             yield from panel.y
-
-
-def _wired(scenario: Scenario) -> Iterator[str]:
-    """Both ends of all wires and links, which may be texts."""
-    for name, component in scenario.components.items():
-        for port, given in component.inputs.items():
-            yield f"{name}.{port}"
-            yield given.source if isinstance(given, InputSpec) else given
-    for link in scenario.links:
-        yield from (link.source, link.target)
-
-
-def _changed(scenario: Scenario) -> Iterator[str]:
-    for event in scenario.events:
-        yield from event.set
-    for link in scenario.links:
-        yield link.target
-    for name, component in scenario.components.items():
-        yield from (f"{name}.{port}" for port in component.inputs)

@@ -13,7 +13,6 @@ from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_args
 
-from cosim import mujoco
 from cosim.base.component import Component, Kind, Parameter, Port, Preparation
 from cosim.base.convert import number
 from cosim.base.errors import CosimError, FmuError, MujocoError, ScenarioError
@@ -22,6 +21,7 @@ from cosim.fmi import FmuComponent, FmuOptions, structural_sizes
 from cosim.fmi.components import stepped_fmu
 from cosim.fmi.failures import sentence
 from cosim.fmi.options import PATIENCE
+from cosim.mujoco.options import PREFIX, read_options, scene_path
 from cosim.scenario.spec import ComponentSpec
 
 if TYPE_CHECKING:
@@ -52,7 +52,7 @@ def load_component(name: str, spec: ComponentSpec, folder: Path, place: str) -> 
         path = Path(spec.model)
         path = path if path.is_absolute() else folder / path
         return _fmu(name, path, spec, spec.sizes, place), {}, _UNPREPARED
-    if spec.model.startswith(mujoco.PREFIX):
+    if spec.model.startswith(PREFIX):
         return _scene(spec, folder, place), {}, _UNPREPARED
     module_name, colon, attribute = spec.model.partition(":")
     module = _module(module_name, place)
@@ -95,11 +95,11 @@ def load_alike() -> Callable[[str, ComponentSpec, Path, str], LoadedComponent]:
         if key in known:
             like, special, presets = known[key]
             if not special.intersection(spec.parameters, spec.start):
-                return like.alike(name, spec.values), presets, _UNPREPARED
+                return like.alike(name), presets, _UNPREPARED
         found, presets, prepared = load_component(name, spec, folder, place)
         fmu = stepped_fmu(found)
         if fmu is not None and prepared is _UNPREPARED and not fmu.taken:
-            known[key] = fmu.alike(name, {}), fmu.special, presets
+            known[key] = fmu.alike(name), fmu.special, presets
         return found, presets, prepared
 
     return load
@@ -156,9 +156,11 @@ def _scene(spec: ComponentSpec, folder: Path, place: str) -> Component:
             raise ScenarioError(
                 "found a key that a scene of MuJoCo does not have", f"{place}.{key}"
             )
-    options = mujoco.read_options(spec.options, f"{place}.options")
+    from cosim.mujoco.component import MujocoComponent  # few runs need it
+
+    options = read_options(spec.options, f"{place}.options")
     try:
-        return mujoco.MujocoComponent(mujoco.scene_path(spec.model, folder), options)
+        return MujocoComponent(scene_path(spec.model, folder), options)
     except MujocoError as error:
         raise MujocoError(f"{place}.model: {error}") from None
 

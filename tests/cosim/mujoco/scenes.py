@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from cosim.mujoco import MujocoComponent
+from cosim.mujoco.component import MujocoComponent
 from cosim.mujoco.options import MujocoOptions
 
 pytest.importorskip("mujoco", reason="the extra `mujoco` is not installed")

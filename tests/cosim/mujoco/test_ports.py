@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from cosim.base.errors import MujocoError
-from cosim.mujoco import MujocoComponent
+from cosim.mujoco.component import MujocoComponent
 from tests.cosim.mujoco.scenes import ARM, HINGE, MANY, WALL, scene
 
 GROUPS = {"left": ("left_*",), "right": ("right_2", "right_1")}

@@ -11,7 +11,7 @@ import pytest
 
 from cosim.base.errors import RunError, ScenarioError
 from cosim.engine.engine import Engine
-from cosim.mujoco import MujocoComponent
+from cosim.mujoco.component import MujocoComponent
 from cosim.mujoco.options import MujocoOptions
 from fmus.models import planar2r
 from tests.cosim.mujoco.scenes import ARM, HINGE, SMALL_MEMORY, WALL, scene

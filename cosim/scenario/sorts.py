@@ -1,0 +1,102 @@
+"""Sorts of components: what those have in common that have the same ports and parameters.
+
+FMUs that differ in their names, values and connections only are of one sort: their ports are the
+same objects (:meth:`cosim.fmi.FmuComponent.alike`). What follows from the ports is worked out once
+for a sort, and not for each of ten thousand components.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from cosim.base.component import Component, Parameter, Port
+from cosim.base.convert import numbers
+from cosim.base.errors import FmuError, ScenarioError
+from cosim.base.names import unknown
+from cosim.fmi.components import discrete_inputs, fmu_of, sloped_inputs
+from cosim.schedule.parts import Slot
+
+#: Inputs, outputs and parameters.
+Ports = tuple[tuple[Port, ...], tuple[Port, ...], tuple[Parameter, ...]]
+
+
+class Sort:
+    """One sort: its parameters and inputs by name, and which inputs are `discrete` and `sloped`."""
+
+    def __init__(self, component: Component, ports: Ports) -> None:
+        self._ports = inputs, _, parameters = ports
+        self._fmu = fmu_of(component)
+        self._known: dict[str, tuple[Any, tuple[float, ...]]] = {}
+        self.inputs = {p.name: p for p in inputs}
+        self.parameters = {p.name: p for p in parameters}
+        self.discrete = discrete_inputs(component)
+        self.sloped = sloped_inputs(component)
+
+    def slots(self, name: str, start: int) -> tuple[tuple[Slot, ...], tuple[Slot, ...], int]:
+        """The slots of inputs and outputs of a component from `start` on, and where they end."""
+        inputs, outputs, _ = self._ports
+        first, start = _slots(name, inputs, start)
+        second, start = _slots(name, outputs, start)
+        return first, second, start
+
+    def numbers(self, key: str, value: Any, place: str, table: str) -> tuple[float, ...]:
+        """A value of the file for a parameter or an input, flattened, in its unit.
+
+        `table`: in which it is given, of the component at `place`. What is the same object for
+        several components is converted once. Raises ScenarioError.
+        """
+        known = self._known.get(key)
+        if known is not None and known[0] is value:
+            return known[1]
+        where = f"{place}.{table}.{key}" if table in ("parameters", "start") else f"{place}.{table}"
+        parameter = self.parameters.get(key)
+        port = parameter or self.inputs.get(key)
+        if port is None:
+            names = [*self.parameters, *self.inputs]
+            raise ScenarioError(unknown(key, names, "parameter or start"), where)
+        found = self._numbers(port, value, where)
+        if parameter is not None:
+            _check_type(parameter, found, where)
+        self._known[key] = value, found
+        return found
+
+    def _numbers(self, p: Parameter | Port, value: Any, place: str) -> tuple[float, ...]:
+        """In an FMU with its own units and names of items."""
+        if self._fmu is None:
+            return numbers(value, p.shape, p.unit, place)
+        try:
+            value = self._fmu.number(p.name, value)
+        except FmuError as error:
+            raise ScenarioError(str(error), place) from None
+        return numbers(value, p.shape, self._fmu.unit(p.unit), place)
+
+
+class Sorts:
+    """The sorts of the components of a scenario."""
+
+    def __init__(self) -> None:
+        self._known: dict[tuple[int, ...], Sort] = {}
+
+    def of(self, component: Component) -> Sort:
+        """The sort of a component, which is told by the identity of its ports."""
+        ports = component.inputs, component.outputs, component.parameters
+        key = tuple(map(id, ports))
+        if key not in self._known:
+            self._known[key] = Sort(component, ports)  # which keeps them: no other gets their id
+        return self._known[key]
+
+
+def _slots(name: str, ports: Sequence[Port], start: int) -> tuple[tuple[Slot, ...], int]:
+    slots = []
+    for port in ports:
+        slots.append(Slot(f"{name}.{port.name}", name, port.name, start, port.shape, port.unit))
+        start += port.size
+    return tuple(slots), start
+
+
+def _check_type(parameter: Parameter, values: tuple[float, ...], place: str) -> None:
+    if parameter.type == "integer" and any(v != int(v) for v in values):
+        raise ScenarioError(f"{parameter.name} is an integer, found {list(values)}", place)
+    if parameter.type == "boolean" and any(v not in (0.0, 1.0) for v in values):
+        raise ScenarioError(f"{parameter.name} is a Boolean, found {list(values)}", place)

@@ -186,12 +186,14 @@ def late_ticks(outcome: RunOutcome) -> list[str]:
 
 def _ages(outcome: RunOutcome) -> list[str]:
     """Mean and p95 of the age of what each link held, or of many links together."""
+    if len(outcome.ages) > MANY_LINKS:
+        return _ages_together(outcome)
     lines = []
     for name, s in outcome.ages.items():
         ms = {"mean": s.age_mean, "p95": s.age_p95, "max": s.age_maximum}
         numbers = ", ".join(f"{key} {value * 1e3:.0f} ms" for key, value in ms.items())
         lines.append(f"{numbers}  {name}")
-    return lines if len(lines) <= MANY_LINKS else _ages_together(outcome)
+    return lines
 
 
 def _ages_together(outcome: RunOutcome) -> list[str]:

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import ceil
+from math import gcd
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from cosim.links.grid import Grid
-from cosim.links.laws import IntArray
+from cosim.links.laws import FloatArray, IntArray
 
-REMEMBERED = 1 << 16  # samples of which it is known exactly whether they were held
+BLOCK = 1 << 16  # rows worked on at once; they stay in the cache
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,82 +39,117 @@ class LinkStatistics:
 
 
 class Ages:
-    """Counts rows as they come. Memory grows with the greatest age, not with the run.
+    """Counts rows of links with the same periods as they come. Exact.
 
-    Exact; only `unused` forgets: a sample held again after 2^16 others were sent counts anew.
+    `history`: how far back the samples are that a row may newly hold, as a table declares it; None:
+    as far as one likes. Memory grows with the greatest age and `history`, or else with the run.
     """
 
-    def __init__(self, grid: Grid) -> None:
-        self._grid = grid
+    def __init__(self, grid: Grid, links: int = 1, history: int | None = None) -> None:
+        self._grid, self._unit = grid, gcd(grid.n_r, grid.n_s)
         self._row = 0
-        self._before = np.empty(0, np.int64)  # last row of the chunk before, if it held
-        self._counts = np.zeros(0, np.int64)  # (greatest age + 1,), rows by age in ticks
-        self._total = 0  # ticks, sum of ages: a Python integer
-        self._steps = self._held = self._backwards = self._waiting = 0
-        # + 1, so that memory of which nothing is used yet is not touched
-        self._seen = np.zeros(REMEMBERED, np.int64)
-        self._used, self._newest = 0, -1
+        self._before = np.full(links, -1)  # the last sample that a row held
+        self._counts = np.zeros((links, 0), np.int64)  # (links, ages), rows by age in units
+        self._steps, self._held, self._backwards, self._waiting, self._used = np.zeros(
+            (5, links), np.int64
+        )
+        self._newest = np.full(links, -1)
+        self._history = history
+        self._first = 0  # the sample that the first column of `_seen` is about
+        self._seen = np.zeros((links, 0), np.bool_)  # whether a row has held it
 
     def add(self, rows: ArrayLike) -> None:
-        """Count the next rows of the table, (n,) integers."""
-        sent = np.asarray(rows, dtype=np.int64)
-        tick = self._grid.n_r * np.arange(self._row, self._row + sent.size, dtype=np.int64)
-        self._row += sent.size
-        received = sent >= 0
-        age = tick[received] - self._grid.n_s * sent[received]
-        counts = np.bincount(age, minlength=self._counts.size)
-        counts[: self._counts.size] += self._counts
-        self._counts, self._total = counts, self._total + int(age.sum())
-        self._waiting += int(np.count_nonzero(~received))
-        self._compare(sent[received])
+        """Count the next rows of the tables, (links, n) integers, or (n,) of a single link."""
+        sent = np.atleast_2d(np.asarray(rows))
+        links, n = sent.shape
+        if not n:
+            return
+        tick = self._grid.n_r * np.arange(self._row, self._row + n, dtype=np.int64)
+        self._row += n
+        self._remember(int(tick[-1]) // self._grid.n_s + 1)
+        together = max(1, BLOCK // n)
+        for first in range(0, links, together):
+            part = slice(first, first + together)
+            self._add(part, sent[part].astype(np.int64), tick)
 
-    def _compare(self, sent: IntArray) -> None:
-        step = np.diff(np.concatenate((self._before, sent)))
-        self._steps += step.size
-        self._held += int(np.count_nonzero(step == 0))
-        self._backwards += int(np.count_nonzero(step < 0))
-        if sent.size:
-            self._before = sent[-1:]
-            ordered = np.sort(sent)  # np.unique would import numpy.ma, as long as a short run takes
-            different = ordered[np.diff(ordered, prepend=-1) != 0]
-            slot = different % REMEMBERED
-            self._used += int(np.count_nonzero(self._seen[slot] != different + 1))
-            self._seen[slot] = different + 1
-            self._newest = max(self._newest, int(different[-1]))
+    def _remember(self, end: int) -> None:
+        """Make room for the samples before `end`, and forget those that no new row can hold."""
+        kept = self._seen
+        if self._history is not None:
+            last = self._first + kept.shape[1]
+            forgotten = max(0, last - self._history - self._first)
+            self._first, kept = self._first + forgotten, kept[:, forgotten:]
+        self._seen = np.zeros((len(kept), max(kept.shape[1], end - self._first)), np.bool_)
+        self._seen[:, : kept.shape[1]] = kept
+
+    def _add(self, links: slice, sent: IntArray, tick: IntArray) -> None:
+        received = sent >= 0
+        self._waiting[links] += np.count_nonzero(~received, axis=1)
+        self._newest[links] = np.maximum(self._newest[links], sent.max(axis=1))
+        self._count_ages(links, (tick - self._grid.n_s * sent) // self._unit, received)
+        earlier = np.concatenate((self._before[links, None], sent), axis=1)
+        if not received.all():  # rows that hold nothing are passed over
+            at = np.where(earlier >= 0, np.arange(earlier.shape[1]), 0)
+            earlier = np.take_along_axis(earlier, np.maximum.accumulate(at, axis=1), axis=1)
+        self._before[links] = earlier[:, -1]
+        compared = received & (earlier[:, :-1] >= 0)
+        step = np.where(compared, sent - earlier[:, :-1], 1)
+        self._steps[links] += np.count_nonzero(compared, axis=1)
+        self._held[links] += np.count_nonzero(step == 0, axis=1)
+        self._backwards[links] += np.count_nonzero(step < 0, axis=1)
+        seen = self._seen[links]
+        known = np.count_nonzero(seen, axis=1)
+        link, row = np.nonzero(sent >= self._first)
+        seen[link, sent[link, row] - self._first] = True
+        self._used[links] += np.count_nonzero(seen, axis=1) - known
+
+    def _count_ages(self, links: slice, age: IntArray, received: NDArray[np.bool_]) -> None:
+        ages = max(self._counts.shape[1], int(age.max(where=received, initial=-1)) + 1)
+        if ages > self._counts.shape[1]:
+            grown = np.zeros((len(self._counts), ages), np.int64)
+            grown[:, : self._counts.shape[1]] = self._counts
+            self._counts = grown
+        if ages:
+            place = (np.arange(len(age))[:, None] * ages + age)[received]
+            counted = np.bincount(place, minlength=len(age) * ages)
+            self._counts[links] += counted.reshape(len(age), ages)
 
     def result(self) -> LinkStatistics:
-        """The statistics of all rows so far."""
-        h, received = self._grid.h, int(self._counts.sum())
-        reached = np.cumsum(self._counts)
+        """The statistics of all rows so far, of a single link."""
+        return self.results()[0]
 
-        def age(percent: float) -> float:
-            if not received:
-                return float("nan")
-            rank = max(1, ceil(percent * received / 100))
-            return int(np.searchsorted(reached, rank)) * h
+    def results(self) -> list[LinkStatistics]:
+        """The statistics of all rows so far, of each link."""
+        received = self._counts.sum(axis=1)
+        some, reached = received > 0, np.cumsum(self._counts, axis=1)
 
-        return LinkStatistics(
-            rows=self._row,
-            age_mean=self._total / received * h if received else float("nan"),
-            age_p5=age(5),
-            age_p50=age(50),
-            age_p95=age(95),
-            age_p99=age(99),
-            age_maximum=age(100),
-            held_percent=_percent(self._held, self._steps),
-            backwards_percent=_percent(self._backwards, self._steps),
-            waiting_percent=_percent(self._waiting, self._row),
-            unused_percent=_percent(self._newest + 1 - self._used, self._newest + 1),
-        )
+        def known(values: FloatArray) -> list[float]:
+            found: list[float] = np.where(some, values, np.nan).tolist()
+            return found
+
+        def age(percent: int) -> list[float]:
+            rank = np.maximum(1, -(-percent * received // 100))
+            return known((reached < rank[:, None]).sum(axis=1) * self._unit * self._grid.h)
+
+        total = self._counts @ np.arange(self._counts.shape[1]) * self._unit
+        mean = known(total / np.maximum(received, 1) * self._grid.h)
+        shares = [
+            _percent(self._held, self._steps), _percent(self._backwards, self._steps),
+            _percent(self._waiting, np.full(len(received), self._row)),
+            _percent(self._newest + 1 - self._used, self._newest + 1),
+        ]  # fmt: skip
+        columns = [mean, *map(age, (5, 50, 95, 99, 100)), *shares]
+        return [LinkStatistics(self._row, *each) for each in zip(*columns, strict=True)]
 
 
 def statistics(rows: ArrayLike, grid: Grid) -> LinkStatistics:
     """The statistics of a whole table, (n,) integers."""
     sent, ages = np.asarray(rows), Ages(grid)
-    for start in range(0, sent.size, 1 << 16):
-        ages.add(sent[start : start + (1 << 16)])
+    for start in range(0, sent.size, BLOCK):
+        ages.add(sent[start : start + BLOCK])
     return ages.result()
 
 
-def _percent(part: int, whole: int) -> float:
-    return 100.0 * part / whole if whole else 0.0
+def _percent(part: IntArray, whole: IntArray) -> list[float]:
+    found: list[float] = np.where(whole > 0, 100.0 * part / np.maximum(whole, 1), 0.0).tolist()
+    return found

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Mapping
 from contextlib import suppress
-from math import isfinite
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote, unquote
@@ -109,16 +107,21 @@ def write_metadata(
 ) -> Path:
     """Write ``run.json`` with sorted keys, replacing it in one step (it is never incomplete).
 
-    Without indentation it is written in a third of the time, for files that will soon be replaced.
+    Without indentation it is smaller, for files that will soon be replaced.
 
     Numbers that are not finite become ``null``, because JSON has no NaN. Accepts NumPy numbers and
     arrays and paths in addition to JSON's own types. Raises RunError naming the place of a value
     that JSON cannot represent, or the path if writing fails.
     """
+    from msgspec import json
+
     path = Path(folder) / METADATA
-    plain, indent = _plain(mapping, METADATA), 2 if indented else None
-    text = json.dumps(plain, indent=indent, sort_keys=True, ensure_ascii=False)
-    replace_file(path, f"{text}\n".encode())
+    try:
+        data = json.encode(mapping, enc_hook=_plain, order="sorted")
+    except (TypeError, ValueError, RecursionError):
+        _check_plain(mapping, METADATA)
+        raise
+    replace_file(path, (json.format(data, indent=2) if indented else data) + b"\n")
     return path
 
 
@@ -142,34 +145,46 @@ def read_metadata(folder: str | Path) -> dict[str, Any]:
 
     Raises ScenarioError naming the file if it is not a JSON object.
     """
+    from msgspec import DecodeError, json
+
     path = Path(folder) / METADATA
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
+        content = json.decode(path.read_bytes())
     except FileNotFoundError:
         return {}
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, DecodeError) as error:
         raise ScenarioError(f"cannot be read: {reason(error)}", str(path)) from error
     if not isinstance(content, dict):
         raise ScenarioError(f"found a {type(content).__name__}, expected an object", str(path))
     return content
 
 
-def _plain(value: Any, place: str) -> Any:
-    """`value` in JSON's types only."""
+def _plain(value: Any) -> Any:
+    """A value that is not of JSON's own types, in these. Raises TypeError for what has none."""
     import numpy as np
 
-    if value is None or isinstance(value, bool | int | str):
-        return value
-    if isinstance(value, float):
-        return float(value) if isfinite(value) else None
+    if isinstance(value, np.generic):
+        return value.item()
+    if isinstance(value, np.ndarray):
+        return value.tolist()
     if isinstance(value, Path):
         return str(value)
-    if isinstance(value, np.generic):
-        return _plain(value.item(), place)
-    if isinstance(value, np.ndarray):
-        return _plain(value.tolist(), place)
     if isinstance(value, Mapping):
-        return {str(key): _plain(entry, f"{place}.{key}") for key, entry in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(entry, f"{place}[{i}]") for i, entry in enumerate(value)]
-    raise RunError(f"{place}: a {type(value).__name__} cannot be written as JSON")
+        return dict(value)
+    raise TypeError(type(value).__name__)
+
+
+def _check_plain(value: Any, place: str) -> None:
+    """Raise RunError with the place of a value that cannot be written as JSON, if there is one."""
+    if isinstance(value, Mapping):
+        for key, entry in value.items():
+            _check_plain(entry, f"{place}.{key}")
+    elif isinstance(value, list | tuple):
+        for i, entry in enumerate(value):
+            _check_plain(entry, f"{place}[{i}]")
+    elif value is not None and not isinstance(value, bool | int | float | str):
+        try:
+            _plain(value)
+        except TypeError:
+            name = type(value).__name__
+            raise RunError(f"{place}: a {name} cannot be written as JSON") from None

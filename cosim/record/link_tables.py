@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any, BinaryIO
 from urllib.parse import quote, unquote
@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from cosim.base.closing import Closing
 from cosim.base.errors import RunError, ScenarioError
 from cosim.record.arrow import arrow, numpy
-from cosim.record.folder import TABLE_ROWS, TABLES, reason
+from cosim.record.folder import TABLE_ROWS, TABLES, read_metadata, reason
 
 #: Links of a run from which on their tables are in one file: each file costs more than a table.
 MANY = 256
@@ -98,14 +98,30 @@ def complete(folder: Path, facts: Mapping[str, Mapping[str, Any]]) -> None:
     (folder / TABLE_ROWS).unlink()
 
 
-def table_paths(folder: Path) -> dict[str, Path]:
-    """The path of each link's table in the file of all, by name."""
-    return {
-        name: path / quote(name, safe=" ")
-        for path in (folder / TABLES, folder / TABLE_ROWS)
-        if path.is_file()
-        for name in _opened(path, path.stat().st_mtime_ns).names
-    }
+def table_paths(folder: Path) -> Mapping[str, Path]:
+    """The path of each link's table in the file of all, by name, sorted by name."""
+    for path in (folder / TABLES, folder / TABLE_ROWS):
+        if path.is_file():
+            return _Paths(path, sorted(_opened(path, path.stat().st_mtime_ns).names))
+    return {}
+
+
+class _Paths(Mapping[str, Path]):
+    """Paths in a file of many tables, made when they are asked for."""
+
+    def __init__(self, path: Path, names: Sequence[str]) -> None:
+        self._path, self._names = path, dict.fromkeys(names)
+
+    def __getitem__(self, name: str) -> Path:
+        if name not in self._names:
+            raise KeyError(name)
+        return self._path / quote(name, safe=" ")
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._names)
+
+    def __len__(self) -> int:
+        return len(self._names)
 
 
 def is_together(path: Path) -> bool:
@@ -172,8 +188,12 @@ class _Blocks:
 
     def text(self, name: str) -> str:
         """The facts, which are in ``run.json`` until the file is complete."""
-        found = json.loads((self._path.parent / "run.json").read_text(encoding="utf-8"))
-        return _text(found.get("links", {}).get(name, {}))
+        return _text(self._facts.get(name, {}))
+
+    @cached_property
+    def _facts(self) -> Mapping[str, Any]:
+        found: Mapping[str, Any] = read_metadata(self._path.parent).get("links", {})
+        return found
 
 
 class _Finished:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import importlib
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -49,14 +49,14 @@ def is_recording(folder: Path) -> bool:
     return any(in_use(path) for path in (folder / LIVE, *journals(folder)))
 
 
-def stored_tables(folder: Path) -> dict[str, Path]:
+def stored_tables(folder: Path) -> Mapping[str, Path]:
     """The stored link tables of a folder: path by link name, sorted by name.
 
     For interrupted nodes, the tables according to their journals.
     """
     whole = journals(folder) and is_unfinished(folder)
     place = _collected(folder) if whole else folder
-    return dict(sorted({**link_files(place), **table_paths(place)}.items()))
+    return link_files(place) or table_paths(place)
 
 
 def _collected(folder: Path) -> Path:

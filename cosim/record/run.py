@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
+from itertools import islice
 from pathlib import Path
 from typing import Any
 from warnings import warn
@@ -13,10 +14,13 @@ from numpy.typing import NDArray
 
 from cosim.base.errors import CutShort, RunError, ScenarioError
 from cosim.record.arrow import numpy
-from cosim.record.folder import TRAJECTORIES, read_metadata, reason
+from cosim.record.folder import METADATA, TRAJECTORIES, read_metadata, reason
 from cosim.record.recover import in_memory, is_recording, is_unfinished, stored_tables
 
 Array = NDArray[np.float64]
+
+#: Bytes of the columns that are read together with one that is asked for.
+AHEAD = 1 << 20
 
 _ENTRY = re.compile(r"(.+?)((?:\[[\d, ]+\])+)$")  # master.q[0], m.xi_in[1,0], m.xi_in[1][0]
 
@@ -42,6 +46,8 @@ class Run:
             if key != b"ARROW:schema"
         }
         self._groups = _group(self.units)
+        self._places = {name: i for i, name in enumerate(self.units)}
+        self._metadata: tuple[int, dict[str, Any]] | None = None
 
     @classmethod
     def open(cls, folder: str | Path) -> Run:
@@ -124,6 +130,10 @@ class Run:
             raise self._unknown(prefix)
         return self._groups[prefix]
 
+    def has(self, prefix: str) -> bool:
+        """Whether a signal, or one entry by its full name, was recorded."""
+        return prefix in self.units or prefix in self._groups
+
     def unit(self, prefix: str) -> str:
         """Unit of a signal, or of one entry. Raises ScenarioError if entries differ in it."""
         found = sorted({self.units[name] for name in self.entries(prefix)})
@@ -135,6 +145,7 @@ class Run:
         missing = [name for name in names if name not in self._cache]
         if not missing:
             return
+        missing = self._with_those_behind(missing)
         try:
             table = self._file.read(columns=missing, use_threads=False)
         except (OSError, ValueError) as error:
@@ -143,6 +154,15 @@ class Run:
             values = numpy(table.column(name), np.float64)
             values.flags.writeable = False
             self._cache[name] = values
+
+    def _with_those_behind(self, names: list[str]) -> list[str]:
+        """Also the next columns that are not there yet: one by one, each takes as long as many."""
+        more = AHEAD // (8 * max(1, len(self))) - len(names)
+        if more <= 0:
+            return names
+        behind = islice(self.units, self._places[names[-1]] + 1, None)
+        wanted = (name for name in behind if name not in self._cache)
+        return [*dict.fromkeys([*names, *islice(wanted, more)])]
 
     def _unknown(self, name: str) -> ScenarioError:
         known = [*self._groups, *self.units]
@@ -159,11 +179,21 @@ class Run:
 
     @property
     def metadata(self) -> dict[str, Any]:
-        """``run.json``; empty if the run did not get as far as writing it."""
-        return read_metadata(self.path.parent)
+        """``run.json``; empty if the run did not get as far as writing it.
+
+        Read again when it has changed.
+        """
+        folder = self.path.parent
+        try:
+            changed = (folder / METADATA).stat().st_mtime_ns
+        except OSError:
+            return read_metadata(folder)
+        if self._metadata is None or self._metadata[0] != changed:
+            self._metadata = changed, read_metadata(folder)
+        return self._metadata[1]
 
     @property
-    def link_tables(self) -> dict[str, Path]:
+    def link_tables(self) -> Mapping[str, Path]:
         """File of each stored link table, by link name."""
         return stored_tables(self.path.parent)
 

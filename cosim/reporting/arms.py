@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim.base.component import Drawing
-from cosim.base.errors import CosimError, ScenarioError
+from cosim.base.errors import CosimError
 from cosim.record import Run
 
 Array = NDArray[np.float64]
@@ -39,10 +39,7 @@ def drawn_arms(run: Run) -> Iterator[DrawnArm]:
 
 def recorded(run: Run, signal: str, joints: int) -> bool:
     """Whether a signal of so many entries was recorded."""
-    try:
-        return len(run.entries(signal)) == joints
-    except ScenarioError:
-        return False
+    return run.has(signal) and len(run.entries(signal)) == joints
 
 
 def drawing_of(model: str, options: Mapping[str, Any], folder: Path) -> Drawing | None:

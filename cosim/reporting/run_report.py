@@ -256,15 +256,15 @@ def _ages(path: Path) -> tuple[Array, float, np.ndarray[Any, Any]]:
 
 def _details(run: Run, facts: Mapping[str, Any], results: tuple[MetricResult, ...]) -> str:
     scenario = facts.get("scenario", {})
-    components = list(_components(scenario, facts))
-    below = many.further(len(components), many.ROWS, "components")
+    components = list(islice(_components(scenario, facts), many.ROWS))
+    below = many.further(len(scenario.get("components", {})), many.ROWS, "components")
     head = ["component", "model", "every", "values"]
     parts = [
         folded("Results", table(["metric", "value"], [(r.label, r.text) for r in results]),
                opened=bool(results)) if results else "",
         controllers(run, facts),
-        folded("Components", table(head, components[: many.ROWS]) + below),
-        folded("Versions, seed, files", table(["", ""], list(_origin(facts))[: many.ROWS])),
+        folded("Components", table(head, components) + below),
+        folded("Versions, seed, files", table(["", ""], list(islice(_origin(facts), many.ROWS)))),
     ]  # fmt: skip
     again = _again(run, facts)
     repeat = f"<h2>Repeat it</h2>{command('repeat', again)}" if again else ""

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import tracemalloc
+from dataclasses import astuple
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -94,6 +97,38 @@ def test_statistics_are_the_plain_ones(values, n_s, n_r, cut):
     if steps.size:
         assert s.held_percent == pytest.approx(100 * np.mean(steps == 0))
         assert s.backwards_percent == pytest.approx(100 * np.mean(steps < 0))
+
+
+@given(
+    values=st.lists(st.lists(st.integers(0, 12), min_size=3, max_size=3), min_size=1, max_size=60),
+    n_s=st.integers(1, 4), n_r=st.integers(1, 4), cut=st.integers(0, 60), block=st.integers(1, 99),
+)  # fmt: skip
+def test_links_are_counted_together_as_each_by_itself(values, n_s, n_r, cut, block):
+    """Also if it is only remembered what a row may newly hold, and in blocks of any size."""
+    back = np.array(values).T
+    sent = np.maximum((n_r * np.arange(back.shape[1]) // n_s) - back, -1)
+    grid, history = Grid(n_s, n_r, 0.005), int(back.max()) + 1
+    together = Ages(grid, len(sent), history)
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr("cosim.links.statistics.BLOCK", block)
+        together.add(sent[:, :cut])
+        together.add(sent[:, cut:])
+    for found, rows in zip(together.results(), sent, strict=True):
+        alone = statistics(rows, grid)
+        assert astuple(found) == pytest.approx(astuple(alone), nan_ok=True, rel=0)
+
+
+def test_what_is_remembered_does_not_grow_with_the_run():
+    grid, most = Grid(1, 1, 0.001), 0
+    ages, rng = Ages(grid, 2, 30), np.random.default_rng(0)
+    tracemalloc.start()
+    for start in range(0, 200_000, 1000):
+        ages.add(np.maximum(np.arange(start, start + 1000) - rng.integers(0, 30, (2, 1000)), -1))
+        most = max(most, tracemalloc.get_traced_memory()[0])
+        if start == 10_000:
+            early = most
+    tracemalloc.stop()
+    assert most < early + 10_000
 
 
 def test_unused_is_exact_far_beyond_what_is_remembered():

@@ -79,8 +79,8 @@ def test_metadata_is_sorted_plain_and_comes_back(tmp_path: Path) -> None:
 
 
 def test_metadata_that_cannot_be_written(tmp_path: Path) -> None:
-    with pytest.raises(RunError, match=r"run\.json\.links\[1\]: a set cannot"):
-        write_metadata(tmp_path, {"links": [1, {2}]})
+    with pytest.raises(RunError, match=r"run\.json\.links\[1\]: a complex cannot"):
+        write_metadata(tmp_path, {"links": [1, 2j]})
     with pytest.raises(RunError, match=r"cannot write .*gone.*run\.json: No such file"):
         write_metadata(tmp_path / "gone", {})
     assert not list(tmp_path.iterdir())

@@ -5,6 +5,8 @@ from __future__ import annotations
 import csv
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -99,9 +101,36 @@ def test_metadata_properties_and_links(run: Run, tmp_path: Path) -> None:
     write_metadata(tmp_path, {"seed": 3})
     path = link_file(tmp_path, "a.xi -> b.xi_in[0]")
     path.write_text("")
-    assert run.metadata == {"seed": 3}
+    assert run.metadata == {"seed": 3} and run.metadata is run.metadata
+    write_metadata(tmp_path, {"seed": 44})
+    assert run.metadata == {"seed": 44}
     assert run.link_tables == {"a.xi -> b.xi_in[0]": path}
     assert run.properties["h"] == "0.1"
+
+
+def test_what_was_recorded_can_be_asked_for(run: Run) -> None:
+    assert run.has("m.q") and run.has(next(iter(NAMES)))
+    assert not run.has("m") and not run.has("m.qq") and not run.has("m.q[9]")
+
+
+@pytest.mark.parametrize(("ahead", "reads"), [(1 << 20, 1), (3 * 8 * 50, 4), (0, 10)])
+def test_columns_are_read_together_as_long_as_they_are_small(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ahead: int, reads: int
+) -> None:
+    rows = np.random.default_rng(1).normal(size=(50, 10))
+    monkeypatch.setattr("cosim.record.run.AHEAD", ahead)
+    run = write(tmp_path, rows)
+    read, asked = run._file.read, list[list[str]]()
+
+    def counted(columns: list[str], **given: bool) -> Any:
+        asked.append(columns)
+        return read(columns=columns, **given)
+
+    run._file = SimpleNamespace(metadata=run._file.metadata, read=counted)
+    columns = [run.column(name) for name in NAMES]
+    np.testing.assert_array_equal(np.column_stack(columns), rows)
+    assert len(asked) == reads
+    assert sorted(name for names in asked for name in names if name != "t") == sorted(NAMES)
 
 
 def test_csv_reads_back_exactly(tmp_path: Path) -> None:

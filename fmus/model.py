@@ -80,7 +80,7 @@ class Model:
     files of ``fmus/c`` (or absolute paths) besides the generic FMI layer; the first holds
     ``model_initial`` and ``model_step``. `documentation` is plain text with the equations, for the
     page inside the FMU. `clock`: the interval (s) of the clock that its FMU has, 0 for none.
-    `lanes`: the first source has ``model_steps``, too, which steps several instances at once.
+    `lanes`: the step in the first source is written for several instances (``fmus/c/real.h``).
     `structural`: the variable that gives the extent of arrays (FMI 3.0 only); empty: none.
     `states`: (state, its derivative) by name, for an FMU for model exchange, whose further
     variables are `rates`: the first source has ``model_rates`` for it. `exchange`: this is one.
@@ -197,4 +197,4 @@ def clocked(model: Model, interval: float) -> Model:
     if any(v.name == "clock" for v in model.variables):
         raise FmuError(f"{model.identifier}.clock: declared; a clocked model adds this variable")
     name = f"{model.identifier}_clocked"
-    return replace(model, identifier=name, clock=interval, step=interval)
+    return replace(model, identifier=name, clock=interval, step=interval, lanes=False)

@@ -11,7 +11,7 @@ import hashlib
 import json
 import re
 import uuid
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import asdict, replace
 from functools import lru_cache
 from itertools import product
@@ -46,9 +46,12 @@ _HEADERS = (
     "fmi3_types.h",
     "instance.h",
     "model.h",
+    "real.h",
     "trig.h",
     "trig_reduced.h",
 )
+#: What a model has besides whose step is written for several instances (``fmus/c/real.h``).
+LANES = ("lanes.h", "lanes_4.c", "lanes_8.c", "steps.c", "wide.h")
 #: The code that decides what else is in an FMU.
 _GENERATOR = (
     "attributes.py",
@@ -78,6 +81,8 @@ def sources(model: Model) -> dict[str, str]:
     """
     files = dict(_written(model))
     files["variables.h"] = _header(model)
+    if model.lanes:
+        files["lanes_model.h"] = _lanes(model)
     files["variables.c"] = _tables(model, token(model))
     return dict(sorted(files.items()))
 
@@ -87,6 +92,8 @@ def _written(model: Model) -> dict[str, str]:
     """The files of :func:`sources` that are not generated."""
     _check(model)
     files = {name: _read(_FOLDER / name, model) for name in (*_GENERIC, *_HEADERS)}
+    if model.lanes:
+        files |= {name: _read(_FOLDER / name, model) for name in LANES}
     for source in model.sources:
         path = Path(source) if Path(source).is_absolute() else _FOLDER / source
         files[path.name] = _read(path, model)
@@ -173,11 +180,15 @@ def _layout(model: Model) -> str:
 
 
 def _inputs(model: Model) -> list[tuple[int, int]]:
-    """(first scalar, number of scalars) of each run of inputs that lie one after the other."""
+    return _ranges(model, lambda v: v.causality == "input")
+
+
+def _ranges(model: Model, chosen: Callable[[Variable], bool]) -> list[tuple[int, int]]:
+    """(first scalar, number of scalars) of each run of `chosen` that lie one after the other."""
     ranges: list[tuple[int, int]] = []
     offset = 0
     for variable in model.variables:
-        if variable.causality == "input":
+        if chosen(variable):
             if ranges and sum(ranges[-1]) == offset:
                 ranges[-1] = (ranges[-1][0], ranges[-1][1] + variable.size)
             else:
@@ -205,9 +216,27 @@ struct Model {{
 """
 
 
+def _lanes(model: Model) -> str:
+    """The file that a step of several instances is compiled from."""
+    integers = _ranges(model, lambda v: v.type != "real")
+    changed = _ranges(model, lambda v: v.causality in ("output", "local"))
+    return f"""\
+/* lanes_model.h - generated from the declaration of {model.identifier}. */
+#include "{Path(model.sources[0]).name}"
+
+/* What instances that are stepped at once have in common, and what a step may change. */
+#define MODEL_INTEGERS {_entries(integers)}
+#define MODEL_CHANGED {_entries(changed)}
+"""
+
+
+def _entries(ranges: list[tuple[int, int]]) -> str:
+    return "{" + ", ".join(f"{{{first}, {size}}}" for first, size in ranges or [(0, 0)]) + "}"
+
+
 def _member(variable: Variable) -> str:
     sizes = "".join(f"[{n}]" for n in variable.shape)
-    return f"double {variable.symbol or variable.name}{sizes}; /* {variable.unit} */"
+    return f"Real {variable.symbol or variable.name}{sizes}; /* {variable.unit} */"
 
 
 def _access(variable: Variable) -> str:
@@ -296,7 +325,7 @@ def _declared(model: Model, token: str) -> list[str]:
         f"N_VARIABLES, N_SCALARS, {len(_inputs(model))}",
         _structural(model),
         f"{int(model.clock > 0.0)}, {_number(model.clock)}",
-        "model_steps" if model.lanes else "0",
+        "model_steps, model_lanes" if model.lanes else "0, 0",
         "model_rates" if model.exchange else "0",
         str(len(_places(model, (s for s, _ in model.states))) if model.exchange else 0),
     ]

@@ -24,9 +24,9 @@
 enum { P = ENTRIES(theta_hat) };
 
 typedef struct {
-    double xi[2], dz[2], s[2], tau[2];
-    double Ys[P]; /* Y^T s */
-    int saturated, stale;
+    Real xi[2], dz[2], s[2], tau[2];
+    Real Ys[P]; /* Y^T s */
+    Truth saturated, stale;
 } Law;
 
 /* --- gravity ------------------------------------------------------------------------------ */
@@ -35,12 +35,12 @@ typedef struct {
 enum { NO_GRAVITY, COMPENSATED, ADAPTED };
 
 /* The two columns of Y with gravity, (cos q1, 0) and (cos q12, cos q12), q12 = q1 + q2. */
-static inline void add_gravity(const Model *x, const double theta_hat[P], const double s[2],
-                               double tau[2], double Ys[P]) {
-    const int mode = (int)x->gravity;
-    const double *gamma = mode == ADAPTED ? theta_hat + 3 : x->theta_g;
-    double s1, c1, s12, c12;
-    Ys[3] = Ys[4] = 0.0;
+static inline void add_gravity(const Model *x, const Real theta_hat[P], const Real s[2],
+                               Real tau[2], Real Ys[P]) {
+    const int mode = (int)COMMON(x->gravity);
+    const Real *gamma = mode == ADAPTED ? theta_hat + 3 : x->theta_g, none = {0.0};
+    Real s1, c1, s12, c12;
+    Ys[3] = Ys[4] = none;
     if (mode == NO_GRAVITY) return;
     sine_cosine(x->q[0], &s1, &c1);
     sine_cosine(x->q[0] + x->q[1], &s12, &c12);
@@ -51,8 +51,8 @@ static inline void add_gravity(const Model *x, const double theta_hat[P], const 
     Ys[4] = c12 * (s[0] + s[1]);
 }
 #else
-static inline void add_gravity(const Model *x, const double theta_hat[P], const double s[2],
-                               double tau[2], double Ys[P]) {
+static inline void add_gravity(const Model *x, const Real theta_hat[P], const Real s[2],
+                               Real tau[2], Real Ys[P]) {
     (void)x, (void)theta_hat, (void)s, (void)tau, (void)Ys;
 }
 #endif
@@ -60,20 +60,61 @@ static inline void add_gravity(const Model *x, const double theta_hat[P], const 
 /* --- gains that are matrices ---------------------------------------------------------------- */
 
 /* Entry (i, j) of Gamma. Gamma_off holds the entries right of the diagonal, row by row. */
-static inline double gamma_entry(const Model *x, int i, int j) {
+static inline Real gamma_entry(const Model *x, int i, int j) {
     const int row = i < j ? i : j, column = i < j ? j : i;
     if (i == j) return x->Gamma[i];
     return x->Gamma_off[row * P - row * (row + 1) / 2 + column - row - 1];
 }
 
 /* Entry i of Gamma Y^T s. */
-static inline double adaptation(const Model *x, const double Ys[P], int i) {
-    double rate = x->Gamma[i] * Ys[i];
+static inline Real adaptation(const Model *x, const Real Ys[P], int i) {
+    Real rate = x->Gamma[i] * Ys[i];
     for (int j = 0; j < P; j++)
         if (j != i) rate += gamma_entry(x, i, j) * Ys[j];
     return rate;
 }
 
+/* --- the law ------------------------------------------------------------------------------ */
+
+/* The law as of t_k, with the state z, theta_hat. */
+static inline void law(const Model *x, const Real z[2], const Real theta_hat[P], Law *y) {
+    const Real *q = x->q, *dq = x->dq, *s = y->s;
+    const Truth inertial = x->lambda_c > 0.0; /* Remark 3: K = lambda_c M_hat, inside Y */
+    const Real K_off = PICK(inertial, 0.0, x->K_off);
+    Real a[2], K[2];
+    for (int i = 0; i < 2; i++) {
+        y->xi[i] = dq[i] + x->alpha * q[i];
+        y->dz[i] = -x->alpha * dq[i] + x->lambda_M * (dq[i] - z[i]) - coupling(x, i, y->xi[i]);
+        y->s[i] = dq[i] - z[i];
+        a[i] = PICK(inertial, y->dz[i] - x->lambda_c * y->s[i], y->dz[i]);
+        K[i] = PICK(inertial, 0.0, x->K[i]);
+    }
+    const Regressor Y = regressor(q, dq, z, a);
+    Real tau[2] = {
+        -(K[0] * s[0] + K_off * s[1]) + Y.Y11 * theta_hat[0] + Y.Y12 * theta_hat[1] +
+            Y.Y13 * theta_hat[2],
+        -(K[1] * s[1] + K_off * s[0]) + Y.Y22 * theta_hat[1] + Y.Y23 * theta_hat[2]};
+    transposed_times(&Y, s, y->Ys);
+    add_gravity(x, theta_hat, s, tau, y->Ys);
+    for (int i = 0; i < 2; i++) y->tau[i] = limited(tau[i], x->tau_max[i]);
+    y->saturated = (y->tau[0] != tau[0]) | (y->tau[1] != tau[1]);
+    y->stale = any_stale(x);
+}
+
+static inline int finite_law(const Law *y) {
+    return all_finite(y->tau, 2) && all_finite(y->xi, 2) && all_finite(y->s, 2) &&
+           all_finite(y->dz, 2) && all_finite(y->Ys, P);
+}
+
+static inline void give(Model *x, const Law *y) {
+    for (int i = 0; i < 2; i++) {
+        x->tau[i] = y->tau[i];
+        x->xi[i] = y->xi[i];
+        x->s[i] = y->s[i];
+    }
+}
+
+#if TOGETHER == 1
 static inline int any_off(const Model *x) {
     int any = 0;
     for (int i = 0; i < P * (P - 1) / 2; i++) any |= x->Gamma_off[i] != 0.0;
@@ -101,46 +142,6 @@ static inline int is_bounded(const Model *x) {
     int bounded = 0;
     for (int i = 0; i < P; i++) bounded |= x->theta_min[i] > -1e9 || x->theta_max[i] < 1e9;
     return bounded;
-}
-
-/* --- the law ------------------------------------------------------------------------------ */
-
-/* The law as of t_k, with the state z, theta_hat. */
-static inline void law(const Model *x, const double z[2], const double theta_hat[P], Law *y) {
-    const double *q = x->q, *dq = x->dq, *s = y->s;
-    const int inertial = x->lambda_c > 0.0; /* Remark 3: K = lambda_c M_hat, inside Y */
-    const double K_off = inertial ? 0.0 : x->K_off;
-    double a[2], K[2];
-    for (int i = 0; i < 2; i++) {
-        y->xi[i] = dq[i] + x->alpha * q[i];
-        y->dz[i] = -x->alpha * dq[i] + x->lambda_M * (dq[i] - z[i]) - coupling(x, i, y->xi[i]);
-        y->s[i] = dq[i] - z[i];
-        a[i] = inertial ? y->dz[i] - x->lambda_c * y->s[i] : y->dz[i];
-        K[i] = inertial ? 0.0 : x->K[i];
-    }
-    const Regressor Y = regressor(q, dq, z, a);
-    double tau[2] = {
-        -(K[0] * s[0] + K_off * s[1]) + Y.Y11 * theta_hat[0] + Y.Y12 * theta_hat[1] +
-            Y.Y13 * theta_hat[2],
-        -(K[1] * s[1] + K_off * s[0]) + Y.Y22 * theta_hat[1] + Y.Y23 * theta_hat[2]};
-    transposed_times(&Y, s, y->Ys);
-    add_gravity(x, theta_hat, s, tau, y->Ys);
-    for (int i = 0; i < 2; i++) y->tau[i] = limited(tau[i], x->tau_max[i]);
-    y->saturated = y->tau[0] != tau[0] || y->tau[1] != tau[1];
-    y->stale = any_stale(x);
-}
-
-static inline int finite_law(const Law *y) {
-    return all_finite(y->tau, 2) && all_finite(y->xi, 2) && all_finite(y->s, 2) &&
-           all_finite(y->dz, 2) && all_finite(y->Ys, P);
-}
-
-static inline void give(Model *x, const Law *y) {
-    for (int i = 0; i < 2; i++) {
-        x->tau[i] = y->tau[i];
-        x->xi[i] = y->xi[i];
-        x->s[i] = y->s[i];
-    }
 }
 
 /* Checks of values that depend on several variables, which a minimum or maximum cannot express. */
@@ -174,6 +175,7 @@ const char *model_initial(Model *x) {
     for (int i = 0; i < P; i++) x->theta_hat_next[i] = x->theta_hat[i];
     return NULL;
 }
+#endif
 
 const char *model_step(Model *x, double t, double h) {
     Law y;
@@ -181,18 +183,16 @@ const char *model_step(Model *x, double t, double h) {
     law(x, x->z_next, x->theta_hat_next, &y);
     if (!finite_law(&y)) return LAW_DIVERGED;
     give(x, &y);
-    const double advance = y.saturated ? 0.0 : h; /* anti-windup */
-    const double adapt = y.stale ? 0.0 : advance;
+    const Real advance = PICK(y.saturated, 0.0, h); /* anti-windup */
+    const Real adapt = PICK(y.stale, 0.0, advance);
     for (int i = 0; i < 2; i++) {
         x->z[i] = x->z_next[i];
         x->z_next[i] += advance * y.dz[i];
     }
     for (int i = 0; i < P; i++) {
-        const double theta_hat = x->theta_hat_next[i] - adapt * adaptation(x, y.Ys, i);
+        const Real theta_hat = x->theta_hat_next[i] - adapt * adaptation(x, y.Ys, i);
         x->theta_hat[i] = x->theta_hat_next[i];
-        x->theta_hat_next[i] = theta_hat > x->theta_max[i]   ? x->theta_max[i]
-                               : theta_hat < x->theta_min[i] ? x->theta_min[i]
-                                                             : theta_hat;
+        x->theta_hat_next[i] = clipped(theta_hat, x->theta_min[i], x->theta_max[i]);
     }
     return NULL;
 }

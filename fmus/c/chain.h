@@ -21,13 +21,6 @@
 
 enum { CHAIN_MOST = 16 };
 
-/* Before a loop over the entries of a vector or a matrix: with -O2, GCC unrolls it only if asked. */
-#ifdef __GNUC__
-#define UNROLLED _Pragma("GCC unroll 9")
-#else
-#define UNROLLED
-#endif
-
 /* A view of the table: n joints, row-major arrays; see fmus/models/chain.py for shapes and units. */
 typedef struct {
     int n;

@@ -4,11 +4,6 @@
 #include <stdint.h>
 #include <string.h>
 
-/* Clang contracts a*b + c to one rounding where the processor can; every build must round twice. */
-#ifdef __clang__
-#pragma STDC FP_CONTRACT OFF
-#endif
-
 /* x = m 4^e with m in [1, 4). Heron's iteration gives y in [1, 2], the root of m to within a unit in
  * the last place u = 2^-52. It is right iff (y - u/2)^2 < m < (y + u/2)^2, that is
  * -y u < m - y^2 <= y u, since all of m, y^2 and y u are multiples of u^2. m - p is exact (p is
@@ -35,9 +30,4 @@ double square_root(double x) {
     if (rest > y * u) y += u;
     if (rest <= -y * u) y -= u;
     return y * scale;
-}
-
-double contact_depth(int law, double x) {
-    if (!(x > 0.0)) return 0.0;
-    return law == HUNT_CROSSLEY_15 ? x * square_root(x) : x;
 }

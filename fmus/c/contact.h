@@ -9,22 +9,30 @@
 #ifndef CONTACT_H
 #define CONTACT_H
 
-enum { SPRING_DAMPER, HUNT_CROSSLEY_1, HUNT_CROSSLEY_15 };
+#include "real.h"
 
-/* x or x^1.5, for x > 0. */
-double contact_depth(int law, double x);
+enum { SPRING_DAMPER, HUNT_CROSSLEY_1, HUNT_CROSSLEY_15 };
 
 /* The square root of a normal number x > 0, rounded to nearest, without libm. */
 double square_root(double x);
 
-#define SPRING_AND_DAMPER(x, dx, stiffness, damping) ((stiffness) * (x) + (damping) * (dx))
+/* The square root where x > 0, else 0. */
+static inline Real root_of_depth(Real x) {
+#if TOGETHER == 1
+    return x > 0.0 ? square_root(x) : 0.0;
+#else
+    Real root = {0.0};
+    for (int k = 0; k < TOGETHER; k++) root[k] = x[k] > 0.0 ? square_root(x[k]) : 0.0;
+    return root;
+#endif
+}
 
 /* N.m; `stiffness` k and `damping` b in N.m/rad^n and N.m.s/rad^(n+1), n = 1 for SPRING_DAMPER. */
-static inline double contact(int law, double x, double dx, double stiffness, double damping) {
-    const double torque = law == SPRING_DAMPER
-                              ? SPRING_AND_DAMPER(x, dx, stiffness, damping)
-                              : contact_depth(law, x) * (stiffness + damping * dx);
-    return x > 0.0 && torque > 0.0 ? torque : 0.0;
+static inline Real contact(int law, Real x, Real dx, Real stiffness, Real damping) {
+    const Real depth = law == HUNT_CROSSLEY_15 ? x * root_of_depth(x) : x;
+    const Real torque = law == SPRING_DAMPER ? stiffness * x + damping * dx
+                                             : depth * (stiffness + damping * dx);
+    return PICK((x > 0.0) & (torque > 0.0), torque, 0.0);
 }
 
 #endif

@@ -7,14 +7,12 @@
 #define DECLARATION_H
 
 #include <math.h>
+#include <stddef.h>
 #include <stdint.h>
 
-/* Clang contracts a*b + c to one rounding where the processor can; every build must round twice. */
-#ifdef __clang__
-#pragma STDC FP_CONTRACT OFF
-#endif
+#include "real.h"
 
-/* A model's variables: doubles in the order of the declaration, without padding. The members stand
+/* A model's variables: numbers in the order of the declaration, without padding. The members stand
  * in `variables.h`, also generated. */
 typedef struct Model Model;
 
@@ -26,10 +24,13 @@ const char *model_initial(Model *x);
  * value has changed. */
 const char *model_step(Model *x, double t, double h);
 
-/* The same for LANES instances at once, with the same bits; why[k] is what model_step returns. */
-enum { LANES = 4 };
-typedef void Steps(Model *const x[], double t, double h, const char *why[]);
+/* The same for n instances, with the same bits, as many as model_lanes() <= WIDEST at once; why[k] is what
+ * model_step returns. */
+enum { WIDEST = 8 };
+typedef void Steps(Model *const x[], size_t n, double t, double h, const char *why[]);
+typedef size_t Lanes(void);
 Steps model_steps;
+Lanes model_lanes;
 
 /* Of a model for model exchange: calculate derivatives of the states and outputs from states, parameters
  * and inputs. NULL, or a message that says why this failed. */
@@ -67,7 +68,8 @@ typedef struct {
     unsigned structural; /* place of the structural parameter in Model; n_scalars: there is none */
     int is_clocked;
     double clock_interval; /* s, of a model with a clock */
-    Steps *steps;          /* model_steps of a model that has it, else NULL */
+    Steps *steps;          /* model_steps of a model whose step is written for several, else NULL */
+    Lanes *lanes;          /* model_lanes of such a model */
     Rates *rates;          /* model_rates of a model for model exchange, else NULL */
     unsigned n_states;     /* scalars */
 } Declaration;
@@ -84,14 +86,14 @@ extern const unsigned rate_places[];        /* and of their derivatives */
 extern const Range input_ranges[];          /* n_input_ranges, in the order of `first` */
 
 /* Whether n values are numbers and finite. */
-static inline int all_finite(const double *values, unsigned n) {
-    int finite = 1;
+static inline int all_finite(const Real *values, unsigned n) {
+    Truth finite = ALWAYS;
     for (unsigned i = 0; i < n; i++) finite &= values[i] - values[i] == 0.0;
-    return finite;
+    return ALL(finite);
 }
 
 /* Write n torques if all are finite; otherwise return a message. */
-static inline const char *give_torques(const double *tau, double *given, unsigned n) {
+static inline const char *give_torques(const Real *tau, Real *given, unsigned n) {
     if (!all_finite(tau, n)) return "the torque left the range of numbers";
     for (unsigned i = 0; i < n; i++) given[i] = tau[i];
     return 0;

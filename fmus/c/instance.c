@@ -322,27 +322,23 @@ Status do_step(Instance *x, double t, double h, const char *function) {
 
 void do_steps(Instance *const x[], size_t n, double t, double h, const char *function,
               int status[]) {
-    const char *why[LANES] = {NULL};
-    Model *models[LANES];
-    size_t i = 0;
-    for (; declared.steps != NULL && i + LANES <= n; i += LANES) {
-        Instance *const *some = x + i;
-        int *answers = status + i, refused = 0;
-        for (int k = 0; k < LANES; k++) {
-            answers[k] = legal(some[k], STEPPING, function)
-                             ? (int)check_step(some[k], t, h, function)
-                             : STATUS_ERROR;
-            refused += answers[k] != STATUS_OK;
-            models[k] = (Model *)some[k]->values;
-        }
-        if (!refused) declared.steps(models, t, h, why);
-        for (int k = 0; k < LANES; k++) {
-            if (answers[k] != STATUS_OK) continue;
-            if (refused) why[k] = model_step(models[k], t, h);
-            answers[k] = (int)end_step(some[k], t, h, why[k], function);
-        }
-    }
-    for (; i < n; i++)
+    const char *why[WIDEST];
+    Model *models[WIDEST];
+    for (size_t i = 0; declared.steps == NULL && i < n; i++)
         status[i] = legal(x[i], STEPPING, function) ? (int)do_step(x[i], t, h, function)
                                                     : STATUS_ERROR;
+    for (size_t i = 0; declared.steps != NULL && i < n;) {
+        const size_t end = n - i < WIDEST ? n : i + WIDEST;
+        size_t some = 0, place[WIDEST];
+        for (; i < end; i++) {
+            status[i] = legal(x[i], STEPPING, function) ? (int)check_step(x[i], t, h, function)
+                                                        : STATUS_ERROR;
+            if (status[i] != STATUS_OK) continue;
+            place[some] = i;
+            models[some++] = (Model *)x[i]->values;
+        }
+        declared.steps(models, some, t, h, why);
+        for (size_t k = 0; k < some; k++)
+            status[place[k]] = (int)end_step(x[place[k]], t, h, why[k], function);
+    }
 }

@@ -12,7 +12,7 @@
 EXPORT size_t kernel_size(void) { return declared.n_scalars; }
 
 /* How many instances it can step at once. */
-EXPORT size_t kernel_lanes(void) { return declared.steps == NULL ? 1 : LANES; }
+EXPORT size_t kernel_lanes(void) { return declared.lanes == NULL ? 1 : declared.lanes(); }
 
 /* All start values. */
 EXPORT void kernel_reset(double *x) {

@@ -1,50 +1,92 @@
-/* lanes.h - LANES numbers that are computed with at once, each with the same bits as alone.
+/* lanes.h - the end of lanes_4.c and lanes_8.c: model_step of TOGETHER instances.
  *
- * A template is a header that is included once for doubles and once for lanes, with
- *
- *     REAL              the type of its numbers
- *     TEMPLATE(x)       the name of its function x
- *     TEMPLATE_INLINE   how its functions begin: static inline, or LANES_INLINE
- *
- * Only +, -, * and / are used, which round each lane like a double. Where the compiler has no vectors,
- * HAS_LANES is 0.
+ * All values are copied to a Model of lanes, and those that a step may change back to the instances.
  */
-#ifndef LANES_H
-#define LANES_H
 
-#include <stdint.h>
+/* The same type, at the address of any double. */
+typedef double Row __attribute__((vector_size(8 * TOGETHER), aligned(8), may_alias));
 
-#if defined(__GNUC__)
-#define HAS_LANES 1
-
-/* How vectors are passed depends on the processor; here none is, since all functions are inline. */
-#if !defined(__clang__)
-#pragma GCC diagnostic ignored "-Wpsabi"
+#ifdef __clang__
+#define CHOSEN(a, b, ...) __builtin_shufflevector(a, b, __VA_ARGS__)
+#else
+#define CHOSEN(a, b, ...) __builtin_shuffle(a, b, (Truth){__VA_ARGS__})
 #endif
 
-typedef double Lanes __attribute__((vector_size(32)));
-typedef int64_t Mask __attribute__((vector_size(32))); /* of a lane: all bits or none */
-typedef char lanes_are_complete[sizeof(Lanes) == LANES * sizeof(double) ? 1 : -1];
+/* Exchange blocks of `size` entries between the rows a and b, each half of a square. */
+#if TOGETHER == 4
+#define LOW_1(a, b) CHOSEN(a, b, 0, 4, 2, 6)
+#define HIGH_1(a, b) CHOSEN(a, b, 1, 5, 3, 7)
+#define LOW_2(a, b) CHOSEN(a, b, 0, 1, 4, 5)
+#define HIGH_2(a, b) CHOSEN(a, b, 2, 3, 6, 7)
+#else
+#define LOW_1(a, b) CHOSEN(a, b, 0, 8, 2, 10, 4, 12, 6, 14)
+#define HIGH_1(a, b) CHOSEN(a, b, 1, 9, 3, 11, 5, 13, 7, 15)
+#define LOW_2(a, b) CHOSEN(a, b, 0, 1, 8, 9, 4, 5, 12, 13)
+#define HIGH_2(a, b) CHOSEN(a, b, 2, 3, 10, 11, 6, 7, 14, 15)
+#define LOW_4(a, b) CHOSEN(a, b, 0, 1, 2, 3, 8, 9, 10, 11)
+#define HIGH_4(a, b) CHOSEN(a, b, 4, 5, 6, 7, 12, 13, 14, 15)
+#endif
+#define EXCHANGE_BLOCKS(rows, size)                                  \
+    UNROLLED for (int k = 0; k < TOGETHER; k++) {                    \
+        if (k & size) continue;                                      \
+        const Real low = LOW_##size(rows[k], rows[k + size]);        \
+        rows[k + size] = HIGH_##size(rows[k], rows[k + size]);       \
+        rows[k] = low;                                               \
+    }
 
-/* What a function for a processor calls must be part of it. */
-#define LANES_INLINE static inline __attribute__((always_inline))
-
-/* Of each lane a, where the mask is set, or b. */
-LANES_INLINE Lanes pick(Mask mask, Lanes a, Lanes b) {
-    return (Lanes)((mask & (Mask)a) | (~mask & (Mask)b));
+/* Rows to columns of a square. */
+static inline void transpose(Real rows[TOGETHER]) {
+    EXCHANGE_BLOCKS(rows, 1)
+    EXCHANGE_BLOCKS(rows, 2)
+#if TOGETHER == 8
+    EXCHANGE_BLOCKS(rows, 4)
+#endif
 }
 
-/* Compile a function twice, and let it run as the processor can. */
-#if defined(__x86_64__) && defined(__linux__)
-#define HAS_AVX2 1
-#define WITH_AVX2 __attribute__((target("avx2")))
-#define CAN_AVX2 __builtin_cpu_supports("avx2")
-#else
-#define HAS_AVX2 0
-#endif
+/* Each scalar of the instances `x` as a vector. */
+static inline void gather(double *const x[], Real all[]) {
+    int i = 0;
+    for (; i + TOGETHER <= N_SCALARS; i += TOGETHER) {
+        Real rows[TOGETHER];
+        UNROLLED for (int k = 0; k < TOGETHER; k++) rows[k] = *(const Row *)(x[k] + i);
+        transpose(rows);
+        UNROLLED for (int k = 0; k < TOGETHER; k++) all[i + k] = rows[k];
+    }
+    for (; i < N_SCALARS; i++)
+        UNROLLED for (int k = 0; k < TOGETHER; k++) all[i][k] = x[k][i];
+}
 
-#else
-#define HAS_LANES 0
-#endif
+static inline void scatter(const Real all[], Range changed, double *const x[]) {
+    unsigned i = changed.first;
+    const unsigned end = changed.first + changed.size;
+    for (; i + TOGETHER <= end; i += TOGETHER) {
+        Real rows[TOGETHER];
+        UNROLLED for (int k = 0; k < TOGETHER; k++) rows[k] = all[i + (unsigned)k];
+        transpose(rows);
+        UNROLLED for (int k = 0; k < TOGETHER; k++) *(Row *)(x[k] + i) = rows[k];
+    }
+    for (; i < end; i++)
+        UNROLLED for (int k = 0; k < TOGETHER; k++) x[k][i] = all[i][k];
+}
 
-#endif
+static inline int have_in_common(const Real all[], Range integers) {
+    Truth differ = {0};
+    for (unsigned i = integers.first; i < integers.first + integers.size; i++)
+        differ |= all[i] != COMMON(all[i]);
+    return !ANY(differ);
+}
+
+int WIDE_STEP(double *const x[], double t, double h) {
+    static const Range integers[] = MODEL_INTEGERS, changed[] = MODEL_CHANGED;
+    union {
+        Model model;
+        Real scalars[N_SCALARS];
+    } all;
+    gather(x, all.scalars);
+    for (unsigned i = 0; i < sizeof integers / sizeof integers[0]; i++)
+        if (!have_in_common(all.scalars, integers[i])) return 0;
+    if (model_step(&all.model, t, h) != NULL) return 0;
+    for (unsigned i = 0; i < sizeof changed / sizeof changed[0]; i++)
+        scatter(all.scalars, changed[i], x);
+    return 1;
+}

@@ -2,10 +2,15 @@
 #ifndef LIMIT_H
 #define LIMIT_H
 
-/* `tau` within -limit ... limit; NaN stays NaN. */
-static inline double limited(double tau, double limit) {
-    return tau > limit ? limit : tau < -limit ? -limit : tau;
+#include "real.h"
+
+/* `x` within least ... most; NaN stays NaN. */
+static inline Real clipped(Real x, Real least, Real most) {
+    return PICK(x > most, most, PICK(x < least, least, x));
 }
+
+/* `tau` within -limit ... limit; NaN stays NaN. */
+static inline Real limited(Real tau, Real limit) { return clipped(tau, -limit, limit); }
 
 /* The message of a law whose values are not finite. */
 #define LAW_DIVERGED \

@@ -14,21 +14,23 @@
 enum { NEIGHBOURS = ENTRIES(w) };
 
 /* Whether the value received over an active edge is older than age_max. */
-static inline int is_stale(const Model *x, int j) {
-    return x->w[j] > 0.0 && x->age[j] > x->age_max;
+static inline Truth is_stale(const Model *x, int j) {
+    return (x->w[j] > 0.0) & (x->age[j] > x->age_max);
 }
 
-static inline int any_stale(const Model *x) {
-    int stale = 0;
+static inline Truth any_stale(const Model *x) {
+    Truth stale = NEVER;
     for (int j = 0; j < NEIGHBOURS; j++) stale |= is_stale(x, j);
     return stale;
 }
 
 /* The weight w_j; for an edge that is too old it falls to 0 within age_fade. */
-static inline double weight(const Model *x, int j) {
-    if (!is_stale(x, j)) return x->w[j];
-    const double late = x->age[j] - x->age_max;
-    return late < x->age_fade ? (1.0 - late / x->age_fade) * x->w[j] : 0.0;
+static inline Real weight(const Model *x, int j) {
+    const Truth stale = is_stale(x, j);
+    if (!ANY(stale)) return x->w[j];
+    const Real late = x->age[j] - x->age_max;
+    const Real faded = PICK(late < x->age_fade, (1.0 - late / x->age_fade) * x->w[j], 0.0);
+    return PICK(stale, faded, x->w[j]);
 }
 
 /* The part of entry i of what neighbour j sends that counts. */
@@ -39,16 +41,17 @@ static inline double weight(const Model *x, int j) {
 #endif
 
 /* lambda sum_j w_j (xi - xi_in_j) of entry i, a joint or a coordinate. */
-static inline double coupling(const Model *x, int i, double xi) {
-    double consensus = 0.0;
+static inline Real coupling(const Model *x, int i, Real xi) {
+    Real consensus = {0.0};
     for (int j = 0; j < NEIGHBOURS; j++)
         consensus += HEARD(x, j, i) * weight(x, j) * (xi - x->xi_in[j][i]);
     return x->lambda * consensus;
 }
 #else
-static inline int any_stale(const Model *x) { return (void)x, 0; }
-static inline double coupling(const Model *x, int i, double xi) {
-    return (void)x, (void)i, (void)xi, 0.0;
+static inline Truth any_stale(const Model *x) { return (void)x, NEVER; }
+static inline Real coupling(const Model *x, int i, Real xi) {
+    const Real none = {0.0};
+    return (void)x, (void)i, (void)xi, none;
 }
 #endif
 

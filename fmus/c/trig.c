@@ -3,13 +3,6 @@
 
 #include <math.h>
 
-#ifdef __clang__
-#pragma STDC FP_CONTRACT OFF
-#endif
-
-#define REAL double
-#define TEMPLATE(name) name
-#define TEMPLATE_INLINE static inline
 #include "trig_reduced.h"
 
 void sine_cosine(double x, double *sine, double *cosine) {

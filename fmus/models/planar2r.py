@@ -77,7 +77,7 @@ def _parameters() -> tuple[Variable, ...]:
 def model() -> Model:
     """Declare the arm: the defaults are the preset SL91, horizontal, no grip, no wall."""
     text = "Planar arm with two revolute joints"
-    sources = ("planar2r.c", "planar2r_motion.h", "lanes.h", "trig_lanes.h")
+    sources = ("planar2r.c",)
     return environment.plant("planar2r", text, PLANAR, _parameters(), sources, __doc__, lanes=True)
 
 

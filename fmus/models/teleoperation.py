@@ -103,6 +103,7 @@ def model(neighbours: int = 1, gravity: bool = False) -> Model:
         step=5e-3,
         terminals=(joints, network) if neighbours else (joints,),
         documentation=__doc__ or "",
+        lanes=True,
     )
 
 

@@ -14,7 +14,7 @@ from pathlib import Path
 
 from fmus.build import shipped_models
 from fmus.model import Model
-from fmus.source import sources
+from fmus.source import LANES, sources
 
 HERE = Path(__file__).parent
 ROOT = HERE.parents[1]
@@ -65,7 +65,8 @@ def write_model(model: Model, folder: Path) -> list[Path]:
         (folder / name).write_text(text, encoding="utf-8")
     shutil.copy(HERE / "digest.h", folder)
     own = {Path(name).name for name in model.sources if name.endswith(".c")}
-    return [HERE / "kernel.c", *(folder / name for name in sorted({*own, "variables.c"}))]
+    own |= {"variables.c", *(name for name in LANES if model.lanes and name.endswith(".c"))}
+    return [HERE / "kernel.c", *(folder / name for name in sorted(own))]
 
 
 def digests(toolchain: Toolchain, folder: Path, names: Sequence[str] = ()) -> dict[str, str]:

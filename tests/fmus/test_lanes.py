@@ -3,21 +3,31 @@
 from __future__ import annotations
 
 import ctypes as c
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
+import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from fmus.models import planar2r, teleoperation
+from fmus.model import Model, Variable, clocked, exchanged
+from fmus.models import planar2r, teleoperation, xi
 
 ARM = planar2r.model()
+MODELS = [
+    ARM,
+    teleoperation.model(4),
+    teleoperation.model(1, gravity=1),
+    teleoperation.model(0),
+]
 H = 1e-3
 OK, DISCARD, ERROR = 0, 2, 3
-NUMBER = st.floats(-20.0, 20.0)
 SETTINGS = settings(
-    max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+    max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )
+Drive = Callable[..., Any]
 
 
 @pytest.fixture(params=["2.0", "3.0"])
@@ -37,70 +47,131 @@ def together(drivers: list[Any], t: float, h: float) -> list[int]:
     return list(status)
 
 
-@st.composite
-def arms(draw: st.DrawFn) -> list[dict[str, list[float]]]:
-    """Values of some arms, most of them of one kind; some will leave the range of numbers."""
-    gravity, contact = draw(st.booleans()), draw(st.sampled_from([0.0, 0.0, 0.0, 2.0]))
-    found = []
-    for _ in range(draw(st.integers(1, 9))):
-        other = draw(st.sampled_from([False] * 6 + [True]))
-        level = gravity == other
-        far = draw(st.sampled_from([1.0] * 12 + [1e4, 1e6]))
-        found.append({
-            "theta_g": [0.0, 0.0] if level else [draw(NUMBER), draw(NUMBER)],
-            "contact": [contact],
-            "substeps": [draw(st.sampled_from([1.0, 1.0, 1.0, 3.0]))],
-            "q": [draw(NUMBER), draw(NUMBER) * far],
-            "dq": [draw(NUMBER), draw(NUMBER)],
-            "k_p": [abs(draw(NUMBER)), 5.0], "k_d": [0.5, abs(draw(NUMBER))],
-            "q_w": [draw(NUMBER), -1.0], "k_w": [abs(draw(NUMBER)), 300.0], "b_w": [2.0, 0.5],
-            "grip": [draw(st.floats(0.0, 1.0))], "tau": [draw(NUMBER), draw(NUMBER)],
-            "tau_ext": [draw(NUMBER), 0.0], "q_h": [draw(NUMBER), 0.0],
-        })  # fmt: skip
-    return found
-
-
-@SETTINGS
-@given(values=arms())
-def test_arms_step_at_once_as_they_do_alone(drive: Any, version: str, values: list[Any]) -> None:
-    alone, at_once = ([drive(ARM, version) for _ in values] for _ in range(2))
+@contextmanager
+def instances(drive: Drive, model: Model, version: str, n: int) -> Iterator[list[Any]]:
+    some = [drive(model, version) for _ in range(n)]
     try:
-        for some in (alone, at_once):
-            for d, found in zip(some, values, strict=True):
-                for name, value in found.items():
-                    assert d.set(name, value) == OK
-                d.go_to("step")
-        for k in range(3):
+        yield some
+    finally:
+        for d in some:
+            d.free()
+
+
+def everything(d: Any) -> bytes:
+    """All values of an instance and its time, hidden ones as well."""
+    state = d.save()
+    try:
+        found: bytes = d.serialize(state)
+        return found
+    finally:
+        d.free_state(state)
+
+
+class Drawn:
+    """Random values of a model's variables, in their ranges."""
+
+    def __init__(self, model: Model, seed: int) -> None:
+        self.model, self.random = model, np.random.default_rng(seed)
+        self.usual = {v.name: self._integers(v) for v in model.variables if v.type != "real"}
+
+    def _integers(self, v: Variable) -> list[int]:
+        low, high = v.minimum or 0.0, 3.0 if v.maximum is None else v.maximum
+        return [int(x) for x in self.random.integers(int(low), int(high) + 1, v.size)]
+
+    def start(self) -> dict[str, Any]:
+        """Values before the start, of some variables: most integers as all instances have them."""
+        values: dict[str, Any] = {}
+        for v in self.model.variables:
+            if v.type != "real":
+                values[v.name] = self._integers(v) if self._rarely(20) else self.usual[v.name]
+            elif (v.causality == "parameter" or v.settable) and not self._rarely(2):
+                near = np.asarray(v.starts) * self.random.uniform(0.0, 2.0, v.size)
+                near = np.where(np.abs(near) > 1e6, 0.2, near)  # of limits that are off
+                near += self.random.uniform(-1.0, 1.0, v.size) * self._rarely(2)
+                values[v.name] = near.clip(v.minimum, v.maximum)
+        return values
+
+    def inputs(self) -> dict[str, Any]:
+        """All inputs; few are large or no number."""
+        values: dict[str, Any] = {}
+        for v in self.model.variables:
+            if v.causality == "input":
+                size = self.random.choice([1.0, 20.0, 1e7, np.nan], p=[0.65, 0.34, 0.005, 0.005])
+                values[v.name] = self.random.uniform(-1.0, 1.0, v.size) * size
+        return values
+
+    def _rarely(self, once_in: int) -> bool:
+        return bool(self.random.integers(once_in) == 0)
+
+
+def begin(both: tuple[Any, Any], drawn: Drawn) -> None:
+    """Start two instances with the same values, if need be after some that cannot be."""
+    late = H if drawn.random.integers(20) == 0 else 0.0
+    for _ in range(8):
+        values = drawn.start()
+        found = []
+        for d in both:
+            given = [d.set(name, value) for name, value in values.items()]
+            found.append((given, d.enter(late), d.leave(), d.log.take()))
+        assert found[0] == found[1]
+        if found[0][2] == OK:
+            return
+        for d in both:
+            assert d("Reset") == OK
+    for d in both:
+        d.go_to("step")
+
+
+@pytest.mark.parametrize("model", MODELS, ids=lambda m: m.identifier)
+@SETTINGS
+@given(n=st.integers(1, 19), seed=st.integers(0, 2**32))
+def test_instances_step_at_once_as_they_do_alone(
+    drive: Drive, version: str, model: Model, n: int, seed: int
+) -> None:
+    drawn = Drawn(model, seed)
+    with (
+        instances(drive, model, version, n) as alone,
+        instances(drive, model, version, n) as at_once,
+    ):
+        for both in zip(alone, at_once, strict=True):
+            begin(both, drawn)
+        for k in range(4):
+            for both in zip(alone, at_once, strict=True):
+                for name, value in drawn.inputs().items():
+                    assert len({d.set(name, value) for d in both}) == 1
             one = [d.step(k * H, H) for d in alone]
             assert together(at_once, k * H, H) == one
-            assert [d.outputs() for d in at_once] == [d.outputs() for d in alone]
+            assert [everything(d) for d in at_once] == [everything(d) for d in alone]
             assert [d.log.take() for d in at_once] == [d.log.take() for d in alone]
-    finally:
-        for d in (*alone, *at_once):
-            d.free()
 
 
 @pytest.mark.parametrize("wrong", ["time", "input", "mode"])
 def test_what_one_of_them_is_refused_the_others_are_not(
-    drive: Any, version: str, wrong: str
+    drive: Drive, version: str, wrong: str
 ) -> None:
-    some = [drive(ARM, version) for _ in range(6)]
-    for i, d in enumerate(some):
-        d.set("dq", [1.0, float(i)])
-        d.go_to("terminated" if wrong == "mode" and i == 2 else "step")
-    if wrong == "time":
-        assert some[2].step(0.0, H) == OK
-    if wrong == "input":
-        some[2].set("tau", [0.0, float("nan")])
-    before = [d.outputs() for d in some]
-    expected = DISCARD if wrong == "input" else ERROR
-    assert together(some, 0.0, H) == [OK, OK, expected, OK, OK, OK]
-    after = [d.outputs() for d in some]
-    assert [a != b for a, b in zip(after, before, strict=True)] == [i != 2 for i in range(6)]
-    assert [len(d.log.take()) for d in some] == [int(i == 2) for i in range(6)]
+    with instances(drive, ARM, version, 6) as some:
+        for i, d in enumerate(some):
+            d.set("dq", [1.0, float(i)])
+            d.go_to("terminated" if wrong == "mode" and i == 2 else "step")
+        if wrong == "time":
+            assert some[2].step(0.0, H) == OK
+        if wrong == "input":
+            some[2].set("tau", [0.0, float("nan")])
+        before = [d.outputs() for d in some]
+        expected = DISCARD if wrong == "input" else ERROR
+        assert together(some, 0.0, H) == [OK, OK, expected, OK, OK, OK]
+        after = [d.outputs() for d in some]
+        assert [a != b for a, b in zip(after, before, strict=True)] == [i != 2 for i in range(6)]
+        assert [len(d.log.take()) for d in some] == [int(i == 2) for i in range(6)]
 
 
-def test_only_models_that_can_say_so(drive: Any, version: str) -> None:
-    lanes = drive(ARM, version).library.kernel_lanes
-    assert lanes() == 4
-    assert drive(teleoperation.model(2), version).library.kernel_lanes() == 1
+def test_only_models_that_can_say_so(drive: Drive, version: str) -> None:
+    with instances(drive, ARM, version, 1) as (arm,):
+        assert arm.library.kernel_lanes() in (4, 8)
+    with instances(drive, xi.model(), version, 2) as some:
+        assert some[0].library.kernel_lanes() == 1
+        for d in some:
+            d.go_to("step")
+        assert together(some, 0.0, H) == [OK, OK]
+    assert not exchanged(ARM).lanes
+    assert not clocked(teleoperation.model(1), H).lanes

@@ -118,10 +118,11 @@ def saturation(system: AnalyzedSystem) -> Iterator[Finding]:
 
 def size(system: AnalyzedSystem) -> Iterator[Finding]:
     """The size of the recorded data, uncompressed."""
-    from cosim.engine.simulate import columns
+    from cosim.engine.simulate import recorded_slots
 
     spec, plan = system.scenario.run.record, system.plan
-    count = len(columns(plan, spec.signals, system.scenario.place("run.record.signals")))
+    place = system.scenario.place("run.record.signals")
+    count = sum(slot.size for slot in recorded_slots(plan, spec.signals, place))
     total = 8.0 * (count + 1) * (plan.ticks // spec.every + 1)
     severity: Severity = "warning" if total > LARGE else "note"
     yield Finding(

@@ -21,7 +21,7 @@ from cosim.engine.binding import Termination
 from cosim.engine.engine import Engine
 from cosim.engine.tables import LinkRows
 from cosim.fmi.components import facts, simulator_facts
-from cosim.links.statistics import Ages, LinkStatistics
+from cosim.links.statistics import LinkStatistics, TableAges
 from cosim.links.writer import TableWriter
 from cosim.record import Column, Recorder, claim_folder, link_file, seal, write_metadata
 from cosim.record.folder import FINISHED, LAST, RUNNING, STOPPED
@@ -38,8 +38,6 @@ CHUNK_TICKS, CHUNK_VALUES = 8192, 1 << 18
 #: Ticks that are kept when a run fails: of everything, or of what is recorded if there are more
 #: signals than this, since copying them all would cost as much as the run.
 FLIGHT_RECORDER, EVERYTHING = 1000, 8192
-#: Rows of a link's table that are counted at once: a chunk has few, and each time costs the same.
-COUNTED = 1 << 14
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,6 +67,11 @@ def columns(plan: Plan, wanted: Sequence[str] = (), place: str = "") -> list[Col
 
     Raises ScenarioError for a wanted signal that does not exist.
     """
+    return _columns(recorded_slots(plan, wanted, place))
+
+
+def recorded_slots(plan: Plan, wanted: Sequence[str] = (), place: str = "") -> list[Slot]:
+    """The signals of :func:`columns`. Raises ScenarioError."""
     slots = {s.name: s for c in plan.components for s in c.outputs}
     every = plan.slots()
     received = {x.target.name for x in plan.links}
@@ -78,7 +81,7 @@ def columns(plan: Plan, wanted: Sequence[str] = (), place: str = "") -> list[Col
     slots |= {s.name: s for group in plan.groups for s in group.slots}
     if wanted:
         slots = {name: every[name] for w in wanted for name in _named(w, every, place)}
-    return _columns([slot for _, slot in sorted(slots.items())])
+    return [slot for _, slot in sorted(slots.items())]
 
 
 def _named(wanted: str, every: Mapping[str, Slot], place: str) -> Sequence[str]:
@@ -120,17 +123,18 @@ def simulate(
     folder = Path(folder)
     plan = plan or assemble(scenario)
     recorded = columns(plan, scenario.run.record.signals, scenario.place("run.record.signals"))
-    everything = _everything(plan)
+    slots = [s for c in plan.components for s in (*c.inputs, *c.outputs)]
+    slots += [s for group in plan.groups for s in group.slots]
     taken: Sequence[int] | None = None  # the signals in a row, if not all
-    if len(everything) > EVERYTHING:
+    if sum(slot.size for slot in slots) > EVERYTHING:
         taken = [column.index for column in recorded]
         recorded = [replace(column, index=i) for i, column in enumerate(recorded)]
-        everything = recorded
+    everything = _columns(slots) if taken is None else recorded
     width = plan.n_signals if taken is None else len(taken)
     every = 1 if taken is None else scenario.run.record.every
     rows = max(64, min(CHUNK_TICKS, CHUNK_VALUES // max(1, width), plan.ticks + 2))
-    counted = _Counted(plan)
-    kept: list[Callable[[LinkRows], None]] = [counted.add]
+    counted = TableAges({x.name: x.table for x in plan.links}, together=not plan.buses)
+    kept: list[Callable[[LinkRows], None]] = [lambda rows: counted.add(rows.parts())]
 
     def keep(rows: LinkRows) -> None:
         for take in kept:
@@ -146,7 +150,7 @@ def simulate(
         facts = {**metadata(scenario, plan), **(further or {})}
         stack.enter_context(_completed(folder, facts))
         stack.callback(engine.save_logs, folder)
-        kept.append(_table_writer(folder, plan, stack))
+        kept.append(_table_writer(folder, plan, facts["links"], stack))
         recorder = Recorder(
             folder, recorded, h=plan.h, every=scenario.run.record.every, rows_per_chunk=rows,
             n_signals=width, everything=everything, sparse=taken is not None,
@@ -180,9 +184,10 @@ def _macro_facts(engine: Engine) -> dict[str, Any]:
     return {"macro_steps": found} if found else {}
 
 
-def _table_writer(folder: Path, plan: Plan, stack: ExitStack) -> Callable[[LinkRows], None]:
+def _table_writer(
+    folder: Path, plan: Plan, facts: Mapping[str, Mapping[str, Any]], stack: ExitStack
+) -> Callable[[LinkRows], None]:
     """What writes the rows of the links' tables: into a file for each, or one for many links."""
-    facts = {x.name: x.table.facts() for x in plan.links}
     if len(plan.links) >= MANY and not plan.buses:
         together = stack.enter_context(TablesWriter(folder, facts))
         return lambda found: together.write(found.rows, found.counts)
@@ -196,35 +201,6 @@ def _table_writer(folder: Path, plan: Plan, stack: ExitStack) -> Callable[[LinkR
             file.write(rows)
 
     return write
-
-
-class _Counted:
-    """Rows of the links' tables, gathered for the statistics of their ages."""
-
-    def __init__(self, plan: Plan) -> None:
-        self._ages = {x.name: Ages(x.table.grid) for x in plan.links}
-        self._rows, self._size = list[LinkRows](), 0
-
-    def add(self, rows: LinkRows) -> None:
-        """Take the next rows; they must not change afterwards."""
-        self._rows.append(rows)
-        self._size += int(rows.counts.max(initial=0))
-        if self._size >= COUNTED:
-            self._count()
-
-    def _count(self) -> None:
-        for ages, *parts in zip(
-            self._ages.values(), *(rows.parts() for rows in self._rows), strict=True
-        ):
-            ages.add(np.concatenate(parts))
-        self._rows.clear()
-        self._size = 0
-
-    def results(self) -> dict[str, LinkStatistics]:
-        """The statistics of all rows, by link."""
-        if self._rows:
-            self._count()
-        return {name: ages.result() for name, ages in self._ages.items()}
 
 
 def _loop(
@@ -290,11 +266,6 @@ def _save_failure(
             recorder.save_last(folder / LAST, FLIGHT_RECORDER, everything)
         except RunError as failure:  # what stopped the run comes first
             error.add_note(str(failure))
-
-
-def _everything(plan: Plan) -> list[Column]:
-    slots = [s for c in plan.components for s in (*c.inputs, *c.outputs)]
-    return _columns([*slots, *(s for group in plan.groups for s in group.slots)])
 
 
 def stop_metadata(error: BaseException) -> dict[str, Any]:

@@ -35,7 +35,14 @@ def is_fmu(component: Component) -> bool:
 
 def is_simulator(component: Component) -> bool:
     """Whether the component belongs to a foreign simulator, and its step is a C function."""
-    return isinstance(component, NativeComponent)
+    return _simulator(component) is not None
+
+
+def _simulator(component: Component) -> NativeComponent | None:
+    # every attribute of a protocol is looked for, which takes long for thousands of FMUs
+    if isinstance(component, FmuComponent) or not isinstance(component, NativeComponent):
+        return None
+    return component
 
 
 def overwrite(fmu: FmuComponent, values: Values) -> None:
@@ -58,7 +65,8 @@ def facts(component: Component) -> Mapping[str, str] | None:
 
 def simulator_facts(component: Component) -> Mapping[str, str] | None:
     """Metadata of a component of a foreign simulator for a run; None: an FMU or a Python class."""
-    return component.facts() if isinstance(component, NativeComponent) else None
+    simulator = _simulator(component)
+    return None if simulator is None else simulator.facts()
 
 
 def model_name(component: Component) -> str:

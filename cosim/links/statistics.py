@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass
 from math import gcd
 
@@ -10,8 +11,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from cosim.links.grid import Grid
 from cosim.links.laws import FloatArray, IntArray
+from cosim.links.table import TableSpec
 
 BLOCK = 1 << 16  # rows worked on at once; they stay in the cache
+GATHERED = 1 << 17  # rows of all tables that are counted at once: each time costs the same
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,6 +143,47 @@ class Ages:
         ]  # fmt: skip
         columns = [mean, *map(age, (5, 50, 95, 99, 100)), *shares]
         return [LinkStatistics(self._row, *each) for each in zip(*columns, strict=True)]
+
+
+class TableAges:
+    """Counts the rows of many tables, by name, as they come.
+
+    Tables with the same periods are counted `together`: they must have equal numbers of rows then.
+    """
+
+    def __init__(self, tables: Mapping[str, TableSpec], *, together: bool) -> None:
+        self._names, groups = list(tables), dict[Hashable, list[int]]()
+        for i, (name, table) in enumerate(tables.items()):
+            key = (table.grid, table.history) if together else name
+            groups.setdefault(key, []).append(i)
+        specs = list(tables.values())
+        self._groups = [
+            (members, Ages(specs[members[0]].grid, len(members), specs[members[0]].history))
+            for members in groups.values()
+        ]
+        self._parts, self._size = list[Sequence[NDArray[np.int32]]](), 0
+
+    def add(self, parts: Sequence[NDArray[np.int32]]) -> None:
+        """Take the next rows of each table; they must not change afterwards."""
+        self._parts.append(parts)
+        self._size += sum(map(len, parts))
+        if self._size >= GATHERED:
+            self._count()
+
+    def results(self) -> dict[str, LinkStatistics]:
+        """The statistics of all rows so far, by name."""
+        self._count()
+        found: dict[int, LinkStatistics] = {}
+        for members, ages in self._groups:
+            found |= zip(members, ages.results(), strict=True)
+        return {name: found[i] for i, name in enumerate(self._names)}
+
+    def _count(self) -> None:
+        for members, ages in self._groups if self._parts else ():
+            each = [np.stack([parts[i] for i in members]) for parts in self._parts]
+            ages.add(np.concatenate(each, axis=1))
+        self._parts.clear()
+        self._size = 0
 
 
 def statistics(rows: ArrayLike, grid: Grid) -> LinkStatistics:

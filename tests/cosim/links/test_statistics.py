@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from cosim.links.grid import Grid
 from cosim.links.laws import Uniform
 from cosim.links.semantics import PacketSemantics, PlayoutSemantics, SignalSemantics
-from cosim.links.statistics import Ages, statistics
+from cosim.links.statistics import Ages, TableAges, statistics
 from cosim.links.table import DrawnTable
 
 PAPER = Uniform(0.3, 1.2, 0.03)  # 5 ms samples
@@ -116,6 +116,24 @@ def test_links_are_counted_together_as_each_by_itself(values, n_s, n_r, cut, blo
     for found, rows in zip(together.results(), sent, strict=True):
         alone = statistics(rows, grid)
         assert astuple(found) == pytest.approx(astuple(alone), nan_ok=True, rel=0)
+
+
+@pytest.mark.parametrize("together", [True, False])
+@pytest.mark.parametrize("gathered", [1, 1000, 1 << 17])
+def test_tables_are_counted_by_name_as_they_come(monkeypatch, together, gathered):
+    """Of two senders' periods, in the order of their names; chunks change nothing."""
+    monkeypatch.setattr("cosim.links.statistics.GATHERED", gathered)
+    law, slow = Uniform(0.03, 0.12, 0.03), Grid(2, 4, 0.005)
+    grids = {"c": GRID, "a": slow, "b": GRID, "d": slow}
+    tables = {n: DrawnTable(n, g, law, SignalSemantics(), 3) for n, g in grids.items()}
+    counted = TableAges(tables, together=together)
+    rows = {n: x.stream(4000).rows(4000 // (1 + (x.grid is slow))) for n, x in tables.items()}
+    for part in (slice(0, 700), slice(700, 701), slice(701, None)):
+        counted.add([rows[name][part] for name in tables])
+    found = counted.results()
+    assert list(found) == list(tables)
+    for name, x in tables.items():
+        assert found[name] == statistics(rows[name], x.grid)
 
 
 def test_what_is_remembered_does_not_grow_with_the_run():

@@ -245,7 +245,7 @@ class Binding:
         for number, part in enumerate(parts.components):
             for i in part:
                 for slots in (self.plan.components[i].inputs, self.plan.components[i].outputs):
-                    start, n = _extent(slots)
+                    start, n = extent(slots)
                     owner[start : start + n] = number
                     late[start : start + n] = i in parts.late
         for group in self.plan.groups:
@@ -260,8 +260,8 @@ class Binding:
         late = step.name not in self._sampled
         lag, h = step.period - 1 if late else 0, step.period * self.plan.h
         unit = structs.UnitStruct(lag=lag, h=h, period=step.period, kind=structs.UnitKind.CALL)
-        unit.input, unit.input_count = _extent(step.inputs)
-        unit.output, unit.output_count = _extent(step.outputs)
+        unit.input, unit.input_count = extent(step.inputs)
+        unit.output, unit.output_count = extent(step.outputs)
         fmu = stepped_fmu(step.component)
         if fmu is None and isinstance(step.component, NativeComponent):
             unit.kind = structs.UnitKind.NATIVE
@@ -378,7 +378,8 @@ def _stretches(
     return found
 
 
-def _extent(slots: Sequence[Slot]) -> tuple[int, int]:
+def extent(slots: Sequence[Slot]) -> tuple[int, int]:
+    """First entry and number of the signals of slots that follow each other."""
     if not slots:
         return 0, 0
     first, last = slots[0].start, slots[-1]

@@ -23,7 +23,6 @@ from cosim.engine.initialization import initialize
 from cosim.engine.tables import NEVER, DrawnRows, LinkRows, RowTables, filled_rows
 from cosim.fmi import components
 from cosim.fmi.failures import not_finite, sentence
-from cosim.fmi.refusals import step_refused
 from cosim.native import structs
 from cosim.native.structs import EngineResult
 from cosim.schedule.parts import RunningBus, Slot, Step
@@ -62,8 +61,8 @@ class Engine:
         self.signals: Vector = np.zeros(plan.n_signals)
         self.ended: Termination | None = None
         self._keep_tables = keep_tables
-        self._inputs = [_views(self.signals, s.inputs, writable=False) for s in plan.components]
-        self._outputs = [_views(self.signals, s.outputs, writable=True) for s in plan.components]
+        self._inputs = SignalViews(self.signals, [s.inputs for s in plan.components], fixed=True)
+        self._outputs = SignalViews(self.signals, [s.outputs for s in plan.components])
         self._team: Team | None = None
         self._macros: MacroBinding | None = None
         self._direct: Feedthrough = {}
@@ -283,6 +282,8 @@ class Engine:
             return not_finite(step.outputs, self.signals)
         if isinstance(step.component, NativeComponent):
             return step.component.failure()
+        from cosim.fmi.refusals import step_refused  # few runs fail
+
         state = self._state
         return step_refused(step, self.signals, result, state.failed_status, state.failed_signal)
 
@@ -344,8 +345,25 @@ def _no_rows(end: int) -> DrawnRows:
     return DrawnRows(end, LinkRows(np.empty(0, np.int32), nothing), nothing, {}, ())
 
 
-def _views(signals: Vector, slots: Sequence[Slot], *, writable: bool) -> Views:
-    views = {s.port: part(signals, s).reshape(s.shape) for s in slots}
-    for view in views.values():
-        view.flags.writeable = writable
-    return views
+class SignalViews(Sequence[Views]):
+    """The signals of the inputs or outputs of each component, as views by port; read-only: `fixed`.
+
+    They are made when they are asked for: FMUs need none.
+    """
+
+    def __init__(
+        self, signals: Vector, slots: Sequence[Sequence[Slot]], *, fixed: bool = False
+    ) -> None:
+        self._signals, self._slots, self._fixed = signals, slots, fixed
+        self._known: dict[int, Views] = {}
+
+    def __len__(self) -> int:
+        return len(self._slots)
+
+    def __getitem__(self, i: Any) -> Any:
+        if i not in self._known:
+            slots = self._slots[i]
+            self._known[i] = {s.port: part(self._signals, s).reshape(s.shape) for s in slots}
+            for view in self._known[i].values():
+                view.flags.writeable = not self._fixed
+        return self._known[i]

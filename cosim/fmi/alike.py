@@ -20,9 +20,9 @@ class CommonInstance:
 
     STATE: ClassVar[str]
     HOT: ClassVar[tuple[str, str, str]]
+    _calls: Calls
     handle: int
     numbered: NumberedTexts
-    _calls: Calls
 
     @property
     def broken(self) -> int:
@@ -32,6 +32,14 @@ class CommonInstance:
     def returned(self, status: int) -> None:
         """Take note of a status that the engine got."""
         self._calls.returned(status)
+
+    def refuse(self, suffix: str, status: int) -> None:
+        """Raise FmuError for a bad status of a function, its name without the prefix."""
+        self._calls.refuse(suffix, status)
+
+    def left(self) -> None:
+        """Take note that C has left Initialization Mode."""
+        self._calls.started = True
 
     def reset(self) -> None:
         """``fmi2Reset``, ``fmi3Reset``: as after its instantiation, with nothing logged."""

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import shutil
 import tempfile
-from collections.abc import Mapping, Sequence
-from functools import partial
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -17,14 +16,14 @@ from cosim.base.errors import FmuError
 from cosim.fmi import archive as archives
 from cosim.fmi import binaries, clocks
 from cosim.fmi.description import read_cached
-from cosim.fmi.fmi2 import Instance2
 from cosim.fmi.instances import instantiate
 from cosim.fmi.interface import FmuInterface
 from cosim.fmi.intervals import Intervals
 from cosim.fmi.library import OK, Instance, Setup
 from cosim.fmi.options import FmuOptions
 from cosim.fmi.ports import together
-from cosim.fmi.start_values import InstanceStart, StartValue
+from cosim.fmi.start_calls import StartKind
+from cosim.fmi.starting import LoneStart
 from cosim.fmi.values import (
     NumberedTexts,
     check_range,
@@ -39,8 +38,6 @@ from cosim.native import fmu_log
 if TYPE_CHECKING:
     from cosim.fmi.isolation.remote import RemoteInstance
 
-#: Limits of a variable that has none.
-UNLIMITED = (float("-inf"), float("inf"))
 #: Bytes of log text kept of an FMU whose logging is on.
 LOG_ROOM = 1 << 20
 
@@ -86,8 +83,9 @@ class FmuComponent(FmuInterface):
         usual = "sampled" if self.description.scheduled else "continuous"
         self.kind: Kind = kind or self.description.kind or usual  # type: ignore[assignment]
         texts = {k: v for k, v in given.items() if has_text(self.groups, k)}
-        self._texts = texts_for(self.groups, {**texts, **self.options.texts}, name)
-        self._sizes = sizes
+        #: Values of String and Binary variables, and sizes of arrays, to start from.
+        self.start_texts = texts_for(self.groups, {**texts, **self.options.texts}, name)
+        self.sizes: Mapping[str, int] = sizes
         #: Names of `options.given` that are no values of signals or parameters.
         self.taken = frozenset({*sizes, *texts})
         #: Of clocks whose interval was set or asked for, by value reference.
@@ -98,7 +96,8 @@ class FmuComponent(FmuInterface):
         self.begin = 0.0
         self._instance: Instance | None = None
         self._remote: RemoteInstance | None = None
-        self._start: InstanceStart | None = None  # while in Initialization Mode
+        self._ticked: dict[str, list[float]] = {}
+        self._start: LoneStart | None = None  # in Initialization Mode, started by itself
         self._private: str | None = None
         self._last_text = ""
 
@@ -161,18 +160,39 @@ class FmuComponent(FmuInterface):
 
     def initialize(self, values: Values) -> None:
         """Instantiate and enter Initialization Mode with `values` set; raises FmuError."""
+        self._start = LoneStart(self, values)
+
+    def begin_start(self, logs: Iterator[fmu_log.Log]) -> Setup:
+        """Have an instance that has just been made; returns how it is made. Raises FmuError.
+
+        `logs`: where new instances log to.
+        """
+        self._start, self.intervals = None, {}
+        setup = self._setup()
         if not self._reset():
             self.close()
-            self._instance = self._instantiate()
-        assert self._instance is not None
-        numbers = {k: v for k, v in values.items() if self.groups[k].first.type != "Clock"}
-        given = [StartValue(self.groups[k], self._checked(k, v)) for k, v in numbers.items()]
-        given += [StartValue(group, texts) for group, texts in self._texts]
-        given += [StartValue(self.groups[k], (n,)) for k, n in self._sizes.items()]
-        again = self.description.fmi != "1.0"
-        self._start = InstanceStart(self._instance, self.name, given, again=again)
-        self._start.enter(self.begin)
-        self.intervals = clocks.set_intervals(self, values)
+            self._instance = self._instantiate(setup, logs)
+        return setup
+
+    def start_kind(self, setup: Setup, names: tuple[str, ...]) -> StartKind:
+        """The calls of the start of such FMUs, which are given numbers of these names."""
+        names = (*names, *self.sizes)
+        if self._private is not None:
+            return StartKind(self, setup, names)
+        what = f"start {names} {self.start_sort[1:]}"
+        return self._derived(what, lambda: StartKind(self, setup, names))
+
+    @property
+    def start_sort(self) -> tuple[object, ...]:
+        """Equal for FMUs whose start has the same calls if the same values are set."""
+        x = self.options
+        texts = tuple(group.name for group, _ in self.start_texts)
+        return self.sort, x.log, x.isolate, x.build, x.tolerance, texts
+
+    @property
+    def observes(self) -> bool:
+        """Whether variables are outputs that are none in the description."""
+        return bool(self._observed)
 
     def _reset(self) -> bool:
         """Take an instance of one of our own models back to its start, where it is a new one."""
@@ -181,22 +201,28 @@ class FmuComponent(FmuInterface):
         self.instance.reset()
         return True
 
-    def _instantiate(self) -> Instance:
+    def _setup(self) -> Setup:
+        x = self.options
+        what = f"setup {x.log} {x.build} {x.tolerance}"
+        return self._derived(what, self._common_setup)._replace(name=self.name)
+
+    def _common_setup(self) -> Setup:
         d, options = self.description, self.options
-        binary = self._derived(f"binary, built: {options.build}", lambda: binaries.binary(
-            self.archive, d.fmi, d.identifier, options.build
-        ))  # fmt: skip
-        if d.flags.get("canBeInstantiatedOnlyOncePerProcess") and not options.isolate:
-            self._private = tempfile.mkdtemp(prefix="cosim-")  # a copy is a library of its own
-            binary = Path(shutil.copy2(binary, self._private))
-        setup = Setup(
-            fmi=d.fmi, path=binary, name=self.name, token=d.token,
+        return Setup(
+            fmi=d.fmi, name="", token=d.token,
+            path=binaries.binary(self.archive, d.fmi, d.identifier, options.build),
             resources=self.archive.folder / "resources", logging=options.log,
             event_mode=self.events or d.states is not None, interface=d.interface,
             early_return=self.events or self.returns_early,
             intermediate=self.updated if self.intermediate else None,
             tolerance=d.tolerance if options.tolerance is None else options.tolerance,
         )  # fmt: skip
+
+    def _instantiate(self, setup: Setup, logs: Iterator[fmu_log.Log]) -> Instance:
+        options, flags = self.options, self.description.flags
+        if flags.get("canBeInstantiatedOnlyOncePerProcess") and not options.isolate:
+            self._private = tempfile.mkdtemp(prefix="cosim-")  # a copy is a library of its own
+            setup = setup._replace(path=Path(shutil.copy2(setup.path, self._private)))
         room = LOG_ROOM if options.log else 0
         if options.isolate and self._wired:
             found = ", ".join(sorted(self._wired))
@@ -211,7 +237,7 @@ class FmuComponent(FmuInterface):
 
             self._remote = RemoteInstance(setup, options, scalars, room)
             return self._remote
-        instance = instantiate(setup, fmu_log.log(room=room))
+        instance = instantiate(setup, fmu_log.log(room=room) if room else next(logs))
         instance.numbered = self.numbered
         return instance
 
@@ -238,25 +264,6 @@ class FmuComponent(FmuInterface):
         carried = self.carried("output")
         readable = tuple(g.name for g in carried if g.name not in self._observed)
         return self._outputs(readable) | self._declared()
-
-    def initial_at(self, inputs: int, outputs: int) -> bool:
-        """As :meth:`initial`, from and to arrays of doubles at these addresses: False: not done.
-
-        It is done for FMI 2.0 with real inputs and outputs only, and inputs that may be anything.
-        """
-        x = self._instance
-        if not isinstance(x, Instance2) or not self._derived("at", self._all_free_reals):
-            return False
-        for verb, role, address in (("Set", "input", inputs), ("Get", "output", outputs)):
-            references = self._derived(f"{role} references", partial(self.references, role))
-            if references:
-                x.reals_at(verb, references, address)
-        return True
-
-    def _all_free_reals(self) -> bool:
-        both = [*self.carried("input"), *self.carried("output")]
-        free = (v.limits == UNLIMITED for g in self.carried("input") for v in g.variables)
-        return not self._observed and all(g.first.type == "Real" for g in both) and all(free)
 
     def _declared(self) -> dict[str, NDArray[Any]]:
         """Start values of observed variables, which may not be read yet (FMI 2.0.5 §4.2.4)."""
@@ -298,9 +305,28 @@ class FmuComponent(FmuInterface):
         """
         if self._start is None:
             return {}
-        asked = clocks.intervals_from_fmu(self.description) if self.clocked else {}
+        start, self._start = self._start, None
+        return start.leave()
+
+    def set_intervals(self, values: Values) -> None:
+        """Set the intervals of clocks among start values, s. Raises FmuError."""
+        self.intervals = clocks.set_intervals(self, values)
+
+    def ask_intervals(self) -> None:
+        """Take the intervals of clocks that the FMU defines. Raises FmuError."""
+        asked = clocks.intervals_from_fmu(self.description)
         self.intervals = {**self.intervals, **(self.instance.intervals(asked) if asked else {})}
-        ticked, self._start = self._start.leave(clocks.read_clocks(self)), None
+
+    def leave_initialization(self) -> None:
+        """Leave Initialization Mode, with the events at the start. Raises FmuError."""
+        self._ticked = self.instance.exit_initialization(clocks.read_clocks(self))
+
+    def first_outputs(self) -> dict[str, NDArray[Any]]:
+        """The outputs then, each of its declared shape; of clocked ones, those whose clock ticked.
+
+        Raises FmuError.
+        """
+        ticked, self._ticked = self._ticked, {}
         free = tuple(
             g.name for g in self.carried("output")
             if g.first.type != "Clock" and not (self.clocked and g.first.clocks)

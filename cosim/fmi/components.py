@@ -258,15 +258,15 @@ def begin_at(component: Component, t: float) -> None:
         fmu.begin = t
 
 
-def exit_initialization(component: Component) -> tuple[Outputs, float | None]:
-    """Leave Initialization Mode: outputs that are new, and the time (s) if the FMU has ended."""
-    if isinstance(component, FmuDriver):
-        return component.exit_initialization(), None
-    fmu = fmu_of(component)
-    if fmu is None:
-        return {}, None
-    outputs = fmu.exit_initialization()
-    return outputs, fmu.begin if fmu.instance.has_ended() else None
+def exit_initialization(component: Component) -> Outputs:
+    """Let a component that drives an FMU leave Initialization Mode: outputs that are new."""
+    return component.exit_initialization() if isinstance(component, FmuDriver) else {}
+
+
+def ended_at_start(component: Component) -> float | None:
+    """The time (s) if an FMU has ended the simulation in the events of its start."""
+    fmu = stepped_fmu(component)
+    return fmu.begin if fmu is not None and fmu.instance.has_ended() else None
 
 
 def terminated_at(component: Component) -> float | None:

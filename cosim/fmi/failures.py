@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import traceback
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -35,9 +35,20 @@ def sentence(error: BaseException, name: str = "") -> str:
 @contextmanager
 def starting(name: str) -> Iterator[None]:
     """Whatever component `name` raises at the start becomes a ScenarioError that names it."""
+    with starting_one_of(lambda: name):
+        yield
+
+
+@contextmanager
+def starting_one_of(name_at_hand: Callable[[], str]) -> Iterator[None]:
+    """Whatever is raised at the start of several components becomes a ScenarioError, too.
+
+    `name_at_hand` says which one it is about. Raises ScenarioError.
+    """
     try:
         yield
     except Exception as error:
+        name = name_at_hand()
         raise ScenarioError(f"{name} does not start: {sentence(error, name)}") from error
 
 

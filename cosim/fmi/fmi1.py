@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 
 from cosim.base.errors import FmuError
 from cosim.fmi.fmi2 import Instance2
-from cosim.fmi.library import FATAL, NEVER, Calls, Clocks, Setup
+from cosim.fmi.library import FATAL, NEVER, Calls, Clocks, NativeCall, Setup
 from cosim.native import fmu_log, structs
 
 
@@ -45,6 +45,10 @@ class Instance1(Instance2):
         if not self.handle:
             engine.engine_log1_close(c.byref(self.log))
             raise FmuError(f"{setup.name}: fmiInstantiateSlave failed: {self.log.said()}")
+
+    def native(self, verb: str, kind: str = "") -> NativeCall | None:
+        """How C gets and sets values; None: the other calls are Python's."""
+        return super().native(verb, kind) if verb in ("get", "set") else None
 
     def setup(self, t0: float) -> None:
         """Do nothing: the start time, s, comes with the initialization."""

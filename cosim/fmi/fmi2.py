@@ -17,13 +17,20 @@ from cosim.fmi.library import (
     Calls,
     Clocked,
     Clocks,
+    NativeCall,
     Setup,
     array_of,
     texts_of,
     uint32,
 )
 from cosim.native import fmu_log, structs
+from cosim.native.start import Form
 
+_NATIVE = {
+    "setup": NativeCall(Form.SETUP2, "SetupExperiment"),
+    "enter_initialization": NativeCall(Form.MODE, "EnterInitializationMode"),
+    "exit_initialization": NativeCall(Form.MODE, "ExitInitializationMode"),
+}
 _LAST_SUCCESSFUL_TIME, _TERMINATED = 2, 3  # of fmi2StatusKind
 
 
@@ -85,6 +92,14 @@ class Instance2(CommonInstance):
         )  # fmt: skip
         if not self.handle:
             raise FmuError(f"{setup.name}: fmi2Instantiate failed: {self.log.said()}")
+
+    def native(self, verb: str, kind: str = "") -> NativeCall | None:
+        """How C does what a member of this does, with values of an FMI type; None: it cannot."""
+        if verb in ("get", "set"):
+            return NativeCall(Form.VALUES2, self._suffix(verb, kind), self.TYPES[kind])
+        if verb == "exit_initialization" and self._exchange:
+            return None
+        return _NATIVE.get(verb)
 
     def setup(self, t0: float) -> None:
         """Set up the experiment from `t0`, s (§2.1.6 of FMI 2.0.5), with no stop time."""
@@ -158,8 +173,12 @@ class Instance2(CommonInstance):
         return time.value if ended.value else None
 
     def _access(self, verb: str, kind: str) -> Callable[..., None]:
-        suffix = "Integer" if kind == "Enumeration" else kind
-        return self._calls.checked(verb + suffix, c.c_void_p, c.c_void_p, c.c_size_t, c.c_void_p)
+        suffix = self._suffix(verb.lower(), kind)
+        return self._calls.checked(suffix, c.c_void_p, c.c_void_p, c.c_size_t, c.c_void_p)
+
+    @staticmethod
+    def _suffix(verb: str, kind: str) -> str:
+        return verb.capitalize() + ("Integer" if kind == "Enumeration" else kind)
 
     def get(self, kind: str, references: Sequence[int], count: int) -> list[float]:
         """Values, in the FMU's units, by ``fmi2GetReal`` or the function of another type."""
@@ -172,10 +191,6 @@ class Instance2(CommonInstance):
         convert = float if kind == "Real" else int
         array = array_of(self.TYPES[kind], [convert(v) for v in values])
         self._access("Set", kind)(self.handle, uint32(references), len(references), array)
-
-    def reals_at(self, verb: str, references: Sequence[int], address: int) -> None:
-        """``fmi2SetReal`` or ``fmi2GetReal`` (`verb`) with the values at an address."""
-        self._access(verb, "Real")(self.handle, uint32(references), len(references), address)
 
     def get_texts(self, kind: str, references: Sequence[int], count: int) -> list[str]:
         """``fmi2GetString``."""

@@ -16,13 +16,22 @@ from cosim.fmi.library import (
     Calls,
     Clocked,
     Clocks,
+    NativeCall,
     Setup,
     array_of,
     texts_of,
     uint32,
 )
 from cosim.native import fmu_log, structs
+from cosim.native.start import Form
 
+_NATIVE = {
+    "setup": NativeCall(Form.NOTHING),
+    "enter_configuration": NativeCall(Form.MODE, "EnterConfigurationMode"),
+    "exit_configuration": NativeCall(Form.MODE, "ExitConfigurationMode"),
+    "enter_initialization": NativeCall(Form.ENTER3, "EnterInitializationMode"),
+    "exit_initialization": NativeCall(Form.MODE, "ExitInitializationMode"),
+}
 TYPES: Mapping[str, Any] = {
     "Float64": c.c_double, "Float32": c.c_float, "Boolean": c.c_bool,
     "Int8": c.c_int8, "Int16": c.c_int16, "Int32": c.c_int32, "Int64": c.c_int64,
@@ -42,6 +51,7 @@ class Instance3(CommonInstance):
         self.log = calls.log
         self._event_mode, self.next_event, self._ended = setup.event_mode, NEVER, False
         self._tolerance, self._exchange = setup.tolerance, setup.interface == "ModelExchange"
+        self._scheduled = setup.interface == "ScheduledExecution"
         engine, what = structs.library(), f"Instantiate{setup.interface}"
         settings: list[Any] = [c.c_bool(False), c.c_bool(setup.logging)]
         after: list[Any] = [
@@ -70,6 +80,14 @@ class Instance3(CommonInstance):
     def calls(self) -> Calls:
         """Its functions, for uses that this class does not know."""
         return self._calls
+
+    def native(self, verb: str, kind: str = "") -> NativeCall | None:
+        """How C does what a member of this does, with values of an FMI type; None: it cannot."""
+        if verb in ("get", "set"):
+            return NativeCall(Form.VALUES3, self._suffix(verb, kind), TYPES[kind])
+        if verb == "exit_initialization" and (self._event_mode or self._scheduled):
+            return None
+        return _NATIVE.get(verb)
 
     def setup(self, t0: float) -> None:
         """Do nothing: FMI 3.0 is given `t0`, s, when it enters Initialization Mode."""
@@ -154,10 +172,14 @@ class Instance3(CommonInstance):
         self._calls.checked(mode, c.c_void_p)(self.handle)
 
     def _access(self, verb: str, kind: str) -> Callable[..., None]:
-        suffix = "Int64" if kind == "Enumeration" else kind
         return self._calls.checked(
-            verb + suffix, c.c_void_p, c.c_void_p, c.c_size_t, c.c_void_p, c.c_size_t
+            self._suffix(verb.lower(), kind),
+            *(c.c_void_p, c.c_void_p, c.c_size_t, c.c_void_p, c.c_size_t),
         )
+
+    @staticmethod
+    def _suffix(verb: str, kind: str) -> str:
+        return verb.capitalize() + ("Int64" if kind == "Enumeration" else kind)
 
     def get(self, kind: str, references: Sequence[int], count: int) -> list[float]:
         """Values, in the FMU's units, by ``fmi3GetFloat64`` or the function of another type."""

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from cosim.fmi.fmi2 import Instance2
-from cosim.fmi.fmi3 import Instance3
+from collections.abc import Callable
+
 from cosim.fmi.library import Instance, Setup
 from cosim.native import fmu_log
 
@@ -13,7 +13,11 @@ def instantiate(setup: Setup, log: fmu_log.Log | None = None) -> Instance:
 
     Raises FmuError.
     """
-    kind: type[Instance2] | type[Instance3] = Instance2 if setup.fmi == "2.0" else Instance3
-    if setup.fmi == "1.0":
-        from cosim.fmi.fmi1 import Instance1 as kind  # few runs need it
+    kind: Callable[[Setup, fmu_log.Log], Instance]
+    if setup.fmi == "2.0":  # few runs have FMUs of several versions
+        from cosim.fmi.fmi2 import Instance2 as kind
+    elif setup.fmi == "1.0":
+        from cosim.fmi.fmi1 import Instance1 as kind
+    else:
+        from cosim.fmi.fmi3 import Instance3 as kind
     return kind(setup, fmu_log.log() if log is None else log)

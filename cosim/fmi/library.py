@@ -2,7 +2,7 @@
 
 There is one class per standard, :class:`cosim.fmi.fmi2.Instance2` (FMI 2.0.5) and
 :class:`cosim.fmi.fmi3.Instance3` (FMI 3.0.2), and one for an FMU in a separate process
-(:mod:`cosim.fmi.isolation`), with the same members. :func:`instantiate` selects the class.
+(:mod:`cosim.fmi.isolation`), with the same members. :mod:`cosim.fmi.instances` selects the class.
 """
 
 from __future__ import annotations
@@ -12,13 +12,14 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, lru_cache
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, NamedTuple, NoReturn, Protocol
 
 from cosim.base.errors import FmuError
 from cosim.fmi.elf import missing_bytes
 from cosim.fmi.intervals import Interval, Intervals, NextTick
 from cosim.fmi.values import NumberedTexts
 from cosim.native import fmu_log
+from cosim.native.start import Form
 
 #: Rounds of an event iteration before it is given up.
 EVENTS_AT_MOST = 100_000
@@ -49,6 +50,15 @@ class Instance(Protocol):
 
     def returned(self, status: int) -> None:
         """Take note of a status that the engine got."""
+
+    def refuse(self, suffix: str, status: int) -> None:
+        """Raise FmuError for a bad status of a function, its name without the prefix."""
+
+    def native(self, verb: str, kind: str = "") -> NativeCall | None:
+        """How C does what a member of this does, with values of an FMI type; None: it cannot."""
+
+    def left(self) -> None:
+        """Take note that C has left Initialization Mode."""
 
     @property
     def next_ticks(self) -> Mapping[int, NextTick]:
@@ -143,6 +153,16 @@ class Instance(Protocol):
         """The entries of a variable among these values."""
 
 
+class NativeCall(NamedTuple):
+    """A call that C does: its form, the function's name without the prefix, and how values are
+    passed.
+    """
+
+    form: Form
+    suffix: str = ""
+    value: Any = c.c_double
+
+
 @dataclass(frozen=True, slots=True)
 class TriggeredClock:
     """A clock that the FMU ticks; `clocks`: it can do so only while one of these is active."""
@@ -177,8 +197,7 @@ class Clocks:
     fractions: tuple[int, ...] = ()
 
 
-@dataclass(frozen=True, slots=True)
-class Setup:
+class Setup(NamedTuple):
     """The settings of a new instance. `early_return`, `event_mode`: FMI 3.0 only.
 
     `tolerance`: relative tolerance of the FMU's own solver; None: it is left to the FMU.
@@ -210,6 +229,10 @@ def _loaded(path: str) -> tuple[c.CDLL, dict[tuple[Any, ...], Any]]:
 
 class Calls:
     """A library's functions, each checked: absent ones and bad statuses become FmuError."""
+
+    __slots__ = (
+        *("library", "_functions", "prefix", "name", "log", "_checked", "broken", "started"),
+    )
 
     def __init__(self, setup: Setup, prefix: str, log: fmu_log.Log) -> None:
         try:
@@ -249,13 +272,17 @@ class Calls:
             if self.broken:
                 raise FmuError(f"{self.name}: {name} must not be called after an error of the FMU")
             status = function(*arguments)
-            self.returned(status)
             if status not in (OK, WARNING):
-                said = self.log.said()
-                raise FmuError(f"{self.name}: {name} returned {status_name(status)}: {said}")
+                self.refuse(suffix, status)
 
         self._checked[suffix] = call
         return call
+
+    def refuse(self, suffix: str, status: int) -> NoReturn:
+        """Raise FmuError for a status that a function returned, its name without the prefix."""
+        self.returned(status)
+        said, name = self.log.said(), f"{self.prefix}{suffix}"
+        raise FmuError(f"{self.name}: {name} returned {status_name(status)}: {said}")
 
     def returned(self, status: int) -> None:
         """Take note of a status: it decides what may be called (FMI 2.0.5 §2.1.3, 3.0.2 §2.2.3).

@@ -1,22 +1,13 @@
-"""Start values of an FMU: set in the modes that the standard permits, then read back.
-
-Parameters and start values are set after ``fmi2SetupExperiment`` and before Initialization Mode is
-entered (FMI 2.0.5 §2.1.6, 3.0.2 §2.3.2), where both "exact" and "approx" ones may be set. Some
-exporters set their parameters to the defaults in ``fmi2SetupExperiment``. Others may do so on
-entering Initialization Mode, so exact values are set there once more: FMI 2.0 allows this, but not
-to read a parameter there. What an FMU computes with in the end is read back, and compared to the
-bit.
-"""
+"""Start values of one FMU as Python sets and compares them: see :mod:`cosim.fmi.start_calls`."""
 
 from __future__ import annotations
 
 import ctypes as c
-from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from cosim.base.errors import FmuError
-from cosim.fmi.library import Clocks, Instance
+from cosim.fmi.library import Instance
 from cosim.fmi.ports import REAL, VariableGroup, together
 from cosim.fmi.variables import TEXTS
 
@@ -29,16 +20,6 @@ class StartValue:
 
     group: VariableGroup
     values: Found
-
-    @property
-    def exact(self) -> bool:
-        """Whether the FMU has to start from this very value, and not from one near it."""
-        return self.is_parameter or self.group.first.initial == "exact"
-
-    @property
-    def is_parameter(self) -> bool:
-        """Whether it keeps its value after the start, too."""
-        return self.group.first.causality in ("parameter", "structuralParameter")
 
     def set(self, x: Instance) -> None:
         """Set it. Raises FmuError."""
@@ -58,6 +39,16 @@ class StartValue:
             found = x.get(first.type, references, self.group.size)
         same = _all_representable(first.type, self.values) == _all_representable(first.type, found)
         return None if same else found
+
+
+def is_parameter(group: VariableGroup) -> bool:
+    """Whether it keeps its value after the start, too."""
+    return group.first.causality in ("parameter", "structuralParameter")
+
+
+def is_exact(group: VariableGroup) -> bool:
+    """Whether an FMU has to start from the very value that is set, and not from one near it."""
+    return is_parameter(group) or group.first.initial == "exact"
 
 
 def set_all(x: Instance, given: Sequence[StartValue]) -> None:
@@ -103,65 +94,19 @@ def _references(given: Sequence[StartValue]) -> tuple[int, ...]:
     return tuple(r for one in given for r in one.group.references)
 
 
-class InstanceStart:
-    """The start of an instance: from what is `given` to its first step. Raises FmuError.
-
-    `again`: exact values may be set again in Initialization Mode (FMI 1.0 has none).
-    """
-
-    def __init__(
-        self, x: Instance, name: str, given: Sequence[StartValue], *, again: bool = True
-    ) -> None:
-        by = defaultdict(list)
-        for one in given:
-            by[one.group.first.causality].append(one)
-        self._x, self._name, self._again = x, name, again
-        self._structural, self._inputs = by.pop("structuralParameter", []), by.pop("input", [])
-        self._given = [one for some in by.values() for one in some]
-
-    def enter(self, begin: float) -> None:
-        """Enter Initialization Mode at `begin` (s) with everything set; numeric inputs are left to
-        others.
-        """
-        x = self._x
-        if self._structural:
-            x.enter_configuration()
-            set_all(x, self._structural)
-            x.exit_configuration()
-        x.setup(begin)
-        set_all(x, self._given)
-        x.enter_initialization(begin)
-        if self._again:
-            set_all(x, [one for one in self._given if one.exact])
-        for one in self._inputs:
-            if one.group.first.type in TEXTS:
-                one.set(x)
-
-    def leave(self, clocks: Clocks) -> dict[str, list[float]]:
-        """Leave Initialization Mode; returns values of clocked variables that ticked then, by name.
-
-        Values are in the FMU's units. Start values are compared just before, since an event may
-        change them afterwards; parameters after it. Raises FmuError that names all that the FMU did
-        not take.
-        """
-        exact = [one for one in self._given if one.exact]
-        self._check([one for one in exact if not one.is_parameter])
-        found = self._x.exit_initialization(clocks)
-        self._check([*self._structural, *(one for one in exact if one.is_parameter)])
-        return found
-
-    def _check(self, given: Sequence[StartValue]) -> None:
-        lines = list(_differences(self._x, given))
-        if lines:
-            raise FmuError(
-                f"{self._name}: the FMU did not accept these values: {'; '.join(lines)}; "
-                "set a value that it accepts, or leave it out"
-            )
+def check(name: str, x: Instance, given: Sequence[StartValue]) -> None:
+    """Compare values with those that the FMU `name` has. Raises FmuError that names all others."""
+    lines = list(_differences(x, given))
+    if lines:
+        raise FmuError(
+            f"{name}: the FMU did not accept these values: {'; '.join(lines)}; "
+            "set a value that it accepts, or leave it out"
+        )
 
 
 def _differences(x: Instance, given: Sequence[StartValue]) -> Iterator[str]:
     for one, found in unequal(x, given):
-        what = "parameter" if one.is_parameter else "start value"
+        what = "parameter" if is_parameter(one.group) else "start value"
         yield (
             f"{what} {one.group.name} was set to {_written(one.values)}, after initialization "
             f"it is {_written(found)}"

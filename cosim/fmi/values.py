@@ -94,6 +94,14 @@ def start_numbers(group: VariableGroup) -> list[float]:
     return [number(t) for t in group.start or ("0",) * group.size]
 
 
+def limits(group: VariableGroup) -> tuple[float, float, bool]:
+    """Least and greatest value of a variable, in its unit, and whether it is a whole number."""
+    low, high = _RANGES.get(group.first.type, (float("-inf"), float("inf")))
+    least, most = group.first.limits
+    whole = group.first.type not in ("Real", "Float64", "Float32", "Clock")
+    return max(low, least), min(high, most), whole
+
+
 def check_range(group: VariableGroup, values: Sequence[float]) -> None:
     """Refuse a value outside of min and max, or of the range of the type. Raises FmuError.
 

@@ -47,8 +47,13 @@ class Log(c.Structure):
         return f"{kept}... {self.dropped} lines left out; the last ones:\n{last}\n"
 
 
-def log(memory: bytearray | mmap | None = None, room: int = 0) -> Log:
+def log(memory: mmap | None = None, room: int = 0) -> Log:
     """A log at the start of `memory` (default: its own), with `room` bytes for text behind it."""
-    found = Log.from_buffer(bytearray(c.sizeof(Log) + room) if memory is None else memory)
+    found = Log.from_buffer(mmap(-1, c.sizeof(Log) + room) if memory is None else memory)
     found.capacity = room
     return found
+
+
+def logs(n: int) -> c.Array[Log]:
+    """`n` logs without room for text. They take no memory as long as nothing is logged."""
+    return (Log * n).from_buffer(mmap(-1, max(1, n) * c.sizeof(Log)))

@@ -22,7 +22,7 @@ from cosim.base.errors import FmuError
 from cosim.fmi.intervals import Interval, Intervals, NextTick
 from cosim.fmi.isolation.protocol import answered, request
 from cosim.fmi.layout import StepLayout
-from cosim.fmi.library import NEVER, Clocked, Clocks, Setup
+from cosim.fmi.library import NEVER, Clocked, Clocks, NativeCall, Setup
 from cosim.fmi.options import PATIENCE, FmuOptions
 from cosim.fmi.values import NumberedTexts
 from cosim.native import fmu_log, structs
@@ -143,6 +143,15 @@ class RemoteInstance:
     # ---- the members of an instance ----------------------------------------------------------
 
     def returned(self, status: int) -> None:
+        """It is known where the FMU is."""
+
+    def refuse(self, suffix: str, status: int) -> None:
+        """It is known where the FMU is."""
+
+    def native(self, verb: str, kind: str = "") -> NativeCall | None:
+        """There are no addresses in this process: None."""
+
+    def left(self) -> None:
         """It is known where the FMU is."""
 
     def setup(self, t0: float) -> None:

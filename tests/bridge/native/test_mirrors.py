@@ -15,6 +15,7 @@ import cosim.bus.structs
 import cosim.mujoco.library
 import cosim.native.fmu_log
 import cosim.native.mailbox
+import cosim.native.start
 import cosim.native.structs
 import cosim.native.tables
 from bridge.native import (
@@ -53,10 +54,11 @@ MODULES = (
 HEADERS = sorted((ROOT / "bridge/c").glob("*.h"))
 ENGINE = [
     ROOT / "cosim/c" / name
-    for name in ("engine.h", "fmu_log.h", "mailbox.h", "mujoco.h", "tables.h")
+    for name in ("engine.h", "fmu_log.h", "mailbox.h", "mujoco.h", "start.h", "tables.h")
 ]
 ENGINE_MODULES = (
-    cosim.native.structs, cosim.native.fmu_log, cosim.native.mailbox, cosim.native.tables,
+    cosim.native.structs, cosim.native.fmu_log, cosim.native.mailbox, cosim.native.start,
+    cosim.native.tables,
     cosim.mujoco.library,
 )  # fmt: skip
 BUS = [ROOT / "cosim/c/bus" / name for name in ("bus.h", "length.h", "tick.h")]

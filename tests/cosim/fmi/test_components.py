@@ -25,7 +25,9 @@ def test_a_python_component_has_nothing_of_an_fmu(python):
     assert components.model_name(python) == "fmus.reference:Reference, Python call-back"
     assert not components.is_text(python, "q") and components.unit_of(python, "rad") == "rad"
     assert components.discrete_inputs(python) == components.sloped_inputs(python) == frozenset()
-    assert components.exit_initialization(python) == ({}, None)
+    assert (
+        components.exit_initialization(python) == {} and components.ended_at_start(python) is None
+    )
     assert components.terminated_at(python) is None
     assert components.texts(python) == {} and components.log_text(python) == ""
     components.begin_at(python, 1.0)

@@ -47,7 +47,7 @@ INLINE int64_t published(const int64_t *place)
 #endif
 }
 
-#define ENGINE_ABI 22
+#define ENGINE_ABI 23
 
 enum { OP_COPY, OP_SCALE, OP_PUSH, OP_PULL, OP_STEP, OP_RECORD, OP_AGE, OP_PLAY,
        OP_AHEAD, OP_BETWEEN, OP_GATE, OP_SLOPE_AHEAD, OP_SLOPE_BETWEEN,
@@ -110,9 +110,10 @@ typedef int (*set3_t)(void *, const uint32_t *, size_t, const double *, size_t);
 typedef int (*get3_t)(void *, const uint32_t *, size_t, double *, size_t);
 typedef int (*step3_t)(void *, double, double, _Bool, _Bool *, _Bool *, _Bool *, double *);
 
-/* Not of FMI: steps of n instances of one FMU from one time; the status of each. Outputs of a step that does not
- * fail are finite. */
-typedef void (*steps_t)(void *const *, size_t, double, double, int *);
+/* Not of FMI: steps of n instances of one FMU from times t[0], ... t[m - 1] (s), each up to the first that fails; the status of
+ * each, and how many it has made. Outputs of a step that does not fail are finite. */
+typedef void (*steps_t)(void *const *instances, size_t n, const double *t, size_t m, double h,
+                        int *status, size_t *made);
 
 typedef int (*access2_t)(void *, const uint32_t *, size_t, void *);
 typedef int (*access3_t)(void *, const uint32_t *, size_t, void *, size_t);

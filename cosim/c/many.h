@@ -6,6 +6,7 @@
  * left out from then on, as it stands; the others go on.
  */
 enum { MANY = 16 };             /* executions, at most */
+enum { STEPS_AT_ONCE = 64 };    /* steps in a call of an FMU, at most */
 
 /* Executions that still run, by their number, and what became of each. */
 typedef struct {
@@ -62,23 +63,26 @@ NOINLINE void take_note_of_step(many_t *m, int32_t number, int64_t tick, failure
 typedef struct {
     void *instances[MANY * AT_ONCE];
     int status[MANY * AT_ONCE];
+    size_t made[MANY * AT_ONCE];
     int32_t numbers[MANY];
     int64_t n, each;
 } stepped_t;
 
-/* After a step of all of them: executions with one that failed are left out. */
+/* After steps from `tick` on: executions with one that failed are left out; the first one counts. */
 NOINLINE void drop_failed(many_t *m, stepped_t *s, int64_t tick, int64_t place)
 {
     int64_t kept = 0;
 
     for (int64_t k = 0; k < s->n; k++) {
         const engine_t *e = m->engines[s->numbers[k]];
-        int64_t i = 0;
-        while (i < s->each && !failed_call(s->status[k * s->each + i])) i++;
-        if (i < s->each) {
-            failure_t failure = {-1, 0, 0, e->operations[place + i].index,
-                                 s->status[k * s->each + i], 0};
-            take_note_of_step(m, s->numbers[k], tick, &failure, RUN_STEP);
+        const int *status = s->status + k * s->each;
+        const size_t *made = s->made + k * s->each;
+        int64_t first = s->each;
+        for (int64_t i = s->each - 1; i >= 0; i--)
+            if (failed_call(status[i]) && (first == s->each || made[i] <= made[first])) first = i;
+        if (first < s->each) {
+            failure_t failure = {-1, 0, 0, e->operations[place + first].index, status[first], 0};
+            take_note_of_step(m, s->numbers[k], tick + (int64_t)made[first], &failure, RUN_STEP);
             continue;
         }
         s->numbers[kept] = s->numbers[k];
@@ -114,12 +118,17 @@ NOINLINE void step_all(many_t *m, int64_t tick, int64_t place, int64_t count)
 
     s.each = count + 1;
     enter_all(m, &s, place);
-    for (int64_t now = tick; now <= last && s.n > 0; now++) {
+    for (int64_t now = tick; now <= last && s.n > 0;) {
+        double times[STEPS_AT_ONCE];
+        size_t ticks = 0;
         int any = 0;
-        ((steps_t)u->steps)(s.instances, (size_t)(s.n * s.each), (double)(now - u->lag) * first->h,
-                            u->h, s.status);
+        for (; now + (int64_t)ticks <= last && ticks < STEPS_AT_ONCE; ticks++)
+            times[ticks] = (double)(now + (int64_t)ticks - u->lag) * first->h;
+        ((steps_t)u->steps)(s.instances, (size_t)(s.n * s.each), times, ticks, u->h, s.status,
+                            s.made);
         for (int64_t k = 0; k < s.n * s.each; k++) any |= failed_call(s.status[k]);
         if (any) drop_failed(m, &s, now, place);
+        now += (int64_t)ticks;
     }
     for (int64_t k = 0; k < s.n; k++) {
         engine_t *const e = m->engines[s.numbers[k]];

@@ -34,6 +34,7 @@ NOINLINE int step_units(const engine_t *e, int64_t tick, const operation_t *op, 
     const double t = (double)(tick - first->lag) * e->h;
     void *instances[AT_ONCE];
     int status[AT_ONCE], result = RUN_OK;
+    size_t made[AT_ONCE];
     int64_t i = 0;
 
     if (first->kind == UNIT_REMOTE) return step_remote(e, tick, op, failure);
@@ -43,7 +44,7 @@ NOINLINE int step_units(const engine_t *e, int64_t tick, const operation_t *op, 
         if (failed_call(set_inputs(u, u->kind, e->signals))) break;
     }
     if (i == n)
-        ((steps_t)first->steps)(instances, (size_t)n, t, first->h, status);
+        ((steps_t)first->steps)(instances, (size_t)n, &t, 1, first->h, status, made);
     else
         for (int64_t k = 0; k < n && result == RUN_OK; k++)
             result = step_unit(e, tick, op[k].index, failure);

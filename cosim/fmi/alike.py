@@ -103,10 +103,12 @@ class CommonInstance:
 
         0: there is none.
         """
-        lanes = getattr(self._calls.library, "kernel_lanes", None)
-        if lanes is None or lanes() < 2:
+        library = self._calls.library
+        if getattr(library, f"{self._calls.prefix}_advance", None) is None:
             return 0
-        return structs.address(self._calls.function("_steps"))
+        if library.kernel_lanes() < 2:
+            return 0
+        return structs.address(self._calls.function("_advance"))
 
     def values_address(self) -> int:
         """Where our own FMUs have their values; 0: they are not open."""

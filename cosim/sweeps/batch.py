@@ -42,8 +42,8 @@ from cosim.sweeps.run_point import (
     run_point,
 )
 
-#: Points that run together: four arms are a vector, and two vectors at once are quicker than one.
-PLACES = 4
+#: Points that run together: with AVX-512, eight instances are a vector.
+PLACES = 8
 #: How a setting of the seed begins, as axes write it.
 SEED = "run.seed="
 

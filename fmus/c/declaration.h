@@ -24,10 +24,11 @@ const char *model_initial(Model *x);
  * value has changed. */
 const char *model_step(Model *x, double t, double h);
 
-/* The same for n instances, with the same bits, as many as model_lanes() <= WIDEST at once; why[k] is what
- * model_step returns. */
+/* Steps from t[0], ... t[m - 1] of n instances, with the same bits, as many as model_lanes() <= WIDEST at once, each up to
+ * the first that fails: it has made[k] of them, and why[k] is what model_step returned last. */
 enum { WIDEST = 8 };
-typedef void Steps(Model *const x[], size_t n, double t, double h, const char *why[]);
+typedef void Steps(Model *const x[], size_t n, const double t[], size_t m, double h, size_t made[],
+                   const char *why[]);
 typedef size_t Lanes(void);
 Steps model_steps;
 Lanes model_lanes;

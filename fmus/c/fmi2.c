@@ -245,9 +245,10 @@ fmi2Real *fmi2_values(fmi2Component c) {
     return x->values;
 }
 
-void fmi2_steps(const fmi2Component c[], size_t n, fmi2Real t, fmi2Real h, int status[]) {
+void fmi2_advance(const fmi2Component c[], size_t n, const fmi2Real t[], size_t m, fmi2Real h,
+                  int status[], size_t made[]) {
     Instance *const *x = (Instance *const *)c;
-    do_steps(x, n, t, h, "fmi2DoStep", status);
+    do_steps(x, n, t, m, h, "fmi2DoStep", status, made);
     for (size_t i = 0; i < n; i++)
         if (status[i] == STATUS_DISCARD) x[i]->mode = STEP_FAILED;
 }

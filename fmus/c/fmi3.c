@@ -350,7 +350,8 @@ size_t fmi3_place(fmi3ValueReference reference, size_t *size) {
     return v->offset;
 }
 
-void fmi3_steps(const fmi3Instance c[], size_t n, fmi3Float64 t, fmi3Float64 h, int status[]) {
+void fmi3_advance(const fmi3Instance c[], size_t n, const fmi3Float64 t[], size_t m, fmi3Float64 h,
+                  int status[], size_t made[]) {
     Instance *const *x = (Instance *const *)c;
-    do_steps(x, n, t, h, "fmi3DoStep", status);
+    do_steps(x, n, t, m, h, "fmi3DoStep", status, made);
 }

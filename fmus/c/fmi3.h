@@ -134,9 +134,10 @@ FMI3(DoStep)(fmi3Instance x, fmi3Float64 currentCommunicationPoint,
  * fmi3SetFloat64 and fmi3GetFloat64 do. */
 EXPORT fmi3Float64 *fmi3_values(fmi3Instance c);
 EXPORT size_t fmi3_place(fmi3ValueReference reference, size_t *size);
-/* Not of FMI: fmi3DoStep of n instances from one time, kernel_lanes() at once where it can be. */
-EXPORT void fmi3_steps(const fmi3Instance c[], size_t n, fmi3Float64 t, fmi3Float64 h,
-                       int status[]);
+/* Not of FMI: fmi3DoStep from t[0], ... t[m - 1] of n instances, kernel_lanes() at once where it can be; each up to the first
+ * that is not OK, after made[k] of them. */
+EXPORT void fmi3_advance(const fmi3Instance c[], size_t n, const fmi3Float64 t[], size_t m,
+                         fmi3Float64 h, int status[], size_t made[]);
 FMI3(ActivateModelPartition)(fmi3Instance x, fmi3ValueReference clock,
                              fmi3Float64 activationTime);
 

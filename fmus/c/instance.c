@@ -287,10 +287,13 @@ Status check_inputs(const Instance *x, double t, const char *function) {
     return bad == TIME ? STATUS_OK : discard_input(x, bad, t, function);
 }
 
+/* How exactly a step of h from t has to begin, s: importers may have rounded. */
+#define CLOSE(t, h) (1e-6 * (h) + 1e-12 * fabs(t))
+
 /* Whether the importer may ask for this step now. */
 static inline Status check_step(const Instance *x, double t, double h, const char *function) {
     const double *values = x->values;
-    const double close = 1e-6 * h + 1e-12 * fabs(t); /* importers may have rounded */
+    const double close = CLOSE(t, h);
     if (!(h > 0.0 && h <= DBL_MAX))
         return refuse(x, function, "the communication step is %g s, expected more than 0", h);
     if (!(fabs(t - values[TIME]) <= close))
@@ -320,25 +323,55 @@ Status do_step(Instance *x, double t, double h, const char *function) {
     return clocked == STATUS_OK ? end_step(x, t, h, NULL, function) : clocked;
 }
 
-void do_steps(Instance *const x[], size_t n, double t, double h, const char *function,
-              int status[]) {
+/* Steps one by one, up to the first that fails; `made` of them are made already. */
+static int step_on(Instance *x, const double t[], size_t m, double h, const char *function,
+                   size_t *made) {
+    Status status = legal(x, STEPPING, function) ? STATUS_OK : STATUS_ERROR;
+    while (status == STATUS_OK && *made < m)
+        if ((status = do_step(x, t[*made], h, function)) == STATUS_OK) ++*made;
+    return (int)status;
+}
+
+/* How many of these steps may be asked for, if the first may: each from where the one before ends. */
+static size_t follow(const Instance *x, const double t[], size_t m, double h) {
+    for (size_t i = 1; i < m; i++) {
+        const double close = CLOSE(t[i], h);
+        if (!(fabs(t[i] - (t[i - 1] + h)) <= close) || t[i] + h > x->stop_time + close) return i;
+    }
+    return m;
+}
+
+/* The first n <= WIDEST, in lanes. */
+static void step_some(Instance *const x[], size_t n, const double t[], size_t m, double h,
+                      const char *function, int status[], size_t made[]) {
     const char *why[WIDEST];
     Model *models[WIDEST];
-    for (size_t i = 0; declared.steps == NULL && i < n; i++)
-        status[i] = legal(x[i], STEPPING, function) ? (int)do_step(x[i], t, h, function)
+    size_t some = 0, place[WIDEST], done[WIDEST], sure = m;
+    for (size_t k = 0; k < n; k++) {
+        status[k] = legal(x[k], STEPPING, function) ? (int)check_step(x[k], t[0], h, function)
                                                     : STATUS_ERROR;
-    for (size_t i = 0; declared.steps != NULL && i < n;) {
-        const size_t end = n - i < WIDEST ? n : i + WIDEST;
-        size_t some = 0, place[WIDEST];
-        for (; i < end; i++) {
-            status[i] = legal(x[i], STEPPING, function) ? (int)check_step(x[i], t, h, function)
-                                                        : STATUS_ERROR;
-            if (status[i] != STATUS_OK) continue;
-            place[some] = i;
-            models[some++] = (Model *)x[i]->values;
-        }
-        declared.steps(models, some, t, h, why);
-        for (size_t k = 0; k < some; k++)
-            status[place[k]] = (int)end_step(x[place[k]], t, h, why[k], function);
+        made[k] = 0;
+        if (status[k] != STATUS_OK) continue;
+        place[some] = k;
+        sure = follow(x[k], t, sure, h);
+        models[some++] = (Model *)x[k]->values;
+    }
+    declared.steps(models, some, t, sure, h, done, why);
+    for (size_t i = 0; i < some; i++) {
+        const size_t k = place[i];
+        made[k] = done[i];
+        if (done[i]) x[k]->values[TIME] = t[done[i] - 1] + h;
+        status[k] = why[i] != NULL ? (int)end_step(x[k], t[done[i]], h, why[i], function)
+                                   : step_on(x[k], t, m, h, function, made + k);
+    }
+}
+
+void do_steps(Instance *const x[], size_t n, const double t[], size_t m, double h,
+              const char *function, int status[], size_t made[]) {
+    for (size_t i = 0; declared.steps != NULL && i < n; i += WIDEST)
+        step_some(x + i, n - i < WIDEST ? n - i : WIDEST, t, m, h, function, status + i, made + i);
+    for (size_t i = 0; declared.steps == NULL && i < n; i++) {
+        made[i] = 0;
+        status[i] = step_on(x[i], t, m, h, function, made + i);
     }
 }

@@ -102,10 +102,10 @@ Status settle(Instance *x, const char *function);
 
 /* One communication step h (s) from t (s). */
 Status do_step(Instance *x, double t, double h, const char *function);
-/* The same of n instances, each with its own Status, which is an error for one that may not be stepped
- * now; not of a model with a clock. */
-void do_steps(Instance *const x[], size_t n, double t, double h, const char *function,
-              int status[]);
+/* Steps from t[0], ... t[m - 1] of n instances, each up to the first that fails, after made[k] of them, and with its own
+ * Status, which is an error for one that may not be stepped now; not of a model with a clock. */
+void do_steps(Instance *const x[], size_t n, const double t[], size_t m, double h,
+              const char *function, int status[], size_t made[]);
 
 /* STATUS_DISCARD, after logging a message, if an input is not finite at time t, in s. */
 Status check_inputs(const Instance *x, double t, const char *function);

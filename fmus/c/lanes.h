@@ -1,4 +1,4 @@
-/* lanes.h - the end of lanes_4.c and lanes_8.c: model_step of TOGETHER instances.
+/* lanes.h - the end of lanes_4.c and lanes_8.c: steps of TOGETHER instances.
  *
  * All values are copied to a Model of lanes, and those that a step may change back to the instances.
  */
@@ -76,17 +76,18 @@ static inline int have_in_common(const Real all[], Range integers) {
     return !ANY(differ);
 }
 
-int WIDE_STEP(double *const x[], double t, double h) {
+size_t WIDE_STEPS(double *const x[], const double t[], size_t m, double h) {
     static const Range integers[] = MODEL_INTEGERS, changed[] = MODEL_CHANGED;
     union {
         Model model;
         Real scalars[N_SCALARS];
     } all;
+    size_t made = 0;
     gather(x, all.scalars);
     for (unsigned i = 0; i < sizeof integers / sizeof integers[0]; i++)
         if (!have_in_common(all.scalars, integers[i])) return 0;
-    if (model_step(&all.model, t, h) != NULL) return 0;
-    for (unsigned i = 0; i < sizeof changed / sizeof changed[0]; i++)
+    while (made < m && model_step(&all.model, t[made], h) == NULL) made++;
+    for (unsigned i = 0; made && i < sizeof changed / sizeof changed[0]; i++)
         scatter(all.scalars, changed[i], x);
-    return 1;
+    return made;
 }

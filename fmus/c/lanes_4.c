@@ -15,7 +15,7 @@
 
 #define TOGETHER 4
 #define model_step model_step_4
-#define WIDE_STEP wide_step_4
+#define WIDE_STEPS wide_steps_4
 #include "lanes_model.h"
 #include "lanes.h"
 

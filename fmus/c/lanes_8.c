@@ -13,7 +13,7 @@
 
 #define TOGETHER 8
 #define model_step model_step_8
-#define WIDE_STEP wide_step_8
+#define WIDE_STEPS wide_steps_8
 #include "lanes_model.h"
 #include "lanes.h"
 

@@ -2,6 +2,8 @@
 #ifndef WIDE_H
 #define WIDE_H
 
+#include <stddef.h>
+
 /* Whether the compiler has vectors. */
 #ifdef __GNUC__
 #define HAS_LANES 1
@@ -16,9 +18,9 @@
 #define CHOOSES_LANES 0
 #endif
 
-/* One step of four, of eight instances, whose values are at x[k]. Returns 1; or 0, and nothing has changed:
- * they have to be stepped one by one. */
-int wide_step_4(double *const x[], double t, double h);
-int wide_step_8(double *const x[], double t, double h);
+/* Steps from t[0], ... t[m - 1] of four, of eight instances, whose values are at x[k]. Returns how many were made; the
+ * others have to be made one by one. */
+size_t wide_steps_4(double *const x[], const double t[], size_t m, double h);
+size_t wide_steps_8(double *const x[], const double t[], size_t m, double h);
 
 #endif

@@ -9,10 +9,10 @@
 
 /* Of steps.c, lanes_4.c and lanes_8.c; not there without a step for several. */
 #pragma weak model_lanes
-#pragma weak wide_step_4
-#pragma weak wide_step_8
-int wide_step_4(double *const x[], double t, double h);
-int wide_step_8(double *const x[], double t, double h);
+#pragma weak wide_steps_4
+#pragma weak wide_steps_8
+size_t wide_steps_4(double *const x[], const double t[], size_t m, double h);
+size_t wide_steps_8(double *const x[], const double t[], size_t m, double h);
 
 enum { STEPS = 4000, SIZE = 4096, EACH = 7 };
 
@@ -33,7 +33,7 @@ static int done_at_once(const double *before, size_t bytes, double t)
     const size_t lanes = model_lanes();
 
     for (int k = 0; k < WIDEST; k++) memcpy(some[k] = values[1 + k], before, bytes);
-    return lanes == 1 || (lanes == 8 ? wide_step_8 : wide_step_4)(some, t, 1e-3);
+    return lanes == 1 || (lanes == 8 ? wide_steps_8 : wide_steps_4)(some, &t, 1, 1e-3);
 }
 
 /* Whether n instances at once do what one does, which returned `expected`. */
@@ -41,13 +41,14 @@ static int lanes_agree(size_t n, double t, size_t bytes, const double *before, c
 {
     Model *some[WIDEST];
     const char *why[WIDEST];
+    size_t made[WIDEST];
 
     if (expected == 0 && !done_at_once(before, bytes, t)) return 0;
     for (size_t k = 0; k < n; k++) {
         memcpy(values[1 + k], before, bytes);
         some[k] = (Model *)values[1 + k];
     }
-    declared.steps(some, n, t, 1e-3, why);
+    declared.steps(some, n, &t, 1, 1e-3, made, why);
     for (size_t k = 0; k < n; k++)
         if (why[k] != expected || memcmp(values[1 + k], values[0], bytes)) return 0;
     return 1;

@@ -35,16 +35,27 @@ def version(request: pytest.FixtureRequest) -> str:
     return str(request.param)
 
 
-def together(drivers: list[Any], t: float, h: float) -> list[int]:
-    """The function beyond FMI: the status of each."""
-    d = drivers[0]
-    steps = getattr(d.library, f"fmi{d.version[0]}_steps")
-    steps.argtypes = (c.c_void_p, c.c_size_t, c.c_double, c.c_double, c.c_void_p)
-    steps.restype = None
-    status = (c.c_int * len(drivers))(*([77] * len(drivers)))
-    handles = (c.c_void_p * len(drivers))(*(d.handle for d in drivers))
-    steps(handles, len(drivers), t, h, status)
-    return list(status)
+def advance(drivers: list[Any], times: list[float], h: float) -> list[tuple[int, int]]:
+    """The function beyond FMI: status and number of steps of each."""
+    d, n = drivers[0], len(drivers)
+    call = getattr(d.library, f"fmi{d.version[0]}_advance")
+    call.argtypes = (
+        *(c.c_void_p, c.c_size_t, c.c_void_p, c.c_size_t, c.c_double, c.c_void_p, c.c_void_p),
+    )
+    call.restype = None
+    status, made = (c.c_int * n)(*([77] * n)), (c.c_size_t * n)(*([77] * n))
+    handles = (c.c_void_p * n)(*(d.handle for d in drivers))
+    call(handles, n, (c.c_double * len(times))(*times), len(times), h, status, made)
+    return list(zip(status, made, strict=True))
+
+
+def alone(d: Any, times: list[float], h: float) -> tuple[int, int]:
+    """The same steps by doStep."""
+    for made, t in enumerate(times):
+        status = d.step(t, h)
+        if status != OK:
+            return status, made
+    return OK, len(times)
 
 
 @contextmanager
@@ -130,19 +141,22 @@ def test_instances_step_at_once_as_they_do_alone(
 ) -> None:
     drawn = Drawn(model, seed)
     with (
-        instances(drive, model, version, n) as alone,
+        instances(drive, model, version, n) as some,
         instances(drive, model, version, n) as at_once,
     ):
-        for both in zip(alone, at_once, strict=True):
+        for both in zip(some, at_once, strict=True):
             begin(both, drawn)
-        for k in range(4):
-            for both in zip(alone, at_once, strict=True):
+        tick = 0
+        for steps in drawn.random.choice([1, 1, 2, 5], 4).tolist():
+            for both in zip(some, at_once, strict=True):
                 for name, value in drawn.inputs().items():
                     assert len({d.set(name, value) for d in both}) == 1
-            one = [d.step(k * H, H) for d in alone]
-            assert together(at_once, k * H, H) == one
-            assert [everything(d) for d in at_once] == [everything(d) for d in alone]
-            assert [d.log.take() for d in at_once] == [d.log.take() for d in alone]
+            times = [k * H for k in range(tick, tick + steps)]
+            tick += steps
+            expected = [alone(d, times, H) for d in some]
+            assert advance(at_once, times, H) == expected
+            assert [everything(d) for d in at_once] == [everything(d) for d in some]
+            assert [d.log.take() for d in at_once] == [d.log.take() for d in some]
 
 
 @pytest.mark.parametrize("wrong", ["time", "input", "mode"])
@@ -159,10 +173,28 @@ def test_what_one_of_them_is_refused_the_others_are_not(
             some[2].set("tau", [0.0, float("nan")])
         before = [d.outputs() for d in some]
         expected = DISCARD if wrong == "input" else ERROR
-        assert together(some, 0.0, H) == [OK, OK, expected, OK, OK, OK]
+        found = [(OK, 1)] * 6
+        found[2] = expected, 0
+        assert advance(some, [0.0], H) == found
         after = [d.outputs() for d in some]
         assert [a != b for a, b in zip(after, before, strict=True)] == [i != 2 for i in range(6)]
         assert [len(d.log.take()) for d in some] == [int(i == 2) for i in range(6)]
+
+
+@pytest.mark.parametrize("wrong", ["stop", "time"])
+def test_a_step_that_may_not_be_asked_for_ends_them(drive: Drive, version: str, wrong: str) -> None:
+    """After the stop time of one, or not where the last one ended, for all."""
+    times = [0.0, H, 2 * H, (2 if wrong == "time" else 3) * H, 4 * H]
+    with instances(drive, ARM, version, 9) as some:
+        for i, d in enumerate(some):
+            d.set("dq", [1.0, float(i)])
+            d.enter(0.0, 3 * H if wrong == "stop" and i == 1 else None)
+            d.leave()
+        late = (ERROR, 3)
+        assert advance(some, times, H) == [
+            late if wrong == "time" or i == 1 else (OK, 5) for i in range(9)
+        ]
+        assert [len(d.log.take()) for d in some] == [wrong == "time" or i == 1 for i in range(9)]
 
 
 def test_only_models_that_can_say_so(drive: Drive, version: str) -> None:
@@ -172,6 +204,6 @@ def test_only_models_that_can_say_so(drive: Drive, version: str) -> None:
         assert some[0].library.kernel_lanes() == 1
         for d in some:
             d.go_to("step")
-        assert together(some, 0.0, H) == [OK, OK]
+        assert advance(some, [0.0, H], H) == [(OK, 2)] * 2
     assert not exchanged(ARM).lanes
     assert not clocked(teleoperation.model(1), H).lanes

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Hashable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from cosim.base.convert import numbers
@@ -22,15 +23,25 @@ if TYPE_CHECKING:
 Simulated = dict[str, "BusDelays"]
 
 
+@dataclass(frozen=True, slots=True)
+class _Given:
+    """What the tables of links are made of: delays on buses by the place of the link, tables of the
+    links before by what they have in common, and the folder of the scenario.
+    """
+
+    simulated: Simulated
+    known: dict[Hashable, DrawnTable]
+    folder: Path
+
+
 def links(parts: ScenarioComponents) -> list[Link]:
     """The links of the table [[links]]. Raises ScenarioError if two have the same name."""
     found: dict[str, Link] = {}
-    simulated = _on_buses(parts)
-    known: dict[Hashable, DrawnTable] = {}
+    given = _Given(_on_buses(parts), {}, parts.scenario.path.parent)
     array = parts.scenario.place("links")
     for i, spec in enumerate(parts.scenario.links):
         place = f"{array}.{i}"
-        link = _link(parts, spec, place, simulated, known)
+        link = _link(parts, spec, place, given)
         if link.name in found:
             raise ScenarioError(f"a second link has the name {link.name!r}", place)
         found[link.name] = link
@@ -139,18 +150,14 @@ def _table(
     name: str,
     periods: tuple[int, int],
     place: str,
-    simulated: Simulated,
-    known: dict[Hashable, DrawnTable],
+    given: _Given,
 ) -> TableSpec:
-    """The table of a link between a sender and a receiver with these periods, ticks.
-
-    `known`: tables of the links before it.
-    """
+    """The table of a link between a sender and a receiver with these periods, ticks."""
     from cosim.links.spec import bus_table, link_table
 
     if spec.bus:
         semantics = "newest-stamp" if spec.semantics == "signal" else spec.semantics
-        return bus_table(simulated[place], semantics, name, parts.h, periods, place)
+        return bus_table(given.simulated[place], semantics, name, parts.h, periods, place)
     if spec.delay is None or spec.frame is not None:
         raise ScenarioError("expected either delay, or bus and frame", place)
     return link_table(
@@ -163,26 +170,20 @@ def _table(
         h=parts.h,
         sender_period=periods[0],
         receiver_period=periods[1],
-        folder=parts.scenario.path.parent,
+        folder=given.folder,
         place=place,
         ticks=parts.ticks,
-        known=known,
+        known=given.known,
     )
 
 
-def _link(
-    parts: ScenarioComponents,
-    spec: LinkSpec,
-    place: str,
-    simulated: Simulated,
-    known: dict[Hashable, DrawnTable],
-) -> Link:
+def _link(parts: ScenarioComponents, spec: LinkSpec, place: str, given: _Given) -> Link:
     source = parts.endpoint(spec.source, "output", f"{place}.from")
     target = parts.endpoint(spec.target, "input", f"{place}.to")
     gain, offset = fit(parts, source, target, place)
     name = spec.name or f"{source.name}->{target.name}"
     periods = parts.steps[source.component].period, parts.steps[target.component].period
-    table = _table(parts, spec, name, periods, place, simulated, known)
+    table = _table(parts, spec, name, periods, place, given)
     initial = None
     if spec.initial is not None:
         initial = numbers(spec.initial, target.shape, target.unit, f"{place}.initial")

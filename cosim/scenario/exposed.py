@@ -30,11 +30,18 @@ class ExposedVariables:
         for event in scenario.events:
             for signal in event.set:
                 self._add_changed(*_split(signal))
+        sources: dict[str, None] = {}  # a set in order: many links have the same
         for name, component in scenario.components.items():
             for port, given in component.inputs.items():
-                self._connect(given.source if isinstance(given, InputSpec) else given, name, port)
+                sources[given.source if isinstance(given, InputSpec) else given] = None
+                self._add_fed(name, port)
         for link in scenario.links:
-            self._connect(link.source, *_split(link.target))
+            sources[link.source] = None
+            self._add_fed(*_split(link.target))
+        for source in sources:
+            self._add_read(source)
+            name, port = _split(source)
+            self._wired[name].add(port)
 
     def _add_read(self, signal: str) -> None:
         if is_pattern(signal):
@@ -46,13 +53,10 @@ class ExposedVariables:
     def _add_changed(self, name: str, port: str) -> None:
         self._changed[name].update(_with_array(port))
 
-    def _connect(self, source: str, name: str, port: str) -> None:
-        """A wire or a link from an output to a port; both ends may be texts."""
-        self._add_read(source)
+    def _add_fed(self, name: str, port: str) -> None:
+        """The end of a wire or a link; both ends may be texts."""
         self._add_changed(name, port)
         self._wired[name].add(port)
-        sender, output = _split(source)
-        self._wired[sender].add(output)
 
     def expose(self, name: str, component: Component) -> None:
         """Make outputs of an FMU of what is read of it, and inputs of what is changed."""

@@ -7,7 +7,7 @@ for a sort, and not for each of ten thousand components.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from itertools import accumulate
 from typing import Any
 
 from cosim.base.component import Component, Parameter, Port
@@ -25,7 +25,11 @@ class Sort:
     """One sort: its parameters and inputs by name, and which inputs are `discrete` and `sloped`."""
 
     def __init__(self, component: Component, ports: Ports) -> None:
-        self._ports = inputs, _, parameters = ports
+        self._ports = inputs, outputs, parameters = ports
+        places = accumulate((p.size for p in (*inputs, *outputs)), initial=0)
+        #: Inputs and outputs with their places behind the first, signals.
+        self._layout = tuple([(p, next(places)) for p in side] for side in (inputs, outputs))
+        self._size = next(places)
         self._fmu = fmu_of(component)
         self._known: dict[str, tuple[Any, tuple[float, ...]]] = {}
         self.inputs = {p.name: p for p in inputs}
@@ -35,10 +39,12 @@ class Sort:
 
     def slots(self, name: str, start: int) -> tuple[tuple[Slot, ...], tuple[Slot, ...], int]:
         """The slots of inputs and outputs of a component from `start` on, and where they end."""
-        inputs, outputs, _ = self._ports
-        first, start = _slots(name, inputs, start)
-        second, start = _slots(name, outputs, start)
-        return first, second, start
+        inputs, outputs = (
+            tuple(Slot(f"{name}.{p.name}", name, p.name, start + at, p.shape, p.unit)
+                  for p, at in side)
+            for side in self._layout
+        )  # fmt: skip
+        return inputs, outputs, start + self._size
 
     def numbers(self, key: str, value: Any, place: str, table: str) -> tuple[float, ...]:
         """A value of the file for a parameter or an input, flattened, in its unit.
@@ -85,14 +91,6 @@ class Sorts:
         if key not in self._known:
             self._known[key] = Sort(component, ports)  # which keeps them: no other gets their id
         return self._known[key]
-
-
-def _slots(name: str, ports: Sequence[Port], start: int) -> tuple[tuple[Slot, ...], int]:
-    slots = []
-    for port in ports:
-        slots.append(Slot(f"{name}.{port.name}", name, port.name, start, port.shape, port.unit))
-        start += port.size
-    return tuple(slots), start
 
 
 def _check_type(parameter: Parameter, values: tuple[float, ...], place: str) -> None:

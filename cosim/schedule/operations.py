@@ -183,9 +183,8 @@ def _pushes(c: Step, found: Connections) -> list[Operation]:
 
 
 def _gates(c: Step, found: Connections, *, out: bool) -> list[Operation]:
-    return [
-        Operation(Code.GATE, i, c.period) for i, g in found.gates.get(c.name, ()) if g.out == out
-    ]
+    gates = found.gates.get(c.name) if found.gates else None
+    return [Operation(Code.GATE, i, c.period) for i, g in gates or () if g.out == out]
 
 
 def _received(c: Step, found: Connections, periods: Mapping[str, int]) -> list[Operation]:

@@ -47,6 +47,32 @@ def test_each_says_what_is_different() -> None:
     assert found["robot2"]["preset"] == "b2"
 
 
+def test_what_is_the_same_in_all_is_one_object_and_stays_as_it_is_where_one_differs() -> None:
+    given = robots(
+        4, parameters={"k": [1.0, {"a": 2}], "l": {"list": [5, 6, 7, 8, 9]}},
+        options={"deep": {"x": 1, "text": "{i} of 100 %"}, "list": ["{n}", "{}", "{i}{i}"]},
+        each={"2": {"parameters": {"k": 0}, "options": {"deep": {"x": "{i}"}}}},
+    )  # fmt: skip
+    one, two, three, four = expanded(given)["components"].values()
+    assert one["parameters"]["k"] is four["parameters"]["k"] == [1.0, {"a": 2}]
+    assert two["parameters"] == {"k": 0, "l": 6} and three["parameters"]["l"] == 7
+    assert two["options"]["deep"] == {"x": 2, "text": "2 of 100 %"}
+    assert three["options"] == {"deep": {"x": 1, "text": "3 of 100 %"}, "list": [4, "{}", "33"]}
+
+
+def test_a_table_of_laws_alone_has_as_many_rows_as_there_are_components() -> None:
+    given = {"components": {"robot": {"count": 2, "start": {"q": {"list": [1, 2, 3]}}}}}
+    found = expanded(given)["components"]
+    assert found == {"robot1": {"start": {"q": 1}}, "robot2": {"start": {"q": 2}}}
+
+
+def test_the_first_of_many_links_that_is_wrong_is_named() -> None:
+    links = [{"from": "a.y", "to": "a.u", "delay": {}} for _ in range(5)]
+    links[3]["dalay"] = links[4]["from"] = 3  # type: ignore[assignment]
+    with pytest.raises(ScenarioError, match=r"x.toml at links.3: .*'dalay'; did you mean 'delay'"):
+        build(document(components={"a": {"model": "m"}}, links=links), Path("x.toml"))
+
+
 def test_values_by_a_law_do_not_depend_on_how_many_there_are(tmp_path: Path) -> None:
     (tmp_path / "q.csv").write_text("a,b,c\n1,2,3\n4,5,6\n7,8,9\n")
     laws = {

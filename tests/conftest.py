@@ -20,7 +20,7 @@ _ALL: dict[str, Any] = {
 #: Property tests try the same examples every time: a change is not refused for a find that has
 #: nothing to do with it. `pytest -m hypothesis --hypothesis-profile=search` tries more and others.
 settings.register_profile("project", derandomize=True, max_examples=25, **_ALL)
-settings.register_profile("search", max_examples=1000, **_ALL)
+settings.register_profile("search", max_examples=int(os.environ.get("EXAMPLES", "1000")), **_ALL)
 # Whether one fails is all that tests.mutants asks.
 _WITHOUT_SHRINKING = (Phase.explicit, Phase.generate)
 settings.register_profile("mutants", derandomize=True, phases=_WITHOUT_SHRINKING, **_ALL)

@@ -1,7 +1,8 @@
-"""The C of the bridge under AddressSanitizer and UndefinedBehaviorSanitizer, in a child process.
+"""Our C under AddressSanitizer and UndefinedBehaviorSanitizer, in a child process.
 
-The library is compiled once per content of the sources, and loaded by a child process in place of
-the ordinary one: tables, buses and whole nodes are those that Python makes of the shipped files.
+The library is loaded by a child process in place of the ordinary one: tables, buses and whole nodes
+are those that Python makes of the shipped files. That of the bridge, which is fuzzed, is compiled
+once per content of the sources; with those of the engine and of the simulated bus, tests run again.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 
 from tests.fuzz.targets import ROOT
@@ -58,7 +60,7 @@ def preloaded() -> dict[str, str]:
     ]
     return {
         "LD_PRELOAD": " ".join(runtimes),
-        "ASAN_OPTIONS": "detect_leaks=0:abort_on_error=0:exitcode=86",
+        "ASAN_OPTIONS": "detect_leaks=0:abort_on_error=0:exitcode=86:redzone=512",
         "UBSAN_OPTIONS": "print_stacktrace=1:exitcode=86",
         "PYTHONMALLOC": "malloc",  # so that every object has its own bounds
         "PYTHONPATH": str(ROOT),
@@ -69,3 +71,26 @@ def command(target: str, seed: int, count: int, seconds: float) -> tuple[list[st
     """What runs a target, and its environment. `count` mutants, or `seconds` where that is > 0."""
     words = [sys.executable, "-m", "tests.fuzz.frames", target, str(library())]
     return [*words, str(seed), str(count), str(seconds)], {**os.environ, **preloaded()}
+
+
+def compiled(sources: Sequence[Path], folder: Path) -> Path:
+    """A library of these sources; unoptimized, so that what is read and not used is seen, too."""
+    made = folder / "sanitized.so"
+    command = ["gcc", *FLAGS, "-O0", "-o", str(made), *map(str, sources), "-lm"]
+    subprocess.run(command, check=True)
+    return made
+
+
+def failure(made: Path, structs: str, tests: Sequence[Path], folder: Path) -> str:
+    """What goes wrong in tests whose module `structs` loads this library; "": nothing does.
+
+    `folder`: for what the tests leave.
+    """
+    words = [sys.executable, "-m", "pytest", "-q", "-p", "tests.fuzz.sanitized_library"]
+    words += ["-p", "no:cacheprovider", f"--basetemp={folder / 'inner'}", *map(str, tests)]
+    words += ["--capture=sys"]  # what a sanitizer writes before it ends the process is not lost
+    chosen = {"SANITIZED_STRUCTS": structs, "SANITIZED_LIBRARY": str(made)}
+    environment = {**os.environ, **preloaded(), **chosen}
+    found = subprocess.run(words, cwd=ROOT, env=environment, text=True, capture_output=True)
+    said = f"exit code {found.returncode}\n{found.stdout[-4000:]}{found.stderr[-4000:]}"
+    return said if found.returncode else ""

@@ -44,6 +44,7 @@ GROUPS = {
         ("cosim/c/*.c", "cosim/c/*.h"),
         (
             "tests/cosim/engine",
+            "tests/cosim/algorithms",
             "tests/cosim/fmi",
             "tests/cosim/mujoco",
             "tests/system",

@@ -72,6 +72,21 @@ def test_the_two_masses_equal_the_oracle_to_the_bit(make, iterations):
     assert record(one, [1]).tobytes() == execute(two).tobytes()
 
 
+def test_what_wires_convert_equals_the_oracle_to_the_bit():
+    components = {
+        name: {
+            "model": f"{TROUBLE}:{model}",
+            "start": {"x": 300.0},
+            "inputs": {"u": {"from": f"{other}.y", "gain": -0.5}},
+        }
+        for name, other, model in (("a", "b", "Warming"), ("b", "a", "PassingHeat"))
+    }
+    one, two = (adaptive(components) for _ in range(2))
+    rows = record(one)
+    assert rows.tobytes() == execute(two).tobytes()
+    assert column(one, rows, "a.macro_steps").max() > 1
+
+
 def test_macro_steps_follow_each_other_without_gap_and_end_with_the_period():
     p = adaptive(masses.with_spring(), step=0.25, stop=3.0, tolerance=1e-3)
     _, (group,) = start(p)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from cosim.base.component import Port
 from tests.cosim.algorithms.masses import Mass
 from tests.cosim.blocks import Integrator
 
@@ -47,6 +48,19 @@ class Passing(Integrator):
     def step(self, t, h, u):
         self.x += h * float(u["u"])
         return {"y": self.x + 0.5 * float(u["u"])}
+
+
+class Warming(Integrator):
+    """dx/dt = u, y = x, of a temperature in degC, as one in K."""
+
+    inputs = (Port("u", unit="degC"),)
+    outputs = (Port("y", unit="K"),)
+
+
+class PassingHeat(Passing):
+    """With direct feed-through."""
+
+    inputs, outputs = Warming.inputs, Warming.outputs
 
 
 class BreakingMass(Mass):

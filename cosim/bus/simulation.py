@@ -37,7 +37,6 @@ from cosim.bus.structs import (
     FrameBitsStruct,
     NodeStateStruct,
     OutputStruct,
-    TotalsStruct,
     library,
 )
 from cosim.bus.timing import BusTiming
@@ -64,13 +63,6 @@ class BusNodeState(NamedTuple):
     rec: int
     state: ControllerState
     pending: int
-
-
-class BusTotals(NamedTuple):
-    """Transmissions computed as a whole, and bits simulated one by one, since the creation."""
-
-    whole_frames: int
-    single_bits: int
 
 
 class ReceivedFrame(NamedTuple):
@@ -121,11 +113,9 @@ class SimulatedBus:
         return int(self._bus)
 
     @property
-    def totals(self) -> BusTotals:
-        """Counters of the methods of computation."""
-        found = TotalsStruct()
-        self._c.bus_totals(self._bus, c.byref(found))
-        return BusTotals(found.clean, found.bitwise)
+    def whole_frames(self) -> int:
+        """How many transmissions were computed as a whole so far, not bit by bit."""
+        return int(self._c.bus_whole_frames(self._bus))
 
     def request(self, node: int, at_ps: int, frame: BusFrame) -> int:
         """Make a frame pending at a node from `at_ps` on; returns the number of the request.

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from cosim.base.errors import CosimError
 
-ABI = 4
+ABI = 5
 
 
 class NodeSettingsStruct(c.Structure):
@@ -118,12 +118,6 @@ class NodeStateStruct(c.Structure):
     )
 
 
-class TotalsStruct(c.Structure):
-    """``bus_totals_t``."""
-
-    _fields_ = (("clean", c.c_int64), ("bitwise", c.c_int64))
-
-
 class FrameBitsStruct(c.Structure):
     """``bits_t``."""
 
@@ -228,7 +222,7 @@ def library() -> c.CDLL:
         ("bus_reset", None, (pointer, i32)),
         ("bus_state", None, (pointer, i32, pointer)),
         ("bus_receive", i64, (pointer, i32, pointer, i64)),
-        ("bus_totals", None, (pointer, pointer)),
+        ("bus_whole_frames", i64, (pointer,)),
         ("bus_frame_bits", None, (pointer, pointer)),
     ):
         function = getattr(bus, name)

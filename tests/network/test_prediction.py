@@ -46,6 +46,9 @@ def numbers(found: Found) -> dict[str, float]:
 def test_settling_and_effort_of_a_rehearsal_are_within_the_predicted_interval(
     seed: int, tmp_path: Path
 ) -> None:
+    """Of 25 numbers, some may be outside of intervals for 99 %, but not far; that three are has a
+    chance of 1 in 500.
+    """
     rng = np.random.default_rng([20261125, seed])
     names = [f"{seed}-{i}" for i in range(CASES)]
     specs = {name: {link: drawn_link(rng) for link in LINKS} for name in names}
@@ -57,11 +60,15 @@ def test_settling_and_effort_of_a_rehearsal_are_within_the_predicted_interval(
         },
         tmp_path,
     )
+    outside = []
     for name in names:
         real = numbers(ran[name])
         for number in said[name].numbers:
-            value = real[number.label]
-            assert number.least <= value <= number.most, (specs[name], number, value)
+            value, half = real[number.label], (number.most - number.least) / 2
+            assert number.least - half <= value <= number.most + half, (specs[name], number, value)
+            if not number.least <= value <= number.most:
+                outside.append((specs[name], number, value))
             if number.label == "operator effort":  # the interval says something
                 assert number.most - number.least < 0.02 * number.value
                 assert not number.least <= number.ideal <= number.most
+    assert len(outside) < 3, outside

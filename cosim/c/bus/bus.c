@@ -254,9 +254,9 @@ int64_t bus_receive(bus_t *b, int32_t node, bus_received_t *frames, int64_t room
     return i;
 }
 
-void bus_totals(const bus_t *b, bus_totals_t *totals)
+int64_t bus_whole_frames(const bus_t *b)
 {
-    *totals = b->totals;
+    return b->whole_frames;
 }
 
 void bus_frame_bits(const can_frame_t *f, bits_t *bits)

@@ -22,7 +22,7 @@
 #define BUS_API __attribute__((visibility("default")))
 #endif
 
-enum { BUS_ABI = 4 };
+enum { BUS_ABI = 5 };
 
 /* Transmit queues: order of requests; by arbitration, equals by age; as sorted, but a newer frame
  * replaces the pending one of the same identifier. */
@@ -137,11 +137,6 @@ typedef struct {
     int32_t tec, rec, state, pending;   /* STATE_; frames in the transmit queue */
 } bus_node_state_t;
 
-/* Totals since creation. */
-typedef struct {
-    int64_t clean, bitwise;         /* transmissions in closed form; bits simulated one by one */
-} bus_totals_t;
-
 typedef struct bus bus_t;
 
 BUS_API int32_t bus_abi(void);
@@ -167,7 +162,8 @@ BUS_API void bus_reset(bus_t *bus, int32_t node);
 BUS_API void bus_state(const bus_t *bus, int32_t node, bus_node_state_t *state);
 /* Take the oldest frames from a receive FIFO; returns how many. */
 BUS_API int64_t bus_receive(bus_t *bus, int32_t node, bus_received_t *frames, int64_t room);
-BUS_API void bus_totals(const bus_t *bus, bus_totals_t *totals);
+/* How many transmissions were computed in closed form so far, not bit by bit. */
+BUS_API int64_t bus_whole_frames(const bus_t *bus);
 /* The length of a frame, for tests. */
 BUS_API void bus_frame_bits(const can_frame_t *frame, bits_t *bits);
 

@@ -143,7 +143,7 @@ static void launch(bus_t *b, int64_t t)
     b->sof = t;
     b->end = b->next - 3 * b->bit_ps;
     b->stamp = t;
-    b->totals.clean++;
+    b->whole_frames++;
     b->n_lost = b->lost_done = 0;
     b->followed = b->follow;
     if (!b->follow) {

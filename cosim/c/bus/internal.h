@@ -118,7 +118,7 @@ struct bus {
     bus_output_t *out;
     int64_t n_events, n_frames, stamp, frame_stamp;
     int32_t full;
-    bus_totals_t totals;
+    int64_t whole_frames;           /* transmissions in closed form so far */
 };
 
 /* frame_bits.c: all bits from SOF to EOF as WIRE_; returns how many. */

@@ -85,7 +85,6 @@ static void drive(bus_t *b)
     b->fast = fast && !dominant;
     b->t_end = b->t + (b->fast ? b->data_bit_ps : b->bit_ps);
     b->sampling = 1;
-    b->totals.bitwise++;
 }
 
 static void join(bus_t *b)
@@ -150,7 +149,7 @@ void unfold(bus_t *b)
     b->in_flight = 0;
     b->known_attempt = 1;
     b->muted_until = b->now + 1;
-    b->totals.clean--;
+    b->whole_frames--;
     wire_enter(b, b->sof);
     while (wire_step(b, b->now))
         ;

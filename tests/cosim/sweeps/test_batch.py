@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from cosim.fmi import component
 from cosim.loading.files import read_document
-from cosim.sweeps import batch
+from cosim.sweeps import batch, memory
 from cosim.sweeps.batch import PLACES, run_points
 from cosim.sweeps.design import Point
 from cosim.sweeps.run_point import StudyRow, StudySetup, run_point
@@ -94,6 +94,16 @@ def test_one_that_fails_leaves_the_others_alone() -> None:
     points = [point(i, [f"run.seed={i}", *[bad] * f]) for i, f in enumerate(fails)]
     found = run_points(study(), points)
     assert [bool(row.reason) for row in found] == fails
+    assert rows(found) == expected(points)
+
+
+def test_a_run_in_company_is_the_same_as_one_by_itself(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also where rows are kept of some ticks only, and where a plant is not stepped in each."""
+    slow = [f"{MASTER}.period=0.01", "components.slave.period=0.01"]
+    points = [point(i, each) for i, each in enumerate([slow, *([x] for x in NUMBERS + OTHERS)])]
+    found = run_points(study(), points)
+    assert not found[0].reason
+    monkeypatch.setattr(memory, "can_join", lambda _: False)
     assert rows(found) == expected(points)
 
 

@@ -16,8 +16,9 @@ from cosim.base.errors import FmuError
 from cosim.fmi.components import model_name, stepped_fmu
 
 #: Files of a model's FMU that are FMI, not the model.
-_LAYER = re.compile(r"fmi[23].*|instance\.[ch]|state\.c|clock\.c|buildDescription\.xml")
+_LAYER = re.compile(r"(fmi[23].*|instance|exchange|state|clock)\.[ch]")
 _FUNCTION = re.compile(r"^(?!typedef|return|else)[A-Za-z_][\w \t*]*?[ \t*](\w+)\s*\(", re.MULTILINE)
+_RENAMED = re.compile(r"^#define model_step (\w+)", re.MULTILINE)  # what lanes call their copy
 _TABLE = re.compile(r"^extern [\w \t*]*?(\w+)(?:\[\])?;", re.MULTILINE)
 _ENTRY = re.compile(r'\{"(\w+)", [A-Z_| ]+, (\d+), (\d+), ')
 
@@ -93,6 +94,7 @@ def _kernel(files: Mapping[str, str], taken: set[str]) -> KernelSource:
 
 
 def _names(text: str) -> set[str]:
-    """Functions that a file defines or declares, and tables that it declares."""
+    """Functions that a file defines, declares or renames, and tables that it declares."""
     words = {"sizeof", "if", "while", "for", "switch", "__attribute__", "__declspec"}
-    return {*_FUNCTION.findall(text), *_TABLE.findall(text)} - words
+    found = {*_FUNCTION.findall(text), *_RENAMED.findall(text), *_TABLE.findall(text)}
+    return found - words

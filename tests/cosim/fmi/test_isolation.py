@@ -50,7 +50,9 @@ def pid_of(engine: Engine, index: int = 0) -> int:
     return component.remote.pid
 
 
-def several(path: Path, values: Sequence[dict[str, float]], isolate: bool, h: float = 0.1) -> Plan:
+def several(
+    path: Path, values: Sequence[dict[str, float]], isolate: bool, h: float = 0.1, period: int = 1
+) -> Plan:
     """FMUs `x0`, `x1` and so on whose steps follow each other, as nothing connects them."""
     steps, at = [], 0
     for i, some in enumerate(values):
@@ -64,7 +66,7 @@ def several(path: Path, values: Sequence[dict[str, float]], isolate: bool, h: fl
                 at += p.size
         given = {k: (float(v),) for k, v in some.items()}
         start = {"u": (i + 1.0,)}
-        steps.append(Step(name, component, "continuous", 1, given, *map(tuple, sides), start))
+        steps.append(Step(name, component, "continuous", period, given, *map(tuple, sides), start))
     return compile_plan(h, 10, steps, [], [])
 
 
@@ -146,10 +148,12 @@ def test_a_process_ends_with_the_run_that_is_killed(nasty, monkeypatch, bytes_wa
     raise AssertionError("it still runs")
 
 
-def test_several_are_stepped_together_and_each_gets_its_own(strict: Path) -> None:
+@pytest.mark.parametrize("period", [1, 2])
+def test_several_are_stepped_together_and_each_gets_its_own(strict: Path, period: int) -> None:
     found = []
     for isolate in (False, True):
-        plan = several(strict, [{"gain": 2 + i} for i in range(10)], isolate)  # more than AT_ONCE
+        gains = [{"gain": 2 + i} for i in range(10)]  # more than AT_ONCE
+        plan = several(strict, gains, isolate, period=period)
         record = np.zeros((10, plan.n_signals))
         with Engine(plan) as engine:
             engine.initialize()
@@ -168,10 +172,20 @@ def test_several_are_stepped_together_and_each_gets_its_own(strict: Path) -> Non
          r"x0: doStep returned error"),
     ],
 )  # fmt: skip
-def test_of_several_the_one_that_fails_is_named(strict, values, message: str) -> None:
-    with Engine(several(strict, values, isolate=True)) as engine:
+@pytest.mark.parametrize(("period", "tick"), [(1, 3), (2, 5)])
+def test_of_several_the_one_that_fails_is_named(strict, values, message, period, tick) -> None:
+    with Engine(several(strict, values, isolate=True, period=period)) as engine:
         engine.initialize()
-        with pytest.raises(RunError, match=f"{message} .* at tick 3"):
+        with pytest.raises(RunError, match=f"{message} .* at tick {tick}"):
+            engine.run(10)
+
+
+@pytest.mark.parametrize("isolate", [False, True])
+def test_of_several_the_one_whose_output_is_no_number_is_named(strict, isolate: bool) -> None:
+    plan = several(strict, [{}, {"gain": 1.7e308}, {}], isolate)
+    with Engine(plan) as engine:
+        engine.initialize()
+        with pytest.raises(RunError, match=r"x1: .* at tick 0"):
             engine.run(10)
 
 

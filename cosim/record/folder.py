@@ -113,14 +113,15 @@ def write_metadata(
     arrays and paths in addition to JSON's own types. Raises RunError naming the place of a value
     that JSON cannot represent, or the path if writing fails.
     """
-    from msgspec import json
+    from msgspec import json, to_builtins
 
     path = Path(folder) / METADATA
     try:
         data = json.encode(mapping, enc_hook=_plain, order="sorted")
     except (TypeError, ValueError, RecursionError):
-        _check_plain(mapping, METADATA)
-        raise
+        _check_plain(mapping, METADATA)  # what remains are keys that are numbers
+        texts = to_builtins(mapping, enc_hook=_plain, str_keys=True)
+        data = json.encode(texts, enc_hook=_plain, order="sorted")
     replace_file(path, (json.format(data, indent=2) if indented else data) + b"\n")
     return path
 

@@ -78,6 +78,11 @@ def test_metadata_is_sorted_plain_and_comes_back(tmp_path: Path) -> None:
     assert [p.name for p in tmp_path.iterdir()] == ["run.json"]
 
 
+def test_keys_of_metadata_that_are_numbers_become_texts(tmp_path: Path) -> None:
+    write_metadata(tmp_path, {"b": {2: np.int64(3), 10: float("nan")}, "a": {}})
+    assert read_metadata(tmp_path) == {"a": {}, "b": {"2": 3, "10": None}}
+
+
 def test_metadata_that_cannot_be_written(tmp_path: Path) -> None:
     with pytest.raises(RunError, match=r"run\.json\.links\[1\]: a complex cannot"):
         write_metadata(tmp_path, {"links": [1, 2j]})

@@ -10,12 +10,14 @@
  * RETURNS     its fmi2DoStep at `when` returns `status`
  * ENDS        the same with discard, and says that it wants to end the simulation
  * LONG        its fmi2DoStep discards steps longer than `when`
+ * Besides, the call that STRICT_REFUSES names ("NAME CALL") returns an error.
  * The state x starts at 1 (or as it is told) and is an integral: x' = gain u.
  */
 #include <stddef.h>
 #include <stdint.h>
 #include <stdio.h>
 #include <stdlib.h>
+#include <string.h>
 
 #define FMI __attribute__((visibility("default")))
 enum { NORMAL, RESETS, LATER, IGNORES, JUMPS, RETURNS, ENDS, LONG = 8 };
@@ -25,7 +27,17 @@ enum { U, GAIN, WHEN, X, Y, RATE, HOW = 10, STATUS };
 typedef struct {
     double u, gain, when, x, y, t, rate, promised;
     int how, status, state, saved;
+    char name[40];
 } fmu_t;
+
+/* Whether STRICT_REFUSES is the name of the instance and of the call. */
+static int refuses(const fmu_t *m, const char *call)
+{
+    const char *wanted = getenv("STRICT_REFUSES");
+    char both[80];
+    snprintf(both, sizeof both, "%s %s", m->name, call);
+    return wanted && !strcmp(wanted, both);
+}
 
 static int called(fmu_t *m, const char *name, int allowed)
 {
@@ -36,7 +48,7 @@ static int called(fmu_t *m, const char *name, int allowed)
         fprintf(file, "%s%s\n", name, legal ? "" : " ILLEGAL");
         fclose(file);
     }
-    return legal ? 0 : 3;
+    return legal && !refuses(m, name) ? 0 : 3;
 }
 
 FMI const char *fmi2GetVersion(void) { return "2.0"; }
@@ -54,11 +66,11 @@ FMI void *fmi2Instantiate(const char *name, int kind, const char *token, const c
                           const void *functions, int visible, int logging)
 {
     fmu_t *m = calloc(1, sizeof *m);
-    (void)name, (void)kind, (void)token, (void)resources, (void)functions, (void)visible;
+    (void)kind, (void)token, (void)resources, (void)functions, (void)visible;
     (void)logging;
     m->state = MADE, m->gain = 2.0, m->x = 1.0, m->how = NORMAL, m->when = 1e9;
-    called(m, "Instantiate", MADE);
-    return m;
+    snprintf(m->name, sizeof m->name, "%s", name);
+    return called(m, "Instantiate", MADE) ? NULL : m;
 }
 FMI void fmi2FreeInstance(fmu_t *m)
 {

@@ -30,7 +30,16 @@ def felt_damping(net: RobotNetwork, K: float, friction: float = 0.0) -> float:
     K alpha (2 + lambda (T_12 + T_21))/lambda_M + 2 D.
     """
     damping = 1 / (_ZERO * net.quasi_static(_ZERO, K, friction)).real
-    return damping if damping < 1e-3 / _ZERO else inf
+    return inf if damping > 1e-3 / _ZERO and _is_spring(net, K, friction, damping) else damping
+
+
+def _is_spring(net: RobotNetwork, K: float, friction: float, damping: float) -> bool:
+    """Whether what seems a `damping` at :data:`_ZERO` becomes less as the motion becomes faster.
+
+    A spring seems ten times less at ten times the rate, and the sum of many robots the same.
+    """
+    faster = 1 / (10 * _ZERO * net.quasi_static(10 * _ZERO, K, friction)).real
+    return damping > faster * 10**0.5
 
 
 def felt_when_pushed(net: RobotNetwork, q: Sequence[float], K: Sequence[float]) -> list[float]:
@@ -52,7 +61,8 @@ def felt_stiffness(net: RobotNetwork, K: float, friction: float = 0.0) -> float:
     alpha K for one robot with lambda_M = 0 (O2: M^t -> 1/(alpha K)).
     """
     stiffness = 1 / net.quasi_static(_ZERO, K, friction).real
-    return stiffness if stiffness > 1e3 * _ZERO else 0.0
+    is_spring = stiffness > 1e3 * _ZERO and _is_spring(net, K, friction, stiffness / _ZERO)
+    return stiffness if is_spring else 0.0
 
 
 def static_stiffness(law: DynamicFeedback, weight: float, K: float) -> float:

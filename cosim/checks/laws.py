@@ -196,7 +196,8 @@ def prediction(system: AnalyzedSystem) -> Iterator[Finding]:
             continue
         where, friction = start, net.arms[net.port].friction
         joints = list(zip(spread(net.law.K, len(friction)), friction, strict=True))
-        damping = [closed.felt_damping(net, K, D) for K, D in joints]
+        each = {joint: closed.felt_damping(net, *joint) for joint in dict.fromkeys(joints)}
+        damping = [each[joint] for joint in joints]
         if all(isfinite(d) for d in damping):
             yield _note(
                 "felt-damping",

@@ -88,11 +88,15 @@ def _scenario_findings(
 ) -> tuple[Finding, ...]:
     """The findings of a scenario and of a deployment; prints its title and its buses."""
     from cosim.checks import check as findings
+    from cosim.cli.summary import announced
     from cosim.loading.files import load
     from cosim.scenario.assemble import assemble
 
-    loaded = load(path, [s for s in settings if not s.startswith("deploy.")])
-    found = findings(loaded, assemble(loaded))
+    with announced(False, f"reading {path}"):
+        loaded = load(path, [s for s in settings if not s.startswith("deploy.")])
+        plan = assemble(loaded)
+    with announced(False, "checking the scenario"):
+        found = findings(loaded, plan)
     typer.echo(loaded.title)
     if deploy is not None:
         more = importlib.import_module(BUSES).findings(path, deploy, settings)
@@ -115,10 +119,12 @@ def print_warnings(
     run. Raises ScenarioError for all of these if `strict`.
     """
     from cosim.checks import check as findings
+    from cosim.cli.summary import announced
 
     found: Sequence[Finding] = ()
     try:
-        found = findings(scenario, plan, notes=False)
+        with announced(quiet, "checking the scenario"):
+            found = findings(scenario, plan, notes=False)
         lines = [f.line for f in found]
     except Exception as error:  # whatever a check comes across, the run goes on
         lines = [f"failed: {type(error).__name__}: {error}"]

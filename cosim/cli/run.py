@@ -107,6 +107,7 @@ def run(
     from cosim.cli.check import print_warnings
     from cosim.cli.json_file import write_json
     from cosim.cli.summary import (
+        announced,
         as_data,
         check,
         header,
@@ -136,10 +137,11 @@ def run(
             force=force, report=plot, png=png, pdf=pdf, strict=strict, quiet=quiet, json=json,
         )  # fmt: skip
         return
-    loaded = load(scenario, settings, table)
-    if fmu_log:
-        loaded = logging(loaded)
-    plan = assemble(loaded) if links is None else with_recorded_links(assemble(loaded), links)
+    with announced(quiet, f"reading {scenario}"):
+        loaded = load(scenario, settings, table)
+        if fmu_log:
+            loaded = logging(loaded)
+        plan = assemble(loaded) if links is None else with_recorded_links(assemble(loaded), links)
     recorded = columns(plan, loaded.run.record.signals, loaded.place("run.record.signals"))
     check(loaded, recorded)
     if not recorded:
@@ -186,7 +188,9 @@ def run(
         result.to_csv(folder / "trajectories.csv")
     for line in _errors(loaded, tolerance, folder) if estimate_error else ():
         say(line)
-    for what, path in pictures(loaded, result, report=plot, png=png, pdf=pdf):
+    with announced(quiet, "drawing what was recorded"):
+        drawn = list(pictures(loaded, result, report=plot, png=png, pdf=pdf))
+    for what, path in drawn:
         say(f"{what:<16} {path}")
     seal(folder)
     if json is not None:

@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
+from threading import Timer
 from typing import TYPE_CHECKING, Any
 
 from cosim.base.errors import ScenarioError
@@ -22,6 +23,8 @@ if TYPE_CHECKING:
 _WIDTH = 16
 #: Links whose ages are printed one by one.
 MANY_LINKS = 24
+#: After so long it is said what is being done, s.
+PATIENCE = 1.0
 
 
 def header(scenario: Scenario, plan: Plan) -> str:
@@ -71,6 +74,23 @@ def live_line(quiet: bool) -> Iterator[Callable[[str], None]]:
         return
     yield lambda text: print(f"\r\x1b[K{text}", end="", file=sys.stderr, flush=True)
     print("\r\x1b[K", end="", file=sys.stderr, flush=True)
+
+
+@contextmanager
+def announced(quiet: bool, text: str) -> Iterator[None]:
+    """A line on a terminal's standard error while a block goes on longer than :data:`PATIENCE`."""
+    if quiet or not sys.stderr.isatty():
+        yield
+        return
+    with live_line(quiet) as say:
+        timer = Timer(PATIENCE, say, [text])
+        timer.daemon = True
+        timer.start()
+        try:
+            yield
+        finally:
+            timer.cancel()
+            timer.join()
 
 
 def check(scenario: Scenario, recorded: Sequence[Column]) -> None:

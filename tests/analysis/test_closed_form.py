@@ -202,6 +202,21 @@ def test_a_pair_is_two_robots_with_the_delay_of_each_link() -> None:
     assert not net.outside.any()
 
 
+def test_many_robots_are_felt_as_a_damping_in_proportion_and_not_as_a_spring() -> None:
+    """O4: the sum over all robots, also where that is a thousand times the damping of one.
+
+    Without lambda_M they are springs: alpha K (1 + lambda T) each, for delays of 75 ms.
+    """
+    few, more = many(20), many(400)
+    damping = closed.felt_damping(few, K)
+    assert closed.felt_damping(more, K) == pytest.approx(20 * damping, rel=1e-3)
+    assert closed.felt_damping(more, 100 * K) == pytest.approx(2000 * damping, rel=1e-3)
+    assert closed.felt_stiffness(more, 100 * K) == 0.0
+    still = replace(few, laws=tuple(replace(law, lambda_M=0.0) for law in few.laws))
+    assert closed.felt_damping(still, K) == np.inf
+    assert closed.felt_stiffness(still, K) == pytest.approx(20 * 1.6 * 1.075 * K, rel=1e-3)
+
+
 def test_a_network_of_many_robots_feels_as_one_that_is_taken_whole(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

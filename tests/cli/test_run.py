@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import csv
+import io
 import json
 import re
+import time
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +15,7 @@ import pytest
 from PIL import Image
 
 import cosim as package
+from cosim.cli import summary
 from cosim.record import Run
 from tests.cli.command import CONFIG, ROOT, Command, finished
 
@@ -47,6 +50,37 @@ def test_the_main_job_prints_what_it_runs_and_ten_numbers(cosim: Command) -> Non
     assert float(said["peak |tau|"].split()[0]) == pytest.approx(26.9, abs=0.1)
     assert re.search(r"mean 7\d\d ms, p95 11\d\d ms", said["link age"])
     assert re.search(r"s for 60 s: \d+ x real time", said["wall time"])
+
+
+class Terminal(io.StringIO):
+    def isatty(self) -> bool:
+        return True
+
+
+@pytest.mark.parametrize(
+    ("patience", "quiet", "said"), [(0.0, False, True), (60.0, False, False), (0.0, True, False)]
+)
+def test_what_takes_long_is_said_on_a_terminal(
+    monkeypatch: pytest.MonkeyPatch, patience: float, quiet: bool, said: bool
+) -> None:
+    error = Terminal()
+    monkeypatch.setattr("sys.stderr", error)
+    monkeypatch.setattr(summary, "PATIENCE", patience)
+    with summary.announced(quiet, "checking the scenario"):
+        waited = time.monotonic() + 10
+        while said and not error.getvalue() and time.monotonic() < waited:
+            time.sleep(0.001)
+    assert ("checking the scenario" in error.getvalue()) == said
+    assert not said or error.getvalue().endswith("\r\x1b[K")
+
+
+def test_nothing_is_said_where_nobody_looks(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(summary, "PATIENCE", 0.0)
+    with summary.announced(False, "checking the scenario"):
+        time.sleep(0.01)
+    assert capsys.readouterr().err == ""
 
 
 def test_a_run_folder_holds_everything(cosim: Command, tmp_path: Path) -> None:

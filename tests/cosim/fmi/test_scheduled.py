@@ -5,6 +5,7 @@ The FMU, ``scheduled3.c``, writes down every call and marks those that the stand
 
 from __future__ import annotations
 
+import ctypes as c
 from collections.abc import Callable
 from fractions import Fraction
 from pathlib import Path
@@ -15,6 +16,8 @@ import pytest
 from cosim.base.errors import CosimError, FmuError, RunError
 from cosim.fmi import FmuComponent, FmuOptions
 from cosim.fmi.components import model_name, reason_not_repeatable
+from cosim.native import structs
+from cosim.native.fmu_log import Log
 from tests.cli.command import Command
 from tests.cosim.fmi.exporter import column, export, plan_of, run
 
@@ -221,6 +224,12 @@ def test_what_goes_wrong_is_a_sentence(fmu, calls, wrong: int, message: str, iso
     options = FmuOptions(isolate=isolate)
     with pytest.raises(RunError, match=message):
         run(plan_of(fmu, STEPS, values={"wrong": (float(wrong),)}, options=options))
+
+
+def test_a_call_back_outside_of_an_activation_does_nothing() -> None:
+    update = structs.library().engine_clock_update
+    update(None)
+    update(c.byref(Log()))
 
 
 def test_a_clock_needs_a_priority_and_an_fmu_a_clock(tmp_path: Path) -> None:

@@ -72,8 +72,11 @@ def test_every_type_of_fmi2_passes_exactly(tmp_path: Path, isolate: bool) -> Non
     [("Int8", 128.0), ("UInt8", -1.0), ("Int32", 0.5), ("UInt16", 65536.0), ("Boolean", 2.0),
      ("Int64", 2 * EXACT), ("UInt64", -1.0), ("Float32", 1e39), ("Int16", np.nan)],
 )  # fmt: skip
-def test_a_value_the_type_has_not_stops_the_run(passing: Path, kind: str, value: float) -> None:
-    plan = plan_of(passing, 2)
+@pytest.mark.parametrize("isolate", [False, True])
+def test_a_value_the_type_has_not_stops_the_run(
+    passing: Path, kind: str, value: float, isolate: bool
+) -> None:
+    plan = plan_of(passing, 2, options=FmuOptions(isolate=isolate))
     with pytest.raises(RunError, match=rf"x\.u_{kind} = .* is no value of its type.*tick 0"):
         run(plan, {f"u_{kind}": np.array([value, value])})
 

@@ -49,4 +49,30 @@ API void tables_seed(table_t *tables, int64_t n_tables, const uint32_t *words, c
  * -1. */
 API int64_t tables_rows(table_t *tables, int64_t n_tables);
 
+/* The samples that the rows of a table hold, counted; periods and ages are in parts of the greatest
+ * time that both periods are multiples of. */
+typedef struct {
+    int64_t n_s, n_r;
+    int64_t row;                /* the next row */
+    int64_t held, backwards;    /* rows that hold the same as the row before, or an older sample */
+    int64_t waiting, used;      /* rows that hold nothing; samples that a row held */
+    int64_t newest, before;     /* samples: the newest held, the last held; -1: none */
+    int64_t *counts, n_counts;  /* rows by age; the ages of rows to come are below n_counts */
+    int32_t *seen;              /* by the last bits of a sample: the last one that was held, or -1 */
+    int64_t last;               /* the mask of these bits */
+    const int32_t *rows;        /* n: to be counted */
+    int64_t n;
+} ages_t;
+
+/* Raise n_counts as far as the rows need. */
+API void ages_reach(ages_t *tables, int64_t n_tables);
+
+/* Count the rows. */
+API void ages_count(ages_t *tables, int64_t n_tables);
+
+/* The least ages that are not exceeded by `ranks` (n_tables, n_ranks) of the rows, ascending, which are
+ * not more than there are rows that hold something; 0: -1. */
+API void ages_ranks(const ages_t *tables, int64_t n_tables, const int64_t *ranks, int64_t n_ranks,
+                    int64_t *ages);
+
 #endif

@@ -7,6 +7,7 @@ import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -19,9 +20,9 @@ from cosim.base.interrupts import stop_on_signal
 from cosim.base.names import unknown
 from cosim.engine.binding import Termination
 from cosim.engine.engine import Engine
-from cosim.engine.tables import LinkRows
+from cosim.engine.tables import Aside, LinkRows
 from cosim.fmi.components import facts, simulator_facts
-from cosim.links.statistics import LinkStatistics, TableAges
+from cosim.links.statistics import Ages, LinkStatistics
 from cosim.links.writer import TableWriter
 from cosim.record import Column, Recorder, claim_folder, link_file, seal, write_metadata
 from cosim.record.folder import FINISHED, LAST, RUNNING, STOPPED
@@ -133,12 +134,14 @@ def simulate(
     width = plan.n_signals if taken is None else len(taken)
     every = 1 if taken is None else scenario.run.record.every
     rows = max(64, min(CHUNK_TICKS, CHUNK_VALUES // max(1, width), plan.ticks + 2))
-    counted = TableAges({x.name: x.table for x in plan.links}, together=not plan.buses)
-    kept: list[Callable[[LinkRows], None]] = [lambda rows: counted.add(rows.parts())]
+    ages = _ages(plan)
+    takers: list[Callable[[LinkRows], None]] = [lambda found: ages.add(found.rows, found.counts)]
+    aside: Aside[None] = Aside("link tables, kept")
 
-    def keep(rows: LinkRows) -> None:
-        for take in kept:
-            take(rows)
+    def keep(found: LinkRows) -> None:
+        aside.result()
+        work = partial(_hand_over, takers, found)
+        aside.start(work) if len(plan.links) >= MANY else work()
 
     with ExitStack() as stack:
         engine = stack.enter_context(
@@ -150,7 +153,8 @@ def simulate(
         facts = {**metadata(scenario, plan), **(further or {})}
         stack.enter_context(_completed(folder, facts))
         stack.callback(engine.save_logs, folder)
-        kept.append(_table_writer(folder, plan, facts["links"], stack))
+        takers.append(_table_writer(folder, plan, facts["links"], stack))
+        stack.callback(aside.result)  # before the tables are closed
         recorder = Recorder(
             folder, recorded, h=plan.h, every=scenario.run.record.every, rows_per_chunk=rows,
             n_signals=width, everything=everything, sparse=taken is not None,
@@ -164,6 +168,7 @@ def simulate(
             facts |= _macro_facts(engine)
             raise
         recorder.close()
+        aside.result()
         wall = watch()
         late, shared = engine.late_clock_ticks(), engine.shares
         facts |= _macro_facts(engine) | {
@@ -173,9 +178,10 @@ def simulate(
             "late_clocks": late,
             "ended": None if engine.ended is None else asdict(engine.ended),
         }
+    statistics = dict(zip([x.name for x in plan.links], ages.results(), strict=True))
     return RunOutcome(
-        folder, plan, engine.tick, engine.tick * plan.h, wall, counted.results(), late,
-        engine.ended, shared, facts.get("macro_steps", ()),
+        folder, plan, engine.tick, engine.tick * plan.h, wall, statistics, late, engine.ended,
+        shared, facts.get("macro_steps", ()),
     )  # fmt: skip
 
 
@@ -201,6 +207,18 @@ def _table_writer(
             file.write(rows)
 
     return write
+
+
+def _ages(plan: Plan) -> Ages:
+    """What counts the ages of all links."""
+    longer = {name: n for bus in plan.buses for name, n in bus.history.items()}
+    histories = [longer.get(x.name, x.table.history) for x in plan.links]
+    return Ages([x.table.grid for x in plan.links], histories)
+
+
+def _hand_over(takers: Sequence[Callable[[LinkRows], None]], found: LinkRows) -> None:
+    for take in takers:
+        take(found)
 
 
 def _loop(

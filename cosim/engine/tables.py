@@ -6,10 +6,10 @@ many links a thread draws the next stretch while the engine runs, which has no p
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from threading import Thread
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,10 +22,46 @@ from cosim.schedule.plan import Plan
 
 #: Ticks for which tables are drawn at once: at least, at most; bytes of all tables together.
 STRETCH, LONGEST, TOGETHER = 1024, 16_384, 1 << 25
-#: Links from which on the next stretch is drawn in a thread.
+#: Links from which on the next stretch is drawn in a thread, and the rows of this one are kept so.
 MANY = 256
 #: A tick after all others.
 NEVER = 1 << 62
+T = TypeVar("T")
+
+
+class Aside(Generic[T]):
+    """Work in a thread beside the engine's, one piece at a time."""
+
+    def __init__(self, name: str) -> None:
+        self._name = name
+        self._thread: Thread | None = None
+        self._done: list[T | BaseException] = []
+
+    def start(self, work: Callable[[], T]) -> None:
+        """Begin with a piece; the one before must have been waited for."""
+
+        def do() -> None:
+            try:
+                self._done.append(work())
+            except BaseException as error:  # is raised where the result is asked for
+                self._done.append(error)
+
+        self._thread = Thread(target=do, name=self._name, daemon=True)
+        self._thread.start()
+
+    def result(self) -> T | None:
+        """Wait; what came of it, None if nothing was begun. Raises what the work has raised."""
+        self.wait()
+        found = self._done.pop() if self._done else None
+        if isinstance(found, BaseException):
+            raise found
+        return found
+
+    def wait(self) -> None:
+        """Wait until the piece is done."""
+        if self._thread is not None:
+            self._thread.join()
+            self._thread = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,21 +117,15 @@ class RowTables:
         bytes_a_tick = float((4 / self._periods).sum())
         most = max(STRETCH, int(TOGETHER / max(1.0, bytes_a_tick)))
         self._stretch = min(longest or LONGEST, most)
-        self._thread: Thread | None = None
-        self._ahead: list[DrawnRows | BaseException] = []
+        self._ahead: Aside[DrawnRows] = Aside("link tables")
 
     def draw(self, tick: int, ticks: int) -> DrawnRows:
         """The stretch that begins at `tick`, for `ticks` ticks at least if it is the first.
 
         Raises RunError.
         """
-        if self._thread is not None:
-            self._thread.join()
-            self._thread = None
-            found = self._ahead.pop()
-            if isinstance(found, BaseException):
-                raise found
-        else:
+        found = self._ahead.result()
+        if found is None:
             found = self._drawn(tick, ticks if self._plan.buses else self._length(tick, ticks))
         self._draw_ahead(found.end)
         return found
@@ -107,15 +137,7 @@ class RowTables:
         """Begin with the next stretch, if there is one."""
         if len(self._plan.links) < MANY or self._plan.buses or tick >= self._plan.ticks:
             return
-
-        def work() -> None:
-            try:
-                self._ahead.append(self._drawn(tick, self._length(tick, 1)))
-            except BaseException as error:  # is raised where the rows are asked for
-                self._ahead.append(error)
-
-        self._thread = Thread(target=work, name="link tables", daemon=True)
-        self._thread.start()
+        self._ahead.start(lambda: self._drawn(tick, self._length(tick, 1)))
 
     def _drawn(self, tick: int, ticks: int) -> DrawnRows:
         counts = _hits(self._periods, tick, ticks)
@@ -137,9 +159,7 @@ class RowTables:
 
     def close(self) -> None:
         """Wait for what is being drawn."""
-        if self._thread is not None:
-            self._thread.join()
-            self._thread = None
+        self._ahead.wait()
 
 
 def filled_rows(drawn: DrawnRows, counts: Sequence[int]) -> LinkRows:

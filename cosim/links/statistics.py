@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from math import gcd
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cosim.links.grid import Grid
-from cosim.links.laws import FloatArray, IntArray
-from cosim.links.table import TableSpec
+from cosim.links.laws import IntArray
+from cosim.native import tables as native
 
-BLOCK = 1 << 16  # rows worked on at once; they stay in the cache
-GATHERED = 1 << 17  # rows of all tables that are counted at once: each time costs the same
+AGES = np.dtype(native.AgesStruct)
+PERCENTS = (5, 50, 95, 99, 100)
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,158 +41,99 @@ class LinkStatistics:
 
 
 class Ages:
-    """Counts rows of links with the same periods as they come. Exact.
+    """Counts rows of many tables as they come, exactly, in C (``ages.c``). Memory grows with the
+    greatest ages, not with the run.
 
-    `history`: how far back the samples are that a row may newly hold, as a table declares it; None:
-    as far as one likes. Memory grows with the greatest age and `history`, or else with the run.
+    `histories`: a row that differs from the row before holds one of so many samples, counted from
+    the newest sent.
     """
 
-    def __init__(self, grid: Grid, links: int = 1, history: int | None = None) -> None:
-        self._grid, self._unit = grid, gcd(grid.n_r, grid.n_s)
-        self._row = 0
-        self._before = np.full(links, -1)  # the last sample that a row held
-        self._counts = np.zeros((links, 0), np.int64)  # (links, ages), rows by age in units
-        self._steps, self._held, self._backwards, self._waiting, self._used = np.zeros(
-            (5, links), np.int64
-        )
-        self._newest = np.full(links, -1)
-        self._history = history
-        self._first = 0  # the sample that the first column of `_seen` is about
-        self._seen = np.zeros((links, 0), np.bool_)  # whether a row has held it
+    def __init__(self, grids: Sequence[Grid], histories: Sequence[int]) -> None:
+        n = len(grids)
+        self._h = np.array([x.h for x in grids])
+        periods = np.array([(x.n_s, x.n_r) for x in grids], np.int64).reshape(n, 2)
+        self._part = np.gcd(*periods.T)  # ticks
+        self._state = np.zeros(n, AGES)
+        self._state["n_s"], self._state["n_r"] = periods.T // self._part
+        self._state["newest"] = self._state["before"] = -1
+        size = np.array([1 << (x - 1).bit_length() for x in histories], np.int64)
+        self._seen = np.full(int(size.sum()), -1, np.int32)
+        self._state["last"] = size - 1
+        self._state["seen"] = self._seen.ctypes.data + 4 * (np.cumsum(size) - size)
+        self._counts = np.zeros(0, np.int64)
+        self._sizes = np.zeros(n, np.int64)
 
-    def add(self, rows: ArrayLike) -> None:
-        """Count the next rows of the tables, (links, n) integers, or (n,) of a single link."""
-        sent = np.atleast_2d(np.asarray(rows))
-        links, n = sent.shape
-        if not n:
-            return
-        tick = self._grid.n_r * np.arange(self._row, self._row + n, dtype=np.int64)
-        self._row += n
-        self._remember(int(tick[-1]) // self._grid.n_s + 1)
-        together = max(1, BLOCK // n)
-        for first in range(0, links, together):
-            part = slice(first, first + together)
-            self._add(part, sent[part].astype(np.int64), tick)
+    def add(self, rows: NDArray[np.int32], counts: IntArray) -> None:
+        """Count the next rows of all tables, one after the other, `counts` (tables,) each."""
+        state, library = self._state, native.library()
+        state["rows"] = rows.ctypes.data + rows.itemsize * (np.cumsum(counts) - counts)
+        state["n"] = counts
+        library.ages_reach(state.ctypes.data, len(state))
+        if (state["n_counts"] > self._sizes).any():
+            self._grow(
+                np.where(state["n_counts"] > self._sizes, 2 * state["n_counts"], self._sizes)
+            )
+        library.ages_count(state.ctypes.data, len(state))
 
-    def _remember(self, end: int) -> None:
-        """Make room for the samples before `end`, and forget those that no new row can hold."""
-        kept = self._seen
-        if self._history is not None:
-            last = self._first + kept.shape[1]
-            forgotten = max(0, last - self._history - self._first)
-            self._first, kept = self._first + forgotten, kept[:, forgotten:]
-        self._seen = np.zeros((len(kept), max(kept.shape[1], end - self._first)), np.bool_)
-        self._seen[:, : kept.shape[1]] = kept
-
-    def _add(self, links: slice, sent: IntArray, tick: IntArray) -> None:
-        received = sent >= 0
-        self._waiting[links] += np.count_nonzero(~received, axis=1)
-        self._newest[links] = np.maximum(self._newest[links], sent.max(axis=1))
-        self._count_ages(links, (tick - self._grid.n_s * sent) // self._unit, received)
-        earlier = np.concatenate((self._before[links, None], sent), axis=1)
-        if not received.all():  # rows that hold nothing are passed over
-            at = np.where(earlier >= 0, np.arange(earlier.shape[1]), 0)
-            earlier = np.take_along_axis(earlier, np.maximum.accumulate(at, axis=1), axis=1)
-        self._before[links] = earlier[:, -1]
-        compared = received & (earlier[:, :-1] >= 0)
-        step = np.where(compared, sent - earlier[:, :-1], 1)
-        self._steps[links] += np.count_nonzero(compared, axis=1)
-        self._held[links] += np.count_nonzero(step == 0, axis=1)
-        self._backwards[links] += np.count_nonzero(step < 0, axis=1)
-        seen = self._seen[links]
-        known = np.count_nonzero(seen, axis=1)
-        link, row = np.nonzero(sent >= self._first)
-        seen[link, sent[link, row] - self._first] = True
-        self._used[links] += np.count_nonzero(seen, axis=1) - known
-
-    def _count_ages(self, links: slice, age: IntArray, received: NDArray[np.bool_]) -> None:
-        ages = max(self._counts.shape[1], int(age.max(where=received, initial=-1)) + 1)
-        if ages > self._counts.shape[1]:
-            grown = np.zeros((len(self._counts), ages), np.int64)
-            grown[:, : self._counts.shape[1]] = self._counts
-            self._counts = grown
-        if ages:
-            place = (np.arange(len(age))[:, None] * ages + age)[received]
-            counted = np.bincount(place, minlength=len(age) * ages)
-            self._counts[links] += counted.reshape(len(age), ages)
-
-    def result(self) -> LinkStatistics:
-        """The statistics of all rows so far, of a single link."""
-        return self.results()[0]
+    def _grow(self, sizes: IntArray) -> None:
+        """Make room for ages below `sizes` (tables,)."""
+        firsts, old = np.cumsum(sizes) - sizes, np.cumsum(self._sizes) - self._sizes
+        counts = np.zeros(int(sizes.sum()), np.int64)
+        counts[np.arange(self._counts.size) + np.repeat(firsts - old, self._sizes)] = self._counts
+        self._counts, self._sizes = counts, sizes
+        self._state["counts"] = counts.ctypes.data + counts.itemsize * firsts
+        self._state["n_counts"] = sizes
 
     def results(self) -> list[LinkStatistics]:
-        """The statistics of all rows so far, of each link."""
-        received = self._counts.sum(axis=1)
-        some, reached = received > 0, np.cumsum(self._counts, axis=1)
-
-        def known(values: FloatArray) -> list[float]:
-            found: list[float] = np.where(some, values, np.nan).tolist()
-            return found
-
-        def age(percent: int) -> list[float]:
-            rank = np.maximum(1, -(-percent * received // 100))
-            return known((reached < rank[:, None]).sum(axis=1) * self._unit * self._grid.h)
-
-        total = self._counts @ np.arange(self._counts.shape[1]) * self._unit
-        mean = known(total / np.maximum(received, 1) * self._grid.h)
-        shares = [
-            _percent(self._held, self._steps), _percent(self._backwards, self._steps),
-            _percent(self._waiting, np.full(len(received), self._row)),
-            _percent(self._newest + 1 - self._used, self._newest + 1),
-        ]  # fmt: skip
-        columns = [mean, *map(age, (5, 50, 95, 99, 100)), *shares]
-        return [LinkStatistics(self._row, *each) for each in zip(*columns, strict=True)]
-
-
-class TableAges:
-    """Counts the rows of many tables, by name, as they come.
-
-    Tables with the same periods are counted `together`: they must have equal numbers of rows then.
-    """
-
-    def __init__(self, tables: Mapping[str, TableSpec], *, together: bool) -> None:
-        self._names, groups = list(tables), dict[Hashable, list[int]]()
-        for i, (name, table) in enumerate(tables.items()):
-            key = (table.grid, table.history) if together else name
-            groups.setdefault(key, []).append(i)
-        specs = list(tables.values())
-        self._groups = [
-            (members, Ages(specs[members[0]].grid, len(members), specs[members[0]].history))
-            for members in groups.values()
+        """The statistics of all rows so far, of each table."""
+        x = {name: self._state[name] for name in AGES.names or ()}
+        received = x["row"] - x["waiting"]
+        ranks = np.maximum(np.ceil(np.outer(received, PERCENTS) / 100), 1).astype(np.int64)
+        ranks[received == 0] = 0
+        ages = np.empty_like(ranks)
+        native.library().ages_ranks(
+            self._state.ctypes.data,
+            len(received),
+            ranks.ctypes.data,
+            len(PERCENTS),
+            ages.ctypes.data,
+        )
+        seconds = (ages * self._part[:, None]) * self._h[:, None]
+        seconds[received == 0] = np.nan
+        steps = np.maximum(received - 1, 0)
+        columns = [
+            x["row"],
+            self._means(received),
+            *seconds.T,
+            _percent(x["held"], steps),
+            _percent(x["backwards"], steps),
+            _percent(x["waiting"], x["row"]),
+            _percent(x["newest"] + 1 - x["used"], x["newest"] + 1),
         ]
-        self._parts, self._size = list[Sequence[NDArray[np.int32]]](), 0
+        return [LinkStatistics(*row) for row in zip(*(c.tolist() for c in columns), strict=True)]
 
-    def add(self, parts: Sequence[NDArray[np.int32]]) -> None:
-        """Take the next rows of each table; they must not change afterwards."""
-        self._parts.append(parts)
-        self._size += sum(map(len, parts))
-        if self._size >= GATHERED:
-            self._count()
-
-    def results(self) -> dict[str, LinkStatistics]:
-        """The statistics of all rows so far, by name."""
-        self._count()
-        found: dict[int, LinkStatistics] = {}
-        for members, ages in self._groups:
-            found |= zip(members, ages.results(), strict=True)
-        return {name: found[i] for i, name in enumerate(self._names)}
-
-    def _count(self) -> None:
-        for members, ages in self._groups if self._parts else ():
-            each = [np.stack([parts[i] for i in members]) for parts in self._parts]
-            ages.add(np.concatenate(each, axis=1))
-        self._parts.clear()
-        self._size = 0
+    def _means(self, received: IntArray) -> NDArray[np.float64]:
+        """The mean ages, (tables,), s; nan where nothing is held."""
+        firsts = np.cumsum(self._sizes) - self._sizes
+        age = np.arange(self._counts.size) - np.repeat(firsts, self._sizes)
+        sums = np.concatenate(([0], np.cumsum(age * self._counts)))
+        total = (sums[firsts + self._sizes] - sums[firsts]) * self._part
+        means: NDArray[np.float64] = total / np.maximum(received, 1) * self._h
+        means[received == 0] = np.nan
+        return means
 
 
 def statistics(rows: ArrayLike, grid: Grid) -> LinkStatistics:
-    """The statistics of a whole table, (n,) integers."""
-    sent, ages = np.asarray(rows), Ages(grid)
-    for start in range(0, sent.size, BLOCK):
-        ages.add(sent[start : start + BLOCK])
-    return ages.result()
+    """The statistics of a whole table, (n,) integers. Raises ValueError if it is of the future."""
+    sent = np.ascontiguousarray(rows, np.int32)
+    newest = grid.n_r * np.arange(sent.size, dtype=np.int64) // grid.n_s
+    back = (newest - sent)[sent >= 0]
+    if (back < 0).any():
+        raise ValueError("a row holds a sample that was not sent yet")
+    ages = Ages((grid,), (int(back.max(initial=0)) + 1,))
+    ages.add(sent, np.array([sent.size]))
+    return ages.results()[0]
 
 
-def _percent(part: IntArray, whole: IntArray) -> list[float]:
-    found: list[float] = np.where(whole > 0, 100.0 * part / np.maximum(whole, 1), 0.0).tolist()
-    return found
+def _percent(part: IntArray, whole: IntArray) -> NDArray[np.float64]:
+    return np.where(whole > 0, 100.0 * part / np.maximum(whole, 1), 0.0)

@@ -56,6 +56,22 @@ class TableStruct(c.Structure):
     )
 
 
+class AgesStruct(c.Structure):
+    """``ages_t``."""
+
+    _fields_ = (
+        *((n, c.c_int64) for n in ("n_s", "n_r", "row", "held", "backwards", "waiting", "used")),
+        ("newest", c.c_int64),
+        ("before", c.c_int64),
+        ("counts", c.c_void_p),
+        ("n_counts", c.c_int64),
+        ("seen", c.c_void_p),
+        ("last", c.c_int64),
+        ("rows", c.c_void_p),
+        ("n", c.c_int64),
+    )
+
+
 @lru_cache(maxsize=1)
 def library() -> c.CDLL:
     """The engine's library, which has the functions. Raises CosimError."""
@@ -64,4 +80,8 @@ def library() -> c.CDLL:
     engine.tables_seed.restype = None
     engine.tables_rows.argtypes = (c.c_void_p, c.c_int64)
     engine.tables_rows.restype = c.c_int64
+    for function in (engine.ages_reach, engine.ages_count):
+        function.argtypes, function.restype = (c.c_void_p, c.c_int64), None
+    engine.ages_ranks.argtypes = (c.c_void_p, c.c_int64, c.c_void_p, c.c_int64, c.c_void_p)
+    engine.ages_ranks.restype = None
     return engine

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import tracemalloc
 from dataclasses import astuple
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from hypothesis import strategies as st
 from cosim.links.grid import Grid
 from cosim.links.laws import Uniform
 from cosim.links.semantics import PacketSemantics, PlayoutSemantics, SignalSemantics
-from cosim.links.statistics import Ages, TableAges, statistics
+from cosim.links.statistics import Ages, statistics
 from cosim.links.table import DrawnTable
 
 PAPER = Uniform(0.3, 1.2, 0.03)  # 5 ms samples
@@ -77,10 +78,10 @@ def test_statistics_are_the_plain_ones(values, n_s, n_r, cut):
     tick = n_r * np.arange(sent.size)
     sent = np.minimum(sent, tick // n_s)
     ages = (tick - n_s * sent)[sent >= 0] * 0.005
-    counted = Ages(Grid(n_s, n_r, 0.005))
-    counted.add(sent[:cut])
-    counted.add(sent[cut:])
-    s = counted.result()
+    counted = Ages((Grid(n_s, n_r, 0.005),), (80 * n_r,))
+    for part in (sent[:cut], sent[cut:]):
+        counted.add(part.astype(np.int32), np.array([part.size]))
+    (s,) = counted.results()
     received = sent[sent >= 0]
     assert s.rows == sent.size
     assert s.waiting_percent == pytest.approx(100 * np.mean(sent < 0))
@@ -99,54 +100,47 @@ def test_statistics_are_the_plain_ones(values, n_s, n_r, cut):
         assert s.backwards_percent == pytest.approx(100 * np.mean(steps < 0))
 
 
-@given(
-    values=st.lists(st.lists(st.integers(0, 12), min_size=3, max_size=3), min_size=1, max_size=60),
-    n_s=st.integers(1, 4), n_r=st.integers(1, 4), cut=st.integers(0, 60), block=st.integers(1, 99),
-)  # fmt: skip
-def test_links_are_counted_together_as_each_by_itself(values, n_s, n_r, cut, block):
-    """Also if it is only remembered what a row may newly hold, and in blocks of any size."""
-    back = np.array(values).T
-    sent = np.maximum((n_r * np.arange(back.shape[1]) // n_s) - back, -1)
-    grid, history = Grid(n_s, n_r, 0.005), int(back.max()) + 1
-    together = Ages(grid, len(sent), history)
-    with pytest.MonkeyPatch.context() as patched:
-        patched.setattr("cosim.links.statistics.BLOCK", block)
-        together.add(sent[:, :cut])
-        together.add(sent[:, cut:])
-    for found, rows in zip(together.results(), sent, strict=True):
-        alone = statistics(rows, grid)
-        assert astuple(found) == pytest.approx(astuple(alone), nan_ok=True, rel=0)
+@st.composite
+def tables(draw):
+    """Rows of up to four tables, their grids, and how far back they hold what is new."""
+    made = []
+    for _ in range(draw(st.integers(1, 4))):
+        grid = Grid(draw(st.integers(1, 4)), draw(st.integers(1, 4)), 0.005)
+        back = np.array(draw(st.lists(st.integers(0, 12), min_size=1, max_size=60)))
+        newest = grid.n_r * np.arange(back.size) // grid.n_s
+        made.append((np.maximum(newest - back, -1).astype(np.int32), grid, int(back.max()) + 1))
+    return made
 
 
-@pytest.mark.parametrize("together", [True, False])
-@pytest.mark.parametrize("gathered", [1, 1000, 1 << 17])
-def test_tables_are_counted_by_name_as_they_come(monkeypatch, together, gathered):
-    """Of two senders' periods, in the order of their names; chunks change nothing."""
-    monkeypatch.setattr("cosim.links.statistics.GATHERED", gathered)
-    law, slow = Uniform(0.03, 0.12, 0.03), Grid(2, 4, 0.005)
-    grids = {"c": GRID, "a": slow, "b": GRID, "d": slow}
-    tables = {n: DrawnTable(n, g, law, SignalSemantics(), 3) for n, g in grids.items()}
-    counted = TableAges(tables, together=together)
-    rows = {n: x.stream(4000).rows(4000 // (1 + (x.grid is slow))) for n, x in tables.items()}
-    for part in (slice(0, 700), slice(700, 701), slice(701, None)):
-        counted.add([rows[name][part] for name in tables])
-    found = counted.results()
-    assert list(found) == list(tables)
-    for name, x in tables.items():
-        assert found[name] == statistics(rows[name], x.grid)
+@given(made=tables(), cuts=st.lists(st.integers(0, 60), max_size=3))
+def test_tables_are_counted_together_as_each_by_itself(made, cuts):
+    """Also if it is only remembered what a row may newly hold, and in chunks of any size."""
+    counted = Ages([grid for _, grid, _ in made], [history for *_, history in made])
+    for first, last in pairwise((0, *sorted(cuts), 60)):
+        parts = [rows[first:last] for rows, *_ in made]
+        counted.add(np.concatenate(parts), np.array([part.size for part in parts]))
+    for found, (rows, grid, _) in zip(counted.results(), made, strict=True):
+        assert astuple(found) == pytest.approx(astuple(statistics(rows, grid)), nan_ok=True, rel=0)
 
 
 def test_what_is_remembered_does_not_grow_with_the_run():
-    grid, most = Grid(1, 1, 0.001), 0
-    ages, rng = Ages(grid, 2, 30), np.random.default_rng(0)
+    ages, rng, most = Ages((GRID, GRID), (30, 30)), np.random.default_rng(0), 0
     tracemalloc.start()
     for start in range(0, 200_000, 1000):
-        ages.add(np.maximum(np.arange(start, start + 1000) - rng.integers(0, 30, (2, 1000)), -1))
+        back = rng.integers(0, 30, (2, 1000))
+        rows = np.maximum(np.arange(start, start + 1000) - back, -1).astype(np.int32)
+        ages.add(rows.ravel(), np.array([1000, 1000]))
         most = max(most, tracemalloc.get_traced_memory()[0])
         if start == 10_000:
             early = most
     tracemalloc.stop()
     assert most < early + 10_000
+
+
+def test_a_table_of_the_future_is_refused():
+    with pytest.raises(ValueError, match="not sent yet"):
+        statistics([0, 0, 2], Grid(2, 1, 0.005))
+    assert statistics([0, 0, 1], Grid(2, 1, 0.005)).age_maximum == 0.005
 
 
 def test_unused_is_exact_far_beyond_what_is_remembered():

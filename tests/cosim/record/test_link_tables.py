@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 
 from cosim.base.errors import RunError, ScenarioError
 from cosim.engine import simulate as simulation
@@ -130,3 +131,28 @@ def test_a_run_that_fails_keeps_its_tables(tmp_path: Path, monkeypatch: pytest.M
     with pytest.raises(RunError):
         simulate(scenario, tmp_path / "one")
     assert len(Run.open(tmp_path / "one").link_tables) == len(assemble(scenario).links)
+
+
+def test_tables_that_cannot_be_written_stop_the_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """They are written in a thread beside the engine."""
+    monkeypatch.setattr(simulation, "MANY", 2)
+    monkeypatch.setattr(simulation, "CHUNK_TICKS", 64)
+    monkeypatch.setattr("cosim.engine.tables.STRETCH", 40)
+    monkeypatch.setattr("cosim.engine.tables.LONGEST", 40)
+    calls = iter(range(99))
+    write = TablesWriter.write
+
+    def full(self: TablesWriter, rows: NDArray[np.int32], counts: NDArray[np.int64]) -> None:
+        if next(calls) == 2:
+            raise RunError("no space left")
+        write(self, rows, counts)
+
+    monkeypatch.setattr(TablesWriter, "write", full)
+    scenario = load(CONFIGS / "many.toml", ("graphs.net.n=9", "run.stop=0.5"))
+    with pytest.raises(RunError, match="no space left"):
+        simulate(scenario, tmp_path / "run")
+    found = Run.open(tmp_path / "run")
+    assert found.metadata["status"] == "stopped"
+    assert {len(load_table(path)[1]) for path in found.link_tables.values()} == {26}

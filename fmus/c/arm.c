@@ -16,18 +16,22 @@
 static const char NO_INERTIA[] = "a joint moves no inertia; mass or armature is needed";
 
 /* tau_f - tau_s, friction and stops. */
-static inline double losses(const Model *x, int i, double q, double dq) {
-    double torque = x->damping[i] * dq;
-    if (x->friction[i] > 0.0) torque += x->friction[i] * hyperbolic_tangent(dq / x->v_f[i]);
+static inline Real losses(const Model *x, int i, Real q, Real dq) {
+    Real torque = x->damping[i] * dq;
+    const Truth rubs = x->friction[i] > 0.0;
+    if (ANY(rubs)) {
+        const Real friction = x->friction[i] * hyperbolic_tangent(dq / x->v_f[i]);
+        torque = PICK(rubs, torque + friction, torque);
+    }
     torque += contact(SPRING_DAMPER, q - x->q_max[i], dq, x->k_s[i], x->b_s[i]);
     return torque - contact(SPRING_DAMPER, x->q_min[i] - q, -dq, x->k_s[i], x->b_s[i]);
 }
 
 /* ddq, rad/s^2, where `torque` = tau + tau_ext. Returns whether every joint moves an inertia. */
-static inline int acceleration(const Model *x, const double *torque, const double *q,
-                               const double *dq, double *ddq) {
+static inline Truth acceleration(const Model *x, const Real *torque, const Real *q,
+                               const Real *dq, Real *ddq) {
     const Chain chain = CHAIN_OF(x);
-    double sum[JOINTS];
+    Real sum[JOINTS];
     for (int i = 0; i < COUNT(x, JOINTS); i++)
         sum[i] = torque[i] + hand(x, i, q[i], dq[i]) - wall(x, i, q[i], dq[i]) -
                  losses(x, i, q[i], dq[i]);
@@ -35,11 +39,11 @@ static inline int acceleration(const Model *x, const double *torque, const doubl
 }
 
 /* One step h of the classical method, in place. Returns whether every joint moves an inertia. */
-static int runge_kutta(const Model *x, const double *torque, double h, double *q, double *dq) {
+static inline Truth runge_kutta(const Model *x, const Real *torque, double h, Real *q, Real *dq) {
     static const double node[4] = {0.0, 0.5, 0.5, 1.0}, weight[4] = {1.0, 2.0, 2.0, 1.0};
-    double v[JOINTS], a[JOINTS], p[JOINTS];           /* of this stage; v is the rate of p */
-    double sum_v[JOINTS] = {0.0}, sum_a[JOINTS] = {0.0};
-    int positive = 1;
+    Real v[JOINTS], a[JOINTS], p[JOINTS];           /* of this stage; v is the rate of p */
+    Real sum_v[JOINTS] = {0}, sum_a[JOINTS] = {0};
+    Truth positive = ALWAYS;
     for (int stage = 0; stage < 4; stage++) {
         for (int i = 0; i < COUNT(x, JOINTS); i++) {
             p[i] = stage ? q[i] + node[stage] * h * v[i] : q[i];
@@ -58,6 +62,7 @@ static int runge_kutta(const Model *x, const double *torque, double h, double *q
     return positive;
 }
 
+#if TOGETHER == 1
 const char *model_initial(Model *x) {
     static const double still[JOINTS] = {0.0};
     const Chain chain = CHAIN_OF(x);
@@ -83,11 +88,12 @@ const char *model_rates(Model *x) {
     return positive ? arrive(x, x->q, x->dq) : NO_INERTIA;
 }
 #endif
+#endif
 
 const char *model_step(Model *x, double t, double h) {
-    const int substeps = (int)x->substeps;
-    double torque[JOINTS], q[JOINTS], dq[JOINTS];
-    int positive = 1;
+    const int substeps = (int)COMMON(x->substeps);
+    Real torque[JOINTS], q[JOINTS], dq[JOINTS];
+    Truth positive = ALWAYS;
     (void)t; /* the arm does not depend on time */
     for (int i = 0; i < COUNT(x, JOINTS); i++) {
         torque[i] = x->tau[i] + x->tau_ext[i];
@@ -95,6 +101,6 @@ const char *model_step(Model *x, double t, double h) {
         dq[i] = x->dq[i];
     }
     for (int i = 0; i < substeps; i++) positive &= runge_kutta(x, torque, h / substeps, q, dq);
-    if (!positive && all_finite(q, COUNT(x, JOINTS)) && all_finite(dq, COUNT(x, JOINTS))) return NO_INERTIA;
+    if (!ALL(positive) && all_finite(q, COUNT(x, JOINTS)) && all_finite(dq, COUNT(x, JOINTS))) return NO_INERTIA;
     return arrive(x, q, dq);
 }

@@ -34,17 +34,17 @@ enum { JOINTS = ENTRIES(q), STATES = ENTRIES(z) };
 #endif
 
 typedef struct {
-    double xi[STATES], dz[STATES], v[JOINTS], a[JOINTS], s[JOINTS], feedback[JOINTS];
-    double tau[JOINTS], Ys[10 * JOINTS];
-    double x[STATES], sigma; /* of a task */
-    int saturated, stale;
+    Real xi[STATES], dz[STATES], v[JOINTS], a[JOINTS], s[JOINTS], feedback[JOINTS];
+    Real tau[JOINTS], Ys[10 * JOINTS];
+    Real x[STATES], sigma; /* of a task */
+    Truth saturated, stale;
 } Law;
 
 /* refer() computes xi, dz, v, a, s and the feedback of s, of the state z. */
 #if TASK
 #include "arm_task.h"
 #else
-static inline void refer(const Model *x, const Chain *chain, const Pose *pose, const double *z,
+static inline void refer(const Model *x, const Chain *chain, const Pose *pose, const Real *z,
                          Law *y) {
     (void)chain, (void)pose;
     for (int i = 0; i < COUNT(x, JOINTS); i++) {
@@ -62,19 +62,19 @@ static inline void begin_task(Model *x) { (void)x; }
 #endif
 
 /* The law as of t_k, with the state z, theta_hat. */
-static inline void law(const Model *x, const double *z, const double *theta_hat, Law *y) {
+static inline void law(const Model *x, const Real *z, const Real *theta_hat, Law *y) {
     const Chain chain = CHAIN_OF(x);
-    const int inertial = x->lambda_c > 0.0; /* Remark 3: K = lambda_c M_hat, inside Y */
+    const Truth inertial = x->lambda_c > 0.0; /* Remark 3: K = lambda_c M_hat, inside Y */
     Pose pose[CHAIN_MOST];
-    double a[JOINTS], tau[JOINTS];
+    Real a[JOINTS], tau[JOINTS];
     chain_pose(&chain, x->q, pose);
     refer(x, &chain, pose, z, y);
     for (int i = 0; i < COUNT(x, JOINTS); i++)
-        a[i] = inertial ? y->a[i] - x->lambda_c * y->s[i] : y->a[i];
-    chain_feedforward(&chain, pose, (int)x->gravity, theta_hat, x->dq, y->v, a, y->s, tau, y->Ys);
-    y->saturated = 0;
+        a[i] = PICK(inertial, y->a[i] - x->lambda_c * y->s[i], y->a[i]);
+    chain_feedforward(&chain, pose, (int)COMMON(x->gravity), theta_hat, x->dq, y->v, a, y->s, tau, y->Ys);
+    y->saturated = NEVER;
     for (int i = 0; i < COUNT(x, JOINTS); i++) {
-        if (!inertial) tau[i] -= y->feedback[i];
+        tau[i] = PICK(inertial, tau[i], tau[i] - y->feedback[i]);
         y->tau[i] = limited(tau[i], x->tau_max[i]);
         y->saturated |= y->tau[i] != tau[i];
     }
@@ -95,6 +95,7 @@ static inline void give(Model *x, const Law *y) {
     give_task(x, y);
 }
 
+#if TOGETHER == 1
 /* Checks of values that depend on several variables, which a minimum or maximum cannot express. */
 static inline const char *check(const Model *x) {
     const Chain chain = CHAIN_OF(x);
@@ -130,19 +131,20 @@ const char *model_initial(Model *x) {
         for (int k = 0; k < 10; k++) x->theta_hat_next[i][k] = x->theta_hat[i][k];
     return NULL;
 }
+#endif
 
 /* Take over theta_hat of link i for t_k, and compute the one for t_k + h. */
-static inline void adapt_link(Model *x, int i, const double *Ys, double h) {
-    double *next = x->theta_hat_next[i];
+static inline void adapt_link(Model *x, int i, const Real *Ys, Real h) {
+    Real *next = x->theta_hat_next[i], moved[10];
+    const Truth natural = x->natural > 0.0;
     for (int k = 0; k < 10; k++) {
         x->theta_hat[i][k] = next[k];
-        if (!(x->natural > 0.0)) next[k] -= h * x->Gamma[i][k] * Ys[k];
+        moved[k] = next[k];
+        next[k] -= h * x->Gamma[i][k] * Ys[k];
     }
-    if (x->natural > 0.0) natural_step(next, Ys, h * x->natural);
+    if (ANY(natural)) natural_step(moved, Ys, h * x->natural);
     for (int k = 0; k < 10; k++)
-        next[k] = next[k] > x->theta_max[i][k]   ? x->theta_max[i][k]
-                  : next[k] < x->theta_min[i][k] ? x->theta_min[i][k]
-                                                 : next[k];
+        next[k] = clipped(PICK(natural, moved[k], next[k]), x->theta_min[i][k], x->theta_max[i][k]);
 }
 
 const char *model_step(Model *x, double t, double h) {
@@ -151,8 +153,8 @@ const char *model_step(Model *x, double t, double h) {
     law(x, x->z_next, x->theta_hat_next[0], &y);
     if (!finite_law(x, &y)) return LAW_DIVERGED;
     give(x, &y);
-    const double advance = y.saturated ? 0.0 : h; /* anti-windup */
-    const double adapt = y.stale ? 0.0 : advance;
+    const Real advance = PICK(y.saturated, 0.0, h); /* anti-windup */
+    const Real adapt = PICK(y.stale, 0.0, advance);
     for (int i = 0; i < STATES_OF(x); i++) {
         x->z[i] = x->z_next[i];
         x->z_next[i] += advance * y.dz[i];

@@ -4,6 +4,8 @@
 
 #include "chain.h"
 
+#if TOGETHER == 1
+
 /* One message per link: a kernel has no memory to compose a message in. */
 #define OF_EACH_LINK(text)                                                                     \
     {                                                                                          \
@@ -68,4 +70,5 @@ static inline const char *chain_problem(const Chain *chain) {
     return NULL;
 }
 
+#endif
 #endif

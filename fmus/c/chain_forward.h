@@ -13,20 +13,20 @@
  *     wrench = [ A  B; B^T  M ] acceleration,  A and M as xx xy xz yy yz zz, B row-major
  */
 typedef struct {
-    double A[6], B[9], M[6];
+    Real A[6], B[9], M[6];
 } Articulated;
 
-static inline Articulated articulated(const double theta[10]) {
-    const double m = theta[0], *mc = theta + 1, *I = theta + 4;
+static inline Articulated articulated(const Real theta[10]) {
+    const Real m = theta[0], *mc = theta + 1, *I = theta + 4, none = REAL(0.0);
     const Articulated of = {{I[0], I[1], I[3], I[2], I[4], I[5]},
-                            {0.0, -mc[2], mc[1], mc[2], 0.0, -mc[0], -mc[1], mc[0], 0.0},
-                            {m, 0.0, 0.0, m, 0.0, m}};
+                            {none, -mc[2], mc[1], mc[2], none, -mc[0], -mc[1], mc[0], none},
+                            {m, none, none, m, none, m}};
     return of;
 }
 
 /* f += inertia a. */
-static inline void add_product(const Articulated *of, const double a[6], double f[6]) {
-    const double *A = of->A, *B = of->B, *M = of->M, *w = a, *u = a + 3;
+static inline void add_product(const Articulated *of, const Real a[6], Real f[6]) {
+    const Real *A = of->A, *B = of->B, *M = of->M, *w = a, *u = a + 3;
     f[0] += A[0] * w[0] + A[1] * w[1] + A[2] * w[2] + B[0] * u[0] + B[1] * u[1] + B[2] * u[2];
     f[1] += A[1] * w[0] + A[3] * w[1] + A[4] * w[2] + B[3] * u[0] + B[4] * u[1] + B[5] * u[2];
     f[2] += A[2] * w[0] + A[4] * w[1] + A[5] * w[2] + B[6] * u[0] + B[7] * u[1] + B[8] * u[2];
@@ -36,18 +36,18 @@ static inline void add_product(const Articulated *of, const double a[6], double 
 }
 
 /* U = inertia S, for the axis S of the joint: a column. */
-static inline void column(const Articulated *of, int axis, double U[6]) {
-    const double *A = of->A, *B = of->B, *M = of->M;
-    const double about[6] = {A[2], A[4], A[5], B[6], B[7], B[8]};
-    const double along[6] = {B[2], B[5], B[8], M[2], M[4], M[5]};
+static inline void column(const Articulated *of, int axis, Real U[6]) {
+    const Real *A = of->A, *B = of->B, *M = of->M;
+    const Real about[6] = {A[2], A[4], A[5], B[6], B[7], B[8]};
+    const Real along[6] = {B[2], B[5], B[8], M[2], M[4], M[5]};
     UNROLLED for (int k = 0; k < 6; k++) U[k] = axis == 2 ? about[k] : along[k];
 }
 
 /* inertia -= U U^T / D. */
-static inline void subtract_square(Articulated *of, const double U[6], double inverse_D) {
-    double s[6];
+static inline void subtract_square(Articulated *of, const Real U[6], Real inverse_D) {
+    Real s[6];
     UNROLLED for (int k = 0; k < 6; k++) s[k] = U[k] * inverse_D;
-    double *A = of->A, *B = of->B, *M = of->M;
+    Real *A = of->A, *B = of->B, *M = of->M;
     A[0] -= U[0] * s[0];
     A[1] -= U[0] * s[1];
     A[2] -= U[0] * s[2];
@@ -68,10 +68,10 @@ static inline void subtract_square(Articulated *of, const double U[6], double in
 }
 
 /* T = R S R^T for a symmetric S, both as xx xy xz yy yz zz. */
-static inline void turn_symmetric(const double R[9], const double S[6], double T[6]) {
-    double P[9]; /* R S */
+static inline void turn_symmetric(const Real R[9], const Real S[6], Real T[6]) {
+    Real P[9]; /* R S */
     UNROLLED for (int k = 0; k < 3; k++) {
-        const double *row = R + 3 * k;
+        const Real *row = R + 3 * k;
         P[3 * k] = row[0] * S[0] + row[1] * S[1] + row[2] * S[2];
         P[3 * k + 1] = row[0] * S[1] + row[1] * S[3] + row[2] * S[4];
         P[3 * k + 2] = row[0] * S[2] + row[1] * S[4] + row[2] * S[5];
@@ -85,10 +85,10 @@ static inline void turn_symmetric(const double R[9], const double S[6], double T
 }
 
 /* T = R B R^T. */
-static inline void turn(const double R[9], const double B[9], double T[9]) {
-    double P[9]; /* R B */
+static inline void turn(const Real R[9], const Real B[9], Real T[9]) {
+    Real P[9]; /* R B */
     UNROLLED for (int k = 0; k < 3; k++) {
-        const double *row = R + 3 * k;
+        const Real *row = R + 3 * k;
         P[3 * k] = row[0] * B[0] + row[1] * B[3] + row[2] * B[6];
         P[3 * k + 1] = row[0] * B[1] + row[1] * B[4] + row[2] * B[7];
         P[3 * k + 2] = row[0] * B[2] + row[1] * B[5] + row[2] * B[8];
@@ -102,14 +102,14 @@ static inline void turn(const double R[9], const double B[9], double T[9]) {
  * B_p = B + [r] M, where [r] a = r x a.
  */
 static inline void add_inertia(const Pose *pose, const Articulated *link, Articulated *parent) {
-    const double *R = pose->R, *r = pose->r;
-    double A[6], B[9], M[6], G[9]; /* G = B_p */
+    const Real *R = pose->R, *r = pose->r;
+    Real A[6], B[9], M[6], G[9]; /* G = B_p */
     turn_symmetric(R, link->A, A);
     turn(R, link->B, B);
     turn_symmetric(R, link->M, M);
-    const double columns[3][3] = {{M[0], M[1], M[2]}, {M[1], M[3], M[4]}, {M[2], M[4], M[5]}};
+    const Real columns[3][3] = {{M[0], M[1], M[2]}, {M[1], M[3], M[4]}, {M[2], M[4], M[5]}};
     UNROLLED for (int k = 0; k < 3; k++) {
-        const double *m = columns[k];
+        const Real *m = columns[k];
         G[k] = B[k] + r[1] * m[2] - r[2] * m[1];
         G[3 + k] = B[3 + k] + r[2] * m[0] - r[0] * m[2];
         G[6 + k] = B[6 + k] + r[0] * m[1] - r[1] * m[0];
@@ -129,21 +129,21 @@ static inline void add_inertia(const Pose *pose, const Articulated *link, Articu
 /* Quantities of a joint that a later pass of the algorithm needs. */
 typedef struct {
     Articulated inertia;
-    double v[6], c[6], p[6]; /* twist; acceleration by rotation; wrench of the links after it */
-    double U[6], inverse_D, u;
+    Real v[6], c[6], p[6]; /* twist; acceleration by rotation; wrench of the links after it */
+    Real U[6], inverse_D, u;
 } Eliminated;
 
 /* First pass, outwards: twists, and the wrenches of gyration. */
-static inline void move_links(const Chain *chain, const Pose *pose, const double *dq,
+static inline void move_links(const Chain *chain, const Pose *pose, const Real *dq,
                               Eliminated *link) {
-    static const double still[6] = {0.0};
+    static const Real still[6] = {0};
     for (int i = 0; i < chain->n; i++) {
-        const double *theta = chain->inertia + 10 * i;
+        const Real *theta = chain->inertia + 10 * i;
         Eliminated *here = &link[i];
-        double h[6];
+        Real h[6];
         to_link(&pose[i], i > 0 ? link[i - 1].v : still, here->v);
         here->v[axis_of(chain, i)] += dq[i];
-        UNROLLED for (int k = 0; k < 6; k++) here->c[k] = here->p[k] = 0.0;
+        UNROLLED for (int k = 0; k < 6; k++) here->c[k] = here->p[k] = REAL(0.0);
         add_turning(chain, i, here->v, dq[i], here->c);
         momentum(theta, here->v, h);
         add_gyration(here->v, h, here->p);
@@ -152,21 +152,21 @@ static inline void move_links(const Chain *chain, const Pose *pose, const double
 }
 
 /* Second pass, inwards: what remains of link i once its joint is free goes to its parent. */
-static inline int eliminate(const Chain *chain, const Pose *pose, const double *tau,
+static inline Truth eliminate(const Chain *chain, const Pose *pose, const Real *tau,
                             Eliminated *link) {
-    int positive = 1;
+    Truth positive = ALWAYS;
     for (int i = chain->n - 1; i >= 0; i--) {
         const int axis = axis_of(chain, i);
         Eliminated *here = &link[i];
         column(&here->inertia, axis, here->U);
-        const double D = here->U[axis] + chain->armature[i];
+        const Real D = here->U[axis] + chain->armature[i];
         positive &= D > 0.0;
         here->inverse_D = 1.0 / D;
         here->u = tau[i] - here->p[axis];
         if (i == 0) break;
         subtract_square(&here->inertia, here->U, here->inverse_D);
         add_product(&here->inertia, here->c, here->p);
-        const double factor = here->u * here->inverse_D;
+        const Real factor = here->u * here->inverse_D;
         UNROLLED for (int k = 0; k < 6; k++) here->p[k] += here->U[k] * factor;
         add_inertia(&pose[i], &here->inertia, &link[i - 1].inertia);
         add_to_parent(&pose[i], here->p, link[i - 1].p);
@@ -176,20 +176,20 @@ static inline int eliminate(const Chain *chain, const Pose *pose, const double *
 
 /* ddq (n,), rad/s2 or m/s2, of the torques tau (n,) at q, dq (n,).
  *
- * Returns 0 where a joint has no positive inertia; ddq means nothing then.
+ * Returns whether every joint has a positive inertia; if not, ddq means nothing.
  */
-static inline int chain_forward(const Chain *chain, const double *q, const double *dq,
-                                const double *tau, double *ddq) {
+static inline Truth chain_forward(const Chain *chain, const Real *q, const Real *dq,
+                                const Real *tau, Real *ddq) {
     Pose pose[CHAIN_MOST];
     Eliminated link[CHAIN_MOST];
-    double a[6];
+    Real a[6];
     chain_pose(chain, q, pose);
     move_links(chain, pose, dq, link);
-    const int positive = eliminate(chain, pose, tau, link);
+    const Truth positive = eliminate(chain, pose, tau, link);
     base_acceleration(chain, a);
     for (int i = 0; i < chain->n; i++) {
         const Eliminated *here = &link[i];
-        double parent[6], projected = 0.0;
+        Real parent[6], projected = REAL(0.0);
         UNROLLED for (int k = 0; k < 6; k++) parent[k] = a[k];
         to_link(&pose[i], parent, a);
         UNROLLED for (int k = 0; k < 6; k++) {

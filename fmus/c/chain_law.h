@@ -24,16 +24,16 @@
 /* Motion of link i: its twists due to dq, z and s, and its acceleration due to dz with the symmetric
  * products. */
 typedef struct {
-    double v[6], w[6], a[6], sigma[6];
+    Real v[6], w[6], a[6], sigma[6];
 } LinkMotion;
 
 /* n and f of a link with the parameters theta, added to `wrench`. */
-static inline void add_wrench(const double theta[10], const LinkMotion *of, const double b[3],
-                              double wrench[6]) {
-    const double m = theta[0], *mc = theta + 1, *I = theta + 4, *alpha = of->a;
-    const double *ov = of->v, *ow = of->w;
-    double Iv[3], Iw[3], cv[3], cw[3], n[3] = {0.0}, f[3] = {0.0};
-    const double rows[3][3] = {{I[0], I[1], I[3]}, {I[1], I[2], I[4]}, {I[3], I[4], I[5]}};
+static inline void add_wrench(const Real theta[10], const LinkMotion *of, const Real b[3],
+                              Real wrench[6]) {
+    const Real m = theta[0], *mc = theta + 1, *I = theta + 4, *alpha = of->a;
+    const Real *ov = of->v, *ow = of->w;
+    Real Iv[3], Iw[3], cv[3], cw[3], n[3] = {0}, f[3] = {0};
+    const Real rows[3][3] = {{I[0], I[1], I[3]}, {I[1], I[2], I[4]}, {I[3], I[4], I[5]}};
     UNROLLED for (int k = 0; k < 3; k++) {
         Iv[k] = rows[k][0] * ov[0] + rows[k][1] * ov[1] + rows[k][2] * ov[2];
         Iw[k] = rows[k][0] * ow[0] + rows[k][1] * ow[1] + rows[k][2] * ow[2];
@@ -57,7 +57,7 @@ static inline void add_wrench(const double theta[10], const LinkMotion *of, cons
 }
 
 /* c += x (as a row) (I y), by the entries xx xy yy xz yz zz of I. */
-static inline void add_moments(double scale, const double x[3], const double y[3], double c[6]) {
+static inline void add_moments(double scale, const Real x[3], const Real y[3], Real c[6]) {
     c[0] += scale * x[0] * y[0];
     c[1] += scale * (x[0] * y[1] + x[1] * y[0]);
     c[2] += scale * x[1] * y[1];
@@ -67,9 +67,9 @@ static inline void add_moments(double scale, const double x[3], const double y[3
 }
 
 /* The derivative of sigma . (n, f) by the ten parameters of the link. */
-static inline void link_gradient(const LinkMotion *of, const double b[3], double gradient[10]) {
-    const double *sa = of->sigma, *sl = of->sigma + 3, *ov = of->v, *ow = of->w;
-    double lv[3], lw[3], av[3], aw[3], c[3] = {0.0}, half[3] = {0.0};
+static inline void link_gradient(const LinkMotion *of, const Real b[3], Real gradient[10]) {
+    const Real *sa = of->sigma, *sl = of->sigma + 3, *ov = of->v, *ow = of->w;
+    Real lv[3], lw[3], av[3], aw[3], c[3] = {0}, half[3] = {0};
     cross(sl, ov, lv);
     cross(sl, ow, lw);
     cross(sa, ov, av);
@@ -80,7 +80,7 @@ static inline void link_gradient(const LinkMotion *of, const double b[3], double
     add_cross(b, sa, c);
     gradient[0] = sl[0] * b[0] + sl[1] * b[1] + sl[2] * b[2];
     UNROLLED for (int k = 0; k < 3; k++) gradient[1 + k] = c[k] + 0.5 * half[k];
-    UNROLLED for (int k = 4; k < 10; k++) gradient[k] = 0.0;
+    UNROLLED for (int k = 4; k < 10; k++) gradient[k] = REAL(0.0);
     add_moments(1.0, sa, of->a, gradient + 4);
     add_moments(0.5, av, ow, gradient + 4);
     add_moments(0.5, aw, ov, gradient + 4);
@@ -88,10 +88,10 @@ static inline void link_gradient(const LinkMotion *of, const double b[3], double
 
 /* Twists and acceleration of link i from those of the link `below` it, and b of its wrench. */
 static inline void link_motion(const Chain *chain, const Pose *pose, int i, const LinkMotion *below,
-                               const double *dq, const double *z, const double *dz, LinkMotion *here,
-                               double b[3]) {
+                               const Real *dq, const Real *z, const Real *dz, LinkMotion *here,
+                               Real b[3]) {
     const int axis = axis_of(chain, i);
-    double turned[6] = {0.0};
+    Real turned[6] = {0};
     to_link(&pose[i], below->v, here->v);
     to_link(&pose[i], below->w, here->w);
     to_link(&pose[i], below->a, here->a);
@@ -101,7 +101,7 @@ static inline void link_motion(const Chain *chain, const Pose *pose, int i, cons
     add_turning(chain, i, here->w, 0.5 * dq[i], turned);
     here->a[axis] += dz[i];
     UNROLLED for (int k = 0; k < 6; k++) here->a[k] += turned[k];
-    UNROLLED for (int k = 0; k < 3; k++) b[k] = 0.0;
+    UNROLLED for (int k = 0; k < 3; k++) b[k] = REAL(0.0);
     add_cross(here->v, here->w + 3, b);
     add_cross(here->w, here->v + 3, b);
     UNROLLED for (int k = 0; k < 3; k++) b[k] = here->a[3 + k] + 0.5 * b[k];
@@ -112,23 +112,23 @@ static inline void link_motion(const Chain *chain, const Pose *pose, int i, cons
  * base_acceleration() for Y with gravity, 0 for Y without. The armature of the joints is no part of
  * either.
  */
-static inline void chain_law(const Chain *chain, const Pose *pose, const double *theta,
-                             const double base[6], const double *dq, const double *z,
-                             const double *dz, const double *s, double *tau, double *Ys) {
-    static const double still[6] = {0.0};
+static inline void chain_law(const Chain *chain, const Pose *pose, const Real *theta,
+                             const Real base[6], const Real *dq, const Real *z,
+                             const Real *dz, const Real *s, Real *tau, Real *Ys) {
+    static const Real still[6] = {0};
     const int n = chain->n;
-    double f[CHAIN_MOST][6];
+    Real f[CHAIN_MOST][6];
     LinkMotion below, here;
     UNROLLED for (int k = 0; k < 6; k++) {
         below.v[k] = below.w[k] = below.sigma[k] = still[k];
         below.a[k] = base[k];
     }
     for (int i = 0; i < n; i++) {
-        double b[3];
+        Real b[3];
         link_motion(chain, pose, i, &below, dq, z, dz, &here, b);
         to_link(&pose[i], below.sigma, here.sigma);
         here.sigma[axis_of(chain, i)] += s[i];
-        UNROLLED for (int k = 0; k < 6; k++) f[i][k] = 0.0;
+        UNROLLED for (int k = 0; k < 6; k++) f[i][k] = REAL(0.0);
         add_wrench(theta + 10 * i, &here, b, f[i]);
         link_gradient(&here, b, Ys + 10 * i);
         below = here;
@@ -146,9 +146,9 @@ enum { NO_GRAVITY, COMPENSATED, ADAPTED };
  * Ys (n, 10) = Y^T s. Y contains gravity where it is adapted.
  */
 static inline void chain_feedforward(const Chain *chain, const Pose *pose, int gravity,
-                                     const double *theta, const double *dq, const double *z,
-                                     const double *dz, const double *s, double *tau, double *Ys) {
-    double base[6] = {0.0}, g[CHAIN_MOST];
+                                     const Real *theta, const Real *dq, const Real *z,
+                                     const Real *dz, const Real *s, Real *tau, Real *Ys) {
+    Real base[6] = {0}, g[CHAIN_MOST];
     if (gravity == ADAPTED) base_acceleration(chain, base);
     chain_law(chain, pose, theta, base, dq, z, dz, s, tau, Ys);
     if (gravity == COMPENSATED) {

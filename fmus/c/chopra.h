@@ -16,6 +16,6 @@ static void refer(const Model *x, Law *y) {
     }
 }
 
-static double *sliding(Model *x) { return x->r; }
+static Real *sliding(Model *x) { return x->r; }
 
 #endif

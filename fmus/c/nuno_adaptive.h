@@ -12,13 +12,13 @@
 
 static void refer(const Model *x, Law *y) {
     for (int i = 0; i < COUNT(x, JOINTS); i++) {
-        const double de = MEAN_DISAGREEMENT(x->dq[i], dq_j, i);
+        const Real de = MEAN_DISAGREEMENT(x->dq[i], dq_j, i);
         y->z[i] = -x->lambda * MEAN_DISAGREEMENT(x->q[i], q_j, i);
         y->dz[i] = -x->lambda * de;
         y->feedback[i] = -x->K[i] * (x->dq[i] - y->z[i]) - x->B[i] * de;
     }
 }
 
-static double *sliding(Model *x) { return x->epsilon; }
+static Real *sliding(Model *x) { return x->epsilon; }
 
 #endif

@@ -5,6 +5,7 @@
  * +, -, * and / round each lane like a double; nothing else is used, so that a step has the same bits in a lane.
  * What is different from doubles:
  *
+ *     REAL(x)            a double where a Real is expected, as on the right of =; arrays begin as {0}
  *     Truth              of a comparison; combined by & and |, or ALWAYS, NEVER
  *     PICK(truth, a, b)  a where it is true, b elsewhere; of several, both are calculated
  *     ALL(truth)         whether it is true of all instances, an int; ANY(truth): of one or more
@@ -39,6 +40,7 @@ typedef double Real;
 typedef int Truth;
 #define NEVER 0
 #define ALWAYS 1
+#define REAL(x) (x)
 #define PICK(truth, a, b) ((truth) ? (a) : (b))
 #define ALL(truth) (truth)
 #define ANY(truth) (truth)
@@ -68,8 +70,8 @@ static inline int all_lanes(Truth truth) {
 /* x - 0 is x, also of -0; it makes a vector of a double. */
 #define NEVER ((Truth){0})
 #define ALWAYS (~NEVER)
-#define LANES_OF(x) ((x) - (Real){0.0})
-#define PICK(truth, a, b) pick((truth), LANES_OF(a), LANES_OF(b))
+#define REAL(x) ((x) - (Real){0.0})
+#define PICK(truth, a, b) pick((truth), REAL(a), REAL(b))
 #define ALL(truth) all_lanes(truth)
 #define ANY(truth) (!all_lanes(~(truth)))
 #define COMMON(x) ((x)[0])

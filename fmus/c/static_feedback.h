@@ -27,39 +27,31 @@ enum { JOINTS = ENTRIES(q), PARAMETERS = ENTRIES(theta_hat) };
 #define PARAMETERS_OF(x) (PARAMETERS * COUNT(x, JOINTS) / JOINTS)
 
 typedef struct {
-    double z[JOINTS], dz[JOINTS], feedback[JOINTS]; /* by the model */
-    double s[JOINTS], tau[JOINTS], Ys[PARAMETERS];  /* by complete() */
-    int saturated;
+    Real z[JOINTS], dz[JOINTS], feedback[JOINTS]; /* by the model */
+    Real s[JOINTS], tau[JOINTS], Ys[PARAMETERS];  /* by complete() */
+    Truth saturated;
 } Law;
 
 #ifdef SERIAL_ARM
-static inline void feedforward(const Model *x, const double *theta_hat, Law *y, double *tau) {
+static inline void feedforward(const Model *x, const Real *theta_hat, Law *y, Real *tau) {
     const Chain chain = CHAIN_OF(x);
     Pose pose[CHAIN_MOST];
     chain_pose(&chain, x->q, pose);
-    chain_feedforward(&chain, pose, (int)x->gravity, theta_hat, x->dq, y->z, y->dz, y->s, tau,
+    chain_feedforward(&chain, pose, (int)COMMON(x->gravity), theta_hat, x->dq, y->z, y->dz, y->s, tau,
                       y->Ys);
-}
-
-static const char *problem(const Model *x) {
-    const Chain chain = CHAIN_OF(x);
-    return chain_problem(&chain);
 }
 #else
 /* tau = Y theta_hat, Ys = Y^T s. */
-static inline void feedforward(const Model *x, const double *theta_hat, Law *y, double *tau) {
+static inline void feedforward(const Model *x, const Real *theta_hat, Law *y, Real *tau) {
     const Regressor Y = regressor(x->q, x->dq, y->z, y->dz);
     torque_of(&Y, theta_hat, tau);
     transposed_times(&Y, y->s, y->Ys);
 }
-
-/* NULL, or a message that says why the arm is physically impossible. */
-static const char *problem(const Model *x) { return (void)x, NULL; }
 #endif
 
 /* The sum over the neighbours of own - received for joint i; `received` has a row for each of them. */
-static inline double disagreement(double own, const double *received, int neighbours, int i) {
-    double sum = own - received[i];
+static inline Real disagreement(Real own, const Real *received, int neighbours, int i) {
+    Real sum = own - received[i];
     for (int j = 1; j < neighbours; j++) sum += own - received[JOINTS * j + i];
     return sum;
 }
@@ -68,21 +60,21 @@ static inline double disagreement(double own, const double *received, int neighb
 #define NEIGHBOURS(port) (ENTRIES(port) / JOINTS)
 /* The same, and its mean, of the variable `own` and the input `port` of a model `x`. */
 #define DISAGREEMENT(own, port, i) \
-    disagreement((own), (const double *)x->port, NEIGHBOURS(port), (i))
-#define MEAN_DISAGREEMENT(own, port, i) (DISAGREEMENT(own, port, i) / NEIGHBOURS(port))
+    disagreement((own), (const Real *)x->port, NEIGHBOURS(port), (i))
+#define MEAN_DISAGREEMENT(own, port, i) (DISAGREEMENT(own, port, i) / (double)NEIGHBOURS(port))
 
 /* Defined by the model: z, dz and feedback, from inputs and parameters. */
 static void refer(const Model *x, Law *y);
 /* Defined by the model: its output (n,) that contains s. */
-static double *sliding(Model *x);
+static Real *sliding(Model *x);
 
 /* Compute all outputs from z, dz and feedback. NULL, or a message if a value is not finite. */
-static const char *complete(const Model *x, const double *theta_hat, Law *y) {
-    double tau[JOINTS];
+static const char *complete(const Model *x, const Real *theta_hat, Law *y) {
+    Real tau[JOINTS];
     refer(x, y);
     for (int i = 0; i < COUNT(x, JOINTS); i++) y->s[i] = x->dq[i] - y->z[i];
     feedforward(x, theta_hat, y, tau);
-    y->saturated = 0;
+    y->saturated = NEVER;
     for (int i = 0; i < COUNT(x, JOINTS); i++) {
         tau[i] += y->feedback[i];
         y->tau[i] = limited(tau[i], x->tau_max[i]);
@@ -101,6 +93,17 @@ static void give(Model *x, const Law *y) {
     }
 }
 
+#if TOGETHER == 1
+/* NULL, or a message that says why the arm is physically impossible. */
+static const char *problem(const Model *x) {
+#ifdef SERIAL_ARM
+    const Chain chain = CHAIN_OF(x);
+    return chain_problem(&chain);
+#else
+    return (void)x, NULL;
+#endif
+}
+
 const char *model_initial(Model *x) {
     Law y;
     const double *theta_hat = (const double *)x->theta_hat;
@@ -116,17 +119,18 @@ const char *model_initial(Model *x) {
     for (int i = 0; i < PARAMETERS_OF(x); i++) next[i] = theta_hat[i];
     return NULL;
 }
+#endif
 
 /* Output the estimate for t_k, and keep the one for t_k + h. */
 const char *model_step(Model *x, double t, double h) {
     Law y;
-    const double *Gamma = (const double *)x->Gamma;
-    double *theta_hat = (double *)x->theta_hat, *next = (double *)x->theta_hat_next;
+    const Real *Gamma = (const Real *)x->Gamma;
+    Real *theta_hat = (Real *)x->theta_hat, *next = (Real *)x->theta_hat_next;
     (void)t; /* the law does not depend on time */
     const char *why = complete(x, next, &y);
     if (why != NULL) return why;
     give(x, &y);
-    const double advance = y.saturated ? 0.0 : h; /* anti-windup */
+    const Real advance = PICK(y.saturated, 0.0, h); /* anti-windup */
     for (int i = 0; i < PARAMETERS_OF(x); i++) {
         theta_hat[i] = next[i];
         next[i] -= advance * Gamma[i] * y.Ys[i];

@@ -16,6 +16,6 @@ static void refer(const Model *x, Law *y) {
     }
 }
 
-static double *sliding(Model *x) { return x->s; }
+static Real *sliding(Model *x) { return x->s; }
 
 #endif

@@ -84,8 +84,9 @@ def model(joints: int = 7) -> Model:
         "Serial arm of any revolute and prismatic joints",
         arm,
         (*chain.variables(arm), *_friction(arm), *_stops(arm)),
-        ("arm.c", *chains, "hyperbolic.c", "hyperbolic.h"),
+        ("arm.c", *chains, "hyperbolic.c", "hyperbolic.h", "hyperbolic_series.h"),
         __doc__,
+        lanes=True,
     )
 
 

@@ -54,7 +54,15 @@ def model(joints: int = 7) -> Model:
             *gains,
             *table,
         ),
-        ("chain.h", "chain_check.h", "limit.h", "trig.c", "hyperbolic.c", "hyperbolic.h"),
+        (
+            "chain.h",
+            "chain_check.h",
+            "limit.h",
+            "trig.c",
+            "hyperbolic.c",
+            "hyperbolic.h",
+            "hyperbolic_series.h",
+        ),
         __doc__,
         joints=arm,
     )

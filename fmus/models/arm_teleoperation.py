@@ -97,6 +97,7 @@ def model(joints: int = 7, neighbours: int = 1) -> Model:
             *((network,) if neighbours else ()),
         ),
         documentation=__doc__ or "",
+        lanes=True,
     )
 
 

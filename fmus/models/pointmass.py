@@ -51,6 +51,7 @@ def model() -> Model:
         rates=(Variable("ddx", "local", (), "m/s2", description="Acceleration"),),
         terminals=(Terminal("port", ("f", "x", "dx"), "Force in, motion out"),),
         documentation=__doc__ or "",
+        lanes=True,
     )
 
 

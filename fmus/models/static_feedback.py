@@ -146,7 +146,7 @@ class LawSize:
         sources = ("static_feedback.h", f"{identifier}.h", *known)
         made = controller(name, description, variables, sources, documentation, network, self.arm)
         several = f"{name}_n{self.neighbours}" if self.neighbours > 1 else name
-        return replace(made, identifier=several, step=step)
+        return replace(made, identifier=several, step=step, lanes=True)
 
 
 def _depending(signals: tuple[Variable, ...], starts: tuple[str, ...]) -> tuple[Variable, ...]:

@@ -397,6 +397,6 @@ API size_t engine_sizes(int32_t which)
                                    sizeof(team_t), sizeof(member_t), sizeof(stretch_t),
                                    sizeof(columns_t), sizeof(sender_t), sizeof(part_t),
                                    sizeof(block_t), sizeof(rollback_t), sizeof(bond_t),
-                                   sizeof(macro_t)};
-    return which >= 0 && which < 25 ? sizes[which] : 0;
+                                   sizeof(macro_t), sizeof(span_t), sizeof(received_t)};
+    return which >= 0 && which < 27 ? sizes[which] : 0;
 }

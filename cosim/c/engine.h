@@ -328,14 +328,27 @@ typedef struct {
     int32_t result, index, status, signal;
 } failure_t;
 
+/* Memory that a part uses; where its end is may be a guess. */
+typedef struct {
+    const char *first;
+    int64_t size;           /* bytes */
+} span_t;
+
+/* A link by which a part receives. */
+typedef struct {
+    int32_t link, period;   /* ticks from one row of its table to the next */
+} received_t;
+
 /* Components that the others reach over links only, or also by wires whose values are taken in the first
  * stage of a tick and computed in the second one. `tick`: the next one to run. */
 typedef struct {
     segment_t *segments;
     int64_t n_segments, tick;
     int64_t n_first;        /* segments in the first stage */
-    const int32_t *links;   /* those it receives by */
+    const received_t *links;
     int64_t n_links;
+    const span_t *spans;
+    int64_t n_spans;
 } part_t;
 
 /* A thread's own share of a window, in cache lines of its own: the ticket of its chunks; which of its

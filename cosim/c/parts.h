@@ -24,7 +24,8 @@
 #define LOAD(place) __atomic_load_n(place, __ATOMIC_ACQUIRE)
 #define STORE(place, value) __atomic_store_n(place, value, __ATOMIC_RELEASE)
 #define ADD(place, value) __atomic_fetch_add(place, value, __ATOMIC_ACQ_REL)
-#define FETCH(place) __builtin_prefetch(place)
+/* With the assembler's nothing, since gcc leaves out calls of functions that only prefetch. */
+#define FETCH(place) (__extension__({ __builtin_prefetch(place); __asm__ volatile(""); }))
 #define SWAP(place, old, value) \
     __atomic_compare_exchange_n(place, old, value, 0, __ATOMIC_ACQ_REL, __ATOMIC_ACQUIRE)
 #else /* a compiler whose atomic operations are not known here: one thread */
@@ -35,6 +36,7 @@
 #define FETCH(place) (void)(place)
 #endif
 
+enum { LINE = 64 }; /* bytes of a line of the cache */
 enum { CHUNK_BITS = 20, CHUNKS_A_THREAD = 16, SPINS = 2000, FATAL = 4 };
 
 static inline uint64_t ticket_of(uint64_t generation, uint64_t chunks)
@@ -83,8 +85,81 @@ static int supersedes(const failure_t *a, const failure_t *b)
            (a->tick == b->tick && a->operation > b->operation);
 }
 
+/* The part of `count` things that is number `part` of `parts`: where it begins. */
+static int64_t begin_of(int64_t count, uint64_t part, uint64_t parts)
+{
+    return (int64_t)((uint64_t)count * part / parts);
+}
+
+/* Parts that run later in this window, or NULL, and the ticks in which what they need is brought into the
+ * cache, a little in each: first what a part uses in every tick, then the rows of its links up to the end of
+ * the window, then the samples that these hold. */
+typedef struct {
+    const part_t *spans, *rows, *samples;
+    uint64_t ticks;
+} ahead_t;
+
+static void fetch_spans(const span_t *x, const span_t *end)
+{
+    for (; x < end; x++)
+        for (int64_t i = 0; i < x->size; i += LINE) FETCH(x->first + i);
+}
+
+/* The last row of a link's table that is read in this window, or one before its first. */
+static int64_t last_row(const engine_t *e, received_t x)
+{
+    const link_t *l = e->links + x.link;
+    const int64_t row = l->row + (LOAD(&e->team->limit) - e->tick - 1) / x.period;
+    return row < l->rows ? row : l->rows - 1;
+}
+
+static void fetch_rows(const engine_t *e, const received_t *x, const received_t *end)
+{
+    for (; x < end; x++) {
+        const link_t *l = e->links + x->link;
+        const int64_t last = last_row(e, *x);
+        for (int64_t row = l->row; row <= last; row += LINE / (int64_t)sizeof *l->table)
+            FETCH(l->table + row);
+        if (last > l->row) FETCH(l->table + last);
+    }
+}
+
+static void fetch_samples(const engine_t *e, const received_t *x, const received_t *end)
+{
+    for (; x < end; x++) {
+        const link_t *l = e->links + x->link;
+        const sender_t *from = l->sender;
+        const int64_t last = last_row(e, *x);
+        const char *before = NULL;
+        for (int64_t row = l->row; row <= last; row++) {
+            const int64_t held = l->table[row] - l->before;
+            const char *sample =
+                (const char *)(from->history + (held & (from->capacity - 1)) * from->width);
+            if (held < 0 || (before && sample >= before && sample < before + LINE)) continue;
+            FETCH(sample);
+            before = sample;
+        }
+    }
+}
+
+/* What is fetched in the tick that is number `k` of the window. */
+static void fetch_ahead(const engine_t *e, const ahead_t *a, uint64_t k)
+{
+    const uint64_t n = a->ticks;
+
+    if (a->spans)
+        fetch_spans(a->spans->spans + begin_of(a->spans->n_spans, k, n),
+                    a->spans->spans + begin_of(a->spans->n_spans, k + 1, n));
+    if (a->rows)
+        fetch_rows(e, a->rows->links + begin_of(a->rows->n_links, k, n),
+                   a->rows->links + begin_of(a->rows->n_links, k + 1, n));
+    if (a->samples)
+        fetch_samples(e, a->samples->links + begin_of(a->samples->n_links, k, n),
+                      a->samples->links + begin_of(a->samples->n_links, k + 1, n));
+}
+
 /* A part up to the end of the window, or to the tick after which another one has failed. */
-NOINLINE void run_part(engine_t *e, part_t *part, member_t *mine)
+NOINLINE void run_part(engine_t *e, part_t *part, const ahead_t *ahead, member_t *mine)
 {
     team_t *team = e->team;
     failure_t failure = {-1, 0, 0, 0, 0, 0}, ended = {-1, 0, 0, 0, 0, 0};
@@ -96,6 +171,7 @@ NOINLINE void run_part(engine_t *e, part_t *part, member_t *mine)
 
     catch_up(segments, n_segments, tick);
     while (tick < LOAD(&team->limit) && ended.operation < 0) {
+        fetch_ahead(e, ahead, (uint64_t)(tick - e->tick));
         result = run_tick(e, tick, segments, n_segments, &failure, &ended);
         if (result != RUN_OK) break;
         tick++;
@@ -112,32 +188,6 @@ NOINLINE void run_part(engine_t *e, part_t *part, member_t *mine)
     }
 }
 
-/* Ask for what a part reads next of its links, while others run: rows of tables, then the samples. */
-static void fetch_rows(const engine_t *e, const part_t *part)
-{
-    for (int64_t i = 0; i < part->n_links; i++) {
-        const link_t *l = e->links + part->links[i];
-        FETCH(l->table + l->row);
-    }
-}
-
-static void fetch_samples(const engine_t *e, const part_t *part)
-{
-    for (int64_t i = 0; i < part->n_links; i++) {
-        const link_t *l = e->links + part->links[i];
-        const sender_t *from = l->sender;
-        if (l->row < l->rows && l->table[l->row] >= 0)
-            FETCH(from->history +
-                  ((l->table[l->row] - l->before) & (from->capacity - 1)) * from->width);
-    }
-}
-
-/* The part of `count` things that is number `part` of `parts`: where it begins. */
-static int64_t begin_of(int64_t count, uint64_t part, uint64_t parts)
-{
-    return (int64_t)((uint64_t)count * part / parts);
-}
-
 /* A chunk of the share of thread `owner`. */
 static void run_chunk(engine_t *e, int32_t owner, uint64_t chunk, uint64_t chunks, member_t *mine)
 {
@@ -146,13 +196,14 @@ static void run_chunk(engine_t *e, int32_t owner, uint64_t chunk, uint64_t chunk
     const int64_t begin = begin_of(n, (uint64_t)owner, (uint64_t)team->threads);
     const int64_t size = begin_of(n, (uint64_t)owner + 1, (uint64_t)team->threads) - begin;
     part_t *parts = team->parts + team->first + begin;
-
     const int64_t end = begin_of(size, chunk + 1, chunks);
+    const uint64_t ticks = (uint64_t)(LOAD(&team->limit) - e->tick);
 
     for (int64_t i = begin_of(size, chunk, chunks); i < end; i++) {
-        if (i + 2 < end) fetch_rows(e, parts + i + 2);
-        if (i + 1 < end) fetch_samples(e, parts + i + 1);
-        run_part(e, parts + i, mine);
+        const int64_t left = size - i - 1;
+        const ahead_t ahead = {left > 2 ? parts + i + 3 : NULL, left > 1 ? parts + i + 2 : NULL,
+                               left > 0 ? parts + i + 1 : NULL, ticks};
+        run_part(e, parts + i, &ahead, mine);
     }
 }
 
@@ -212,10 +263,11 @@ static void run_stage(engine_t *e, int64_t limit, failure_t *failure, failure_t 
     team_t *team = e->team;
     const uint64_t generation = LOAD(&team->members[0].ticket) >> 2 * CHUNK_BITS;
     const uint64_t chunks = CHUNKS_A_THREAD;
+    const ahead_t none = {NULL, NULL, NULL, 1};
     int spins = 0;
 
     team->limit = limit;
-    for (int32_t i = 0; i < team->first; i++) run_part(e, team->parts + i, team->members);
+    for (int32_t i = 0; i < team->first; i++) run_part(e, team->parts + i, &none, team->members);
     STORE(&team->finished, 0);
     for (int32_t i = 0; i < team->threads; i++)
         STORE(&team->members[i].ticket, ticket_of(generation + 1, chunks));

@@ -7,17 +7,25 @@ Python components become call-backs.
 from __future__ import annotations
 
 import ctypes as c
-from bisect import bisect_left
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cosim.base.component import NativeComponent
 from cosim.base.errors import RunError
+from cosim.engine.arrays import (
+    Numbers,
+    in_lines,
+    operation_rows,
+    ranges,
+    rows_of,
+    segments,
+    stretches,
+)
 from cosim.fmi import access_order
 from cosim.fmi.components import stepped_fmu, terminated_at
 from cosim.fmi.failures import starting
@@ -25,11 +33,12 @@ from cosim.fmi.layout import bind, bind_alike, late_clock_ticks
 from cosim.fmi.library import DISCARD
 from cosim.native import structs
 from cosim.native.structs import MEANS, SLOPES, Code, EngineResult, UnitKind
-from cosim.schedule.operations import Operation
-from cosim.schedule.partition import PlanParts, merged, partition
 from cosim.schedule.parts import Slot, Step
 from cosim.schedule.plan import Plan
-from cosim.schedule.segments import due_together
+
+if TYPE_CHECKING:
+    from cosim.engine.divided import DividedPlan
+    from cosim.schedule.partition import PlanParts
 
 #: Results by which an FMU ends the simulation: after its step, and before it.
 ENDS = (EngineResult.TERMINATED, EngineResult.ENDED)
@@ -77,6 +86,7 @@ class Binding:
         self.state = structs.EngineState()
         self.failure: BaseException | None = None
         self.partition: PlanParts | None = None
+        self.divided: DividedPlan | None = None
         self.exact: bool | None = None
         self.columns = range(plan.n_signals) if columns is None else columns
         self._inputs, self._outputs, self._gates = inputs, outputs, gates
@@ -95,32 +105,24 @@ class Binding:
         for i, step in enumerate(plan.components):
             with starting(step.name):
                 self.units[i] = self._unit(i, step)
-        self._divide()
-        self._senders = self._shared_senders() if self.partition else range(len(plan.links))
-        self.operations = operations = _operations(plan.operations, self.partition)
-        self._step_at_once(operations)
-        self.senders = (structs.SenderStruct * len(plan.links))()
-        self.links = (structs.LinkStruct * len(plan.links))()
-        rows = [1] * len(plan.links)
-        for i, sender in enumerate(self._senders):
-            rows[sender] = max(rows[sender], self._rows(i))
-        for i, sender in enumerate(self._senders):
-            self._link(i, sender, rows[i])
+        self.operations = operation_rows(plan.operations)
+        first = np.array([op.first for op in plan.operations], np.int64)
+        apart = np.zeros(len(first), bool)
+        self.segments = segments(self.operations["period"], first, apart, tick)
+        self.first_due = self.segments.tobytes()
+        self._bind_parts_and_links(tick)
         self.players = (structs.PlayerStruct * len(plan.players))()
-        self.segments = segments = self._segments([plan.operations], 0, tick)
-        self.first_due = bytes(segments)
-        state.segments, state.n_segments = c.addressof(segments), len(segments)
-        self._bind_parts(tick)
+        state.segments, state.n_segments = self.segments.ctypes.data, len(self.segments)
         through = (structs.GateStruct * len(plan.gates))(
             *(structs.GateStruct(*self._gates[g.name]) for g in plan.gates)
         )
         state.gates = c.addressof(through)
         self._alive.append(through)
-        state.operations, state.units = operations.ctypes.data, c.addressof(self.units)
+        state.operations, state.units = self.operations.ctypes.data, c.addressof(self.units)
         state.links, state.senders = c.addressof(self.links), c.addressof(self.senders)
         state.players = c.addressof(self.players)
         state.signals = self.signals.ctypes.data
-        state.width, state.columns = len(self.columns), self._recorded()
+        state.width = len(self.columns)
         state.h, state.tick = plan.h, tick
         self.keep_last()
 
@@ -134,127 +136,58 @@ class Binding:
         """Keep the exception of a call-back: it is the reason why the run stops."""
         self.failure = error
 
-    def _divide(self) -> None:
-        """Divide the plan into parts, if there are enough of them."""
+    def _bind_parts_and_links(self, tick: int) -> None:
+        """Divide the plan into parts, if there are enough of them; links keep more samples then."""
+        plan = self.plan
+        self.sender_of = np.arange(len(plan.links))
         least = LEAST if self._threads > 1 else ALONE
-        if len(self.plan.components) < least:
+        found = None
+        if len(plan.components) >= least:
+            from cosim.engine import divided
+
+            units = rows_of(self.units)
+            own = np.flatnonzero(~np.isin(units["kind"], list(ANYWHERE))).tolist()
+            at_once = bool(units["steps"].any())
+            found = divided.divide(plan, own, self._threads, least, at_once=at_once)
+        if found is None:
+            self._step_at_once(np.array([len(plan.operations)]))
+            self._bind_links(ahead=0)
+            self.state.columns = self._recorded()
             return
-        kinds = [UnitKind(unit.kind) for unit in self.units]
-        own = [i for i, kind in enumerate(kinds) if kind not in ANYWHERE]
-        for staged in (False, True) if self._threads > 1 else (False,):
-            found = partition(self.plan, own, staged=staged)
-            if found and len(found.components) >= least:
-                count = min(structs.AT_ONCE, len(found.components) // (4 * self._threads))
-                if count > 1 and any(unit.steps for unit in self.units):
-                    found = merged(found, count, bool(own))
-                self.partition, self.together = found, bool(own)
-                return
+        self.sender_of, found = divided.shared_senders(plan, found)
+        self.operations = divided.own_operations(self.operations, found)
+        self._step_at_once(len(plan.operations) + np.r_[0, found.ends])
+        self._bind_links(ahead=WINDOW)
+        self.partition, self.together = found, bool(own)
+        self.divided = divided.DividedPlan(self, found, tick)
+        self.state.columns = self.divided.columns
 
-    def _shared_senders(self) -> list[int]:
-        """Of each link, the first one that sends the same: parts send it once."""
-        plan, first = self.plan, dict[tuple[Any, ...], int]()
-        found = [
-            first.setdefault((x.source.start, x.source.size, x.gain, x.offset), i)
-            for i, x in enumerate(plan.links)
-        ]
-        again = {
-            i for i, op in enumerate(plan.operations)
-            if op.code == Code.PUSH and found[op.index] != op.index
-        }  # fmt: skip
-        if self.partition:
-            own = tuple(tuple(i for i in x if i not in again) for x in self.partition.operations)
-            self.partition = replace(self.partition, operations=own)
-        return found
-
-    def _step_at_once(self, operations: NDArray[np.void]) -> None:
+    def _step_at_once(self, ends: Numbers) -> None:
         """Let steps of instances of one FMU be done together where they follow each other.
 
-        `operations` (n,): of the plan and of its parts, as C has them; their counts are changed.
+        `ends`: of the operations of the plan, and of its parts. Counts of operations are changed.
         """
-        steps = np.array([u.steps or 0 for u in self.units], dtype=np.uint64)
-        if not steps.any():
+        operations, units = self.operations, rows_of(self.units)
+        if not units["steps"].any():
             return
         step = np.flatnonzero(operations["code"] == Code.STEP)
         unit = operations["index"][step]
-        alike = np.array([(u.kind, u.lag, u.period) for u in self.units])
-        same = (np.diff(step) == 1) & (steps[unit[1:]] == steps[unit[:-1]]) & (steps[unit[1:]] > 0)
-        same &= (alike[unit[1:]] == alike[unit[:-1]]).all(axis=1)
-        parts = self.partition.operations if self.partition else ()
-        behind = np.cumsum([len(self.plan.operations), *map(len, parts)])
-        same &= ~np.isin(step[1:], behind)
+        same = (np.diff(step) == 1) & (units["steps"][unit[1:]] > 0) & ~np.isin(step[1:], ends)
+        for name in ("steps", "kind", "lag", "period"):
+            same &= units[name][unit[1:]] == units[name][unit[:-1]]
         starts = np.flatnonzero(np.r_[True, ~same])
         for start, end in pairwise([*starts.tolist(), len(step)]):
             for i in range(start, end, structs.AT_ONCE):
                 operations["count"][step[i]] = min(structs.AT_ONCE, end - i) - 1
 
-    def _segments(
-        self, stages: Sequence[Sequence[Operation]], first: int, tick: int
-    ) -> c.Array[structs.SegmentStruct]:
-        """The segments of the operations in these stages, which begin at `first` in C."""
-        made = []
-        for operations in stages:
-            made += [
-                structs.SegmentStruct(x.period, x.start + tick, x.first + first, x.last + first)
-                for x in due_together(operations)
-            ]
-            first += len(operations)
-        segments = (structs.SegmentStruct * len(made))(*made)
-        self._alive.append(segments)
-        return segments
-
-    def _bind_parts(self, tick: int) -> None:
-        """The parts with their segments: their operations are behind those of the plan."""
-        if self.partition is None:
-            return
-        plan, second = self.plan, self.partition.second
-        self.parts = (structs.PartStruct * len(self.partition.operations))()
-        first = len(plan.operations)
-        for part, places in zip(self.parts, self.partition.operations, strict=True):
-            cut = len(places) if second is None else bisect_left(places, second)
-            stages = [[plan.operations[i] for i in some] for some in (places[:cut], places[cut:])]
-            segments = self._segments(stages, first, tick)
-            part.segments, part.n_segments = c.addressof(segments), len(segments)
-            part.n_first = sum(x.last <= first + cut for x in segments)
-            pulled = [op.index for stage in stages for op in stage if op.code == Code.PULL]
-            links = np.array(pulled, dtype=np.int32)
-            self._alive.append(links)
-            part.links, part.n_links = links.ctypes.data, len(links)
-            first += len(places)
-
     def _recorded(self) -> int:
-        """Address of the columns of a recorded row: all, then those of each part."""
+        """Address of the columns of a recorded row."""
         signals = np.asarray(self.columns, dtype=np.int64)
-        every = np.arange(len(signals))
-        sets = [_stretches(every, signals, np.zeros(len(signals), bool))]
-        if self.partition:
-            owners, after = self._owners(self.partition)
-            owner, late = owners[signals], after[signals]
-            order = np.argsort(owner, kind="stable")
-            bounds = np.searchsorted(owner[order], range(len(self.partition.components) + 1))
-            sets += [_stretches(order[a:b], signals, late) for a, b in pairwise(bounds)]
-        columns = (structs.ColumnsStruct * len(sets))(
-            *(structs.ColumnsStruct(found.ctypes.data, len(found)) for found in sets)
-        )
-        self._alive += [sets, columns]
+        nothing = np.zeros(len(signals), np.int64)
+        found, _ = stretches(np.arange(len(signals)), signals, nothing > 0, nothing)
+        columns = structs.ColumnsStruct(found.ctypes.data, len(found))
+        self._alive += [found, columns]
         return c.addressof(columns)
-
-    def _owners(self, parts: PlanParts) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-        """Of which part each signal is, and whether it is written behind RECORD (n_signals,)."""
-        owner = np.zeros(self.plan.n_signals, np.int64)
-        late = np.zeros(self.plan.n_signals, bool)
-        for number, part in enumerate(parts.components):
-            for i in part:
-                for slots in (self.plan.components[i].inputs, self.plan.components[i].outputs):
-                    start, n = extent(slots)
-                    owner[start : start + n] = number
-                    late[start : start + n] = i in parts.late
-        for group in self.plan.groups:
-            for slot in group.slots:
-                owner[slot.start] = owner[
-                    self.plan.components[group.components[0]].outputs[0].start
-                ]
-                late[slot.start] = True
-        return owner, late
 
     def _unit(self, index: int, step: Step) -> structs.UnitStruct:
         late = step.name not in self._sampled
@@ -317,25 +250,29 @@ class Binding:
 
         return call
 
-    def _rows(self, index: int) -> int:
-        """Samples that the sender of a link keeps for it."""
-        link = self.plan.links[index]
-        kept = self._kept.get(link.name, link.table.history)
-        ahead = WINDOW // link.table.grid.n_s + 2 if self.partition else 0
-        return 1 << (kept + ahead - 1).bit_length()
-
-    def _link(self, index: int, sender: int, rows: int) -> None:
-        link = self.plan.links[index]
-        width = link.source.size
-        history = np.zeros((rows, width))
-        at = link.target.start
-        initial = self.signals[at : at + width].copy()
-        self._alive += [history, initial]
-        self.senders[index] = structs.SenderStruct(history.ctypes.data, width, 0, rows)
-        self.links[index] = structs.LinkStruct(
-            sender=c.addressof(self.senders) + sender * c.sizeof(structs.SenderStruct),
-            initial=initial.ctypes.data, held=-1,
-        )  # fmt: skip
+    def _bind_links(self, ahead: int) -> None:
+        """Senders and links, with room for samples that are needed `ahead` ticks later."""
+        links, n = self.plan.links, len(self.plan.links)
+        self.senders, self.links = (structs.SenderStruct * n)(), (structs.LinkStruct * n)()
+        if not links:
+            return
+        own = self._kept
+        kept = [own.get(x.name, x.table.history) for x in links]
+        if ahead:
+            kept = [k + ahead // x.table.grid.n_s + 2 for k, x in zip(kept, links, strict=True)]
+        most = np.ones(n, np.int64)
+        np.maximum.at(most, self.sender_of, kept)
+        width = np.array([x.source.size for x in links], np.int64)
+        room = width << np.frexp(most - 1)[1]
+        memory = in_lines(int(room.sum() + width.sum()))
+        self._alive.append(memory)
+        address = memory.ctypes.data + 8 * (np.cumsum(np.r_[room, width]) - np.r_[room, width])
+        at = np.array([x.target.start for x in links], np.int64)
+        memory[room.sum() :] = self.signals[ranges(at, width)]
+        sender, link = rows_of(self.senders), rows_of(self.links)
+        sender["history"], sender["width"], sender["capacity"] = address[:n], width, room // width
+        link["sender"] = c.addressof(self.senders) + self.sender_of * sender.itemsize
+        link["initial"], link["held"] = address[n:], -1
 
     def late_clock_ticks(self) -> dict[str, tuple[int, float]]:
         """Number of late clock ticks of each FMU, and their greatest delay (s)."""
@@ -349,33 +286,6 @@ class Binding:
                 if count:
                     found[step.name] = count, most
         return found
-
-
-def _operations(operations: Sequence[Operation], parts: PlanParts | None) -> NDArray[np.void]:
-    """As C has them: those of the plan, then those of each part, which record for themselves."""
-    found = np.zeros(len(operations), np.dtype(structs.OperationStruct))
-    for name, _ in structs.OperationStruct._fields_:
-        found[name] = [getattr(op, name) for op in operations]
-    if parts is None:
-        return found
-    own = [found, *(found[list(places)] for places in parts.operations)]
-    for number, rows in enumerate(own[1:], start=1):
-        record = rows["code"] == Code.RECORD
-        rows["index"][record], rows["count"][record] = number, 0
-    return np.concatenate(own)
-
-
-def _stretches(
-    places: NDArray[np.int64], signals: NDArray[np.int64], late: NDArray[np.bool_]
-) -> NDArray[np.void]:
-    """The entries `places` (n,) of a row, which is of `signals`, as C has them."""
-    source, after = signals[places], late[places]
-    apart = (np.diff(places) != 1) | (np.diff(source) != 1) | (after[1:] != after[:-1])
-    first = np.flatnonzero(np.r_[np.ones(min(1, len(places)), bool), apart])
-    found = np.zeros(len(first), np.dtype(structs.StretchStruct))
-    found["place"], found["source"], found["late"] = places[first], source[first], after[first]
-    found["count"] = np.diff(np.r_[first, len(places)])
-    return found
 
 
 def extent(slots: Sequence[Slot]) -> tuple[int, int]:

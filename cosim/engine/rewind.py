@@ -34,7 +34,7 @@ def can_rewind(bound: Binding) -> bool:
 def rewind(bound: Binding, plan: Plan) -> None:
     """As after binding `plan` at tick 0, once its components have started."""
     bound.plan, state = plan, bound.state
-    c.memmove(bound.segments, bound.first_due, len(bound.first_due))
+    c.memmove(bound.segments.ctypes.data, bound.first_due, len(bound.first_due))
     for link, sender, held in zip(plan.links, bound.senders, bound.links, strict=True):
         sender.sent = held.row = held.rows = 0
         held.held = -1

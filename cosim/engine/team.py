@@ -36,8 +36,8 @@ class Team:
     """
 
     def __init__(self, bound: Binding, threads: int, start: int) -> None:
-        parts = bound.partition
-        assert parts is not None
+        parts, divided = bound.partition, bound.divided
+        assert parts is not None and divided is not None
         self._bound, self._threads, self._start = bound, threads, start
         least = {i: bound.plan.links[i].table.minimum_delay_ticks for i in parts.links}
         self._least = min((x for x in least.values() if x >= ENOUGH), default=WINDOW)
@@ -47,9 +47,9 @@ class Team:
             *(structs.MemberStruct(failed=none, ended=none) for _ in range(threads))
         )
         operations = bound.plan.operations
-        self._places = np.concatenate([np.array(x, dtype=np.int64) for x in parts.operations])
+        self._places = np.ascontiguousarray(parts.operations[1], dtype=np.int64)
         self._team = structs.TeamStruct(
-            parts=c.addressof(bound.parts), n_parts=len(bound.parts), n_plan=len(operations),
+            parts=divided.parts.ctypes.data, n_parts=parts.count, n_plan=len(operations),
             places=self._places.ctypes.data, members=c.addressof(self._members), threads=threads,
             record=next(i for i, op in enumerate(operations) if op.code == Code.RECORD),
             first=int(bound.together), longest=WINDOW, quit=1, staged=parts.second is not None,

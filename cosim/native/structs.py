@@ -163,6 +163,18 @@ class FailureStruct(c.Structure):
     )
 
 
+class SpanStruct(c.Structure):
+    """``span_t``."""
+
+    _fields_ = (("first", c.c_void_p), ("size", c.c_int64))
+
+
+class ReceivedStruct(c.Structure):
+    """``received_t``."""
+
+    _fields_ = (("link", c.c_int32), ("period", c.c_int32))
+
+
 class PartStruct(c.Structure):
     """``part_t``."""
 
@@ -171,6 +183,8 @@ class PartStruct(c.Structure):
         *((n, c.c_int64) for n in ("n_segments", "tick", "n_first")),
         ("links", c.c_void_p),
         ("n_links", c.c_int64),
+        ("spans", c.c_void_p),
+        ("n_spans", c.c_int64),
     )
 
 
@@ -477,7 +491,7 @@ def library() -> c.CDLL:
         *(TickerStruct, Typed, GateStruct, TriggeredStruct, PartitionStruct),
         *(ExchangeStruct, SegmentStruct, FailureStruct, TeamStruct),
         *(MemberStruct, StretchStruct, ColumnsStruct, SenderStruct, PartStruct),
-        *(BlockStruct, RollbackStruct, BondStruct, MacroStruct),
+        *(BlockStruct, RollbackStruct, BondStruct, MacroStruct, SpanStruct, ReceivedStruct),
     )
     expected = [c.sizeof(t) for t in structs]
     found = [engine.engine_sizes(i) for i in range(len(expected))]

@@ -6,30 +6,63 @@ look-ahead of conservative parallel simulation (Chandy and Misra 1979; Fujimoto 
 
 from __future__ import annotations
 
-from bisect import bisect_right
-from collections import defaultdict
-from collections.abc import Collection, Sequence
+from collections.abc import Collection
 from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
 
 from cosim.native.structs import Code
-from cosim.schedule.operations import Operation
 from cosim.schedule.plan import Plan
 
+#: Instead of the component that owns an operation: every part does it, or none.
+EVERY, NONE = -1, -2
+Numbers = NDArray[np.int64]
 
-@dataclass(frozen=True, slots=True)
+
+@dataclass(frozen=True)
 class PlanParts:
-    """Parts by their components, in order of the first, and the links between them.
+    """Parts, numbered in order of their first components, and the links between them.
 
-    `operations`: of each part, those of the plan; every part has RECORD. `late`: components whose
-    signals are written after it in a tick. `second`: where wires connect parts, the first operation
-    of the second stage of a tick, which computes what these wires carry; else None.
+    `part_of` (components,): the part of each. `owners` (operations,): the component to which each
+    operation of the plan belongs, or :data:`EVERY`, as RECORD, or :data:`NONE`. `late`
+    (components,): whether its signals are written after RECORD in a tick. `second`: where wires
+    connect parts, the first operation of the second stage of a tick, which computes what these
+    wires carry; else None.
     """
 
-    components: tuple[tuple[int, ...], ...]
-    operations: tuple[tuple[int, ...], ...]
+    part_of: Numbers
+    owners: Numbers
     links: tuple[int, ...]
-    late: frozenset[int]
+    late: NDArray[np.bool_]
     second: int | None = None
+
+    @property
+    def count(self) -> int:
+        """How many parts there are."""
+        return int(self.part_of.max()) + 1
+
+    @cached_property
+    def operations(self) -> tuple[Numbers, Numbers]:
+        """Of each part, then of the next one: (its number, an operation of the plan), (n,) each."""
+        own, every = np.flatnonzero(self.owners >= 0), np.flatnonzero(self.owners == EVERY)
+        parts = np.arange(self.count)
+        part = np.r_[self.part_of[self.owners[own]], np.tile(parts, len(every))]
+        place = np.r_[own, np.repeat(every, self.count)]
+        order = np.lexsort((place, part))
+        return part[order], place[order]
+
+    @property
+    def ends(self) -> Numbers:
+        """Where each part ends among :attr:`operations`, (parts,)."""
+        return np.cumsum(np.bincount(self.operations[0], minlength=self.count))
+
+    def merged(self, count: int, alone: int) -> PlanParts:
+        """`count` consecutive parts as one, each; but the first `alone` stay as they are."""
+        later = self.part_of >= alone
+        part_of = np.where(later, alone + (self.part_of - alone) // count, self.part_of)
+        return replace(self, part_of=part_of)
 
 
 def partition(
@@ -60,41 +93,23 @@ def partition(
     first, *others = sorted(together) or [0]
     for other in others:
         parts.join(first, other)
-    groups = parts.groups()
-    if len(groups) < 2:
-        return None
+    roots = parts.roots()
     if together:
-        groups.sort(key=lambda group: first not in group)
-    part_of = {i: k for k, group in enumerate(groups) for i in group}
-    ends = [(part_of[number[x.source.component]], part_of[number[x.target.component]])
-            for x in plan.links]  # fmt: skip
-    operations: list[list[int]] = [[] for _ in groups]
-    owners = _Owners(plan)
-    for i, op in enumerate(plan.operations):
-        if op.code == Code.RECORD:
-            for part in operations:
-                part.append(i)
-        else:
-            operations[part_of[owners.of(op)]].append(i)
+        roots[roots == roots[first]] = -1
+    _, part_of = np.unique(roots, return_inverse=True)
+    if not part_of.any():
+        return None
+    source, target = (
+        part_of[np.array([number[slot.component] for slot in slots], np.int64)]
+        for slots in ([x.source for x in plan.links], [x.target for x in plan.links])
+    )
     return PlanParts(
-        tuple(map(tuple, groups)),
-        tuple(map(tuple, operations)),
-        tuple(i for i, (a, b) in enumerate(ends) if a != b),
-        frozenset(i for i, c in enumerate(plan.components) if c.name not in now),
+        part_of,
+        _owners(plan),
+        tuple(np.flatnonzero(source != target).tolist()),
+        np.array([c.name not in now for c in plan.components]),
         _second(plan) if staged else None,
     )
-
-
-def merged(parts: PlanParts, count: int, alone: int) -> PlanParts:
-    """`count` consecutive parts as one, each; but the first `alone` stay as they are."""
-    n = len(parts.components)
-    groups = [range(i, i + 1) for i in range(alone)]
-    groups += [range(i, min(i + count, n)) for i in range(alone, n, count)]
-
-    def union(entries: Sequence[tuple[int, ...]]) -> tuple[tuple[int, ...], ...]:
-        return tuple(tuple(sorted({i for k in group for i in entries[k]})) for group in groups)
-
-    return replace(parts, components=union(parts.components), operations=union(parts.operations))
 
 
 def _second(plan: Plan) -> int:
@@ -105,27 +120,22 @@ def _second(plan: Plan) -> int:
     return next(steps, len(plan.operations))
 
 
-class _Owners:
-    """The component to which an operation belongs: that of its input, or of the output it sends."""
-
-    def __init__(self, plan: Plan) -> None:
-        self._groups = plan.groups
-        slots = sorted(
-            (slot.start, i)
-            for i, c in enumerate(plan.components)
-            for slot in (*c.inputs, *c.outputs)
-        )
-        self._starts = [start for start, _ in slots]
-        self._owners = [i for _, i in slots]
-
-    def of(self, op: Operation) -> int:
-        """Its number."""
+def _owners(plan: Plan) -> Numbers:
+    """The component of each operation: that of its input, or of the output it sends."""
+    first = [(s.start, i) for i, c in enumerate(plan.components) for s in (*c.inputs, *c.outputs)]
+    starts, of = np.array(sorted(first), np.int64).reshape(-1, 2).T
+    owners = np.full(len(plan.operations), EVERY)
+    lying, signals = list[int](), list[int]()
+    for i, op in enumerate(plan.operations):
         if op.code == Code.STEP:
-            return op.index
-        if op.code == Code.MACRO:
-            return self._groups[op.index].components[0]
-        signal = op.source if op.code == Code.PUSH else op.target
-        return self._owners[bisect_right(self._starts, signal) - 1]
+            owners[i] = op.index
+        elif op.code == Code.MACRO:
+            owners[i] = plan.groups[op.index].components[0]
+        elif op.code != Code.RECORD:
+            lying.append(i)
+            signals.append(op.source if op.code == Code.PUSH else op.target)
+    owners[lying] = of[np.searchsorted(starts, signals, side="right") - 1]
+    return owners
 
 
 class _Sets:
@@ -145,9 +155,6 @@ class _Sets:
             i = self._parent[i]
         return i
 
-    def groups(self) -> list[list[int]]:
-        """All sets, sorted."""
-        found: defaultdict[int, list[int]] = defaultdict(list)
-        for i in range(len(self._parent)):
-            found[self._root(i)].append(i)
-        return list(found.values())
+    def roots(self) -> Numbers:
+        """The least number in the set of each, (n,)."""
+        return np.array([self._root(i) for i in range(len(self._parent))], np.int64)

@@ -49,6 +49,19 @@ def test_received_frames_count_down() -> None:
     assert simulated.state(0).rec == 1
 
 
+def test_frames_are_computed_as_a_whole_once_nothing_is_counted() -> None:
+    simulated = bus(rec=3)
+    simulated.request(1, 0, BusFrame(0x123))
+    simulated.advance(100 * BIT)
+    assert simulated.whole_frames == 0
+    simulated.reset(0)
+    simulated.advance(200 * BIT)
+    simulated.request(1, 200 * BIT, BusFrame(0x123))
+    simulated.advance(300 * BIT)
+    assert simulated.state(0).rec == 0
+    assert simulated.whole_frames == 1
+
+
 def test_a_node_that_starts_bus_off_is_back_after_128_times_11_bits() -> None:
     simulated = bus(tec=256)
     simulated.request(0, 0, BusFrame(0x123))

@@ -11,6 +11,8 @@ Array = NDArray[np.float64]
 LINES = 24
 #: Most signals that a page lets choose from, arms that move, links and rows of its tables.
 SIGNALS, ARMS, LINKS, ROWS = 400, 12, 24, 100
+#: Links of which ages are drawn, where there are more than can be listed.
+AGES = 4
 #: Names of quantiles, and which they are.
 QUANTILES = (
     ("greatest", 1.0), ("90 %", 0.9), ("median", 0.5), ("10 %", 0.1), ("least", 0.0),

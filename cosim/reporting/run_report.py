@@ -105,7 +105,10 @@ def _numbers(facts: Mapping[str, Any], results: tuple[MetricResult, ...]) -> lis
     found = [(r.label, _short(r)) for r in results[:4]]
     if facts.get("wall") and facts.get("ticks"):
         seconds = facts["ticks"] * facts["step"]
-        found.append(("speed", f"{seconds / facts['wall']:.0f} × real time"))
+        ratio = seconds / facts["wall"]
+        found.append(
+            ("speed", f"{ratio:.0f} × real time" if ratio >= 10 else f"{ratio:.2g} × real time")
+        )
     return found
 
 
@@ -203,6 +206,7 @@ def _frames(run: Run, signal: str, t: Array) -> list[str]:
 def _links(run: Run, facts: Mapping[str, Any], data: PageData) -> str:
     rows, pictures = [], []
     tables = run.link_tables
+    drawn = many.LINKS if len(tables) <= many.LINKS else many.AGES
     for name, path in islice(tables.items(), many.LINKS):
         age, dt, sent = _ages(path)
         held = age[np.isfinite(age)]
@@ -218,6 +222,8 @@ def _links(run: Run, facts: Mapping[str, Any], data: PageData) -> str:
              f"{held.mean() * 1e3:.4g} ms", *(f"{v * 1e3:.4g} ms" for v in marks.values()),
              f"{held.max() * 1e3:.4g} ms", f"{100 * lost:.3g} %"]
         )  # fmt: skip
+        if len(rows) > drawn:
+            continue
         data.add(f"age of {name}", "s", age, dt, CHOSEN)
         pictures.append(histogram(name, "s", held, marks))
         title = f"Age of what {name} holds"

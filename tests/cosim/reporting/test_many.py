@@ -1,5 +1,6 @@
 """Reports and figures of many robots: quantiles in place of lines, and lists that end."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,7 @@ from cosim.loading.files import load
 from cosim.record import Run
 from cosim.reporting.declared import figure_specs
 from cosim.reporting.figures import draw
-from cosim.reporting.many import ARMS, LINKS, QUANTILES, quantile_lines
+from cosim.reporting.many import AGES, ARMS, LINKS, QUANTILES, quantile_lines
 from cosim.reporting.run_report import write_report
 from tests.bridge.zenoh.rehearsed import CONFIGS
 from tests.cosim.reporting.test_report import data as page_data
@@ -40,9 +41,17 @@ def test_a_report_of_many_robots_has_quantiles_and_some_of_each_list(run: Run) -
     assert [line["label"] for line in first["series"]] == [name for name, _ in QUANTILES]
     assert all(line["name"] in data["signals"] for line in first["series"])
     assert len(data["arms"]) == ARMS
-    assert sum(p["place"] == "ages" for p in data["panels"]) == LINKS
+    assert sum(p["place"] == "ages" for p in data["panels"]) == AGES
+    assert len(re.findall("control\\d+[.]xi-(?:>|&gt;)[^<]*</td>", page)) == LINKS
     assert f"{160 - LINKS} further links are in the run folder only." in page
     assert "Age of what" in page and page.count("<tr>") < 300
+
+
+def test_links_that_can_be_listed_are_all_drawn(tmp_path: Path) -> None:
+    scenario = load(CONFIGS / "many.toml", ("graphs.net.n=6", "run.stop=0.5"))
+    simulate(scenario, tmp_path / "run")
+    data = page_data(write_report(Run.open(tmp_path / "run")).read_text())
+    assert sum(p["place"] == "ages" for p in data["panels"]) == LINKS
 
 
 def test_a_figure_of_many_robots_has_lines_of_quantiles(run: Run, tmp_path: Path) -> None:

@@ -23,6 +23,11 @@ WRONG = [
     ["components.master.start.dq=[1e7, 0.0]", f"{ARM}.start.dq=[1e4, 0.0]"],
     ["components.master_control.parameters.K=9e5"],
 ]
+#: Two arms that fail, of which the second one is stepped in another call.
+WRONG += [[*each, "components.master.fmi='3.0'"] for each in WRONG[3:5]]
+CONTROLS = ("components.master_control", "components.slave_control")
+SLOW = [f"{name}.{what}" for name in CONTROLS for what in ("period='70 ms'", "parameters.K=0.1")]
+SLOW += [f"links.{i}.delay.low='110 ms'" for i in range(2)]  # no link without delay
 
 
 def study(keep: Path | None = None) -> StudySetup:
@@ -59,7 +64,8 @@ def strides(monkeypatch: pytest.MonkeyPatch) -> list[int]:
         ([EVERY + "1"], 1),
         ([EVERY + "7"], 1),
         ([EVERY + "6", "components.master_control.period='4 ms'"], 1),
-        ([EVERY + "8", *[f"components.{c}_control.period='4 ms'" for c in ("master", "slave")]], 4),
+        ([EVERY + "8", *[f"{name}.period='4 ms'" for name in CONTROLS]], 4),
+        ([EVERY + "70", *SLOW], 70),
         ([EVERY + "5", "run.algorithm='jacobi'"], 1),
         ([EVERY + "5", "run.algorithm='gauss-seidel'"], 1),
         ([EVERY + "5", "components.slave_control.period='1 ms'"], 1),
@@ -83,7 +89,8 @@ def test_what_fails_does_so_in_its_tick(tmp_path: Path, strides: list[int]) -> N
     found = run_points(study(), points)
     assert rows(found) == rows(run_points(study(tmp_path), points))
     assert [bool(row.reason) for row in found] == [True] * len(WRONG) + [False]
-    assert [row.reason.partition(":")[0] for row in found[3:5]] == ["slave", "master"]
+    first = [row.reason.partition(":")[0] for row in found]
+    assert first[3:5] == first[6:8] == ["slave", "master"]
     ticks = {round(row.stopped_at * 1000) for row in found if row.reason}
     assert len({tick % 5 for tick in ticks}) > 1 and max(ticks) > 5
     assert 5 in strides

@@ -104,7 +104,12 @@ class StartKind:
             g.name: slice(*ends_) for g, ends_ in zip(self.numbers, pairwise(ends), strict=True)
         }
         self.width: int = ends[-1]
-        bounds = [limits(g) for g in self.numbers for _ in range(g.size)]
+        #: Variables with limits: an FMU judges sizes itself, and what sets clocks their intervals.
+        self.limited = tuple(
+            g for g in self.numbers if g.name not in fmu.sizes and g.first.type != "Clock"
+        )
+        free, own = (float("-inf"), float("inf"), False), {g.name for g in self.limited}
+        bounds = [limits(g) if g.name in own else free for g in self.numbers for _ in range(g.size)]
         self._limits = np.array(bounds).reshape(-1, 3).T
         #: Parts of a row: first byte, columns and type of the values of one call.
         self._segments: dict[tuple[Any, ...], tuple[int, list[int], Any]] = {}

@@ -237,9 +237,8 @@ class Starts:
         """The values of all FMUs of a kind: `numbers` (FMUs, values), in their units."""
         for k in kind.refused(numbers):
             self.number = places[k]
-            for group in kind.numbers:
-                if group.first.type != "Clock":
-                    check_range(group, numbers[k, kind.columns[group.name]].tolist())
+            for group in kind.limited:
+                check_range(group, numbers[k, kind.columns[group.name]].tolist())
         rows = kind.rows(numbers)
         self._numbers[id(kind)] = numbers
         self._alive += [rows, kind]

@@ -156,3 +156,14 @@ def test_tables_that_cannot_be_written_stop_the_run(
     found = Run.open(tmp_path / "run")
     assert found.metadata["status"] == "stopped"
     assert {len(load_table(path)[1]) for path in found.link_tables.values()} == {26}
+
+
+def test_paths_are_sorted_by_name_and_made_for_links_that_are_there(tmp_path: Path) -> None:
+    facts = {name: FACTS[name] for name in reversed(NAMES)}
+    with TablesWriter(tmp_path, facts) as writer:
+        writer.write(np.arange(4, dtype=np.int32), np.ones(4, np.int64))
+    paths = table_paths(tmp_path)
+    assert list(paths) == sorted(NAMES) and len(paths) == 4
+    assert load_table(paths[NAMES[0]])[1].tolist() == [3]
+    with pytest.raises(KeyError):
+        paths["nobody"]

@@ -29,6 +29,9 @@ CONTROLS = ("components.master_control", "components.slave_control")
 SLOW = [f"{name}.{what}" for name in CONTROLS for what in ("period='70 ms'", "parameters.K=0.1")]
 SLOW += [f"links.{i}.delay.low='110 ms'" for i in range(2)]  # no link without delay
 
+#: A sampled component with a step in each tick, which comes before what is recorded.
+ALONE = "components.alone={model='fmus.models.teleoperation', period='1 ms', sizes={neighbours=0}}"
+
 
 def study(keep: Path | None = None) -> StudySetup:
     document = teleoperation(stop=0.303)
@@ -70,6 +73,9 @@ def strides(monkeypatch: pytest.MonkeyPatch) -> list[int]:
         ([EVERY + "5", "run.algorithm='gauss-seidel'"], 1),
         ([EVERY + "5", "components.slave_control.period='1 ms'"], 1),
         ([EVERY + "10", f"{ARM}.period='2 ms'"], 1),
+        ([EVERY + "5", f"{ARM}.inputs.q_h='master.q'"], 1),
+        ([EVERY + "5", "components.master.period='5 ms'"], 1),
+        ([EVERY + "5", ALONE], 1),
     ],
 )
 def test_the_rows_of_a_run(

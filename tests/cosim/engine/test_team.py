@@ -14,7 +14,7 @@ from msgspec.structs import replace
 from benchmarks.cases import rings
 from cosim.base.errors import RunError
 from cosim.engine import binding, team
-from cosim.engine.arrays import rows_of
+from cosim.engine.arrays import rows_of, stretches
 from cosim.engine.engine import Engine
 from cosim.engine.simulate import simulate
 from cosim.loading.files import load, read_document
@@ -135,6 +135,12 @@ def test_what_a_part_uses_is_known_once_each() -> None:
             used += [bound.signals[int(a["output"][0]) :].ctypes.data for a in mine]
             assert all(any(a <= place < b for a, b in spans) for place in used)
             assert x["n_links"] == len(received)
+
+
+def test_a_stretch_of_a_row_is_of_one_part() -> None:
+    places, never = np.arange(4), np.zeros(4, bool)
+    found, owner = stretches(places, places, never, np.array([0, 0, 1, 1]))
+    assert found["count"].tolist() == [2, 2] and owner.tolist() == [0, 1]
 
 
 def test_threads_run_while_the_engine_is_open() -> None:

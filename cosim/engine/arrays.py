@@ -26,13 +26,13 @@ def rows_of(array: c.Array[Any]) -> Rows:
 
 
 def in_lines(size: int) -> NDArray[np.float64]:
-    """Zeros, (size,), which begin with a line of the cache."""
+    """`size` zeros without a unit, (size,), which begin with a line of the cache."""
     room = np.zeros(size + LINE // 8)
     return room[-room.ctypes.data % LINE // 8 :][:size]
 
 
 def ranges(starts: Numbers, counts: Numbers) -> Numbers:
-    """The numbers from each start on, so many as counted: one range after the other."""
+    """Ranges, one after the other: `counts` (n,) numbers each, from `starts` (n,) on."""
     before = np.cumsum(counts) - counts
     found: Numbers = np.arange(int(counts.sum())) + np.repeat(starts - before, counts)
     return found

@@ -5,9 +5,10 @@ from __future__ import annotations
 import ctypes as c
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cosim.engine.arrays import LINE, Numbers, Rows, ranges, rows_of, segments, stretches
 from cosim.native import structs
@@ -15,13 +16,26 @@ from cosim.native.structs import Code
 from cosim.schedule.partition import NONE, PlanParts, partition
 from cosim.schedule.plan import Plan
 
-if TYPE_CHECKING:
-    from cosim.engine.binding import Binding
-
 #: What of an FMU may lie behind its outputs, bytes: its parameters.
 BEHIND = 256
 _SPAN, _PART = np.dtype(structs.SpanStruct), np.dtype(structs.PartStruct)
 _RECEIVED, _COLUMNS = np.dtype(structs.ReceivedStruct), np.dtype(structs.ColumnsStruct)
+
+
+class Bound(Protocol):
+    """A plan as C has it, before it is divided (:class:`cosim.engine.binding.Binding`).
+
+    `columns`: the signals in a recorded row. `sender_of` (links,): whose samples a link takes.
+    """
+
+    plan: Plan
+    signals: NDArray[np.float64]
+    operations: Rows
+    units: c.Array[structs.UnitStruct]
+    links: c.Array[structs.LinkStruct]
+    senders: c.Array[structs.SenderStruct]
+    sender_of: Numbers
+    columns: Sequence[int]
 
 
 def divide(
@@ -57,7 +71,7 @@ def shared_senders(plan: Plan, parts: PlanParts) -> tuple[Numbers, PlanParts]:
 
 
 def own_operations(plan: Rows, parts: PlanParts) -> Rows:
-    """Those of the plan, then those of each part, which record for themselves."""
+    """The operations of the `plan` (n,), then those of each part, which record for themselves."""
     part, place = parts.operations
     rows = plan[place]
     record = rows["code"] == Code.RECORD
@@ -72,7 +86,7 @@ class DividedPlan:
     recorded, of all and then of each part.
     """
 
-    def __init__(self, bound: Binding, divided: PlanParts, tick: int) -> None:
+    def __init__(self, bound: Bound, divided: PlanParts, tick: int) -> None:
         self._bound, self._divided = bound, divided
         self._part, self._place = divided.operations
         self.parts = np.zeros(divided.count, _PART)

@@ -124,9 +124,10 @@ class Engine:
     def _begin_tables(self, tick: int) -> None:
         if self._tables:
             self._tables.close()
-        any_tables = self.plan.links or self.plan.players
-        self._tables = RowTables(self.plan, self._buses, self._longest)
-        self._drawn = _no_rows(tick if any_tables else NEVER)
+            self._tables = None
+        if self.plan.links or self.plan.players:
+            self._tables = RowTables(self.plan, self._buses, self._longest)
+        self._drawn = _no_rows(NEVER if self._tables is None else tick)
 
     @property
     def bound(self) -> Binding:

@@ -15,8 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim.engine.binding import Vector
-from cosim.links.drawing import Drawing
-from cosim.links.table import DrawnTable
 from cosim.schedule.parts import RunningBus
 from cosim.schedule.plan import Plan
 
@@ -102,6 +100,9 @@ class RowTables:
     """
 
     def __init__(self, plan: Plan, buses: Mapping[str, RunningBus], longest: int = 0) -> None:
+        from cosim.links.drawing import TableDrawing  # of plans with links only
+        from cosim.links.table import DrawnTable
+
         self._plan = plan
         self._filled = {i: buses[x.name] for i, x in enumerate(plan.links) if x.name in buses}
         drawn, self._streams = dict[int, DrawnTable](), {}
@@ -111,9 +112,10 @@ class RowTables:
             elif i not in self._filled:
                 self._streams[i] = link.table.stream()
         self._places = np.array(list(drawn), np.int64)
-        self._drawing = Drawing(tuple(drawn.values()))
+        self._drawing = TableDrawing(tuple(drawn.values()))
         self._played = [player.source.stream() for player in plan.players]
-        self._periods = np.array([x.table.grid.n_r for x in plan.links], np.int64)
+        period = {step.name: step.period for step in plan.components}
+        self._periods = np.array([period[x.target.component] for x in plan.links], np.int64)
         bytes_a_tick = float((4 / self._periods).sum())
         most = max(STRETCH, int(TOGETHER / max(1.0, bytes_a_tick)))
         self._stretch = min(longest or LONGEST, most)

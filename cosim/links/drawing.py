@@ -7,7 +7,7 @@ Delays of other laws are drawn by NumPy and handed over. What a rule makes of th
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,8 +20,9 @@ from cosim.native.tables import PacketStruct, RuleCode, TableStruct
 if TYPE_CHECKING:
     from fractions import Fraction
 
+    from cosim.links.grid import Grid
     from cosim.links.laws import Delays
-    from cosim.links.table import DrawnTable
+    from cosim.links.semantics import Rule
 
 #: Rows for which NumPy draws delays at once: they stay in the cache.
 BLOCK = 1 << 14
@@ -38,10 +39,36 @@ TABLE, PACKET = np.dtype(TableStruct), np.dtype(PacketStruct)
 IntArray = NDArray[np.int64]
 
 
-class Drawing:
+class Table(Protocol):
+    """What is drawn: :class:`cosim.links.table.DrawnTable`."""
+
+    @property
+    def name(self) -> str:
+        """Of the link."""
+
+    @property
+    def grid(self) -> Grid:
+        """Periods of sender and receiver."""
+
+    @property
+    def law(self) -> Law:
+        """Of the delays."""
+
+    @property
+    def rule(self) -> Rule:
+        """Which sample is held."""
+
+    def delays(self) -> Delays:
+        """The delays that the rule asks for, drawn by NumPy from the start."""
+
+    def entropy(self) -> bytes:
+        """What the generator is seeded with: words of 32 bits, little-endian."""
+
+
+class TableDrawing:
     """Rows of `tables`, from the first on, in chunks whose sizes do not change them."""
 
-    def __init__(self, tables: Sequence[DrawnTable]) -> None:
+    def __init__(self, tables: Sequence[Table]) -> None:
         self._tables, self._library = tuple(tables), native.library()
         found: dict[tuple[object, ...], int] = {}
         kinds: list[TableStruct] = []
@@ -122,8 +149,8 @@ class Drawing:
 class OneDrawing:
     """The rows of one table."""
 
-    def __init__(self, table: DrawnTable) -> None:
-        self._drawing = Drawing((table,))
+    def __init__(self, table: Table) -> None:
+        self._drawing = TableDrawing((table,))
 
     def take(self, n: int) -> NDArray[np.int32]:
         """The next `n` rows, (n,)."""
@@ -132,7 +159,7 @@ class OneDrawing:
         return rows
 
 
-def _begun(table: DrawnTable) -> TableStruct:
+def _begun(table: Table) -> TableStruct:
     """A table at its first row; `samples` is 0 if NumPy draws its delays; `capacity`: packets that
     can be on their way at a time.
     """

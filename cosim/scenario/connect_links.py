@@ -24,7 +24,7 @@ Simulated = dict[str, "BusDelays"]
 
 
 @dataclass(frozen=True, slots=True)
-class _Given:
+class _TableSources:
     """What the tables of links are made of: delays on buses by the place of the link, tables of the
     links before by what they have in common, and the folder of the scenario.
     """
@@ -37,7 +37,7 @@ class _Given:
 def links(parts: ScenarioComponents) -> list[Link]:
     """The links of the table [[links]]. Raises ScenarioError if two have the same name."""
     found: dict[str, Link] = {}
-    given = _Given(_on_buses(parts), {}, parts.scenario.path.parent)
+    given = _TableSources(_on_buses(parts), {}, parts.scenario.path.parent)
     array = parts.scenario.place("links")
     for i, spec in enumerate(parts.scenario.links):
         place = f"{array}.{i}"
@@ -150,7 +150,7 @@ def _table(
     name: str,
     periods: tuple[int, int],
     place: str,
-    given: _Given,
+    given: _TableSources,
 ) -> TableSpec:
     """The table of a link between a sender and a receiver with these periods, ticks."""
     from cosim.links.spec import bus_table, link_table
@@ -177,7 +177,7 @@ def _table(
     )
 
 
-def _link(parts: ScenarioComponents, spec: LinkSpec, place: str, given: _Given) -> Link:
+def _link(parts: ScenarioComponents, spec: LinkSpec, place: str, given: _TableSources) -> Link:
     source = parts.endpoint(spec.source, "output", f"{place}.from")
     target = parts.endpoint(spec.target, "input", f"{place}.to")
     gain, offset = fit(parts, source, target, place)

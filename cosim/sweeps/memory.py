@@ -61,7 +61,7 @@ class Rooms:
         self._arrays: dict[int, Array] = {}
 
     def array(self, number: int, shape: tuple[int, int]) -> Array:
-        """The array of run `number` of those that run together."""
+        """The array, `shape` (rows, columns), of run `number` of those that run together."""
         found = self._arrays.get(number)
         if found is None or found.shape != shape:
             found = self._arrays[number] = np.empty(shape)

@@ -68,11 +68,11 @@ def stale(document: Document) -> Document:
 _LAW, _REGRESSOR = "adaptive_law.h", "regressor.h"
 WRONG = (
     WrongLaw("K[1] := K[0]", ("eq31", "unequal-push-2", "unequal-rest"), _LAW,
-             "0.0 : x->K[i];", "0.0 : x->K[0];"),
+             "0.0, x->K[i]);", "0.0, x->K[0]);"),
     WrongLaw("K without its off-diagonal entry", ("eq31-full", "full-push-2"), _LAW,
-             "0.0 : x->K_off;", "0.0 : 0.0 * x->K_off;"),
+             "0.0, x->K_off);", "0.0, 0.0 * x->K_off);"),
     WrongLaw("Gamma[i] := Gamma[0]", ("eq32",), _LAW,
-             "double rate = x->Gamma[i] * Ys[i];", "double rate = x->Gamma[0] * Ys[i];"),
+             "Real rate = x->Gamma[i] * Ys[i];", "Real rate = x->Gamma[0] * Ys[i];"),
     WrongLaw("Gamma without its off-diagonal entries", ("eq32-full",), _LAW,
              "rate += gamma_entry(x, i, j) * Ys[j];", "rate += 0.0 * Ys[j];"),
     WrongLaw("no anti-windup", ("limit-windup",), _LAW, "y.saturated ? 0.0 : h;", "h;"),

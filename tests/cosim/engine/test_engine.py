@@ -303,7 +303,7 @@ def test_what_fails_while_tables_are_drawn_ahead_stops_the_run(monkeypatch):
             raise RunError("no more rows")
         rows[:] = 0
 
-    monkeypatch.setattr("cosim.links.drawing.Drawing.fill", fails)
+    monkeypatch.setattr("cosim.links.drawing.TableDrawing.fill", fails)
     with Engine(p) as engine:
         engine.initialize()
         engine.run(40)

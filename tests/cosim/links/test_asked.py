@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cosim.links.drawing import Drawing
+from cosim.links.drawing import TableDrawing
 from cosim.links.grid import Grid
 from cosim.links.laws import Constant
 from cosim.links.semantics import PacketSemantics, PlayoutSemantics, SignalSemantics
@@ -55,7 +55,7 @@ class Counted:
 def test_what_a_rule_asks_for_is_what_it_takes(rule, n_s, n_r, chunks):
     law = Counted()
     table = DrawnTable("x", Grid(n_s, n_r, 0.005), law, rule, 0)
-    drawn = Drawing([table])
+    drawn = TableDrawing([table])
     given = []  # the address behind the delays that C was handed over
     ask = law.take
     law.take = lambda n: given.append(ask(n)) or given[-1]

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from cosim.base.errors import RunError, ScenarioError
 from cosim.links import drawing
-from cosim.links.drawing import Drawing
+from cosim.links.drawing import TableDrawing
 from cosim.links.grid import Grid
 from cosim.links.laws import Constant, Uniform
 from cosim.links.losses import GilbertElliott, Independent, Lossy
@@ -69,7 +69,7 @@ def alike(draw):
 def test_rows_are_numpys(tables, cuts, room, monkeypatch):
     monkeypatch.setattr(drawing, "ROOM", room)
     cuts = [0, *sorted(cuts), 300]
-    drawn = Drawing(tables)
+    drawn = TableDrawing(tables)
     expected = [rows_of(table) for table in tables]
     for first, last in pairwise(cuts):
         counts = np.array([(last - first) * (1 + i % 2) for i in range(len(tables))])
@@ -94,7 +94,7 @@ def test_working_in_blocks_does_not_show(rule, n_s, n_r, law):
 def test_generators_are_seeded_as_numpy_does(seed, name):
     law = Lossy(Uniform(0, 1), Independent(0.5))
     table = DrawnTable(name, Grid(1, 1, 1.0), law, RULES[1], seed)
-    state = Drawing([table])._state
+    state = TableDrawing([table])._state
     words = np.frombuffer(entropy(seed, name), "<u4").astype(np.uint32)
     sequence = np.random.SeedSequence(words)
     for key, own in (("delay", sequence), ("loss", sequence.spawn(1)[0])):
@@ -126,7 +126,7 @@ def test_a_delay_that_its_law_rules_out_stops_the_run():
 def test_no_memory_is_asked_for_that_packets_do_not_need():
     """A law may allow for a delay of years."""
     table = DrawnTable("x", Grid(1, 1, 1e-3), Normal(1.0, 0.1, 0.0, 2e6), RULES[2], 0)
-    drawn = Drawing([table])
+    drawn = TableDrawing([table])
     rows = np.empty(5000, np.int32)
     drawn.fill(rows, np.zeros(1, int), np.array([5000]))
     assert rows.tolist() == rows_of(table).take(5000).tolist()

@@ -39,7 +39,7 @@ TABLE, PACKET = np.dtype(TableStruct), np.dtype(PacketStruct)
 IntArray = NDArray[np.int64]
 
 
-class Table(Protocol):
+class DrawableTable(Protocol):
     """What is drawn: :class:`cosim.links.table.DrawnTable`."""
 
     @property
@@ -68,7 +68,7 @@ class Table(Protocol):
 class TableDrawing:
     """Rows of `tables`, from the first on, in chunks whose sizes do not change them."""
 
-    def __init__(self, tables: Sequence[Table]) -> None:
+    def __init__(self, tables: Sequence[DrawableTable]) -> None:
         self._tables, self._library = tuple(tables), native.library()
         found: dict[tuple[object, ...], int] = {}
         kinds: list[TableStruct] = []
@@ -149,7 +149,7 @@ class TableDrawing:
 class OneDrawing:
     """The rows of one table."""
 
-    def __init__(self, table: Table) -> None:
+    def __init__(self, table: DrawableTable) -> None:
         self._drawing = TableDrawing((table,))
 
     def take(self, n: int) -> NDArray[np.int32]:
@@ -159,7 +159,7 @@ class OneDrawing:
         return rows
 
 
-def _begun(table: Table) -> TableStruct:
+def _begun(table: DrawableTable) -> TableStruct:
     """A table at its first row; `samples` is 0 if NumPy draws its delays; `capacity`: packets that
     can be on their way at a time.
     """

@@ -299,17 +299,36 @@ INLINE int run_operation(engine_t *e, int64_t tick, double *s, const operation_t
     return RUN_OK;
 }
 
-/* Executes operations from `first` to before `last`. An FMU that ends the simulation is kept in
- * *ended, and the others go on; anything else that goes wrong ends it, and is in *failure. */
-INLINE int run_operations(engine_t *e, int64_t tick, int64_t first, int64_t last,
+/* Of units that are stepped `*ticks` times, with those that follow; fewer times once one has failed, and nothing
+ * else then matters. Returns RUN_OK to go on with the next operation. */
+INLINE int run_often(engine_t *e, int64_t tick, int64_t *ticks, const operation_t *op,
+                     failure_t *failure)
+{
+    failure_t found = {-1, 0, 0, 0, 0, 0};
+    const int result = *ticks > 0 ? step_often(e, tick, ticks, op, &found) : RUN_OK;
+
+    if (result == RUN_OK) return RUN_OK;
+    while (op->index != found.index) op++;
+    found.result = result;
+    found.operation = op - e->operations;
+    *failure = found;
+    return RUN_OK;
+}
+
+/* Executes operations from `first` to before `last`; steps of a tick are made `ticks` times. An FMU that ends the
+ * simulation is kept in *ended, and the others go on; anything else that goes wrong ends it, and is in *failure. */
+INLINE int run_operations(engine_t *e, int64_t tick, int64_t ticks, int64_t first, int64_t last,
                           failure_t *failure, failure_t *ended)
 {
     double *const s = e->signals;
     const operation_t *const end = e->operations + last;
+    int64_t left = ticks;
 
     for (const operation_t *op = e->operations + first; op < end; op++) {
         const operation_t *const last_done = op->code == OP_STEP ? op + op->count : op;
-        const int result = run_operation(e, tick, s, op, failure);
+        const int result = ticks > 1 && op->code == OP_STEP && op->period == 1
+                               ? run_often(e, tick, &left, op, failure)
+                               : run_operation(e, tick, s, op, failure);
         if (result == RUN_OK) {
             op = last_done;
             continue;
@@ -324,20 +343,20 @@ INLINE int run_operations(engine_t *e, int64_t tick, int64_t first, int64_t last
         failure->operation = -1;
         if (e->units[op->index].kind == UNIT_REMOTE) op = last_done;
     }
-    return RUN_OK;
+    return left < ticks ? failure->result : RUN_OK;
 }
 
-/* All of `segments` that are due at a tick. */
-INLINE int run_tick(engine_t *e, int64_t tick, segment_t *segments, int64_t n_segments,
-                    failure_t *failure, failure_t *ended)
+/* All of `segments` that are due at a tick, and at the `ticks` - 1 after it, in which only steps of a tick are. */
+INLINE int run_tick(engine_t *e, int64_t tick, int64_t ticks, segment_t *segments,
+                    int64_t n_segments, failure_t *failure, failure_t *ended)
 {
     segment_t *const behind = segments + n_segments;
 
     for (segment_t *segment = segments; segment < behind; segment++) {
         int result;
         if (segment->next != tick) continue;
-        segment->next = tick + segment->period;
-        result = run_operations(e, tick, segment->first, segment->last, failure, ended);
+        segment->next = tick + (segment->period == 1 ? ticks : segment->period);
+        result = run_operations(e, tick, ticks, segment->first, segment->last, failure, ended);
         if (result != RUN_OK) return result;
     }
     return RUN_OK;
@@ -375,7 +394,7 @@ API int32_t engine_run(engine_t *e, int64_t ticks)
     for (; e->tick < end; e->tick++) {
         int result;
         if (*(volatile int32_t *)&e->stop) return RUN_STOPPED;
-        result = run_tick(e, e->tick, e->segments, e->n_segments, &failure, &ended);
+        result = run_tick(e, e->tick, 1, e->segments, e->n_segments, &failure, &ended);
         if (result != RUN_OK) return failed(e, &failure, result);
         if (ended.operation < 0) continue;
         e->tick++;

@@ -215,6 +215,7 @@ typedef struct {
 } exchange_t;
 
 enum { AT_ONCE = 8 };       /* units that are stepped together, at most */
+enum { STEPS_AT_ONCE = 64 }; /* steps in a call of an FMU, at most; as many as ticks in a window */
 
 typedef struct {
     int32_t kind, lag;      /* lag: ticks from the start of the interval to the tick of the step */
@@ -373,7 +374,8 @@ typedef struct {
     int32_t first;          /* the first part for all; those before it are the caller's: 0 or 1 */
     int32_t staged;         /* windows are one tick in two stages, else 0 */
     int32_t stage;          /* the one that runs now: 0 or 1 */
-    int32_t reserved;
+    int32_t stride;         /* ticks from one multiple of it to the next can be run as one: within them
+                             * only units with a period of a tick step, and none of their inputs changes */
 } team_t;
 
 typedef struct {

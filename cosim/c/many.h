@@ -6,7 +6,6 @@
  * left out from then on, as it stands; the others go on.
  */
 enum { MANY = 16 };             /* executions, at most */
-enum { STEPS_AT_ONCE = 64 };    /* steps in a call of an FMU, at most */
 
 /* Executions that still run, by their number, and what became of each. */
 typedef struct {

@@ -142,20 +142,30 @@ static void fetch_samples(const engine_t *e, const received_t *x, const received
     }
 }
 
-/* What is fetched in the tick that is number `k` of the window. */
-static void fetch_ahead(const engine_t *e, const ahead_t *a, uint64_t k)
+/* What is fetched in the ticks of the window from number `k` to before `end`. */
+static void fetch_ahead(const engine_t *e, const ahead_t *a, uint64_t k, uint64_t end)
 {
     const uint64_t n = a->ticks;
 
     if (a->spans)
         fetch_spans(a->spans->spans + begin_of(a->spans->n_spans, k, n),
-                    a->spans->spans + begin_of(a->spans->n_spans, k + 1, n));
+                    a->spans->spans + begin_of(a->spans->n_spans, end, n));
     if (a->rows)
         fetch_rows(e, a->rows->links + begin_of(a->rows->n_links, k, n),
-                   a->rows->links + begin_of(a->rows->n_links, k + 1, n));
+                   a->rows->links + begin_of(a->rows->n_links, end, n));
     if (a->samples)
         fetch_samples(e, a->samples->links + begin_of(a->samples->n_links, k, n),
-                      a->samples->links + begin_of(a->samples->n_links, k + 1, n));
+                      a->samples->links + begin_of(a->samples->n_links, end, n));
+}
+
+/* How many ticks from `tick` on are run as one, of those before `limit`. */
+static int64_t ticks_as_one(const team_t *team, int64_t tick, int64_t limit)
+{
+    const int64_t stride = team->stride > 1 ? team->stride : 1;
+    int64_t ticks = stride - tick % stride;
+
+    if (ticks > STEPS_AT_ONCE) ticks = STEPS_AT_ONCE;
+    return ticks < limit - tick ? ticks : limit - tick;
 }
 
 /* A part up to the end of the window, or to the tick after which another one has failed. */
@@ -170,11 +180,12 @@ NOINLINE void run_part(engine_t *e, part_t *part, const ahead_t *ahead, member_t
     int result = RUN_OK;
 
     catch_up(segments, n_segments, tick);
-    while (tick < LOAD(&team->limit) && ended.operation < 0) {
-        fetch_ahead(e, ahead, (uint64_t)(tick - e->tick));
-        result = run_tick(e, tick, segments, n_segments, &failure, &ended);
+    for (int64_t limit; tick < (limit = LOAD(&team->limit)) && ended.operation < 0;) {
+        const int64_t ticks = ticks_as_one(team, tick, limit), number = tick - e->tick;
+        fetch_ahead(e, ahead, (uint64_t)number, (uint64_t)(number + ticks));
+        result = run_tick(e, tick, ticks, segments, n_segments, &failure, &ended);
+        tick = result == RUN_OK ? tick + ticks : failure.tick;
         if (result != RUN_OK) break;
-        tick++;
     }
     part->tick = tick;
     if (result != RUN_OK) {

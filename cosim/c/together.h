@@ -52,3 +52,39 @@ NOINLINE int step_units(const engine_t *e, int64_t tick, const operation_t *op, 
         result = take_outputs(e, op[k].index, status[k], failure);
     return result;
 }
+
+/* `*ticks` steps of such units, of a tick each, while no input of theirs changes. Where one fails, *ticks becomes
+ * the number of steps before: what comes behind it matters only if it fails sooner. */
+NOINLINE int step_often(const engine_t *e, int64_t tick, int64_t *ticks, const operation_t *op,
+                        failure_t *failure)
+{
+    const int64_t n = op->count + 1;
+    const unit_t *const first = e->units + op->index;
+    double times[STEPS_AT_ONCE];
+    void *instances[AT_ONCE];
+    int status[AT_ONCE], result = RUN_OK;
+    size_t made[AT_ONCE];
+    int64_t failed = -1, done = *ticks;
+
+    for (int64_t i = 0; i < n; i++) {
+        const unit_t *u = e->units + op[i].index;
+        instances[i] = u->instance;
+        set_inputs(u, u->kind, e->signals); /* their values are open: none can be refused */
+    }
+    for (int64_t k = 0; k < done; k++) times[k] = (double)(tick + k) * e->h;
+    ((steps_t)first->steps)(instances, (size_t)n, times, (size_t)done, first->h, status, made);
+    for (int64_t i = 0; i < n; i++)
+        if (failed_call(status[i]) && (failed < 0 || made[i] < made[failed])) failed = i;
+    if (failed >= 0) {
+        failure->index = op[failed].index;
+        failure->status = status[failed];
+        *ticks = (int64_t)made[failed];
+        result = RUN_STEP;
+    } else {
+        for (int64_t i = 0; i < n && result == RUN_OK; i++)
+            result = take_outputs(e, op[i].index, 0, failure);
+        if (result != RUN_OK) *ticks = done - 1;
+    }
+    failure->tick = tick + *ticks;
+    return result;
+}

@@ -9,17 +9,14 @@ from __future__ import annotations
 
 import ctypes as c
 from collections.abc import Mapping, Sequence
-from math import gcd
-
-import numpy as np
 
 from cosim.base.errors import CosimError
 from cosim.base.interrupts import stop_on_signal
 from cosim.engine.binding import Vector
 from cosim.engine.engine import Engine
 from cosim.engine.rewind import can_rewind, structure
+from cosim.engine.strides import stride
 from cosim.native import structs
-from cosim.native.structs import Code
 
 #: Engines that run together at most (``MANY``).
 MOST = 16
@@ -53,7 +50,7 @@ def run_many(
         engine.record_into(record)
         engine.state.every = every
     end = engines[0].tick + ticks
-    numbers = stride(engines[0]), records[0].shape[1]
+    numbers = stride(engines[0].bound), records[0].shape[1]
 
     def stop() -> None:
         for engine in engines:
@@ -90,28 +87,3 @@ def _advance(
         if result != structs.EngineResult.OK:
             failed[i] = engines[i].finish(result)
             running.remove(i)
-
-
-def stride(engine: Engine) -> int:
-    """How many ticks ``engine_run_many`` can run as one; 1: each of them alone.
-
-    Components that are stepped in each tick are stepped so often one after the other. So nothing
-    else may come behind their steps in a tick, or read what they give before the next stride.
-    """
-    plan, units = engine.plan, engine.bound.units
-    n = gcd(engine.state.every, *(op.period for op in plan.operations if op.period > 1))
-    stepped = False
-    given = np.zeros(plan.n_signals, dtype=bool)
-    for unit in units:
-        if unit.period == 1:
-            given[unit.output : unit.output + unit.output_count] = True
-    for op in plan.operations:
-        if op.code == Code.STEP and op.period == 1 and units[op.index].steps:
-            stepped = True
-        elif stepped or op.first:
-            return 1
-        elif op.period == 1 and op.code != Code.RECORD:
-            held = op.code in (Code.COPY, Code.SCALE)
-            if not held or given[op.source : op.source + op.count].any():
-                return 1
-    return n

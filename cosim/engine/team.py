@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim.engine.binding import WINDOW, Binding
+from cosim.engine.strides import stride
 from cosim.engine.tables import LinkRows
 from cosim.links.grid import Grid
 from cosim.native import structs
@@ -53,6 +54,7 @@ class Team:
             places=self._places.ctypes.data, members=c.addressof(self._members), threads=threads,
             record=next(i for i, op in enumerate(operations) if op.code == Code.RECORD),
             first=int(bound.together), longest=WINDOW, quit=1, staged=parts.second is not None,
+            stride=stride(bound),
         )  # fmt: skip
         self._go = [threading.Semaphore(0) for _ in range(threads - 1)]
         self._done = threading.Semaphore(0)

@@ -210,7 +210,7 @@ class TeamStruct(c.Structure):
         ("members", c.c_void_p),
         *((n, c.c_int64) for n in ("n_parts", "n_plan", "record", "longest")),
         *((n, c.c_int32) for n in ("threads", "quit", "first", "staged")),
-        *((n, c.c_int32) for n in ("stage", "reserved")),
+        *((n, c.c_int32) for n in ("stage", "stride")),
     )
 
 

@@ -55,7 +55,7 @@ def rows(found: Sequence[StudyRow]) -> list[str]:
 def strides(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     found: list[int] = []
     stride = many.stride
-    monkeypatch.setattr(many, "stride", lambda engine: found.append(stride(engine)) or found[-1])
+    monkeypatch.setattr(many, "stride", lambda bound: found.append(stride(bound)) or found[-1])
     return found
 
 

@@ -117,6 +117,7 @@ def mean_delay(ends: tuple[str, str]) -> float:
 def measure(kind: str, robots: int, stop: float, threads: int) -> dict[str, Any]:
     """One row."""
     from cosim.engine.engine import Engine
+    from cosim.engine.tables import LinkRows
     from cosim.links.named_graphs import GraphSpec, graph_edges
     from cosim.loading.files import load
     from cosim.scenario.assemble import assemble
@@ -134,11 +135,10 @@ def measure(kind: str, robots: int, stop: float, threads: int) -> dict[str, Any]
         plan = assemble(load(ROOT / "configs" / "many.toml", settings(graph, regions, starts)))
     h, steps = plan.h, plan.component("control1").period
     every = max(1, len(plan.links) // LOOKED_AT)
-    held: dict[str, list[NDArray[np.int32]]] = {x.name: [] for x in plan.links[::every]}
+    held: list[NDArray[np.int32]] = []
 
-    def look(name: str, rows: NDArray[np.int32]) -> None:
-        if name in held:
-            held[name].append(rows.copy())
+    def look(drawn: LinkRows) -> None:
+        held.append(np.array(drawn.parts()[::every]))
 
     slots = [plan.slots()[f"robot{i}.q"].start for i in range(1, robots + 1)]
     along = []
@@ -147,7 +147,7 @@ def measure(kind: str, robots: int, stop: float, threads: int) -> dict[str, Any]
         for _ in range(round(stop)):
             engine.run(round(1 / h))
             along.append(float(v @ engine.signals[slots]))
-    samples = np.array([np.concatenate(rows) for rows in held.values()])
+    samples = np.concatenate(held, axis=1)
     looks = np.arange(samples.shape[1])
     age = float((looks - samples)[samples >= 0].mean() * steps * h)
     half = len(along) // 2

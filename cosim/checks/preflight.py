@@ -6,7 +6,7 @@ import importlib
 from collections.abc import Callable, Iterator
 from functools import partial
 
-from cosim.analysis.facts import TipContact, TipTask
+from cosim.analysis.facts import DynamicFeedback, TipContact
 from cosim.analysis.system import AnalyzedSystem, system
 from cosim.checks import (
     buses,
@@ -39,7 +39,11 @@ def _rule(
 
 def _tips(known: AnalyzedSystem) -> bool:
     """Whether an arm is controlled or held at its tip."""
-    return any(isinstance(facts, TipTask | TipContact) for facts in known.facts.values())
+    return any(
+        isinstance(facts, TipContact)
+        or (isinstance(facts, DynamicFeedback) and facts.task is not None)
+        for facts in known.facts.values()
+    )
 
 
 def _commands(known: AnalyzedSystem) -> bool:

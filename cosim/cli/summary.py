@@ -72,13 +72,18 @@ def live_line(quiet: bool) -> Iterator[Callable[[str], None]]:
     if quiet or not sys.stderr.isatty():
         yield lambda text: None
         return
-    yield lambda text: print(f"\r\x1b[K{text}", end="", file=sys.stderr, flush=True)
-    print("\r\x1b[K", end="", file=sys.stderr, flush=True)
+    try:
+        yield lambda text: print(f"\r\x1b[K{text}", end="", file=sys.stderr, flush=True)
+    finally:
+        print("\r\x1b[K", end="", file=sys.stderr, flush=True)
 
 
 @contextmanager
 def announced(quiet: bool, text: str) -> Iterator[None]:
-    """A line on a terminal's standard error while a block goes on longer than :data:`PATIENCE`."""
+    """Say `text` on a terminal's standard error once a block has taken :data:`PATIENCE` seconds.
+
+    The line is removed at the end of the block; elsewhere, and when quiet, nothing is written.
+    """
     if quiet or not sys.stderr.isatty():
         yield
         return

@@ -85,12 +85,11 @@ class _PlanStart:
         with self._starting():
             self._starts.enter()
         for step in self._plan.components:
-            values = [
+            first, size = extent(step.inputs)
+            self._signals[first : first + size] = [
                 v for port in step.component.inputs
                 for v in step.start.get(port.name) or port.default or (0.0,) * port.size
             ]  # fmt: skip
-            first = step.inputs[0].start if values else 0
-            self._signals[first : first + len(values)] = values
 
     def settle(self) -> None:
         """Pass values on until none changes, or solve the loops that do not come to rest."""

@@ -107,15 +107,17 @@ class RowTables:
         self._filled = {i: buses[x.name] for i, x in enumerate(plan.links) if x.name in buses}
         drawn, self._streams = dict[int, DrawnTable](), {}
         for i, link in enumerate(plan.links):
+            if i in self._filled:
+                continue
             if isinstance(link.table, DrawnTable):
                 drawn[i] = link.table
-            elif i not in self._filled:
+            else:
                 self._streams[i] = link.table.stream()
         self._places = np.array(list(drawn), np.int64)
         self._drawing = TableDrawing(tuple(drawn.values()))
         self._played = [player.source.stream() for player in plan.players]
-        period = {step.name: step.period for step in plan.components}
-        self._periods = np.array([period[x.target.component] for x in plan.links], np.int64)
+        periods = [plan.component(x.target.component).period for x in plan.links]
+        self._periods = np.array(periods, np.int64)
         bytes_a_tick = float((4 / self._periods).sum())
         most = max(STRETCH, int(TOGETHER / max(1.0, bytes_a_tick)))
         self._stretch = min(longest or LONGEST, most)

@@ -24,7 +24,7 @@ from cosim.fmi.description import Description
 from cosim.fmi.library import Instance, NativeCall, Setup, uint32
 from cosim.fmi.ports import REAL, VariableGroup, together
 from cosim.fmi.start_values import is_exact, is_parameter
-from cosim.fmi.values import limits
+from cosim.fmi.values import UNLIMITED, limits
 from cosim.fmi.variables import TEXTS
 from cosim.native.start import (
     Form,
@@ -104,12 +104,15 @@ class StartKind:
             g.name: slice(*ends_) for g, ends_ in zip(self.numbers, pairwise(ends), strict=True)
         }
         self.width: int = ends[-1]
+        self.lengths = [g.size for g in self.numbers]
         #: Variables with limits: an FMU judges sizes itself, and what sets clocks their intervals.
         self.limited = tuple(
             g for g in self.numbers if g.name not in fmu.sizes and g.first.type != "Clock"
         )
-        free, own = (float("-inf"), float("inf"), False), {g.name for g in self.limited}
-        bounds = [limits(g) if g.name in own else free for g in self.numbers for _ in range(g.size)]
+        own = {g.name for g in self.limited}
+        bounds = [
+            limits(g) if g.name in own else UNLIMITED for g in self.numbers for _ in range(g.size)
+        ]
         self._limits = np.array(bounds).reshape(-1, 3).T
         #: Parts of a row: first byte, columns and type of the values of one call.
         self._segments: dict[tuple[Any, ...], tuple[int, list[int], Any]] = {}
@@ -204,21 +207,20 @@ def _sets(groups: Iterable[VariableGroup]) -> list[Call]:
     return found
 
 
-def _given(fmu: StartedFmu, numbers: Groups) -> dict[str, list[VariableGroup]]:
-    """What is given, by causality."""
+def _given(fmu: StartedFmu, numbers: Groups) -> tuple[Groups, Groups, Groups]:
+    """What is given: structural parameters, inputs, and everything else by causality."""
     by = defaultdict[str, list[VariableGroup]](list)
     sizes = [g for g in numbers if g.name in fmu.sizes]
     own = [g for g in numbers if g.first.type != "Clock" and g.name not in fmu.sizes]
     for g in (*own, *(g for g, _ in fmu.start_texts), *sizes):
         by[g.first.causality].append(g)
-    return by
+    structural, inputs = by.pop("structuralParameter", []), by.pop("input", [])
+    return tuple(structural), tuple(inputs), tuple(g for some in by.values() for g in some)
 
 
 def _enter(fmu: StartedFmu, numbers: Groups) -> list[Call]:
     """Into Initialization Mode, with everything set but numeric inputs, which others bring."""
-    by = _given(fmu, numbers)
-    structural, inputs = by.pop("structuralParameter", []), by.pop("input", [])
-    given = [g for some in by.values() for g in some]
+    structural, inputs, given = _given(fmu, numbers)
     found = []
     if structural:
         found = [Call("enter_configuration"), *_sets(structural), Call("exit_configuration")]
@@ -233,7 +235,7 @@ def _enter(fmu: StartedFmu, numbers: Groups) -> list[Call]:
 def _say(fmu: StartedFmu) -> list[Call]:
     """Outputs for inputs, in Initialization Mode."""
     inputs, outputs = fmu.carried("input"), fmu.carried("output")
-    free = all(limits(g) == (float("-inf"), float("inf"), False) for g in inputs)
+    free = all(limits(g) == UNLIMITED for g in inputs)
     moves = _moves("put", inputs), _moves("get", outputs)
     if fmu.observes or not free or moves[0] is None or moves[1] is None:
         return [Call("initial")]
@@ -242,16 +244,18 @@ def _say(fmu: StartedFmu) -> list[Call]:
 
 def _leave(fmu: StartedFmu, numbers: Groups) -> list[Call]:
     """Out of Initialization Mode, with the events at the start, and the outputs then."""
-    by = _given(fmu, numbers)
-    structural, _ = by.pop("structuralParameter", []), by.pop("input", [])
-    given = [g for some in by.values() for g in some if is_exact(g)]
-    before = tuple(g for g in given if not is_parameter(g))
-    after = (*structural, *(g for g in given if is_parameter(g)))
+    structural, _, given = _given(fmu, numbers)
+    exact = [g for g in given if is_exact(g)]
+    before = tuple(g for g in exact if not is_parameter(g))
+    after = (*structural, *(g for g in exact if is_parameter(g)))
     found = [Call("ask_intervals")] if fmu.clocked else []
     found += [Call("check", before)] if before else []
-    found.append(Call("exit_initialization"))
+    leaves = Call("exit_initialization")
+    found.append(leaves)
     found += [Call("check", after)] if after else []
-    outputs = None if fmu.clocked else _moves("get", fmu.carried("output"))
+    # if Python lets it leave, Python reads its outputs, and asks whether it has ended
+    in_c = _native(fmu.instance, leaves) is not None
+    outputs = _moves("get", fmu.carried("output")) if in_c else None
     return [*found, *([Call("outputs")] if outputs is None else outputs)]
 
 

@@ -208,13 +208,12 @@ class Starts:
             if found is None:
                 kind = fmu.start_kind(setup, tuple(member.given))
                 kinds[key] = found = kind, [], []
-            values = [v for some in member.given.values() for v in some]
-            values += fmu.sizes.values()
-            if len(values) != found[0].width:
+            parts = [*member.given.values(), *((n,) for n in fmu.sizes.values())]
+            if [len(some) for some in parts] != found[0].lengths:
                 raise FmuError(self._misfit(member, fmu))
             self._kinds[i] = found[0]
             found[1].append(i)
-            found[2].append(values)
+            found[2].append([v for some in parts for v in some])
         for kind, places, rows in kinds.values():
             self._give(kind, places, np.array(rows, np.float64).reshape(len(rows), kind.width))
         room = max((kind.room for kind, *_ in kinds.values()), default=8)
@@ -332,7 +331,8 @@ class LoneStart:
         self._ports = fmu.carried("output")
         inputs, outputs = (sum(g.size for g in fmu.carried(role)) for role in ("input", "output"))
         signals = np.zeros(inputs + outputs)
-        self._outputs, self._found = signals[inputs:], dict[str, Any]()
+        self._outputs = signals[inputs:]
+        self._found: dict[str, Any] | None = None  # None: C has read the outputs
         given = {name: np.ravel(value).tolist() for name, value in values.items()}
         member = Member(fmu, given, 0, inputs, inputs, outputs)
         turns = Turns(_nothing, _nothing, _nothing, self._take)
@@ -340,13 +340,13 @@ class LoneStart:
         self._starts.enter()
 
     def _take(self, _: int, outputs: Outputs) -> None:
-        self._found.update(outputs)
+        self._found = dict(outputs)
 
     def leave(self) -> dict[str, NDArray[Any]]:
         """Leave Initialization Mode; the outputs then, of clocked ones those that ticked."""
         for _ in self._starts.leave([0]):
             pass
-        if self._found:
+        if self._found is not None:
             return self._found
         ends = np.cumsum([0, *(g.size for g in self._ports)]).tolist()
         return {

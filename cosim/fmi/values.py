@@ -14,6 +14,8 @@ from cosim.fmi.variables import NUMERIC, TEXTS, FmuVariable, number
 _KINDS: Mapping[str, Literal["real", "integer", "boolean"]] = {
     "Real": "real", "Float64": "real", "Float32": "real", "Boolean": "boolean",
 }  # fmt: skip
+#: Least and greatest value, and whether it is a whole number, of what has no limits.
+UNLIMITED = float("-inf"), float("inf"), False
 #: What the whole numbers of a type may be. 64-bit ones are carried exactly up to 2^53 only.
 _RANGES = {
     **{f"Int{n}": (-(2.0 ** (n - 1)), 2.0 ** (n - 1) - 1) for n in (8, 16, 32)},
@@ -94,11 +96,16 @@ def start_numbers(group: VariableGroup) -> list[float]:
     return [number(t) for t in group.start or ("0",) * group.size]
 
 
+def _range(group: VariableGroup) -> tuple[float, float, bool]:
+    """Least and greatest value of its type, and whether values are whole numbers."""
+    low, high = _RANGES.get(group.first.type, UNLIMITED[:2])
+    return low, high, group.first.type not in ("Real", "Float64", "Float32")
+
+
 def limits(group: VariableGroup) -> tuple[float, float, bool]:
     """Least and greatest value of a variable, in its unit, and whether it is a whole number."""
-    low, high = _RANGES.get(group.first.type, (float("-inf"), float("inf")))
+    low, high, whole = _range(group)
     least, most = group.first.limits
-    whole = group.first.type not in ("Real", "Float64", "Float32", "Clock")
     return max(low, least), min(high, most), whole
 
 
@@ -107,9 +114,8 @@ def check_range(group: VariableGroup, values: Sequence[float]) -> None:
 
     Values and limits are in the unit of the variable.
     """
-    low, high = _RANGES.get(group.first.type, (float("-inf"), float("inf")))
+    low, high, whole = _range(group)
     least, most = group.first.limits
-    whole = group.first.type not in ("Real", "Float64", "Float32")
     for value in values:
         if value < least:
             raise FmuError(f"{group.name} = {value:g} is below its minimum {least:g}")

@@ -7,22 +7,21 @@ Delays of other laws are drawn by NumPy and handed over. What a rule makes of th
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cosim.base.errors import RunError
 from cosim.links.laws import Constant, Law, Uniform, draws_per_sample
+from cosim.links.table import DrawnTable, entropy
 from cosim.native import tables as native
 from cosim.native.tables import PacketStruct, RuleCode, TableStruct
 
 if TYPE_CHECKING:
     from fractions import Fraction
 
-    from cosim.links.grid import Grid
     from cosim.links.laws import Delays
-    from cosim.links.semantics import Rule
 
 #: Rows for which NumPy draws delays at once: they stay in the cache.
 BLOCK = 1 << 14
@@ -39,36 +38,10 @@ TABLE, PACKET = np.dtype(TableStruct), np.dtype(PacketStruct)
 IntArray = NDArray[np.int64]
 
 
-class DrawableTable(Protocol):
-    """What is drawn: :class:`cosim.links.table.DrawnTable`."""
-
-    @property
-    def name(self) -> str:
-        """Of the link."""
-
-    @property
-    def grid(self) -> Grid:
-        """Periods of sender and receiver."""
-
-    @property
-    def law(self) -> Law:
-        """Of the delays."""
-
-    @property
-    def rule(self) -> Rule:
-        """Which sample is held."""
-
-    def delays(self) -> Delays:
-        """The delays that the rule asks for, drawn by NumPy from the start."""
-
-    def entropy(self) -> bytes:
-        """What the generator is seeded with: words of 32 bits, little-endian."""
-
-
 class TableDrawing:
     """Rows of `tables`, from the first on, in chunks whose sizes do not change them."""
 
-    def __init__(self, tables: Sequence[DrawableTable]) -> None:
+    def __init__(self, tables: Sequence[DrawnTable]) -> None:
         self._tables, self._library = tuple(tables), native.library()
         found: dict[tuple[object, ...], int] = {}
         kinds: list[TableStruct] = []
@@ -91,9 +64,9 @@ class TableDrawing:
     def _seed(self, places: IntArray) -> None:
         if not places.size:
             return
-        entropy = [self._tables[i].entropy() for i in places.tolist()]
-        words = np.frombuffer(b"".join(entropy), "<u4").astype(np.uint32)
-        ends = np.cumsum([len(x) // 4 for x in entropy], dtype=np.int64)
+        parts = [entropy(x.seed, x.name) for x in (self._tables[i] for i in places.tolist())]
+        words = np.frombuffer(b"".join(parts), "<u4").astype(np.uint32)
+        ends = np.cumsum([len(x) // 4 for x in parts], dtype=np.int64)
         some = self._state[places]
         self._library.tables_seed(some.ctypes.data, len(some), words.ctypes.data, ends.ctypes.data)
         self._state[places] = some
@@ -126,7 +99,14 @@ class TableDrawing:
         for i, delays in self._given.items():
             self._fill_given(i, delays, int(counts[i]))
         if len(self._given) < len(self._tables):
-            self._draw(state)
+            self._draw(0, len(self._tables))
+
+    def take(self, n: int) -> NDArray[np.int32]:
+        """The next `n` rows of each table, one table after the other, (tables · n,)."""
+        counts = np.full(len(self._tables), n, np.int64)
+        rows = np.empty(n * len(self._tables), np.int32)
+        self.fill(rows, np.cumsum(counts) - counts, counts)
+        return rows
 
     def _fill_given(self, i: int, delays: Delays, count: int) -> None:
         table, state = self._tables[i], self._state[i : i + 1]
@@ -135,31 +115,20 @@ class TableDrawing:
             (_, before), (_, after) = (table.rule.asks(table.grid, r) for r in (row, row + n))
             T = np.ascontiguousarray(delays.take(after - before), np.float64)
             state["delays"], state["n"] = T.ctypes.data, n
-            self._draw(state)
+            self._draw(i, i + 1)
             state["rows"] += 4 * n
         state["n"] = 0
 
-    def _draw(self, state: NDArray[np.void]) -> None:
+    def _draw(self, first: int, end: int) -> None:
+        """The rows asked for of the tables from `first` to before `end`."""
+        state = self._state[first:end]
         wrong = self._library.tables_rows(state.ctypes.data, len(state))
         if wrong >= 0:
-            name = self._tables[0 if len(state) == 1 else wrong].name
+            name = self._tables[first + wrong].name
             raise RunError(f"link {name}: a delay that its law rules out")
 
 
-class OneDrawing:
-    """The rows of one table."""
-
-    def __init__(self, table: DrawableTable) -> None:
-        self._drawing = TableDrawing((table,))
-
-    def take(self, n: int) -> NDArray[np.int32]:
-        """The next `n` rows, (n,)."""
-        rows = np.empty(n, np.int32)
-        self._drawing.fill(rows, np.zeros(1, np.int64), np.array([n]))
-        return rows
-
-
-def _begun(table: DrawableTable) -> TableStruct:
+def _begun(table: DrawnTable) -> TableStruct:
     """A table at its first row; `samples` is 0 if NumPy draws its delays; `capacity`: packets that
     can be on their way at a time.
     """

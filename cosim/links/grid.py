@@ -9,7 +9,7 @@ from math import ceil, gcd, isfinite
 import numpy as np
 
 from cosim.base.errors import ScenarioError
-from cosim.links.laws import FloatArray, IntArray, decimal_fraction
+from cosim.links.laws import IntArray, decimal_fraction
 
 TOLERANCE = 1e-9  # ticks; 0.3 s / 5 ms is 60 of them, not 61
 
@@ -42,10 +42,6 @@ class Grid:
     def sent(self, rows: int) -> int:
         """Number of samples sent up to the last of `rows` reads."""
         return self.n_r * (rows - 1) // self.n_s + 1 if rows else 0
-
-    def ticks_up(self, T: FloatArray) -> FloatArray:
-        """Return ceil(T/h) for times T (n,), s, to 1e-9 tick; not finite where T is not."""
-        return np.ceil(T / self.h - TOLERANCE)
 
     def ticks(self, T: float) -> int:
         """ceil(T/h) of a finite time (s), forgiving 1e-9 tick."""

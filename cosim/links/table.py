@@ -114,20 +114,16 @@ class DrawnTable(Struct, frozen=True, gc=False):
 
     def stream(self, length: int | None = None) -> TableStream:
         """The rows, drawn from the start."""
-        from cosim.links.drawing import OneDrawing  # not needed to only look at a table
+        from cosim.links.drawing import TableDrawing  # not needed to only look at a table
 
         if length is not None:
             self.check(length)
-        return TableStream(OneDrawing(self), length)
+        return TableStream(TableDrawing((self,)), length)
 
     def delays(self) -> Delays:
         """The delays that the rule asks for, drawn by NumPy from the start."""
         period, _ = self.rule.asks(self.grid, 0)
         return self.law.stream(period, generator(self.seed, self.name))
-
-    def entropy(self) -> bytes:
-        """What the generator is seeded with: words of 32 bits, little-endian."""
-        return entropy(self.seed, self.name)
 
     def facts(self) -> dict[str, Any]:
         """Name, periods (ticks), base step (s), law, semantics, seed."""

@@ -116,10 +116,11 @@ def write_metadata(
     from msgspec import json, to_builtins
 
     path = Path(folder) / METADATA
+    if not _is_plain(mapping):  # msgspec also writes sets, bytes and more, which have another form
+        _check_plain(mapping, METADATA)
     try:
         data = json.encode(mapping, enc_hook=_plain, order="sorted")
-    except (TypeError, ValueError, RecursionError):
-        _check_plain(mapping, METADATA)  # what remains are keys that are numbers
+    except (TypeError, ValueError, RecursionError):  # keys that are numbers
         texts = to_builtins(mapping, enc_hook=_plain, str_keys=True)
         data = json.encode(texts, enc_hook=_plain, order="sorted")
     replace_file(path, (json.format(data, indent=2) if indented else data) + b"\n")
@@ -173,6 +174,16 @@ def _plain(value: Any) -> Any:
     if isinstance(value, Mapping):
         return dict(value)
     raise TypeError(type(value).__name__)
+
+
+def _is_plain(value: Any) -> bool:
+    """Whether a value has JSON's own types only, which is quick to see."""
+    kind = type(value)
+    if kind is dict:
+        return all(map(_is_plain, value.values()))
+    if kind is list or kind is tuple:
+        return all(map(_is_plain, value))
+    return value is None or kind in (str, int, float, bool)
 
 
 def _check_plain(value: Any, place: str) -> None:

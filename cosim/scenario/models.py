@@ -94,7 +94,7 @@ def load_alike() -> Callable[[str, ComponentSpec, Path, str], LoadedComponent]:
         key = spec.likeness()
         if key in known:
             like, special, presets = known[key]
-            if not special.intersection(spec.parameters, spec.start):
+            if special.isdisjoint(spec.values):
                 return like.alike(name), presets, _UNPREPARED
         found, presets, prepared = load_component(name, spec, folder, place)
         fmu = stepped_fmu(found)

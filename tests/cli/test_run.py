@@ -74,7 +74,15 @@ def test_what_takes_long_is_said_on_a_terminal(
     assert not said or error.getvalue().endswith("\r\x1b[K")
 
 
-def test_nothing_is_said_where_nobody_looks(
+def test_an_error_does_not_stand_behind_what_was_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    error = Terminal()
+    monkeypatch.setattr("sys.stderr", error)
+    with pytest.raises(ValueError, match="wrong"), summary.announced(False, "reading"):
+        raise ValueError("wrong")
+    assert error.getvalue().endswith("\r\x1b[K")
+
+
+def test_nothing_is_said_without_a_terminal(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(summary, "PATIENCE", 0.0)

@@ -13,6 +13,8 @@ import cosim
 from cosim.base.errors import FmuError
 from cosim.fmi import FmuComponent, FmuOptions
 from cosim.fmi.validation import problems
+from cosim.scenario.models import load_alike
+from cosim.scenario.spec import ComponentSpec
 from fmus import toolchain
 from fmus.build import ANY_SIZE, find
 from fmus.model import Model, any_size
@@ -69,6 +71,14 @@ def test_it_gives_the_bytes_of_one_made_for_this_number(name: str) -> None:
         assert [p.shape for p in served.outputs] == [p.shape for p in made.outputs]
         values = start_values(name, n)
         assert motion(served, values, n) == motion(made, values, n), n
+
+
+def test_a_component_after_one_without_sizes_has_its_own() -> None:
+    load = load_alike()
+    for name, values, joints in (("a", {}, 2), ("b", {"joints": 3}, 3), ("c", {}, 2)):
+        spec = ComponentSpec(model=str(fmu("pd")), parameters=values)
+        found = load(name, spec, Path("."), f"components.{name}")[0]
+        assert {p.shape for p in found.inputs} == {(joints,)}, name
 
 
 @pytest.mark.parametrize("name", ANY_SIZE)

@@ -35,6 +35,13 @@ def said(document: Document) -> dict[str, list[tuple[str, str, float]]]:
     return found
 
 
+def test_tips_that_touch_nothing_are_checked_as_well() -> None:
+    path = SHIPPED.parent / "robots" / "turn.toml"
+    scenario = build(tomllib.loads(path.read_text(encoding="utf-8")), path)
+    found = {f.rule for f in check(scenario, assemble(scenario))}
+    assert {"sampling", "stiffness"} <= found
+
+
 def test_the_shipped_scenario_is_only_noted(shipped: Document) -> None:
     found = said(shipped)
     assert found.keys() == {"sampling", "size", "backwards", "stiffness"}

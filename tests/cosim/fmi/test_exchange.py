@@ -6,6 +6,7 @@ standard does not allow in the state they are in. Closed forms are of textbooks.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from math import atan, exp, pi, sin, sqrt
 from pathlib import Path
@@ -72,6 +73,19 @@ def end_of(plan: Plan) -> dict[str, float]:
     engine.close()
     ports = plan.components[0].component.outputs
     return {p.name: float(column(plan, rows, p.name)[-1]) for p in ports}
+
+
+@BOTH
+def test_one_that_ends_at_the_start_has_ended(tmp_path: Path, fmi: str) -> None:
+    """Also if all its outputs are reals, which C could read."""
+    text = exchange2() if fmi == "2.0" else exchange3()
+    for name in ("events", "heard"):
+        text = re.sub(rf'(name="{name}"[^>]*?causality=)"output"', r'\1"local"', text)
+    plan = plan_that(export(text, tmp_path / "reals.fmu"), COUNTS, 10, 0.2, last=0.0)
+    assert {p.name for p in plan.components[0].component.outputs} == {"x0", "x1", "at"}
+    with Engine(plan) as engine:
+        engine.initialize()
+        assert str(engine.ended) == "ended by x at t = 0 s"
 
 
 # ---- the methods --------------------------------------------------------------------------------

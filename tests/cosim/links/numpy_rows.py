@@ -73,7 +73,7 @@ class _PacketRows:
         arrives = np.isfinite(T)
         if not arrives.all():
             index, T = index[arrives], T[arrives]
-        arrival = self._grid.n_s * index + self._grid.ticks_up(T).astype(np.int64)
+        arrival = self._grid.n_s * index + _ticks_up(T, self._grid).astype(np.int64)
         if self._order == "fifo" and index.size:
             np.maximum.accumulate(arrival, out=arrival)
             np.maximum(arrival, self._arrived, out=arrival)
@@ -125,8 +125,15 @@ class _PlayoutRows:
             return np.full(n, -1, np.int64)
         missing = last + 1 - self._first - self._T.size
         T = np.concatenate((self._T, self._delays.take(missing)))
-        late = self._grid.ticks_up(T)[np.maximum(j, 0) - self._first]  # (n,), ticks; lost: nan, inf
+        late = _ticks_up(T, self._grid)[
+            np.maximum(j, 0) - self._first
+        ]  # (n,), ticks; lost: nan, inf
         in_time = (j >= 0) & (late <= K - n_s * j)
         rows = _hold(np.where(in_time, j, -1), self._held)
         self._first, self._T, self._held = last, T[-1:], int(rows[-1])
         return rows
+
+
+def _ticks_up(T, grid):
+    """ceil(T/h), to 1e-9 tick; not finite where T is not."""
+    return np.ceil(T / grid.h - TOLERANCE)

@@ -121,6 +121,9 @@ def test_a_delay_that_its_law_rules_out_stops_the_run():
         table = DrawnTable("a->b", Grid(1, 1, 0.005), Wrong(wrong), RULES[1], 0)
         with pytest.raises(RunError, match="link a->b: a delay that its law rules out"):
             table.stream().rows(2000)
+        other = DrawnTable("other", Grid(1, 1, 0.005), Wrong(0.1), RULES[1], 0)
+        with pytest.raises(RunError, match="link a->b: a delay that its law rules out"):
+            TableDrawing((other, table)).take(2000)
 
 
 def test_no_memory_is_asked_for_that_packets_do_not_need():

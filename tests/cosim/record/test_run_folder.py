@@ -86,6 +86,9 @@ def test_keys_of_metadata_that_are_numbers_become_texts(tmp_path: Path) -> None:
 def test_metadata_that_cannot_be_written(tmp_path: Path) -> None:
     with pytest.raises(RunError, match=r"run\.json\.links\[1\]: a complex cannot"):
         write_metadata(tmp_path, {"links": [1, 2j]})
+    for wrong, name in (({1}, "set"), (b"x", "bytes")):
+        with pytest.raises(RunError, match=rf"run\.json\.a: a {name} cannot"):
+            write_metadata(tmp_path, {"a": wrong})
     with pytest.raises(RunError, match=r"cannot write .*gone.*run\.json: No such file"):
         write_metadata(tmp_path / "gone", {})
     assert not list(tmp_path.iterdir())

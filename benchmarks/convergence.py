@@ -126,8 +126,9 @@ def measure(kind: str, robots: int, stop: float, threads: int) -> dict[str, Any]
     graph, regions = graph_of(kind, robots), max(1, robots // REGION)
     edges = graph_edges(GraphSpec(**graph), ROOT, "graph")[1] - 1  # receiver, sender
     lambda_2, v = slowest(robots, edges)
-    region = np.arange(robots) * regions // robots
-    leaves = float((region[edges[:, 0]] != region[edges[:, 1]]).mean())
+    region, (i, j) = np.arange(robots) * regions // robots, edges.T
+    far = region[i] != region[j]
+    leaves = float(far.mean())
     with TemporaryDirectory() as folder:
         starts = Path(folder) / "starts.csv"
         q = np.add.outer(v * APART / np.abs(v).max(), MIDDLE)
@@ -152,8 +153,6 @@ def measure(kind: str, robots: int, stop: float, threads: int) -> dict[str, Any]
     age = float((looks - samples)[samples >= 0].mean() * steps * h)
     half = len(along) // 2
     slope = np.polyfit(np.arange(half, len(along)), np.log(np.abs(along[half:])), 1)[0]
-    i, j = edges.T
-    far = region[i] != region[j]
     delays = np.array([mean_delay(WITHIN), mean_delay(BETWEEN)])
     heard = LAMBDA * np.bincount(far, v[i] * v[j], minlength=2)
     return {

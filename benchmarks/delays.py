@@ -8,12 +8,12 @@ from functools import partial
 from typing import Any, final
 
 import numpy as np
-from msgspec import structs
 from numpy.typing import NDArray
 
 from benchmarks.cases import Case, Document, delayed, vdp_ring, wide_ring
 from benchmarks.ours import Ours
 from benchmarks.race import Contestant, Session, race
+from cosim.base import struct
 from cosim.links.grid import Grid
 from cosim.links.table import TableSpec, TableStream
 from cosim.schedule.plan import Plan
@@ -76,7 +76,7 @@ def prepared(plan: Plan) -> Plan:
     links = []
     for link in plan.links:
         rows = link.table.stream(plan.ticks).rows(plan.ticks)
-        links.append(structs.replace(link, table=Prepared(link.table, rows)))
+        links.append(struct.replace(link, table=Prepared(link.table, rows)))
     return replace(plan, links=tuple(links))
 
 

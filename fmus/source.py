@@ -225,13 +225,14 @@ def _lanes(model: Model) -> str:
 #include "{Path(model.sources[0]).name}"
 
 /* What instances that are stepped at once have in common, and what a step may change. */
-#define MODEL_INTEGERS {_entries(integers)}
-#define MODEL_CHANGED {_entries(changed)}
+#define MODEL_INTEGERS {{{", ".join(_entries(integers))}}}
+#define MODEL_CHANGED {{{", ".join(_entries(changed))}}}
 """
 
 
-def _entries(ranges: list[tuple[int, int]]) -> str:
-    return "{" + ", ".join(f"{{{first}, {size}}}" for first, size in ranges or [(0, 0)]) + "}"
+def _entries(ranges: list[tuple[int, int]]) -> list[str]:
+    """Ranges in C; one of no scalars if there are none, since an array needs an entry."""
+    return [f"{{{first}, {size}}}" for first, size in ranges or [(0, 0)]]
 
 
 def _member(variable: Variable) -> str:
@@ -296,7 +297,6 @@ def _tables(model: Model, token: str) -> str:
         names += [f'"{name}"' for name in scalars(v)]
         offset += v.size
     entries.append(f'{{"time", IS_REAL, {offset}, 1, 0, -INFINITY, INFINITY}}')
-    ranges = [f"{{{first}, {size}}}" for first, size in _inputs(model)]
     states = model.states if model.exchange else ()
     state_places = _places(model, (state for state, _ in states))
     rate_places = _places(model, (rate for _, rate in states))
@@ -310,7 +310,7 @@ def _tables(model: Model, token: str) -> str:
             _table("unsigned char scalar_access[N_SCALARS + 1]", [*access, "IS_REAL"]),
             _table("char *const scalar_names[N_SCALARS + 1]", [*names, '"time"']),
             _table("double start_values[N_SCALARS]", starts),
-            _table("Range input_ranges[]", [*ranges, "{0, 0}"]),
+            _table("Range input_ranges[]", _entries(_inputs(model))),
             _table("unsigned state_places[]", [*state_places, "0"]),
             _table("unsigned rate_places[]", [*rate_places, "0"]),
         )

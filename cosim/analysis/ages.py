@@ -19,7 +19,8 @@ from cosim.links.losses import Lossy
 from cosim.links.semantics import PlayoutSemantics, SignalSemantics
 from cosim.links.table import DrawnTable, TableSpec
 
-#: Looks over which the mean age of a link is taken where its law does not give it.
+#: Looks over which the mean age of a link is taken if its law does not give it, and the mean of
+#: weights that no switching graph gives.
 LOOKS = 8000
 
 #: Values that stand for the distribution of the ages of a link.

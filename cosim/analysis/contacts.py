@@ -113,8 +113,7 @@ def by_wall(bench: Bench, felt: float) -> Iterator[Quantity]:
 
 def _edge(bench: Bench) -> float:
     """Weight of the signals that the controller at the port receives."""
-    law = bench.system.controls.get(bench.port.arm, "")
-    return sum(e.weight for e in bench.system.edges if e.receiver == law and e.recurrent)
+    return bench.system.received_weight(bench.system.controls.get(bench.port.arm, ""))
 
 
 def _z_width(bench: Bench, felt: float) -> Iterator[Quantity]:

@@ -272,18 +272,10 @@ Law: TypeAlias = DynamicFeedback | SpringDamper
 Facts: TypeAlias = Arm | DynamicFeedback | SpringDamper | Hand | Servo | ServoCommand | TipContact
 
 
-def facts_of(model: str, values: Values) -> Facts | None:
-    """The facts of what a scenario calls `model`; None for an FMU file, a scene of
-    MuJoCo, or a model that offers none.
-
-    Raises whatever the model's function raises.
-    """
-    function = facts_function(model)
-    return None if function is None else function(values)
-
-
 def facts_function(model: str) -> Callable[[Values], Facts | None] | None:
-    """The function that :func:`facts_of` asks. Raises what importing the model raises."""
+    """The function that gives the facts of a model from its values; None for an FMU file, a scene
+    of MuJoCo, or a model without one. Raises what importing the model raises.
+    """
     if model.endswith(".fmu") or model.startswith(PREFIX):
         return None
     name = model.partition(":")[0]

@@ -20,7 +20,7 @@ Source: own construction, the linearisation of the paper's (42)-(45), (61) and (
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -56,20 +56,14 @@ class Couplings:
         """The sum of the strengths of the edges to each of `n` robots, (n,), 1/s."""
         return np.bincount(self.receivers, self.strength, n).astype(np.float64)
 
-    def of_kinds(self) -> Iterator[tuple[Indices, Age]]:
-        """The edges, by number, of each age."""
-        for kind, age in enumerate(self.ages):
-            yield np.flatnonzero(self.kinds == kind), age
-
     def heard(self, p: Complex) -> Complex:
         """The strength of each edge with its delay, (..., edges), 1/s, for each p (...)."""
-        found = np.empty((*p.shape, len(self.strength)), dtype=np.complex128)
-        for edges, age in self.of_kinds():
-            found[..., edges] = self.strength[edges] * np.exp(-p * age.mean)[..., None]
+        late = np.empty((*p.shape, len(self.ages)), dtype=np.complex128)
+        for kind, age in enumerate(self.ages):
+            late[..., kind] = np.exp(-p * age.mean)
             if age.spread:
-                jitter = np.exp(-p[..., None] * np.asarray(age.spread)).mean(axis=-1)
-                found[..., edges] *= jitter[..., None]
-        return found
+                late[..., kind] *= np.exp(-p[..., None] * np.asarray(age.spread)).mean(axis=-1)
+        return np.asarray(self.strength * late[..., self.kinds])
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,10 +97,7 @@ class RobotNetwork:
         p, edges = np.asarray(p, dtype=np.complex128), self.couplings
         one = np.eye(len(self.laws))
         heard = np.zeros((*p.shape, *one.shape), dtype=np.complex128)
-        for i, j, strength in zip(
-            edges.receivers, edges.senders, np.moveaxis(edges.heard(p), -1, 0), strict=True
-        ):
-            heard[..., i, j] += strength
+        np.add.at(heard, (..., edges.receivers, edges.senders), edges.heard(p))  # type: ignore[arg-type]
         return np.asarray(p[..., None, None] * one + np.diag(self.around) - heard)
 
     def at(self, q: Sequence[float], estimates: Sequence[Sequence[float]]) -> Linear:

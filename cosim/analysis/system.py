@@ -82,9 +82,6 @@ class AnalyzedSystem:
     edges: tuple[Edge, ...] = ()
     controls: Mapping[str, str] = field(default_factory=dict)  # law or controller by its arm
     commands: Mapping[str, CommandPath] = field(default_factory=dict)  # by arm without torques
-    _by_kind: dict[type, dict[str, Any]] = field(
-        default_factory=dict, init=False, repr=False, compare=False
-    )
     _computed: dict[tuple[str, Hashable], Any] = field(
         default_factory=dict, init=False, repr=False, compare=False
     )
@@ -102,10 +99,11 @@ class AnalyzedSystem:
 
     def with_facts(self, kind: type[F]) -> dict[str, F]:
         """Components with facts of one kind."""
-        if kind not in self._by_kind:
-            self._by_kind[kind] = {n: f for n, f in self.facts.items() if isinstance(f, kind)}
-        found: dict[str, F] = self._by_kind[kind]
-        return found
+        return self.once(
+            "facts",
+            kind.__name__,
+            lambda: {n: f for n, f in self.facts.items() if isinstance(f, kind)},
+        )
 
     @property
     def arms(self) -> dict[str, Arm]:
@@ -128,6 +126,10 @@ class AnalyzedSystem:
             found.setdefault(edge.receiver, []).append(edge)
         return found
 
+    def received_weight(self, law: str) -> float:
+        """The sum of the mean weights of the rows that a law receives again and again, 1."""
+        return sum(e.weight for e in self.edges_to.get(law, ()) if e.recurrent)
+
     def is_position(self, signal: str) -> bool:
         """Whether a signal is the position of an arm, which closed forms are about."""
         return any(signal == f"{name}.{arm.position}" for name, arm in self.arms.items())
@@ -143,15 +145,11 @@ class AnalyzedSystem:
 
     def held(self) -> tuple[str, ...]:
         """The arms that an operator holds or pushes, by a grip or the external torque."""
-        return self._held
-
-    @cached_property
-    def _held(self) -> tuple[str, ...]:
-        return tuple(
+        return self.once("held", "", lambda: tuple(
             name
             for name, arm in sorted(self.arms.items())
             if arm.grip.is_present or is_driven(self.plan, f"{name}.{arm.external}")
-        )
+        ))  # fmt: skip
 
     def hand(self, name: str) -> Hand | None:
         """The impedance that holds an arm: its grip, operators wired to it, or the sum of both.

@@ -35,7 +35,7 @@ def _convert_all(
 ) -> list[T]:
     try:
         return msgspec.convert(values, list[kind])  # type: ignore[valid-type]
-    except msgspec.ValidationError:  # the first that is wrong says so itself
+    except msgspec.ValidationError:  # again one by one: the first wrong one is named
         return [
             convert(value, kind, path, place) for value, place in zip(values, places, strict=True)
         ]

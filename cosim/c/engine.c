@@ -299,20 +299,18 @@ INLINE int run_operation(engine_t *e, int64_t tick, double *s, const operation_t
     return RUN_OK;
 }
 
-/* Of units that are stepped `*ticks` times, with those that follow; fewer times once one has failed, and nothing
- * else then matters. Returns RUN_OK to go on with the next operation. */
-INLINE int run_often(engine_t *e, int64_t tick, int64_t *ticks, const operation_t *op,
-                     failure_t *failure)
+/* Steps of `*ticks` ticks, of fewer once one has failed: then only what fails sooner takes its place in *failure. */
+static void run_often(const engine_t *e, int64_t tick, int64_t *ticks, const operation_t *op,
+                      failure_t *failure)
 {
     failure_t found = {-1, 0, 0, 0, 0, 0};
-    const int result = *ticks > 0 ? step_often(e, tick, ticks, op, &found) : RUN_OK;
 
-    if (result == RUN_OK) return RUN_OK;
+    if (*ticks == 0) return;
+    found.result = step_often(e, tick, ticks, op, &found);
+    if (found.result == RUN_OK) return;
     while (op->index != found.index) op++;
-    found.result = result;
     found.operation = op - e->operations;
     *failure = found;
-    return RUN_OK;
 }
 
 /* Executes operations from `first` to before `last`; steps of a tick are made `ticks` times. An FMU that ends the
@@ -326,9 +324,11 @@ INLINE int run_operations(engine_t *e, int64_t tick, int64_t ticks, int64_t firs
 
     for (const operation_t *op = e->operations + first; op < end; op++) {
         const operation_t *const last_done = op->code == OP_STEP ? op + op->count : op;
-        const int result = ticks > 1 && op->code == OP_STEP && op->period == 1
-                               ? run_often(e, tick, &left, op, failure)
-                               : run_operation(e, tick, s, op, failure);
+        int result = RUN_OK;
+        if (ticks > 1 && op->code == OP_STEP && op->period == 1)
+            run_often(e, tick, &left, op, failure);
+        else
+            result = run_operation(e, tick, s, op, failure);
         if (result == RUN_OK) {
             op = last_done;
             continue;

@@ -1,8 +1,9 @@
-/* start.c: the start of components: each is entered, asked and left by the calls of its kind.
+/* start.c: the start of components: the calls that enter Initialization Mode, ask for outputs, and leave it.
  *
- * C does the calls that it knows, of one component after the other, and returns where it is Python's turn: for a
- * call of another form, after one that was refused, or to look at values that differ. Python goes on behind it
- * (`call`, `at`). The state is in start_t; nothing is allocated.
+ * C makes the calls of one component after the other. It returns to Python for a call that C cannot make
+ * (START_OTHER), to report a call that failed (START_REFUSED), or to judge values that were read back and differ
+ * from those that were set (START_DIFFERENT). Python then does its part, moves `call` past that call, and calls the
+ * same function again, which continues there (component `at`). The state is in start_t; nothing is allocated.
  */
 #include "start.h"
 
@@ -69,8 +70,9 @@ static void keep_outputs(start_t *s, const starting_t *x)
     memcpy(s->before + x->output, s->signals + x->output, (size_t)x->n_outputs * sizeof(double));
 }
 
-/* Whether outputs are others than those kept; the components that they feed are then to be asked: those behind
- * this one still in this pass. */
+/* Whether the outputs differ from those that keep_outputs kept. If so, the components that they feed are marked to be
+ * asked: in this pass those with greater numbers, the others in the next one; while components leave, all in the
+ * next one. */
 static int changes_others(start_t *s, int64_t i)
 {
     const starting_t *x = s->components + i;
@@ -126,13 +128,13 @@ static int32_t say(start_t *s, int64_t i)
     return START_DONE;
 }
 
-/* One stage of all components, STAGE_ENTER, or STAGE_LEAVE: it returns behind one whose outputs changed by this,
- * for those that it feeds. */
+/* One stage, STAGE_ENTER or STAGE_LEAVE, of all components. In STAGE_LEAVE it returns START_CHANGED after each
+ * component whose outputs changed, so that Python can pass them on. */
 API int32_t engine_start(start_t *s, int32_t stage)
 {
     s->leaving = stage == STAGE_LEAVE;
     for (; s->at < s->n; s->at++, s->call = 0) {
-        const int64_t i = s->leaving && s->order ? s->order[s->at] : s->at;
+        const int64_t i = s->leaving ? s->order[s->at] : s->at;
         if (s->leaving && !s->call && s->unsettled[i]) {
             s->unsettled[i] = 0;
             keep_outputs(s, s->components + i);

@@ -59,7 +59,7 @@ typedef struct {
 
 typedef struct {
     const starting_t *components;
-    const int64_t *order;       /* in which components leave; NULL: their own */
+    const int64_t *order;       /* in which components leave */
     const bringing_t *bringing; /* by what they feed: those of component i are from fed[i] on */
     const int64_t *fed;
     const int64_t *feeds, *first_fed; /* the components that i feeds are feeds[first_fed[i]] ... */

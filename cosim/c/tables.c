@@ -143,7 +143,7 @@ static void signal_rows(table_t *t, int32_t *rows, int64_t n)
             int64_t j = newest - samples;
             if (!together) {
                 j = -floor_of(back - K, n_s);
-                if (j > K / n_s) j = K / n_s; /* if it has been sent */
+                if (j > K / n_s) j = K / n_s; /* not newer than the newest sent */
             }
             rows[i++] = (int32_t)(j < 0 ? -1 : j);
             K += n_r;

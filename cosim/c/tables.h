@@ -20,7 +20,7 @@ typedef struct {
     int64_t sample;
 } packet_t;
 
-/* A table, and how far it is drawn. Where `delays` are given the law is not asked. */
+/* A table, and how far it is drawn. If `delays` is not NULL, they are taken and none are drawn. */
 typedef struct {
     double low, width, high;    /* s: a draw is min(low + width u, high), u ~ U[0, 1) */
     int64_t draws, samples;     /* so many draws in so many samples; 0 in 1: one for all */
@@ -70,8 +70,9 @@ API void ages_reach(ages_t *tables, int64_t n_tables);
 /* Count the rows. */
 API void ages_count(ages_t *tables, int64_t n_tables);
 
-/* The least ages that are not exceeded by `ranks` (n_tables, n_ranks) of the rows, ascending, which are
- * not more than there are rows that hold something; 0: -1. */
+/* For each table and each of its `ranks` (n_tables, n_ranks), ascending within a table: the least age that at least
+ * so many of its rows do not exceed, to `ages` (n_tables, n_ranks); -1 for rank 0. No rank is greater than the
+ * number of rows that hold a sample. */
 API void ages_ranks(const ages_t *tables, int64_t n_tables, const int64_t *ranks, int64_t n_ranks,
                     int64_t *ages);
 

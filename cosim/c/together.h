@@ -25,66 +25,42 @@ static int step_remote(const engine_t *e, int64_t tick, const operation_t *op, f
     return first;
 }
 
-/* Units of one FMU whose steps follow each other, at once. The outputs are got in their order up to the
- * first that fails; if an FMU refuses its inputs, they are stepped one by one. */
-NOINLINE int step_units(const engine_t *e, int64_t tick, const operation_t *op, failure_t *failure)
-{
-    const int64_t n = op->count + 1;
-    const unit_t *const first = e->units + op->index;
-    const double t = (double)(tick - first->lag) * e->h;
-    void *instances[AT_ONCE];
-    int status[AT_ONCE], result = RUN_OK;
-    size_t made[AT_ONCE];
-    int64_t i = 0;
-
-    if (first->kind == UNIT_REMOTE) return step_remote(e, tick, op, failure);
-    for (; i < n; i++) {
-        const unit_t *u = e->units + op[i].index;
-        instances[i] = u->instance;
-        if (failed_call(set_inputs(u, u->kind, e->signals))) break;
-    }
-    if (i == n)
-        ((steps_t)first->steps)(instances, (size_t)n, &t, 1, first->h, status, made);
-    else
-        for (int64_t k = 0; k < n && result == RUN_OK; k++)
-            result = step_unit(e, tick, op[k].index, failure);
-    for (int64_t k = 0; k < n && i == n && result == RUN_OK; k++)
-        result = take_outputs(e, op[k].index, status[k], failure);
-    return result;
-}
-
-/* `*ticks` steps of such units, of a tick each, while no input of theirs changes. Where one fails, *ticks becomes
- * the number of steps before: what comes behind it matters only if it fails sooner. */
+/* `*ticks` steps of units of one FMU whose steps follow each other, while no input of theirs changes. Outputs are got
+ * in their order, up to the first step that fails; *ticks becomes the number of steps before that: what comes behind
+ * it matters only if it fails sooner. Their values are open (layout.py), so no input is refused. */
 NOINLINE int step_often(const engine_t *e, int64_t tick, int64_t *ticks, const operation_t *op,
                         failure_t *failure)
 {
-    const int64_t n = op->count + 1;
+    const int64_t n = op->count + 1, done = *ticks;
     const unit_t *const first = e->units + op->index;
     double times[STEPS_AT_ONCE];
     void *instances[AT_ONCE];
     int status[AT_ONCE], result = RUN_OK;
     size_t made[AT_ONCE];
-    int64_t failed = -1, done = *ticks;
+    int64_t failed = -1;
 
     for (int64_t i = 0; i < n; i++) {
         const unit_t *u = e->units + op[i].index;
         instances[i] = u->instance;
-        set_inputs(u, u->kind, e->signals); /* their values are open: none can be refused */
+        set_inputs(u, u->kind, e->signals);
     }
-    for (int64_t k = 0; k < done; k++) times[k] = (double)(tick + k) * e->h;
+    for (int64_t k = 0; k < done; k++) times[k] = (double)(tick + k - first->lag) * e->h;
     ((steps_t)first->steps)(instances, (size_t)n, times, (size_t)done, first->h, status, made);
     for (int64_t i = 0; i < n; i++)
         if (failed_call(status[i]) && (failed < 0 || made[i] < made[failed])) failed = i;
-    if (failed >= 0) {
-        failure->index = op[failed].index;
-        failure->status = status[failed];
-        *ticks = (int64_t)made[failed];
-        result = RUN_STEP;
-    } else {
-        for (int64_t i = 0; i < n && result == RUN_OK; i++)
-            result = take_outputs(e, op[i].index, 0, failure);
-        if (result != RUN_OK) *ticks = done - 1;
+    for (int64_t i = 0; i < n && result == RUN_OK; i++) {
+        result = take_outputs(e, op[i].index, i == failed ? status[i] : 0, failure);
+        if (result != RUN_OK) *ticks = i == failed ? (int64_t)made[i] : done - 1;
     }
     failure->tick = tick + *ticks;
     return result;
+}
+
+/* One step of units whose steps follow each other. */
+static int step_units(const engine_t *e, int64_t tick, const operation_t *op, failure_t *failure)
+{
+    int64_t one = 1;
+
+    if (e->units[op->index].kind == UNIT_REMOTE) return step_remote(e, tick, op, failure);
+    return step_often(e, tick, &one, op, failure);
 }

@@ -13,12 +13,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
 from math import inf
 
 import numpy as np
 
 from cosim.analysis.facts import Array
-from cosim.analysis.network import RobotNetwork
+from cosim.analysis.network import RobotNetwork, network
 from cosim.analysis.system import AnalyzedSystem
 
 #: Doublings of the time step, and the first step, s: 2^9 steps of 20 ms.
@@ -35,9 +36,15 @@ class Peaks:
     tau: Array
 
 
-def peaks_of(system: AnalyzedSystem, net: RobotNetwork) -> Peaks:
-    """The :func:`peaks` of a network, computed once, wherever it is held."""
-    return system.once("peaks", net.names[0], lambda: peaks(net))
+def held_networks(system: AnalyzedSystem) -> Iterator[tuple[RobotNetwork, Peaks]]:
+    """The networks with a held arm, each once, with their :func:`peaks`; none of Remark 3."""
+    done: set[str] = set()
+    for start in system.held():
+        net = network(system, start)
+        if net is None or net.law.lambda_c or net.names[0] in done:
+            continue
+        done.add(net.names[0])
+        yield net, system.once("peaks", net.names[0], partial(peaks, net))
 
 
 def peaks(net: RobotNetwork) -> Peaks:

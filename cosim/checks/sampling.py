@@ -7,10 +7,10 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 import numpy as np
 
 from cosim.analysis.facts import Arm, DynamicFeedback, Hand, Law, SpringDamper
-from cosim.analysis.network import network, spread
+from cosim.analysis.network import spread
 from cosim.analysis.system import AnalyzedSystem
 from cosim.checks.finding import Finding, Severity
-from cosim.checks.peaks import peaks_of
+from cosim.checks.peaks import held_networks
 
 #: Stability limit of the classical Runge-Kutta method: h times a frequency, h times a decay.
 RK4 = 2.8
@@ -34,13 +34,10 @@ def feedback(system: AnalyzedSystem) -> Iterator[Finding]:
     hand, a warning if it fails elsewhere.
     """
     share = 1.0 if system.plan.algorithm == "jacobi" else 2.0
-    known = list(known_laws(system))
+    known = [found for found in known_laws(system) if not _depends_on_posture(found[1])]
     visited = _fastest_when_visited(known)
     for name, law, arm in known:
-        T = system.feedback_period(name)
-        remark3 = _is_remark_3(law)
-        if isinstance(law, DynamicFeedback) and law.task is not None and not remark3:
-            continue  # its gain depends on the posture: checks.tasks
+        T, remark3 = system.feedback_period(name), _is_remark_3(law)
         gain = law.lambda_c if remark3 else max(law.feedback)  # type: ignore[union-attr]
         if not gain:
             continue
@@ -68,6 +65,11 @@ def feedback(system: AnalyzedSystem) -> Iterator[Finding]:
             advice="" if severity == "note"
             else f"sample every {0.5 * share * least / gain * 1e3:.2g} ms, or lower {what}",
         )  # fmt: skip
+
+
+def _depends_on_posture(law: Law) -> bool:
+    """Whether its gain does: cosim.checks.tasks has the rule for those."""
+    return isinstance(law, DynamicFeedback) and law.task is not None and not law.lambda_c
 
 
 def _is_remark_3(law: Law) -> bool:
@@ -101,13 +103,7 @@ def adaptation(system: AnalyzedSystem) -> Iterator[Finding]:
     From s⁺ = s - T_s/M (K s + Y θ̃), θ̃⁺ = θ̃ + T_s Γ Yᵀ s with Y frozen: stable iff
     T_s Γ ‖Y‖² < K (and T_s K < 2 M). ‖Y‖ is estimated from how fast z will change.
     """
-    done: set[str] = set()
-    for start in system.held():
-        net = network(system, start)
-        if net is None or net.law.lambda_c or done.issuperset(net.names):
-            continue
-        found = peaks_of(system, net)
-        done.update(net.names)
+    for net, found in held_networks(system):
         for i, (name, law) in enumerate(zip(net.names, net.laws, strict=True)):
             T, Y = system.period(name), law.regressor * found.dz[i]
             ratio = T * max(law.Gamma) * Y**2 / min(law.K)

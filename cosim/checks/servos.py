@@ -135,7 +135,7 @@ def bandwidth(system: AnalyzedSystem) -> Iterator[Finding]:
         if not command.direct or not isinstance(law, DynamicFeedback) or law.feeds_forward:
             continue
         rate, joint = _rate(arm, servo)
-        heard = sum(e.weight for e in system.edges if e.receiver == command.law and e.recurrent)
+        heard = system.received_weight(command.law)
         coupling = law.alpha + max(law.lambda_ * heard, law.lambda_M)
         late = 1 / rate if rate else float("inf")
         ratio = rate / coupling if coupling else float("inf")

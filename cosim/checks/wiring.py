@@ -6,10 +6,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from cosim.analysis.network import network
 from cosim.analysis.system import AnalyzedSystem
 from cosim.checks.finding import Finding, Severity
-from cosim.checks.peaks import peaks_of
+from cosim.checks.peaks import held_networks
 from cosim.fmi.components import has_unit, is_simulator
 from cosim.schedule.parts import Link, Slot, Wire
 from cosim.schedule.plan import Plan
@@ -95,11 +94,7 @@ def _connected_inputs(plan: Plan) -> list[Slot]:
 
 def saturation(system: AnalyzedSystem) -> Iterator[Finding]:
     """tau_max against the torque that the linear behaviour from the start will want."""
-    for start in system.held():
-        net = network(system, start)
-        if net is None or net.law.lambda_c:
-            continue
-        found = peaks_of(system, net)
+    for net, found in held_networks(system):
         for name, law, tau in zip(net.names, net.laws, found.tau, strict=True):
             limit = min(law.tau_max)
             if tau <= limit:

@@ -18,6 +18,7 @@ from cosim.base.component import NativeComponent
 from cosim.base.errors import RunError
 from cosim.base.garbage import without_collections
 from cosim.base.interrupts import stop_on_signal
+from cosim.engine.arrays import rows_of
 from cosim.engine.binding import Binding, Termination, Vector, Views, part
 from cosim.engine.initialization import initialize
 from cosim.engine.tables import NEVER, DrawnRows, LinkRows, RowTables, filled_rows
@@ -31,8 +32,6 @@ from cosim.schedule.plan import Plan
 if TYPE_CHECKING:
     from cosim.engine.macro_steps import Feedthrough, MacroBinding
     from cosim.engine.team import Team
-
-LINK = np.dtype(structs.LinkStruct)
 
 
 class Engine:
@@ -240,7 +239,7 @@ class Engine:
         if self._drawn.end <= self.tick and self._tables:
             self._drawn = drawn = self._tables.draw(self.tick, ticks)
             if self.plan.links:
-                links = np.frombuffer(memoryview(self._bound.links), LINK)
+                links = rows_of(self._bound.links)
                 links["table"], links["row"] = drawn.addresses, 0
                 links["rows"] = drawn.links.counts
                 if self._keep_tables and not drawn.filled:

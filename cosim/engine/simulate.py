@@ -141,7 +141,10 @@ def simulate(
     def keep(found: LinkRows) -> None:
         aside.result()
         work = partial(_hand_over, takers, found)
-        aside.start(work) if len(plan.links) >= MANY else work()
+        if len(plan.links) >= MANY:
+            aside.start(work)
+        else:
+            work()
 
     with ExitStack() as stack:
         engine = stack.enter_context(

@@ -15,11 +15,12 @@ class CommonInstance:
     """Status, state, end and addresses of an instance.
 
     `STATE` and `HOT` are names of functions, without prefix; `HOT`: those that set reals, step and
-    get reals.
+    get reals. `ENUMERATION`: the type by whose functions enumerations are passed.
     """
 
     STATE: ClassVar[str]
     HOT: ClassVar[tuple[str, str, str]]
+    ENUMERATION: ClassVar[str]
     _calls: Calls
     handle: int
     numbered: NumberedTexts
@@ -28,6 +29,10 @@ class CommonInstance:
     def broken(self) -> int:
         """ERROR or FATAL where one was returned; else OK."""
         return self._calls.broken
+
+    def _suffix(self, verb: str, kind: str) -> str:
+        """The name of the function that moves values of an FMI type, without prefix."""
+        return verb.capitalize() + (self.ENUMERATION if kind == "Enumeration" else kind)
 
     def returned(self, status: int) -> None:
         """Take note of a status that the engine got."""

@@ -159,7 +159,7 @@ def reason_not_repeatable(component: Component) -> str:
     """Why a step cannot be done again in halves from a saved state; "": it can."""
     if isinstance(component, FmuDriver):
         return "steps together with the others on its bus"
-    if isinstance(component, NativeComponent):
+    if is_simulator(component):
         return "has a step of its own, which cannot be halved"
     fmu = fmu_of(component)
     if fmu is None:

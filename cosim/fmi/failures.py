@@ -34,16 +34,17 @@ def sentence(error: BaseException, name: str = "") -> str:
 
 @contextmanager
 def starting(name: str) -> Iterator[None]:
-    """Whatever component `name` raises at the start becomes a ScenarioError that names it."""
+    """What component `name` raises at the start becomes a ScenarioError that names it."""
     with starting_one_of(lambda: name):
         yield
 
 
 @contextmanager
 def starting_one_of(name_at_hand: Callable[[], str]) -> Iterator[None]:
-    """Whatever is raised at the start of several components becomes a ScenarioError, too.
+    """The same if several components start together.
 
-    `name_at_hand` says which one it is about. Raises ScenarioError.
+    `name_at_hand` returns the name of the one that failed; only then it is called. Raises
+    ScenarioError.
     """
     try:
         yield

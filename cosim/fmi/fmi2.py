@@ -67,6 +67,7 @@ class Instance2(CommonInstance):
     """An instance of an FMI 2.0 FMU, for co-simulation or for model exchange."""
 
     VERSION = "2.0"
+    ENUMERATION = "Integer"
     #: How values are passed, by FMI type.
     TYPES: ClassVar[Mapping[str, Any]] = {
         "Real": c.c_double, "Integer": c.c_int, "Boolean": c.c_int, "Enumeration": c.c_int,
@@ -173,12 +174,8 @@ class Instance2(CommonInstance):
         return time.value if ended.value else None
 
     def _access(self, verb: str, kind: str) -> Callable[..., None]:
-        suffix = self._suffix(verb.lower(), kind)
+        suffix = self._suffix(verb, kind)
         return self._calls.checked(suffix, c.c_void_p, c.c_void_p, c.c_size_t, c.c_void_p)
-
-    @staticmethod
-    def _suffix(verb: str, kind: str) -> str:
-        return verb.capitalize() + ("Integer" if kind == "Enumeration" else kind)
 
     def get(self, kind: str, references: Sequence[int], count: int) -> list[float]:
         """Values, in the FMU's units, by ``fmi2GetReal`` or the function of another type."""

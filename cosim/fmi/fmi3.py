@@ -45,6 +45,7 @@ class Instance3(CommonInstance):
 
     STATE = "FMUState"
     HOT = ("SetFloat64", "DoStep", "GetFloat64")
+    ENUMERATION = "Int64"
 
     def __init__(self, setup: Setup, log: fmu_log.Log) -> None:
         self._calls = calls = Calls(setup, "fmi3", log)
@@ -173,13 +174,9 @@ class Instance3(CommonInstance):
 
     def _access(self, verb: str, kind: str) -> Callable[..., None]:
         return self._calls.checked(
-            self._suffix(verb.lower(), kind),
+            self._suffix(verb, kind),
             *(c.c_void_p, c.c_void_p, c.c_size_t, c.c_void_p, c.c_size_t),
         )
-
-    @staticmethod
-    def _suffix(verb: str, kind: str) -> str:
-        return verb.capitalize() + ("Int64" if kind == "Enumeration" else kind)
 
     def get(self, kind: str, references: Sequence[int], count: int) -> list[float]:
         """Values, in the FMU's units, by ``fmi3GetFloat64`` or the function of another type."""

@@ -146,7 +146,8 @@ def bind(
     unit.set, unit.step, unit.get = instance.loop_functions()
     if x.plain:
         unit.kind = structs.UnitKind.FMI3 if x.fmi == "3.0" else structs.UnitKind.FMI2
-        unit.steps, unit.values = instance.steps_function(), instance.values_address()
+        unit.values = instance.values_address()
+        unit.steps = instance.steps_function() if unit.values else 0
         for name, moves in (("inputs", x.inputs), ("outputs", x.outputs)):
             references = list(chain.from_iterable(m.references for m in moves))
             if unit.values:

@@ -6,9 +6,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from xml.etree.ElementTree import Element
 
+from cosim.fmi.ports import REAL
 from cosim.fmi.variables import FmuVariable
 
-REALS = ("Real", "Float64")
 #: Names of the variables that each output depends on directly. What is not in it is not stated.
 Dependencies = Mapping[str, frozenset[str]]
 
@@ -65,7 +65,7 @@ def read_states(
         directional = flags.get("providesDirectionalDerivatives", False)
     states = [_found(by, v.attributes.get("derivative", ""), f"state of {v.name}") for v in rates]
     for v in (*states, *rates):
-        if v.type not in REALS:
+        if v.type not in REAL:
             raise ValueError(f"variable {v.name!r} of type {v.type} cannot be a continuous state")
     return ContinuousStates(
         references=tuple(v.reference for v in states),

@@ -11,7 +11,7 @@ Array = NDArray[np.float64]
 LINES = 24
 #: Most signals that a page lets choose from, arms that move, links and rows of its tables.
 SIGNALS, ARMS, LINKS, ROWS = 400, 12, 24, 100
-#: Links of which ages are drawn, where there are more than can be listed.
+#: Links whose ages are drawn if there are more links than are listed.
 AGES = 4
 #: Names of quantiles, and which they are.
 QUANTILES = (

@@ -106,9 +106,8 @@ def _numbers(facts: Mapping[str, Any], results: tuple[MetricResult, ...]) -> lis
     if facts.get("wall") and facts.get("ticks"):
         seconds = facts["ticks"] * facts["step"]
         ratio = seconds / facts["wall"]
-        found.append(
-            ("speed", f"{ratio:.0f} × real time" if ratio >= 10 else f"{ratio:.2g} × real time")
-        )
+        number = f"{ratio:.0f}" if ratio >= 10 else f"{ratio:.2g}"
+        found.append(("speed", f"{number} × real time"))
     return found
 
 

@@ -42,7 +42,9 @@ class ScenarioComponents:
     ticks: int
     sorts: Mapping[str, Sort]  # by the name of the component
     slots: Mapping[Causality, Mapping[str, Slot]] = field(init=False)  # by component.port
-    fits: dict[Hashable, tuple[float, float]] = field(init=False)  # those found so far
+    fits: dict[Hashable, tuple[float, float]] = field(
+        init=False, default_factory=dict
+    )  # found so far
 
     def __post_init__(self) -> None:
         steps = self.steps.values()
@@ -51,7 +53,6 @@ class ScenarioComponents:
             "output": {s.name: s for step in steps for s in step.outputs},
         }
         object.__setattr__(self, "slots", found)
-        object.__setattr__(self, "fits", {})
 
     def endpoint(self, text: str, causality: Causality, place: str) -> Slot:
         """The slot an endpoint names. Raises ScenarioError at `place`."""

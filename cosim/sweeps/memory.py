@@ -61,7 +61,7 @@ class Rooms:
         self._arrays: dict[int, Array] = {}
 
     def array(self, number: int, shape: tuple[int, int]) -> Array:
-        """The array, `shape` (rows, columns), of run `number` of those that run together."""
+        """The array of run `number` of those together, `shape`: (signals, recorded ticks)."""
         found = self._arrays.get(number)
         if found is None or found.shape != shape:
             found = self._arrays[number] = np.empty(shape)
@@ -88,8 +88,8 @@ def record_many(
 ) -> list[Memory | BaseException]:
     """The same of engines at tick 0 that record `columns`, and of what they raise.
 
-    More than one can run together (:func:`cosim.engine.many.together`). With `rooms`, what was
-    recorded before is overwritten.
+    More than one can run together (:func:`cosim.engine.many.together`). With `rooms`, the
+    results of the last call are overwritten: use them before the next one.
     """
     plan = engines[0].plan
     ticks = np.append(np.arange(0, plan.ticks, every, dtype=np.int64), plan.ticks)

@@ -72,8 +72,8 @@ EXPORT fmi2Status fmi2GetStatus(fmi2Component c, const fmi2StatusKind kind, fmi2
 /* Not of FMI: the values of an instance by their references. Between steps, inputs may be written and
  * outputs read there, as fmi2SetReal and fmi2GetReal do. */
 EXPORT fmi2Real *fmi2_values(fmi2Component c);
-/* Not of FMI: fmi2DoStep from t[0], ... t[m - 1] of n instances, kernel_lanes() at once where it can be; each up to the first
- * that is not OK, after made[k] of them. */
+/* Not of FMI: fmi2DoStep of n instances from t[0], ... t[m - 1], up to kernel_lanes() instances at once. An
+ * instance stops at its first step that is not OK; made[k] is how many steps instance k has made before it. */
 EXPORT void fmi2_advance(const fmi2Component c[], size_t n, const fmi2Real t[], size_t m, fmi2Real h,
                          int status[], size_t made[]);
 EXPORT fmi2Status fmi2GetRealStatus(fmi2Component c, const fmi2StatusKind kind, fmi2Real *value);

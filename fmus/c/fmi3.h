@@ -134,8 +134,8 @@ FMI3(DoStep)(fmi3Instance x, fmi3Float64 currentCommunicationPoint,
  * fmi3SetFloat64 and fmi3GetFloat64 do. */
 EXPORT fmi3Float64 *fmi3_values(fmi3Instance c);
 EXPORT size_t fmi3_place(fmi3ValueReference reference, size_t *size);
-/* Not of FMI: fmi3DoStep from t[0], ... t[m - 1] of n instances, kernel_lanes() at once where it can be; each up to the first
- * that is not OK, after made[k] of them. */
+/* Not of FMI: fmi3DoStep of n instances from t[0], ... t[m - 1], up to kernel_lanes() instances at once. An
+ * instance stops at its first step that is not OK; made[k] is how many steps instance k has made before it. */
 EXPORT void fmi3_advance(const fmi3Instance c[], size_t n, const fmi3Float64 t[], size_t m,
                          fmi3Float64 h, int status[], size_t made[]);
 FMI3(ActivateModelPartition)(fmi3Instance x, fmi3ValueReference clock,

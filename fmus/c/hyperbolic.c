@@ -9,8 +9,6 @@
 #include <stdint.h>
 #include <string.h>
 
-#include "hyperbolic_series.h"
-
 double hyperbolic_tangent(double x) {
     const double y = 2.0 * (x < 0.0 ? -x : x);
     if (!(y < 40.0)) return y != y ? x : x < 0.0 ? -1.0 : 1.0;

@@ -102,8 +102,8 @@ Status settle(Instance *x, const char *function);
 
 /* One communication step h (s) from t (s). */
 Status do_step(Instance *x, double t, double h, const char *function);
-/* Steps from t[0], ... t[m - 1] of n instances, each up to the first that fails, after made[k] of them, and with its own
- * Status, which is an error for one that may not be stepped now; not of a model with a clock. */
+/* Steps of n instances from t[0], ... t[m - 1]. An instance stops at its first step that fails: made[k] is how many steps
+ * instance k has made before it, and status[k] its Status, which is an error for one that may not be stepped now. */
 void do_steps(Instance *const x[], size_t n, const double t[], size_t m, double h,
               const char *function, int status[], size_t made[]);
 

@@ -3,7 +3,7 @@
  * All values are copied to a Model of lanes, and those that a step may change back to the instances.
  */
 
-/* The same type, at the address of any double. */
+/* Like Real, but it may lie at the address of any double. */
 typedef double Row __attribute__((vector_size(8 * TOGETHER), aligned(8), may_alias));
 
 #ifdef __clang__
@@ -12,7 +12,8 @@ typedef double Row __attribute__((vector_size(8 * TOGETHER), aligned(8), may_ali
 #define CHOSEN(a, b, ...) __builtin_shuffle(a, b, (Truth){__VA_ARGS__})
 #endif
 
-/* Exchange blocks of `size` entries between the rows a and b, each half of a square. */
+/* Of the rows a and b: blocks of `size` entries, alternately of a and of b. LOW_ takes the first block of each
+ * pair of blocks, HIGH_ the second. */
 #if TOGETHER == 4
 #define LOW_1(a, b) CHOSEN(a, b, 0, 4, 2, 6)
 #define HIGH_1(a, b) CHOSEN(a, b, 1, 5, 3, 7)

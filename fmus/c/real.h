@@ -2,7 +2,8 @@
  *
  * A step is written over Real, and compiled for one instance and for several at once: TOGETHER of them
  * (lanes.h). For one, Real is double. For several, it is a vector that has a lane for each, and so has Model.
- * +, -, * and / round each lane like a double; nothing else is used, so that a step has the same bits in a lane.
+ * +, -, * and / round each lane like a double, and square roots are taken lane by lane; nothing else is used, so
+ * that a step has the same bits in a lane.
  * What is different from doubles:
  *
  *     REAL(x)            a double where a Real is expected, as on the right of =; arrays begin as {0}

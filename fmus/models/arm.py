@@ -84,7 +84,7 @@ def model(joints: int = 7) -> Model:
         "Serial arm of any revolute and prismatic joints",
         arm,
         (*chain.variables(arm), *_friction(arm), *_stops(arm)),
-        ("arm.c", *chains, "hyperbolic.c", "hyperbolic.h", "hyperbolic_series.h"),
+        ("arm.c", *chains, "hyperbolic.c", "hyperbolic.h"),
         __doc__,
         lanes=True,
     )

@@ -61,7 +61,6 @@ def model(joints: int = 7) -> Model:
             "trig.c",
             "hyperbolic.c",
             "hyperbolic.h",
-            "hyperbolic_series.h",
         ),
         __doc__,
         joints=arm,

@@ -53,7 +53,6 @@ def model(joints: int = 2) -> Model:
             "limit.h",
             "hyperbolic.c",
             "hyperbolic.h",
-            "hyperbolic_series.h",
         ),
         step=1e-4,
         terminals=(Terminal("joints", ("q_d", "dq_d", "q", "dq"), "Command in, motion out"),),

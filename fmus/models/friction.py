@@ -42,7 +42,7 @@ def model(joints: int = 2) -> Model:
             arm.gain("friction", TORQUE, 0.0, "Dry friction"),
             arm.gain("v_f", RATE, 0.1, "Velocity at which 76 % of the dry friction act", 1e-6),
         ),
-        sources=("friction.c", "hyperbolic.c", "hyperbolic.h", "hyperbolic_series.h"),
+        sources=("friction.c", "hyperbolic.c", "hyperbolic.h"),
         step=1e-3,
         terminals=(Terminal("joints", ("dq", "tau"), "Velocity in, torque out"),),
         documentation=__doc__ or "",

@@ -12,7 +12,7 @@ import pytest
 
 from cosim.analysis.ages import Age, age
 from cosim.analysis.closed_form import felt_damping
-from cosim.analysis.facts import Arm, DynamicFeedback, facts_of
+from cosim.analysis.facts import Arm, DynamicFeedback, facts_function
 from cosim.analysis.memory_run import Change, SignalTrace, changed, trace
 from cosim.analysis.system import AnalyzedSystem, system
 from cosim.base.errors import ScenarioError
@@ -190,9 +190,10 @@ def test_a_module_s_own_facts_come_first(monkeypatch: pytest.MonkeyPatch) -> Non
     monkeypatch.setitem(sys.modules, "lonely", made)
     zero = {name: (0.0, 0.0) for name in ("q", "k_p", "k_d", "k_w", "b_w", "q_w")}
     values = {**zero, "theta": (3.34, 1.2, 0.97), "substeps": (1.0,)}
-    assert isinstance(facts_of("lonely:Anything", values), Arm)
-    assert facts_of("some/file.fmu", values) is None
-    assert facts_of("tests.cosim.blocks:Gain", {}) is None
+    function = facts_function("lonely:Anything")
+    assert function is not None and isinstance(function(values), Arm)
+    assert facts_function("some/file.fmu") is None
+    assert facts_function("tests.cosim.blocks:Gain") is None
 
 
 def test_facts_that_fail_are_noted_and_stop_nothing(monkeypatch: pytest.MonkeyPatch) -> None:

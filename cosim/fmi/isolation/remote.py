@@ -143,16 +143,16 @@ class RemoteInstance:
     # ---- the members of an instance ----------------------------------------------------------
 
     def returned(self, status: int) -> None:
-        """It is known where the FMU is."""
+        """Do nothing: the process of the FMU takes note itself."""
 
     def refuse(self, suffix: str, status: int) -> None:
-        """It is known where the FMU is."""
+        """Never called: C makes no calls of an FMU in another process (:meth:`native`)."""
 
     def native(self, verb: str, kind: str = "") -> NativeCall | None:
         """There are no addresses in this process: None."""
 
     def left(self) -> None:
-        """It is known where the FMU is."""
+        """Do nothing: the process of the FMU takes note itself."""
 
     def setup(self, t0: float) -> None:
         """Set up the experiment."""

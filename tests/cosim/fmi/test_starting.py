@@ -12,7 +12,8 @@ from cosim.base.component import Component, Port
 from cosim.base.errors import ScenarioError
 from cosim.engine.engine import Engine
 from cosim.fmi import FmuComponent
-from cosim.schedule.parts import Slot, Step, Wire
+from cosim.scenario.sorts import Sorts
+from cosim.schedule.parts import Step, Wire
 from cosim.schedule.plan import Plan, compile_plan
 from fmus.models import planar2r
 from tests.cosim.fmi.exporter import export, strict2, strict3
@@ -50,16 +51,11 @@ def plan_of_many(
     components: Sequence[Component], values: Sequence[Values], wires: Sequence[tuple[int, int]] = ()
 ) -> Plan:
     """Components x00, x01, ...; wires go from the first output to the first input, times 2."""
-    at, steps = 0, []
+    at, steps, sorts = 0, [], Sorts()
     for i, (component, given) in enumerate(zip(components, values, strict=True)):
-        sides, name = [], f"x{i:02}"
-        for ports in (component.inputs, component.outputs):
-            side = []
-            for p in ports:
-                side.append(Slot(f"{name}.{p.name}", name, p.name, at, p.shape, p.unit))
-                at += p.size
-            sides.append(tuple(side))
-        steps.append(Step(name, component, component.kind, 1, given, sides[0], sides[1], {}))
+        name = f"x{i:02}"
+        inputs, outputs, at = sorts.of(component).slots(name, at)
+        steps.append(Step(name, component, component.kind, 1, given, inputs, outputs, {}))
     made = [Wire(steps[a].outputs[0], steps[b].inputs[0], 2.0, 0.5) for a, b in wires]
     return compile_plan(0.1, 3, steps, made, [])
 

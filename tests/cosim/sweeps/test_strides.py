@@ -89,7 +89,7 @@ def test_the_rows_of_a_run(
 
 
 def test_what_fails_does_so_in_its_tick(tmp_path: Path, strides: list[int]) -> None:
-    """Whatever else is run with it, and goes on."""
+    """A run fails in the same tick, whichever runs are stepped with it; the others go on."""
     chosen = [*WRONG, [f"{ARM}.start.q=[0.0, 1.0]"]]
     points = [Point(f"{i}", {}, (EVERY + "5", *each)) for i, each in enumerate(chosen)]
     found = run_points(study(), points)

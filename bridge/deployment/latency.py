@@ -17,9 +17,10 @@ from bridge.native.delay import DelayLine
 from cosim.base.errors import ScenarioError
 from cosim.links.grid import Grid
 from cosim.links.laws import Constant, FloatArray
+from cosim.links.random_numbers import generator
 from cosim.links.semantics import PacketSemantics, PlayoutSemantics, Rule, SignalSemantics
 from cosim.links.storage import StoredTable
-from cosim.links.table import DrawnTable, TableSpec, generator
+from cosim.links.table import DrawnTable, TableSpec
 from cosim.schedule.parts import Link, Wire
 
 #: What a delay line keeps beyond its law, s: for the network's own delay, and a receiver that

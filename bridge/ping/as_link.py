@@ -15,8 +15,8 @@ from cosim.base.errors import ScenarioError
 from cosim.links.laws import Constant, Law
 from cosim.links.losses import GilbertElliott, Independent, Loss
 from cosim.links.netem import netem
+from cosim.links.random_numbers import generator
 from cosim.links.skewed import Gamma, Lognormal
-from cosim.links.table import generator
 
 #: Spread below which delays are constant: a part of the mean.
 CONSTANT = 0.01

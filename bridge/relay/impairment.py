@@ -17,8 +17,8 @@ import numpy as np
 
 from cosim.base.errors import ScenarioError
 from cosim.links.losses import Lossy
+from cosim.links.random_numbers import generator
 from cosim.links.spec import delay_law, loss_model
-from cosim.links.table import generator
 
 GRID = Fraction(1, 1000)
 _CHUNK = 1024

@@ -127,7 +127,7 @@ class AnalyzedSystem:
         return found
 
     def received_weight(self, law: str) -> float:
-        """The sum of the mean weights of the rows that a law receives again and again, 1."""
+        """The sum of the mean weights of the rows that a law receives again and again; no unit."""
         return sum(e.weight for e in self.edges_to.get(law, ()) if e.recurrent)
 
     def is_position(self, signal: str) -> bool:

@@ -7,21 +7,23 @@ Delays of other laws are drawn by NumPy and handed over. What a rule makes of th
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cosim.base.errors import RunError
 from cosim.links.laws import Constant, Law, Uniform, draws_per_sample
-from cosim.links.table import DrawnTable, entropy
+from cosim.links.random_numbers import entropy
 from cosim.native import tables as native
 from cosim.native.tables import PacketStruct, RuleCode, TableStruct
 
 if TYPE_CHECKING:
     from fractions import Fraction
 
+    from cosim.links.grid import Grid
     from cosim.links.laws import Delays
+    from cosim.links.semantics import Rule
 
 #: Rows for which NumPy draws delays at once: they stay in the cache.
 BLOCK = 1 << 14
@@ -38,10 +40,37 @@ TABLE, PACKET = np.dtype(TableStruct), np.dtype(PacketStruct)
 IntArray = NDArray[np.int64]
 
 
+class Drawable(Protocol):
+    """What a :class:`cosim.links.table.DrawnTable` must have to be drawn."""
+
+    @property
+    def name(self) -> str:
+        """Of the link."""
+
+    @property
+    def grid(self) -> Grid:
+        """Periods of sender and receiver."""
+
+    @property
+    def law(self) -> Law:
+        """Of the delays."""
+
+    @property
+    def rule(self) -> Rule:
+        """Which sample is held."""
+
+    @property
+    def seed(self) -> int:
+        """Of its generator, with the name."""
+
+    def delays(self) -> Delays:
+        """The delays that the rule asks for, drawn by NumPy from the start."""
+
+
 class TableDrawing:
     """Rows of `tables`, from the first on, in chunks whose sizes do not change them."""
 
-    def __init__(self, tables: Sequence[DrawnTable]) -> None:
+    def __init__(self, tables: Sequence[Drawable]) -> None:
         self._tables, self._library = tuple(tables), native.library()
         found: dict[tuple[object, ...], int] = {}
         kinds: list[TableStruct] = []
@@ -128,7 +157,7 @@ class TableDrawing:
             raise RunError(f"link {name}: a delay that its law rules out")
 
 
-def _begun(table: DrawnTable) -> TableStruct:
+def _begun(table: Drawable) -> TableStruct:
     """A table at its first row; `samples` is 0 if NumPy draws its delays; `capacity`: packets that
     can be on their way at a time.
     """

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from cosim.base import toml
 from cosim.base.errors import ScenarioError
-from cosim.links.table import generator
+from cosim.links.random_numbers import generator
 
 #: Most robots and most edges of a graph.
 MOST_ROBOTS, MOST_EDGES = 1_000_000, 10_000_000

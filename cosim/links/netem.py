@@ -26,8 +26,8 @@ from cosim.links.losses import GilbertElliott, Independent, Loss, Lossy
 from cosim.links.markov import Markov
 from cosim.links.mixtures import Hyperexponential, Normal, Sum
 from cosim.links.outages import Outage, RandomOutage
+from cosim.links.random_numbers import generator
 from cosim.links.skewed import Gamma, Lognormal
-from cosim.links.table import generator
 from cosim.links.traces import DelayTrace
 
 LIMIT = 1000  # packets, netem's own

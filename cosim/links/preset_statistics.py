@@ -10,8 +10,8 @@ import numpy as np
 
 from cosim.links.frozen_traces import frozen
 from cosim.links.laws import FloatArray
+from cosim.links.random_numbers import generator
 from cosim.links.spec import delay_law
-from cosim.links.table import generator
 
 #: Packets drawn of a preset, and the time between two of them, s.
 DRAWS, PERIOD = 1 << 15, Fraction(5, 1000)

@@ -6,8 +6,7 @@ it asks for rows in chunks of any size. Memory does not grow with the run.
 
 from __future__ import annotations
 
-from hashlib import sha256
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,10 +15,8 @@ from cosim.base.errors import RunError, ScenarioError
 from cosim.base.struct import Struct
 from cosim.links.grid import Grid
 from cosim.links.laws import Delays, Law
+from cosim.links.random_numbers import generator
 from cosim.links.semantics import Rule
-
-if TYPE_CHECKING:
-    from numpy.random import Generator
 
 INDEX_MAXIMUM = 2**31 - 1  # a row is an int32
 
@@ -167,20 +164,3 @@ def check_indices(grid: Grid, length: int) -> None:
     """Refuse a run whose rows or samples exceed int32. Raises ScenarioError."""
     if max(length, grid.sent(length)) > INDEX_MAXIMUM:
         raise ScenarioError(f"{length} rows; more than {INDEX_MAXIMUM} samples are sent or read")
-
-
-def entropy(seed: int, name: str) -> bytes:
-    """What the generator of one link is seeded with: `seed`, and the SHA-256 of the name.
-
-    An array of words is the same entropy as a list of numbers, in half of the time.
-    """
-    size = max(1, -(-seed.bit_length() // 32)) * 4
-    return seed.to_bytes(size, "little") + sha256(name.encode()).digest()
-
-
-def generator(seed: int, name: str) -> Generator:
-    """The generator of one link: PCG64, seeded by :func:`entropy`."""
-    from numpy.random import PCG64, Generator, SeedSequence  # most runs need none
-
-    words = np.frombuffer(entropy(seed, name), dtype="<u4").astype(np.uint32)
-    return Generator(PCG64(SeedSequence(words)))

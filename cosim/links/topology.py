@@ -21,9 +21,10 @@ from cosim.links.graphs import PRESETS, Graph, check_robot, union
 from cosim.links.grid import Grid
 from cosim.links.keys import Seconds
 from cosim.links.laws import FloatArray
+from cosim.links.random_numbers import generator
 from cosim.links.spec import si
 from cosim.links.switching import Choices, Random, Schedule, Static, Switching
-from cosim.links.table import INDEX_MAXIMUM, generator
+from cosim.links.table import INDEX_MAXIMUM
 
 
 @dataclass(frozen=True, slots=True)

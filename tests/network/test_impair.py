@@ -12,8 +12,8 @@ from bridge.relay.impairment import Impairment, RelayLinkSpec
 from cosim.base.errors import ScenarioError
 from cosim.links.frozen_traces import frozen
 from cosim.links.presets import preset
+from cosim.links.random_numbers import generator
 from cosim.links.spec import delay_law, loss_model
-from cosim.links.table import generator
 
 MS = 1_000_000
 UNIFORM = {"law": "uniform", "low": "300 ms", "high": "1200 ms", "hold": "30 ms"}

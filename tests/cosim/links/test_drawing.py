@@ -16,8 +16,9 @@ from cosim.links.grid import Grid
 from cosim.links.laws import Constant, Uniform
 from cosim.links.losses import GilbertElliott, Independent, Lossy
 from cosim.links.mixtures import Normal
+from cosim.links.random_numbers import entropy
 from cosim.links.semantics import PacketSemantics, PlayoutSemantics, SignalSemantics
-from cosim.links.table import DrawnTable, entropy
+from cosim.links.table import DrawnTable
 from cosim.links.traces import DelayTrace
 from tests.cosim.links.numpy_rows import rows_of
 

@@ -14,10 +14,11 @@ from cosim.base.errors import ScenarioError
 from cosim.links.grid import Grid
 from cosim.links.laws import Constant, Uniform
 from cosim.links.markov import Chain, Markov, stationary
+from cosim.links.random_numbers import generator
 from cosim.links.semantics import PacketSemantics, PlayoutSemantics, SignalSemantics
 from cosim.links.skewed import Gamma, Lognormal
 from cosim.links.statistics import statistics
-from cosim.links.table import DrawnTable, generator
+from cosim.links.table import DrawnTable
 from cosim.links.traces import DelayTrace
 
 PERIOD = Fraction(5, 1000)

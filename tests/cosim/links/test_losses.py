@@ -15,9 +15,10 @@ from cosim.links.grid import Grid
 from cosim.links.laws import Constant, Uniform, decimal_fraction
 from cosim.links.losses import GilbertElliott, Independent, Lossy
 from cosim.links.outages import Outage, RandomOutage
+from cosim.links.random_numbers import generator
 from cosim.links.semantics import PacketSemantics, PlayoutSemantics, SignalSemantics
 from cosim.links.statistics import statistics
-from cosim.links.table import DrawnTable, generator
+from cosim.links.table import DrawnTable
 from cosim.links.traces import DelayTrace
 
 PERIOD = Fraction(5, 1000)

@@ -20,9 +20,9 @@ from cosim.links.netem import netem
 from cosim.links.outages import UniformOutage
 from cosim.links.preset_statistics import figures, figures_of_preset
 from cosim.links.presets import PRESETS, preset
+from cosim.links.random_numbers import generator
 from cosim.links.skewed import Gamma
 from cosim.links.spec import delay_law, link_table, loss_model
-from cosim.links.table import generator
 
 PERIOD = Fraction(5, 1000)
 LAWS = [

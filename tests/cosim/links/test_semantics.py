@@ -14,8 +14,9 @@ from hypothesis import strategies as st
 from cosim.base.errors import ScenarioError
 from cosim.links.grid import Grid
 from cosim.links.laws import Constant, Law, Uniform
+from cosim.links.random_numbers import generator
 from cosim.links.semantics import PacketSemantics, PlayoutSemantics, Rule, SignalSemantics
-from cosim.links.table import DrawnTable, generator
+from cosim.links.table import DrawnTable
 from cosim.links.traces import DelayTrace
 
 PACKETS = (

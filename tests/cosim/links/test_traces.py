@@ -10,8 +10,9 @@ import pytest
 from cosim.base.errors import ScenarioError
 from cosim.links.grid import Grid
 from cosim.links.laws import Uniform
+from cosim.links.random_numbers import generator
 from cosim.links.semantics import PacketSemantics
-from cosim.links.table import DrawnTable, generator
+from cosim.links.table import DrawnTable
 from cosim.links.traces import read_trace
 
 

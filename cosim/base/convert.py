@@ -17,6 +17,16 @@ from cosim.base.units import Unit, quantity, unit_text
 Number = int | float | str
 Value = Any  # number, boolean, text with a unit, or nested lists of these
 T = TypeVar("T")
+#: Types as msgspec calls them, in the words of TOML.
+TYPES = {
+    "int": "a whole number",
+    "float": "a number",
+    "str": "text",
+    "bool": "true or false",
+    "array": "a list",
+    "object": "a table",
+    "null": "nothing",
+}
 
 
 def convert_each(table: Mapping[str, Any], kind: type[T], path: Path, key: str) -> dict[str, T]:
@@ -46,26 +56,53 @@ def convert(value: Any, kind: type[T], path: Path, place: str = "") -> T:
     try:
         return msgspec.convert(value, kind)
     except msgspec.ValidationError as error:
-        message, inside = sentence(error, kind)
+        message, inside = sentence(error, kind, value)
         at = f"{place}{inside}".lstrip(".")
         raise ScenarioError(message, f"{path} at {at}" if at else str(path)) from None
 
 
-def sentence(error: msgspec.ValidationError, kind: Any) -> tuple[str, str]:
-    """What is wrong with data for `kind`, with the nearest key there is, and where in the data."""
+def sentence(error: msgspec.ValidationError, kind: Any, value: Any) -> tuple[str, str]:
+    """What is wrong with `value` for `kind`, with the nearest key there is, and where in it."""
     message, _, inside = str(error).partition(" - at `$")
     inside = inside.rstrip("`")
     keys = [key for key in inside.split(".") if key]
     if key := _quoted(r"Object contains unknown field `(.*)`", message):
         structs = _structs_at(kind, keys)
         known = [f.encode_name for t in structs for f in msgspec.structs.fields(t)]
-        message = unknown(key, known, "key") if known else f"unknown key {key!r}"
-    elif word := _quoted(r"Invalid value '(.*)'", message):
+        return unknown(key, known, "key") if known else f"unknown key {key!r}", inside
+    if key := _quoted(r"Object missing required field `(.*)`", message):
+        return f"the key {key!r} is missing", inside
+    if word := _quoted(r"Invalid value '(.*)'", message):
         tags = [str(struct.__struct_config__.tag) for struct in _structs_at(kind, keys[:-1])]
-        message = unknown(word, tags, "kind")
-    elif words := _allowed_words(kind, inside.strip(".")) if "enum" in message else ():
-        message += f"; expected one of {', '.join(map(str, words))}"
-    return message, inside
+        return unknown(word, tags, "kind"), inside
+    if words := _allowed_words(kind, inside.strip(".")) if "enum" in message else ():
+        return f"{message}; expected one of {', '.join(map(str, words))}", inside
+    return _in_words_of_toml(message, _found(value, inside)), inside
+
+
+def _in_words_of_toml(message: str, found: str) -> str:
+    """``Expected `int`, got `str```: "expected a whole number, found 'x'"; others as they are."""
+    parts = re.fullmatch(r"Expected `([^`]*)`(.*?)(?:, got `(.*)`)?", message)
+    if parts is None:
+        return message
+    types = [name for name in parts[1].split(" | ") if name != "null"] or ["null"]
+    if "float" in types and "int" in types:
+        types.remove("int")
+    expected = " or ".join(TYPES.get(name, name) for name in types)
+    found = found or (TYPES.get(parts[3], parts[3]) if parts[3] else "")
+    return f"expected {expected}{parts[2]}" + (f", found {found}" if found else "")
+
+
+def _found(value: Any, inside: str) -> str:
+    """The value at a place such as ``.a[0].b``, "" if it cannot be told."""
+    for key, index in re.findall(r"\.([^.\[\]]+)|\[([^\]]*)\]", inside):
+        try:
+            value = value[int(index) if index else key]
+        except (LookupError, TypeError, ValueError):  # "...": of a table whose keys are free
+            return ""
+    if isinstance(value, bool):
+        return str(value).lower()
+    return repr(value) if isinstance(value, int | float | str) else ""
 
 
 def _quoted(pattern: str, message: str) -> str:

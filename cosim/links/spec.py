@@ -150,7 +150,7 @@ def _decode(value: Any, kind: Any, key: str) -> Any:
     try:
         return msgspec.convert(value, kind)
     except msgspec.ValidationError as error:
-        message, inside = sentence(error, _tagged(kind, value) or kind)
+        message, inside = sentence(error, _tagged(kind, value) or kind, value)
         raise ScenarioError(message, f"{key}{inside}") from None
 
 

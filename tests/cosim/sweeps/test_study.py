@@ -131,9 +131,9 @@ def test_a_literal_reads_back(value: object) -> None:
 
 
 BAD = [
-    ("scenario = 3", "study.toml at scenario: Expected `str`, got `int`"),
+    ("scenario = 3", "study.toml at scenario: expected text, found 3"),
     ('scenario = "no.toml"', "study.toml at scenario: "),
-    ("title = 'x'", "study.toml: Object missing required field `scenario`"),
+    ("title = 'x'", "study.toml: the key 'scenario' is missing"),
     ("scenario = ", "study.toml: not valid TOML"),
     (STUDY, "at vary.gain: found none of them; expected one of values, range, "),
     (STUDY + "values = [1]\ncount = 2", "at vary.gain: count and scale require range"),

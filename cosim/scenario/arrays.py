@@ -260,13 +260,14 @@ def _across(spec: Document, common: Document, n: int, place: str) -> tuple[int, 
     regions, between = (spec.get(key) for key in ACROSS)
     if not isinstance(between, dict) or {"graph", *ACROSS, "from", "to"} & between.keys():
         raise ScenarioError(
-            f"found between = {between!r}; expected a table of what differs in links from one"
-            " region to another, such as { delay = ... }, with the number of regions",
+            ("found no between" if between is None else f"found between = {between!r}")
+            + "; expected a table of what differs in links from one region to another, such as"
+            " { delay = ... }, with the number of regions",
             f"{place}.between",
         )
     if not isinstance(regions, int) or isinstance(regions, bool) or not 1 <= regions <= n:
-        raise ScenarioError(f"regions {regions!r}; expected 1 to {n}, the robots",
-                            f"{place}.regions")  # fmt: skip
+        found = "no regions" if regions is None else f"regions {regions!r}"
+        raise ScenarioError(f"found {found}; expected 1 to {n}, the robots", f"{place}.regions")
     return regions, {**common, **between}
 
 

@@ -12,7 +12,7 @@ from typing import Any
 
 from cosim.base.component import Component, NativeComponent, Preparation
 from cosim.base.convert import Number
-from cosim.base.errors import PlanError, ScenarioError
+from cosim.base.errors import CosimError, PlanError, ScenarioError
 from cosim.base.garbage import without_collections
 from cosim.fmi.components import fmu_of, is_fmu
 from cosim.scenario import connect
@@ -111,6 +111,8 @@ def _steps(scenario: Scenario, h: float, load: Load, sorts: dict[str, Sort]) -> 
         if not is_fmu(component) and isinstance(component, NativeComponent):
             component.check_period(scenario.seconds(period), f"{place}.period")
         sort = sorts[name] = known.of(component)
+        if 0 in spec.sizes.values():
+            spec = _effective(name, spec, sort, folder, place)
         inputs, outputs, start = sort.slots(name, start)
         values, starts = _values(spec, component, sort, presets, prepared, place)
         steps.append(
@@ -130,6 +132,28 @@ def _steps(scenario: Scenario, h: float, load: Load, sorts: dict[str, Sort]) -> 
             )
         )
     return steps
+
+
+def _effective(
+    name: str, spec: ComponentSpec, sort: Sort, folder: Path, place: str
+) -> ComponentSpec:
+    """The component without parameters that have no effect because a size of it is 0.
+
+    Its model has them with a size of 1: the coupling gain of a robot, for instance, which belongs
+    to each of its neighbours. So one table serves all robots of a graph.
+    """
+    unknown = spec.parameters.keys() - sort.parameters.keys() - sort.inputs.keys()
+    if not unknown:
+        return spec
+    sizes = {size: n or 1 for size, n in spec.sizes.items()}
+    larger = spec.replaced(sizes=sizes, parameters={}, start={})
+    try:
+        component, _, _ = load_component(name, larger, folder, place)
+    except CosimError:
+        return spec  # whose unknown parameter is refused
+    unknown &= {p.name for p in component.parameters}
+    left = {key: value for key, value in spec.parameters.items() if key not in unknown}
+    return spec.replaced(parameters=left)
 
 
 def _values(

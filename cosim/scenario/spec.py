@@ -127,7 +127,11 @@ class ComponentSpec(
 
     def without_values(self) -> ComponentSpec:
         """What is not a number of its run: neither values nor how often it steps."""
-        return msgspec.structs.replace(self, parameters={}, start={}, preset=None, period=None)
+        return self.replaced(parameters={}, start={}, preset=None, period=None)
+
+    def replaced(self, **fields: Any) -> ComponentSpec:
+        """The same with other values of `fields`."""
+        return msgspec.structs.replace(self, **fields)
 
 
 _likeness = attrgetter(*(

@@ -180,7 +180,7 @@ def test_signals_of_all_robots_are_listed() -> None:
         (document(links=[{"graph": "g"}]), "no graph 'g'|unknown graph 'g'"),
         (
             document(graphs=GRAPH, links=[{"graph": "net", "regions": 2}]),
-            "links.0.between: found between = None; expected a table of what differs",
+            "links.0.between: found no between; expected a table of what differs",
         ),
         (
             document(
@@ -190,7 +190,11 @@ def test_signals_of_all_robots_are_listed() -> None:
         ),
         (
             document(graphs=GRAPH, links=[{"graph": "net", "regions": 5, "between": {}}]),
-            "links.0.regions: regions 5; expected 1 to 4, the robots",
+            "links.0.regions: found regions 5; expected 1 to 4, the robots",
+        ),
+        (
+            document(graphs=GRAPH, links=[{"graph": "net", "between": {}}]),
+            "links.0.regions: found no regions; expected 1 to 4, the robots",
         ),
         (
             document(graphs=GRAPH, topology={"graph": "net", "weights": "w{i}", "parts": 9}),

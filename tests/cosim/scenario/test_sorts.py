@@ -59,6 +59,28 @@ def test_robots_of_one_sort_are_planned_as_if_each_were_the_only_one(
     assert contents(assemble(load(MANY, DIFFERENT))) == together
 
 
+TREE = "graphs.net={kind='tree', n=3}"
+
+
+def test_a_robot_without_neighbours_needs_no_gain_of_the_coupling() -> None:
+    """The root of a tree receives from nobody; one table of parameters serves it as well."""
+    values = {s.name: s.values for s in assemble(load(MANY, (TREE,))).components}
+    assert values["control2"]["lambda"] == values["control3"]["lambda"] == (1.0,)
+    assert "lambda" not in values["control1"] and values["control1"]["alpha"] == (1.6,)
+
+
+@pytest.mark.parametrize("key", ["lamda", "sizes"])
+def test_a_parameter_that_no_robot_has_is_refused_of_one_without_neighbours_too(key: str) -> None:
+    with pytest.raises(ScenarioError, match=f"control1.parameters.{key}: no parameter or start"):
+        assemble(load(MANY, (TREE, f"components.control.each.1.parameters.{key}=1")))
+
+
+def test_a_size_that_a_model_does_not_take_is_refused_before_its_parameters() -> None:
+    sizes = ("components.robot.sizes.links=0", "components.robot.parameters.lambda=1")
+    with pytest.raises(ScenarioError, match=r"robot1\.sizes"):
+        assemble(load(MANY, sizes))
+
+
 def test_equal_values_that_are_not_the_same_are_kept_apart() -> None:
     """0.0 equals -0.0."""
     starts = {"a": 0.0, "b": -0.0, "c": 0.0}

@@ -6,11 +6,17 @@ import re
 from collections.abc import Iterable, Sequence
 
 _INDEX = re.compile(r"(?:\[[\d, ]+\])+$")  # q[0], xi_in[1,0], xi_in[1][0]
+_NUMBER = re.compile(r"(\d+)")
 
 
 def signal_of(scalar: str) -> str:
     """The signal that a scalar is an entry of: ``arm.q`` for ``arm.q[0]``; ``a.b[1].y`` is one."""
     return _INDEX.sub("", scalar)
+
+
+def counted(name: str) -> list[str | int]:
+    """A key to sort names by so that their numbers count: ``robot2`` stands before ``robot10``."""
+    return [int(part) if i % 2 else part for i, part in enumerate(_NUMBER.split(name))]
 
 
 def nearest(name: str, known: Iterable[str]) -> str:

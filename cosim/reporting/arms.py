@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Iterator, Mapping
+from itertools import islice
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -12,7 +13,9 @@ from numpy.typing import NDArray
 
 from cosim.base.component import Drawing
 from cosim.base.errors import CosimError
+from cosim.base.names import counted
 from cosim.record import Run
+from cosim.reporting.many import ARMS
 
 Array = NDArray[np.float64]
 
@@ -26,11 +29,22 @@ class DrawnArm(NamedTuple):
     folder: Path
 
 
+def first_arms(run: Run) -> tuple[list[DrawnArm], str]:
+    """The arms of a picture, ARMS at the most, and a sentence if there are others ("": none)."""
+    found = list(islice(drawn_arms(run), ARMS + 1))
+    return found[:ARMS], f"Only the first {ARMS} arms are drawn." if len(found) > ARMS else ""
+
+
 def drawn_arms(run: Run) -> Iterator[DrawnArm]:
-    """The components of a run whose model can be drawn and whose positions were recorded."""
+    """The components of a run whose model can be drawn and whose positions were recorded.
+
+    In the order of their names, in which numbers count.
+    """
     scenario = run.metadata.get("scenario", {})
     folder = Path(scenario.get("path", ".")).parent
-    for name, spec in scenario.get("components", {}).items():
+    components = scenario.get("components", {})
+    for name in sorted(components, key=counted):
+        spec = components[name]
         options = spec.get("options") or {}
         drawing = drawing_of(str(spec.get("model", "")), options, folder)
         if drawing is not None and recorded(run, f"{name}.{drawing.position}", drawing.joints):

@@ -91,8 +91,8 @@ class TimedEvent:
 class PageData:
     """What the page draws: signals until `end` (s), diagrams, events, arms.
 
-    `live`: the address, below that of the page, from which values of the signals come while it is
-    open; the joints of its arms are names of signals.
+    `arms_note`: a sentence below the arms. `live`: the address, below that of the page, from which
+    values of the signals come while it is open; the joints of its arms are names of signals.
     """
 
     end: float
@@ -101,6 +101,7 @@ class PageData:
     panels: list[PlottedPanel] = field(default_factory=list)
     events: list[TimedEvent] = field(default_factory=list)
     arms: list[dict[str, Any]] = field(default_factory=list)
+    arms_note: str = ""
     start: float = 0.0
     live: str = ""
 
@@ -257,10 +258,11 @@ def page_text(
     moving = bool(data.arms)
     label = "Arms over time; drag to turn" if moving else ""
     arm = f'<svg class="arm" id="arm" role="img" aria-label="{label}" viewBox="-1 -1 2 2"></svg>'
+    names = f'<p class="arms" id="arms"></p><p class="arms">{escape(data.arms_note)}</p>'
     body = f"""<main><header><h1>{escape(title)}</h1><p>{escape(subtitle)}</p>
 {verdict.html}</header>{summary}{_BAR if data.signals else ""}
 <div class="top{"" if moving else " alone"}"><section id="panels" aria-label="Diagrams"></section>
-{f'<aside class="aside">{arm}</aside>' if moving else ""}</div>
+{f'<aside class="aside">{arm}{names}</aside>' if moving else ""}</div>
 {_CHOOSER if data.panels else ""}{rest}
 {_FOOT if data.signals else ""}</main>"""
     script = f"<script>{_own('common.js')}</script>"

@@ -1,8 +1,12 @@
-"""The arms of a run as an animated GIF, drawn as in the report: planar ones from above."""
+"""The arms of a run as an animated GIF, drawn as in the report: planar ones from above.
+
+Their names, the time, and whether there are more of them stand below the drawing.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from math import ceil
 from pathlib import Path
 
 import numpy as np
@@ -11,14 +15,16 @@ from numpy.typing import NDArray
 from cosim.base.component import Drawing
 from cosim.base.errors import RunError, ScenarioError
 from cosim.record import Run
-from cosim.reporting.arms import drawn_arms, link_frames
+from cosim.reporting.arms import first_arms, link_frames
 
 Array = NDArray[np.float64]
-#: Pictures a second, how many at the most, and their size in pixels.
-RATE, MOST, SIZE = 15.0, 600, 400
+#: Pictures a second, and how many at the most.
+RATE, MOST = 15.0, 600
+#: Width and height of the drawing, height of a line of text below it, gap between names; pixels.
+SIZE, LINE, GAP = 400, 14, 12
 #: Directions from which arms in space are seen, rad: about the vertical, and above the horizon.
 _YAW, _PITCH = -0.6, 0.45
-_COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#b58900", "#56b4e9")
+_COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#b58900", "#56b4e9", "#555555")
 
 
 def write_gif(run: Run, path: Path) -> Path:
@@ -31,27 +37,28 @@ def write_gif(run: Run, path: Path) -> Path:
         from PIL import Image, ImageDraw
     except ImportError:
         raise ScenarioError("Pillow is not installed; expected pip install pillow") from None
-    arms = [
-        (a.name, a.drawing, run.array(f"{a.name}.{a.drawing.position}")) for a in drawn_arms(run)
-    ]
+    found, note = first_arms(run)
+    arms = [(a.name, a.drawing, run.array(f"{a.name}.{a.drawing.position}")) for a in found]
     if not arms:
         raise ScenarioError("no arm of this run can be drawn", str(run.path))
     period = max(1.0 / RATE, float(run.t[-1]) / MOST)
     rows = np.unique(np.searchsorted(run.t, np.arange(0.0, run.t[-1] + 1e-9, period)))
     tracks = [np.stack([_seen(d, points(d, q[k])) for k in rows]) for _, d, q in arms]
     places, scale = _layout(tracks, flat=all(d.planar for _, d, _ in arms))
+    names = _name_places([name for name, _, _ in arms])
+    height = SIZE + names[-1][1] + 2 * LINE + 4
     pictures = []
     for i, k in enumerate(rows):
-        picture = Image.new("RGB", (SIZE, SIZE), "white")
+        picture = Image.new("RGB", (SIZE, height), "white")
         pen = ImageDraw.Draw(picture)
-        pen.text((8, SIZE - 18), f"{run.t[k]:.2f} s", fill="#555555")
+        pen.text((8, height - LINE - 4), f"{run.t[k]:.2f} s  {note}", fill="#555555")
         for j, ((name, _, _), track) in enumerate(zip(arms, tracks, strict=True)):
             colour = _COLOURS[j % len(_COLOURS)]
             line = [tuple(p) for p in pixels(track[i] - places[j], scale)]
             pen.line(line, fill=colour, width=5 if j % 2 == 0 else 3, joint="curve")
             for x, y in line[:-1]:
                 pen.ellipse((x - 4, y - 4, x + 4, y + 4), fill="white", outline=colour, width=2)
-            pen.text((8, 6 + 14 * j), name, fill=colour)
+            pen.text((8 + names[j][0], SIZE + names[j][1]), name, fill=colour)
         pictures.append(picture.quantize(32))
     try:
         pictures[0].save(
@@ -60,6 +67,20 @@ def write_gif(run: Run, path: Path) -> Path:
     except OSError as error:
         raise RunError(f"cannot write {path}: {error.strerror or error}") from error
     return path
+
+
+def _name_places(names: Sequence[str]) -> list[tuple[int, int]]:
+    """Where each name stands below the drawing, (x, y) pixels: as many in a line as fit."""
+    from PIL import ImageFont
+
+    places, x, y = [], 0, 0
+    for name in names:
+        width = ceil(ImageFont.load_default().getlength(name))
+        if x > 0 and x + width > SIZE - 16:
+            x, y = 0, y + LINE
+        places.append((x, y))
+        x += width + GAP
+    return places
 
 
 def points(drawing: Drawing, q: Array) -> Array:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from heapq import nsmallest
 from itertools import islice
 from math import isfinite, nan
 from pathlib import Path
@@ -15,11 +16,11 @@ from cosim.analysis import declared_metrics
 from cosim.analysis.metric_result import MetricResult
 from cosim.analysis.metrics import evaluate
 from cosim.base.errors import CosimError
-from cosim.base.names import listed, signal_of
+from cosim.base.names import counted, listed, signal_of
 from cosim.links.storage import read_facts, table_groups
 from cosim.record import Run
 from cosim.reporting import many
-from cosim.reporting.arms import drawn_arms, recorded
+from cosim.reporting.arms import DrawnArm, first_arms, recorded
 from cosim.reporting.diagnostics import configured_delay, controllers, findings, transit
 from cosim.reporting.html import (
     Array,
@@ -133,7 +134,8 @@ def _data(run: Run, scenario: Scenario | None, facts: Mapping[str, Any]) -> Page
             most = SHOWN if name in shown else CHOSEN
             data.add(name, run.units[name], run.column(name), dt, most)
     data.frame = max(1.0 / RATE, data.end / FRAMES)
-    data.arms += list(_arms(run, np.arange(0.0, data.end + data.frame, data.frame)))
+    arms, data.arms_note = first_arms(run)
+    data.arms += list(_arms(run, arms, np.arange(0.0, data.end + data.frame, data.frame)))
     return data
 
 
@@ -182,9 +184,9 @@ def _quantiles(
 # ---- arms -------------------------------------------------------------------------------------
 
 
-def _arms(run: Run, t: Array) -> Iterator[dict[str, Any]]:
-    """The components whose model can be drawn, at the times `t` (n,), s."""
-    for name, drawing, *_ in islice(drawn_arms(run), many.ARMS):
+def _arms(run: Run, arms: Sequence[DrawnArm], t: Array) -> Iterator[dict[str, Any]]:
+    """Arms as the page draws them, at the times `t` (n,), s."""
+    for name, drawing, *_ in arms:
         torque = f"{name}.{drawing.torque}"
         forced = drawing.torque and recorded(run, torque, drawing.joints)
         yield {
@@ -206,8 +208,8 @@ def _links(run: Run, facts: Mapping[str, Any], data: PageData) -> str:
     rows, pictures = [], []
     tables = run.link_tables
     drawn = many.LINKS if len(tables) <= many.LINKS else many.AGES
-    for name, path in islice(tables.items(), many.LINKS):
-        age, dt, sent = _ages(path)
+    for name in nsmallest(many.LINKS, tables, key=counted):
+        age, dt, sent = _ages(tables[name])
         held = age[np.isfinite(age)]
         if not held.size:
             continue
@@ -261,7 +263,7 @@ def _ages(path: Path) -> tuple[Array, float, np.ndarray[Any, Any]]:
 
 def _details(run: Run, facts: Mapping[str, Any], results: tuple[MetricResult, ...]) -> str:
     scenario = facts.get("scenario", {})
-    components = list(islice(_components(scenario, facts), many.ROWS))
+    components = list(_components(scenario, facts))
     below = many.further(len(scenario.get("components", {})), many.ROWS, "components")
     head = ["component", "model", "every", "values"]
     parts = [
@@ -289,7 +291,9 @@ def _again(run: Run, facts: Mapping[str, Any]) -> str:
 def _components(
     scenario: Mapping[str, Any], facts: Mapping[str, Any]
 ) -> Iterator[tuple[str, str, str, str]]:
-    for name, spec in scenario.get("components", {}).items():
+    components = scenario.get("components", {})
+    for name in nsmallest(many.ROWS, components, key=counted):
+        spec = components[name]
         given = {**(spec.get("parameters") or {}), **(spec.get("start") or {})}
         preset = [f"preset {spec['preset']}"] if spec.get("preset") else []
         values = ", ".join([*preset, *(f"{k} = {v}" for k, v in given.items())])

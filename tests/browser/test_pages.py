@@ -8,8 +8,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from cosim.engine.simulate import simulate
+from cosim.loading.files import load
 from cosim.record import Run
+from cosim.reporting.many import ARMS
 from cosim.reporting.run_report import write_report
+from tests.bridge.zenoh.rehearsed import CONFIGS
 from tests.system.runs import run as simulated
 from tests.system.runs import teleoperation
 
@@ -70,6 +74,33 @@ def test_time_moves_the_arms_and_nothing_fails(run: Run, ask: Any) -> None:
     assert 0.4 < hovered < 0.6  # a quarter of the diagram
     assert tip(seen["arm"]) == pytest.approx(expected(run, "master", hovered), abs=5e-3)
     assert (seen["panels"], seen["chosen"]) == (2, 1)
+
+
+NAMES = """
+const scene = document.getElementById("arm"), square = scene.getBoundingClientRect();
+const names = [...document.querySelectorAll("#arms span")];
+const boxes = names.map((name) => name.getBoundingClientRect());
+tell({
+  names: names.map((name) => name.textContent),
+  colours: names.map((name) => getComputedStyle(name.querySelector("b")).color),
+  drawn: [...scene.querySelectorAll("polyline")].map((line) => getComputedStyle(line).stroke),
+  inside: scene.querySelectorAll("text").length,
+  below: Math.min(...boxes.map((box) => box.top)) - square.bottom,
+  right: square.right - Math.max(...boxes.map((box) => box.right)),
+});
+"""
+
+
+@pytest.mark.parametrize("n", [6, ARMS + 2])
+def test_the_names_of_arms_cover_no_arm(n: int, ask: Any, tmp_path: Path) -> None:
+    scenario = load(CONFIGS / "many.toml", (f"graphs.net.n={n}", "run.stop=0.5"))
+    simulate(scenario, tmp_path / "run")
+    seen = ask(write_report(Run.open(tmp_path / "run")), NAMES)
+    assert [name.split()[1] for name in seen["names"]] == [
+        f"robot{i + 1}" for i in range(min(n, ARMS))
+    ]
+    assert seen["colours"] == seen["drawn"] and seen["inside"] == 0
+    assert 0 <= seen["below"] < 20 and seen["right"] >= 0
 
 
 def test_the_picture_has_the_curves(run: Run, browse: Any, tmp_path: Path) -> None:

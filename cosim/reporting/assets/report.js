@@ -204,6 +204,8 @@
     return most;
   }));
   if (scene) {
+    find("arms").append(...frames.map((arm, k) =>
+      make("span", {}, make("b", { style: `color:var(--s${k % 7})` }, k % 2 ? "╌" : "━"), ` ${arm.name}`)));
     for (const arm of frames) for (const tau of arm.torque) for (const v of data.live ? [] : tau) strongest = Math.max(strongest, Math.abs(v));
     if (!flat) {
       let held = null;
@@ -247,9 +249,6 @@
         if (size > 0.01 * strongest) scene.append(svg("path", { d: `M${tip} L${end} M${wing(0.45)} L${end} L${wing(-0.45)}`, fill: "none",
           stroke: css("--failed"), "stroke-width": half / 90, "stroke-linecap": "round" }));
       }
-      const label = svg("text", { x: -0.95 * half, y: -0.87 * half + k * 0.11 * half, "font-size": half / 11, style: `font-size:${half / 12}px;fill:${colour}` });
-      label.textContent = `${k % 2 ? "╌ " : "━ "}${arm.name}`;
-      scene.append(label);
     });
   }
 

@@ -9,7 +9,7 @@ import pytest
 
 from cosim.base.convert import convert
 from cosim.base.errors import ScenarioError
-from cosim.base.names import hint, listed, nearest, signal_of, unknown
+from cosim.base.names import counted, hint, listed, nearest, signal_of, unknown
 
 
 @pytest.mark.parametrize(
@@ -88,3 +88,10 @@ def test_a_list_in_a_sentence_ends() -> None:
 )  # fmt: skip
 def test_the_signal_of_a_scalar(scalar: str, signal: str) -> None:
     assert signal_of(scalar) == signal
+
+
+def test_numbers_in_names_count() -> None:
+    names = ["robot10.q[2]", "robot2.q[10]", "robot2.q[9]", "plant", "2", "10", "", "robot"]
+    assert sorted(names, key=counted) == [
+        "", "2", "10", "plant", "robot", "robot2.q[9]", "robot2.q[10]", "robot10.q[2]"
+    ]  # fmt: skip

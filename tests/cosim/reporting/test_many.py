@@ -12,6 +12,7 @@ from cosim.record import Run
 from cosim.reporting.declared import figure_specs
 from cosim.reporting.figures import draw
 from cosim.reporting.many import AGES, ARMS, LINKS, QUANTILES, quantile_lines
+from cosim.reporting.moving import SIZE, write_gif
 from cosim.reporting.run_report import write_report
 from tests.bridge.zenoh.rehearsed import CONFIGS
 from tests.cosim.reporting.test_report import data as page_data
@@ -40,9 +41,13 @@ def test_a_report_of_many_robots_has_quantiles_and_some_of_each_list(run: Run) -
     first = data["panels"][0]
     assert [line["label"] for line in first["series"]] == [name for name, _ in QUANTILES]
     assert all(line["name"] in data["signals"] for line in first["series"])
-    assert len(data["arms"]) == ARMS
+    assert [arm["name"] for arm in data["arms"]] == [f"robot{i + 1}" for i in range(ARMS)]
+    assert f"Only the first {ARMS} arms are drawn." in page
     assert sum(p["place"] == "ages" for p in data["panels"]) == AGES
-    assert len(re.findall("control\\d+[.]xi-(?:>|&gt;)[^<]*</td>", page)) == LINKS
+    senders = re.findall("<td>control(\\d+)[.]xi-(?:>|&gt;)[^<]*</td>", page)
+    assert len(senders) == LINKS and senders == sorted(senders, key=int)
+    components = re.findall("<td>(?:robot|control)(\\d+)</td>", page)
+    assert components == [*[str(i) for i in range(1, 41)] * 2]
     assert f"{160 - LINKS} further links are in the run folder only." in page
     assert "Age of what" in page and page.count("<tr>") < 300
 
@@ -50,8 +55,23 @@ def test_a_report_of_many_robots_has_quantiles_and_some_of_each_list(run: Run) -
 def test_links_that_can_be_listed_are_all_drawn(tmp_path: Path) -> None:
     scenario = load(CONFIGS / "many.toml", ("graphs.net.n=6", "run.stop=0.5"))
     simulate(scenario, tmp_path / "run")
-    data = page_data(write_report(Run.open(tmp_path / "run")).read_text())
+    page = write_report(Run.open(tmp_path / "run")).read_text()
+    data = page_data(page)
+    assert "arms are drawn" not in page
     assert sum(p["place"] == "ages" for p in data["panels"]) == LINKS
+
+
+def test_names_of_many_arms_stand_below_what_moves(run: Run, tmp_path: Path) -> None:
+    """Of the first arms only; and the pixels of the drawing are within its square."""
+    from PIL import Image
+
+    with Image.open(write_gif(run, tmp_path / "a.gif")) as found:
+        picture = np.asarray(found.convert("L"))
+        assert found.width == SIZE
+    corner = picture[: SIZE // 8, : SIZE // 8]  # no arm reaches it
+    assert corner.min() > 240
+    lines = (picture[SIZE:] < 240).any(axis=1).reshape(-1)
+    assert np.count_nonzero(np.diff(lines.astype(int)) == 1) == 3  # two of names, one of the time
 
 
 def test_a_figure_of_many_robots_has_lines_of_quantiles(run: Run, tmp_path: Path) -> None:

@@ -34,7 +34,7 @@ from fmus.build import (
 from fmus.library import compile_model, compile_models
 from fmus.model import Model, Variable
 from fmus.models import arm, operator, planar2r, teleoperation, xi
-from fmus.source import c_files, sources, token
+from fmus.source import LANES, c_files, sources, token
 from tests.tiers import first_fast
 
 HAND = operator.model()
@@ -154,7 +154,7 @@ def test_an_installation_ships_every_model_in_both_versions(
 
 @pytest.mark.slow
 def test_what_models_share_is_compiled_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of each model only its own C file and its tables, however many models there are."""
+    """Of each model only its own C file, its lanes and its tables, however many models."""
     compiled, compile_object = [], toolchain.compile_object
 
     def counted(source: Path, *args, **options) -> Path:
@@ -164,7 +164,8 @@ def test_what_models_share_is_compiled_once(monkeypatch: pytest.MonkeyPatch) -> 
     monkeypatch.setattr(toolchain, "compile_object", counted)
     models = [xi.model(), HAND, teleoperation.model(1)]
     together = compile_models(models)
-    own = ["variables.c"] * 3 + ["operator.c", "teleoperation.c", "xi.c"]
+    lanes = [name for name in LANES if name.endswith(".c")]
+    own = ["variables.c"] * 3 + ["operator.c", "teleoperation.c", *lanes, "xi.c"]
     layer = [name for name in c_files(xi.model()) if name not in own]
     assert "fmi3.c" in layer
     assert sorted(compiled) == sorted([*own, *layer, "trig.c"])

@@ -5,8 +5,8 @@ Their names, the time, and whether there are more of them stand below the drawin
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from math import ceil
+from collections.abc import Sequence
+from math import ceil, sqrt
 from pathlib import Path
 
 import numpy as np
@@ -109,21 +109,19 @@ def _seen(drawing: Drawing, where: Array) -> Array:
 
 
 def _layout(tracks: list[Array], *, flat: bool) -> tuple[list[Array], float]:
-    """Where the middle of each arm is, m, and pixels per m: planar arms over each other."""
+    """What to subtract from the points of each arm, (2,) m, and pixels per m.
+
+    Planar arms are drawn over each other, those in space in rows.
+    """
     if flat:
         reach = max(float(np.abs(track).max()) for track in tracks)
         return [np.zeros(2)] * len(tracks), 0.45 * SIZE / max(reach, 1e-6)
     boxes = [(track.min(axis=(0, 1)), track.max(axis=(0, 1))) for track in tracks]
-    widths = [high - low for low, high in boxes]
-    across = 1.15 * float(sum(width[0] for width in widths))
-    scale = 0.9 * SIZE / max(across, *(float(width[1]) for width in widths), 1e-6)
-    return list(_side_by_side(boxes, across)), scale
-
-
-def _side_by_side(boxes: list[tuple[Array, Array]], across: float) -> Iterator[Array]:
-    """What to subtract from the points of each arm, (2,) m, so that they stand in a row."""
-    left = -across / 2
-    for low, high in boxes:
-        width = 1.15 * (high[0] - low[0])
-        yield (low + high) / 2 - np.array([left + width / 2, 0.0])
-        left += width
+    columns = ceil(sqrt(len(boxes)))
+    rows = ceil(len(boxes) / columns)
+    cell = 1.15 * np.max([high - low for low, high in boxes], axis=0)
+    places = [
+        (low + high) / 2 - cell * (k % columns - (columns - 1) / 2, (rows - 1) / 2 - k // columns)
+        for k, (low, high) in enumerate(boxes)
+    ]
+    return places, 0.95 * SIZE / max(columns * cell[0], rows * cell[1], 1e-6)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from heapq import nsmallest
 from itertools import islice
 from math import isfinite, nan
@@ -128,8 +128,9 @@ def _data(run: Run, scenario: Scenario | None, facts: Mapping[str, Any]) -> Page
     data = PageData(float(run.t[-1]), events=marks(facts))
     data.panels += list(_panels(run, scenario, data, dt))
     shown = {name for panel in data.panels for name, _ in panel.series}
-    choosable = set(run.names[: many.SIGNALS])
-    for name in run.names:
+    names = _in_order(run.names)
+    choosable = set(names[: many.SIGNALS])
+    for name in names:
         if name in shown or name in choosable:
             most = SHOWN if name in shown else CHOSEN
             data.add(name, run.units[name], run.column(name), dt, most)
@@ -139,6 +140,11 @@ def _data(run: Run, scenario: Scenario | None, facts: Mapping[str, Any]) -> Page
     return data
 
 
+def _in_order(names: Iterable[str]) -> list[str]:
+    """Signals in the order of the names of their components, in which numbers count."""
+    return sorted(names, key=lambda name: counted(name.partition(".")[0]))
+
+
 def _panels(
     run: Run, scenario: Scenario | None, data: PageData, dt: float
 ) -> Iterator[PlottedPanel]:
@@ -146,7 +152,7 @@ def _panels(
     for spec in declared:
         yield _declared(run, spec, data, dt)
     if not declared:
-        signals = dict.fromkeys(signal_of(name) for name in run.names)
+        signals = dict.fromkeys(signal_of(name) for name in _in_order(run.names))
         for signal in list(signals)[:PANELS]:
             entries = run.entries(signal)
             yield PlottedPanel(signal, run.units[entries[0]], tuple((n, n) for n in entries))

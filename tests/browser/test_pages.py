@@ -103,6 +103,32 @@ def test_the_names_of_arms_cover_no_arm(n: int, ask: Any, tmp_path: Path) -> Non
     assert 0 <= seen["below"] < 20 and seen["right"] >= 0
 
 
+SPACE = """
+[run]
+step = "1 ms"
+stop = "0.1 s"
+[components.arm]
+count = 4
+model = "fmus.models.arm"
+options = { urdf = "URDF", base = "link0", tip = "link6" }
+start = { q = [0.0, 0.4, 0.9, 0.3, 0.0, 0.2] }
+"""
+BOXES = """tell({boxes: [...document.querySelectorAll("#arm polyline")].map((line) => {
+  const box = line.getBoundingClientRect();
+  return [box.left, box.right, box.top, box.bottom];
+})});"""
+
+
+def test_arms_in_space_stand_in_rows(ask: Any, tmp_path: Path) -> None:
+    urdf = (CONFIGS / "robots" / "six_axis.urdf").as_posix()
+    path = tmp_path / "space.toml"
+    path.write_text(SPACE.replace("URDF", urdf))
+    simulate(load(path), tmp_path / "run")
+    boxes = ask(write_report(Run.open(tmp_path / "run")), BOXES)["boxes"]
+    (left, right, _, bottom), (beside, _, _, _), (below, _, top, _), _ = boxes
+    assert right < beside and bottom < top and below == pytest.approx(left, abs=1)
+
+
 def test_the_picture_has_the_curves(run: Run, browse: Any, tmp_path: Path) -> None:
     from PIL import Image
 

@@ -224,22 +224,23 @@
     if (!scene) return;
     scene.replaceChildren();
     const reach = flat ? Math.max(...frames.map((arm) => arm.reach), 0.1) : radius;
-    const apart = flat ? 0 : 1.7 * radius;
-    const middle = (apart * (frames.length - 1)) / 2;
-    const half = 1.12 * reach + middle;
+    const columns = flat ? 1 : Math.ceil(Math.sqrt(frames.length)), rows = flat ? 1 : Math.ceil(frames.length / columns);
+    const apart = flat ? 0 : 1.7 * radius; // arms in space stand in rows
+    const half = 1.12 * reach + (apart * (columns - 1)) / 2, pen = half * Math.min(1, 2 / columns);
     scene.setAttribute("viewBox", `${-half} ${-half} ${2 * half} ${2 * half}`);
     const grid = svg("g", { stroke: css("--grid"), "stroke-width": half / 260 });
     if (flat) for (const r of [0.5, 1]) grid.append(svg("circle", { r: r * reach, fill: "none" }));
     scene.append(grid);
     frames.forEach((arm, k) => {
       const where = points(arm, arm.q.map((values) => at(values, t))).map((p) => p.map((x, i) => x - middles[k][i]));
-      const seen = where.map(project).map(([x, y]) => [x + k * apart - middle, -y]);
+      const right = apart * ((k % columns) - (columns - 1) / 2), down = apart * (Math.floor(k / columns) - (rows - 1) / 2);
+      const seen = where.map(project).map(([x, y]) => [x + right, down - y]);
       const colour = css(`--s${k % 7}`);
       const line = svg("polyline", { points: seen.map((p) => p.join(",")).join(" "), fill: "none", stroke: colour,
-        "stroke-width": half / (k ? 60 : 38), "stroke-linejoin": "round", "stroke-linecap": "round", "data-arm": arm.name });
-      if (k % 2) line.setAttribute("stroke-dasharray", `${half / 18} ${half / 26}`);
+        "stroke-width": pen / (k ? 60 : 38), "stroke-linejoin": "round", "stroke-linecap": "round", "data-arm": arm.name });
+      if (k % 2) line.setAttribute("stroke-dasharray", `${pen / 18} ${pen / 26}`);
       scene.append(line);
-      for (const [x, y] of seen.slice(0, -1)) scene.append(svg("circle", { cx: x, cy: y, r: half / 55, fill: css("--page"), stroke: colour, "stroke-width": half / 120 }));
+      for (const [x, y] of seen.slice(0, -1)) scene.append(svg("circle", { cx: x, cy: y, r: pen / 55, fill: css("--page"), stroke: colour, "stroke-width": pen / 120 }));
       const pull = arm.planar && arm.torque.length === 2 ? force(where, arm.torque.map((values) => at(values, t))) : null;
       if (pull) {
         const size = Math.hypot(...pull), scale = (0.5 * reach * Math.min(1, size / strongest)) / (size || 1);

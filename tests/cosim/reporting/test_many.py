@@ -1,6 +1,8 @@
 """Reports and figures of many robots: quantiles in place of lines, and lists that end."""
 
+import json
 import re
+from itertools import combinations
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +11,7 @@ import pytest
 from cosim.engine.simulate import simulate
 from cosim.loading.files import load
 from cosim.record import Run
+from cosim.reporting import moving
 from cosim.reporting.declared import figure_specs
 from cosim.reporting.figures import draw
 from cosim.reporting.many import AGES, ARMS, LINKS, QUANTILES, quantile_lines
@@ -52,6 +55,18 @@ def test_a_report_of_many_robots_has_quantiles_and_some_of_each_list(run: Run) -
     assert "Age of what" in page and page.count("<tr>") < 300
 
 
+def test_diagrams_that_are_not_declared_are_those_of_the_first_robots(run: Run) -> None:
+    """In a run folder of a scenario that is not known: robot2, not robot10, follows robot1."""
+    known = run.metadata
+    (run.path.parent / "run.json").write_text(json.dumps({**known, "texts": {}, "scenario": {}}))
+    try:
+        panels = page_data(write_report(run).read_text())["panels"]
+    finally:
+        (run.path.parent / "run.json").write_text(json.dumps(known))
+    titles = [panel["title"] for panel in panels if panel["place"] == "panels"]
+    assert titles[:4] == ["robot1.q", "robot1.tau_h", "robot2.q", "robot3.q"]
+
+
 def test_links_that_can_be_listed_are_all_drawn(tmp_path: Path) -> None:
     scenario = load(CONFIGS / "many.toml", ("graphs.net.n=6", "run.stop=0.5"))
     simulate(scenario, tmp_path / "run")
@@ -72,6 +87,19 @@ def test_names_of_many_arms_stand_below_what_moves(run: Run, tmp_path: Path) -> 
     assert corner.min() > 240
     lines = (picture[SIZE:] < 240).any(axis=1).reshape(-1)
     assert np.count_nonzero(np.diff(lines.astype(int)) == 1) == 3  # two of names, one of the time
+
+
+def test_arms_in_space_fill_the_picture_and_cover_none() -> None:
+    """Twelve arms that reach over squares of 2 m, each around another place, m."""
+    square = np.array([[[-1.0, -1.0], [1.0, 1.0]]])
+    tracks = [square + 10.0 * k for k in range(ARMS)]
+    places, scale = moving._layout(tracks, flat=False)
+    drawn = [moving.pixels(t[0] - place, scale) for t, place in zip(tracks, places, strict=True)]
+    corners = np.sort(np.array(drawn), axis=1)  # of each square: least and greatest x and y
+    assert corners.min() >= 0 and corners.max() <= SIZE
+    assert np.prod(corners[:, 1] - corners[:, 0], axis=1).sum() > 0.4 * SIZE**2
+    for (low, high), (other, end) in combinations(corners, 2):
+        assert (high <= other).any() or (end <= low).any()
 
 
 def test_a_figure_of_many_robots_has_lines_of_quantiles(run: Run, tmp_path: Path) -> None:

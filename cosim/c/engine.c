@@ -256,6 +256,8 @@ static void draw(const operation_t *op, double h, double *s)
     }
 }
 
+#include "rollback.h"
+#include "direct.h"
 #include "macro.h"
 
 /* Executes one operation; returns RUN_OK or why not, and then which unit, link or gate in *failure. */
@@ -416,6 +418,7 @@ API size_t engine_sizes(int32_t which)
                                    sizeof(team_t), sizeof(member_t), sizeof(stretch_t),
                                    sizeof(columns_t), sizeof(sender_t), sizeof(part_t),
                                    sizeof(block_t), sizeof(rollback_t), sizeof(bond_t),
-                                   sizeof(macro_t), sizeof(span_t), sizeof(received_t)};
-    return which >= 0 && which < 27 ? sizes[which] : 0;
+                                   sizeof(macro_t), sizeof(span_t), sizeof(received_t),
+                                   sizeof(loop_t)};
+    return which >= 0 && which < 28 ? sizes[which] : 0;
 }

@@ -47,7 +47,7 @@ INLINE int64_t published(const int64_t *place)
 #endif
 }
 
-#define ENGINE_ABI 23
+#define ENGINE_ABI 24
 
 enum { OP_COPY, OP_SCALE, OP_PUSH, OP_PULL, OP_STEP, OP_RECORD, OP_AGE, OP_PLAY,
        OP_AHEAD, OP_BETWEEN, OP_GATE, OP_SLOPE_AHEAD, OP_SLOPE_BETWEEN,
@@ -60,9 +60,10 @@ enum { RUN_OK, RUN_STOPPED, RUN_STEP, RUN_SET, RUN_GET, RUN_NOT_FINITE, RUN_HIST
        RUN_ENDED,               /* an FMU ended the simulation before its step */
        RUN_SOLVER,              /* CVODE failed; the status is its own */
        RUN_LOST,                /* the process of an FMU does not answer; the status is LOST_... */
-       RUN_STATE };             /* a state could not be saved, or not be restored */
+       RUN_STATE,               /* a state could not be saved, or not be restored */
+       RUN_LOOP };              /* outputs that depend on each other at once do not agree */
 enum { MOVE_SAVE, MOVE_BACK, MOVE_SAVE_END, MOVE_BACK_END };
-enum { ROLE_COUNTED, ROLE_DIRECT, ROLE_HELD }; /* of an output in macro steps, see macro.h */
+enum { ROLE_COUNTED, ROLE_DIRECT, ROLE_HELD }; /* of an output in macro steps, see direct.h */
 enum { TYPE_F64, TYPE_F32, TYPE_I8, TYPE_U8, TYPE_I16, TYPE_U16, TYPE_I32, TYPE_U32, TYPE_I64,
        TYPE_U64, TYPE_BOOL2, TYPE_BOOL3 };
 enum { SOLVER_EULER, SOLVER_HEUN, SOLVER_RK4, SOLVER_CVODE };
@@ -271,7 +272,19 @@ typedef struct {
     double total, largest;          /* of all periods; of one, its magnitude */
 } bond_t;
 
-enum { MACRO_LEVELS = 31 };
+/* Components of a group whose outputs with direct feed-through wait for each other. */
+typedef struct {
+    const int32_t *members; /* where they begin in `direct` of the group */
+    const int64_t *outputs; /* these outputs, into signals: first those that a component before theirs takes, or theirs */
+    const int64_t *places;  /* the same in the vectors of the group */
+    double *memory;         /* see direct.h */
+    int64_t n_members, n_outputs, n_fed_back;
+    int64_t n_kept, kept;   /* passes that are remembered: at most, and now */
+    int64_t solved, passes; /* of the run */
+    double left;            /* the last change, in tolerances */
+} loop_t;
+
+enum { MACRO_LEVELS = 31, LOOP_PASSES = 100 };
 
 /* Components that exchange values several times in each of their periods, as often as a tolerance needs. */
 typedef struct {
@@ -281,7 +294,8 @@ typedef struct {
     double *memory;         /* vectors: inputs at the start, and in a step; outputs at the start, after the first sweep, after
                              * the one before the last, at the end of a step, and their largest values */
     const int32_t *direct;  /* members with direct feed-through, in the order of their wires */
-    int64_t n_direct, n_members, n_wires, n_bonds, n_inputs, n_outputs;
+    loop_t *loops;          /* among them, in their order */
+    int64_t n_loops, n_direct, n_members, n_wires, n_bonds, n_inputs, n_outputs;
     int64_t period;         /* ticks */
     int64_t steps, rejections, size; /* into signals: of the last period; the least size, s */
     double tolerance, absolute;

@@ -8,62 +8,8 @@
  * outputs is the estimate of the error, and the second is kept (Hairer, Norsett, Wanner, Solving Ordinary
  * Differential Equations I, II.4).
  *
- * An output with direct feed-through depends on the input that is held, which is the one of the middle of the
- * step. So each sweep ends with a short step of such components from b, with their inputs there, after which
- * they go back to b. What the short step itself has changed is taken away along the line from a.
+ * Outputs with direct feed-through are those of the end of a step by direct.h, at the end of each sweep.
  */
-
-enum { FETCH, PUT_BACK, SHORT_STEP = 1024 }; /* a step over the short one at its end */
-
-typedef struct {
-    double *inputs, *held, *start, *first, *last, *end, *largest;
-} macro_memory_t;
-
-static macro_memory_t memory_of(const macro_t *m)
-{
-    double *at = m->memory;
-    macro_memory_t found;
-    found.inputs = at, at += m->n_inputs;
-    found.held = at, at += m->n_inputs;
-    found.start = at, at += m->n_outputs;
-    found.first = at, at += m->n_outputs;
-    found.last = at, at += m->n_outputs;
-    found.end = at, at += m->n_outputs;
-    found.largest = at;
-    return found;
-}
-
-/* Save the state of a unit, or go back to it: MOVE_... */
-static int move_state(const engine_t *e, rollback_t *r, int what, failure_t *failure)
-{
-    unit_t *u = e->units + r->unit;
-    const int back = what & 1, end = what >> 1;
-    char *copy = r->copies[end];
-    int status = 0;
-
-    for (int64_t i = 0; i < r->n_blocks; copy += r->blocks[i].size, i++)
-        memcpy(back ? (char *)r->blocks[i].place : copy, back ? copy : (char *)r->blocks[i].place,
-               (size_t)r->blocks[i].size);
-    if (back && u->exchange) u->exchange->fresh = 1;
-    if (r->call)
-        status = ((saving_t)r->call)(r->unit, what) ? 3 : 0;
-    else
-        status = back ? ((state_t)r->restore)(u->instance, r->states[end])
-                      : ((state_t)r->save)(u->instance, &r->states[end]);
-    if (!failed_call(status)) return RUN_OK;
-    failure->index = r->unit;
-    failure->status = status;
-    return RUN_STATE;
-}
-
-static int move_states(const engine_t *e, macro_t *m, int what, int coupled, failure_t *failure)
-{
-    int result = RUN_OK;
-    for (int64_t i = 0; i < m->n_members && result == RUN_OK; i++)
-        if (m->members[i].coupled >= coupled)
-            result = move_state(e, m->members + i, what, failure);
-    return result;
-}
 
 /* One sweep: a step of all, or of those with inputs from the others. */
 static int sweep(engine_t *e, macro_t *m, int64_t tick, double t, double h, int coupled,
@@ -120,49 +66,6 @@ static void set_inputs_between(const engine_t *e, const macro_t *m, const double
     }
 }
 
-/* What the wires to one member carry now, and what its inputs were; or `back`, these. */
-static void carry(const engine_t *e, const macro_t *m, const rollback_t *r, double *held, int back)
-{
-    double *s = e->signals;
-    for (const operation_t *w = m->wires + r->wire; w < m->wires + r->wire + r->n_wires; w++) {
-        copy(back ? s + w->target : held, back ? held : s + w->target, w->count);
-        held += w->count;
-        for (int64_t k = 0; k < w->count && !back && !w->index; k++)
-            s[w->target + k] = w->gain * s[w->source + k] + w->offset;
-    }
-}
-
-/* Outputs with direct feed-through for the inputs at the end, t, of a macro step of length h. */
-static int finish_outputs(engine_t *e, macro_t *m, int64_t tick, double t, double h,
-                          failure_t *failure)
-{
-    const macro_memory_t v = memory_of(m);
-
-    for (int64_t i = 0; i < m->n_direct; i++) {
-        rollback_t *r = m->members + m->direct[i];
-        unit_t *u = e->units + r->unit;
-        const double whole = u->h;
-        double *y = e->signals + u->output, *before = v.end + r->first;
-        int back, result;
-        if (r->ended) continue;
-        carry(e, m, r, v.held + r->input, 0);
-        result = move_state(e, r, MOVE_SAVE_END, failure);
-        if (result != RUN_OK) return result;
-        copy(before, y, u->output_count);
-        u->h = h / SHORT_STEP;
-        result = step_from(e, tick, t, r->unit, failure);
-        u->h = whole;
-        if (result != RUN_OK && result != RUN_TERMINATED) return result;
-        back = move_state(e, r, MOVE_BACK_END, failure);
-        if (back != RUN_OK) return back;
-        carry(e, m, r, v.held + r->input, 1);
-        for (int64_t k = 0; k < u->output_count; k++)
-            y[k] = r->roles[k] == ROLE_DIRECT ? y[k] - (y[k] - v.start[r->first + k]) / (SHORT_STEP + 1)
-                                              : before[k];
-    }
-    return RUN_OK;
-}
-
 /* The largest difference of the outputs from `others`, in tolerances. */
 static double distance(const engine_t *e, const macro_t *m, const macro_memory_t *v,
                        const double *others)
@@ -182,7 +85,6 @@ static double distance(const engine_t *e, const macro_t *m, const macro_memory_t
     return most;
 }
 
-enum { CONVERGED_TENTHS = 1 };
 #define FORGOTTEN 0.01 /* of the largest value of an output, in a macro step */
 
 /* One macro step, whatever its error: that in *error. Sweeps that do not converge count as an error, too. */
@@ -192,7 +94,7 @@ static int try_macro(engine_t *e, macro_t *m, int64_t tick, double t, double h, 
     const macro_memory_t v = memory_of(m);
     int result = sweep(e, m, tick, t, h, 0, failure);
 
-    if (result == RUN_OK) result = finish_outputs(e, m, tick, t + h, h, failure);
+    if (result == RUN_OK) result = finish_outputs(e, m, tick, t + h, h, NULL, failure);
     if (result != RUN_OK) return result;
     move_outputs(e, m, v.first, FETCH);
     for (int i = 1;; i++) {
@@ -201,7 +103,7 @@ static int try_macro(engine_t *e, macro_t *m, int64_t tick, double t, double h, 
         set_inputs_between(e, m, v.inputs, 0);
         result = move_states(e, m, MOVE_BACK, 1, failure);
         if (result == RUN_OK) result = sweep(e, m, tick, t, h, 1, failure);
-        if (result == RUN_OK) result = finish_outputs(e, m, tick, t + h, h, failure);
+        if (result == RUN_OK) result = finish_outputs(e, m, tick, t + h, h, v.last, failure);
         if (result != RUN_OK) return result;
         *error = distance(e, m, &v, v.first);
         if (m->iterations == 1) return RUN_OK;
@@ -217,7 +119,7 @@ static int try_macro(engine_t *e, macro_t *m, int64_t tick, double t, double h, 
 static int may_shorten(int result, const failure_t *failure)
 {
     return result == RUN_NOT_FINITE || result == RUN_SOLVER || result == RUN_ENDED ||
-           (result == RUN_STEP && failure->status == REFUSED);
+           result == RUN_LOOP || (result == RUN_STEP && failure->status == REFUSED);
 }
 
 static void count_bonds(const engine_t *e, const macro_t *m, const double *start, double h)

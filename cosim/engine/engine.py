@@ -30,7 +30,8 @@ from cosim.schedule.parts import RunningBus, Slot, Step
 from cosim.schedule.plan import Plan
 
 if TYPE_CHECKING:
-    from cosim.engine.macro_steps import Feedthrough, MacroBinding
+    from cosim.engine.macro_loops import Feedthrough
+    from cosim.engine.macro_steps import MacroBinding
     from cosim.engine.team import Team
 
 
@@ -280,6 +281,8 @@ class Engine:
             return sentence(failure, step.name)
         if result is EngineResult.NOT_FINITE:
             return not_finite(step.outputs, self.signals)
+        if result is EngineResult.LOOP and self._macros is not None:
+            return self._macros.loop_failure(step.name)
         if isinstance(step.component, NativeComponent):
             return step.component.failure()
         from cosim.fmi.refusals import step_refused  # few runs fail

@@ -26,24 +26,25 @@ def initial_outputs(step: Step, inputs: Mapping[str, Vector]) -> Vector:
         return np.concatenate([np.zeros(0), *(np.ravel(found[s.port]) for s in step.outputs)])
 
 
-def direct_outputs(step: Step, inputs: Views, ports: Collection[str]) -> NDArray[np.bool_]:
-    """Which output scalars depend directly on one of the input `ports`, (scalars,).
+def direct_outputs(
+    step: Step, inputs: Views, ports: Collection[str]
+) -> dict[str, NDArray[np.bool_]]:
+    """Which output scalars depend directly on each of the input `ports`: (scalars,) by port.
 
     An FMU that declares its dependencies is believed. For others each input is changed while they
     are in their initial state, to which they return. `inputs`: the signals of the component.
     """
+    n = sum(s.size for s in step.outputs)
+    found = {port: np.zeros(n, bool) for port in sorted(ports)}
     declared = components.feedthrough(step.component)
-    masks = [np.zeros(0, bool)]
-    for slot in step.outputs:
-        if slot.port not in declared:
-            break
-        masks.append(np.full(slot.size, bool(declared[slot.port] & set(ports))))
-    else:
-        return np.concatenate(masks)
-    found = np.zeros(sum(s.size for s in step.outputs), bool)
-    places = [(port, i) for port in sorted(ports) for i in range(inputs[port].size)]
-    for depends in dependent_outputs(step, inputs, places):
-        found |= depends
+    if all(slot.port in declared for slot in step.outputs):
+        for port, mask in found.items():
+            masks = [np.full(s.size, port in declared[s.port]) for s in step.outputs]
+            mask[:] = np.concatenate([np.zeros(0, bool), *masks])
+        return found
+    places = [(port, i) for port in found for i in range(inputs[port].size)]
+    for (port, _), depends in zip(places, dependent_outputs(step, inputs, places), strict=True):
+        found[port] |= depends
     return found
 
 

@@ -12,17 +12,14 @@ from numpy.typing import NDArray
 
 from cosim.engine.binding import Vector, Views
 from cosim.engine.feedthrough import direct_outputs
+from cosim.engine.macro_loops import DirectOutputs, Feedthrough, LoopBinding
 from cosim.fmi import components
 from cosim.native import structs
 from cosim.native.structs import OutputRole, StateMove
 from cosim.schedule.macro import BondWires, MacroGroup
 from cosim.schedule.operations import group_copies
-from cosim.schedule.order import strongly_connected
-from cosim.schedule.parts import Slot, Step
+from cosim.schedule.parts import Step
 from cosim.schedule.plan import Plan
-
-#: Of each component in a group, its outputs with direct feed-through from the group, (scalars,).
-Feedthrough = Mapping[int, NDArray[np.bool_]]
 
 
 def coupled_inputs(group: MacroGroup, step: Step) -> frozenset[str]:
@@ -31,13 +28,13 @@ def coupled_inputs(group: MacroGroup, step: Step) -> frozenset[str]:
     return frozenset(ports - step.discrete)
 
 
-def measure(plan: Plan, inputs: Sequence[Views]) -> dict[int, NDArray[np.bool_]]:
-    """The feed-through of all groups, by component, (scalars,) of its outputs.
+def measure(plan: Plan, inputs: Sequence[Views]) -> Feedthrough:
+    """The feed-through of all groups.
 
     All must be in their initial states. `inputs`: the signals of each component.
     """
     return {
-        i: direct_outputs(plan.components[i], inputs[i], ports)
+        plan.components[i].name: direct_outputs(plan.components[i], inputs[i], ports)
         for group in plan.groups
         for i in group.components
         if (ports := coupled_inputs(group, plan.components[i]))
@@ -65,6 +62,7 @@ class MacroBinding:
         self._states: dict[tuple[int, int], object] = {}
         self.macros = (structs.MacroStruct * len(plan.groups))()
         self._bonds: list[c.Array[structs.BondStruct]] = []
+        self._found_loops: list[LoopBinding] = []
         self._members = [self._group(i, group) for i, group in enumerate(plan.groups)]
 
     def saved(self) -> dict[int, list[int]]:
@@ -82,8 +80,12 @@ class MacroBinding:
         plan, settings = self._plan, self._plan.adaptive
         assert settings is not None
         steps = [plan.components[i] for i in group.components]
+        roles = {step.name: self._roles(step) for step in steps}
         members = (structs.RollbackStruct * len(steps))(
-            *(self._member(group, i) for i in group.components)
+            *(
+                self._member(group, i, roles[self._plan.components[i].name])
+                for i in group.components
+            )
         )
         first = 0
         for member, step in zip(members, steps, strict=True):
@@ -91,8 +93,7 @@ class MacroBinding:
             member.wire, member.n_wires = (own[0] if own else 0), len(own)
             member.input = sum(w.target.size for w in group.wires[: member.wire])
             member.first, first = first, first + sum(s.size for s in step.outputs)
-        order = self._direct_order(group)
-        direct = np.array([group.components.index(i) for i in order], np.int32)
+        direct, loops = self._loops(group, roles)
         operations = group_copies(group, {s.name: s.discrete for s in steps})
         wires = np.zeros(len(operations), np.dtype(structs.OperationStruct))
         for name, _ in structs.OperationStruct._fields_:
@@ -113,46 +114,44 @@ class MacroBinding:
             size=group.size.start, tolerance=settings.tolerance, absolute=settings.absolute,
             halvings=group.halvings, iterations=settings.iterations,
             direct=direct.ctypes.data, n_direct=len(direct),
+            loops=c.addressof(loops.structs), n_loops=len(loops.structs),
         )  # fmt: skip
-        self._alive += [members, wires, memory, direct]
+        self._alive += [members, wires, memory]
         self._bonds.append(bonds)
+        self._found_loops.append(loops)
         return members
 
-    def _direct_order(self, group: MacroGroup) -> list[int]:
-        """Components with direct feed-through, each after those whose outputs it needs at once."""
-        plan = self._plan
-        direct = {
-            plan.components[i].name: i
-            for i in group.components
-            if i in self._direct and self._direct[i].any()
-        }
-        edges = [
-            (w.source.component, w.target.component)
-            for w in group.wires
-            if w.source.component in direct and self._is_direct(w.source)
-        ]
-        blocks = strongly_connected(direct, edges)
-        return [direct[name] for block in blocks for name in block]
+    def _loops(
+        self, group: MacroGroup, roles: Mapping[str, NDArray[np.uint8]]
+    ) -> tuple[NDArray[np.int32], LoopBinding]:
+        """Which of its members have direct feed-through, in their order, and their loops."""
+        steps = [self._plan.components[i] for i in group.components]
+        number = {step.name: i for i, step in enumerate(steps)}
+        sets = DirectOutputs(self._plan, group, self._direct, roles).sets()
+        direct = np.array([number[name] for one in sets for name in one.names], np.int32)
+        outputs = [s.start + i for step in steps for s in step.outputs for i in range(s.size)]
+        return direct, LoopBinding(sets, direct, {place: i for i, place in enumerate(outputs)})
 
-    def _is_direct(self, slot: Slot) -> bool:
-        step = self._plan.component(slot.component)
-        first = step.outputs[0].start
-        mask = self._direct[self._plan.components.index(step)]
-        return bool(mask[slot.start - first : slot.start - first + slot.size].any())
-
-    def _member(self, group: MacroGroup, index: int) -> structs.RollbackStruct:
-        step, unit = self._plan.components[index], self._units[index]
-        found = structs.RollbackStruct(unit=index, coupled=bool(coupled_inputs(group, step)))
-        unit.repeats = 1
+    def _roles(self, step: Step) -> NDArray[np.uint8]:
+        """``ROLE_`` of its outputs, (scalars,)."""
         jumps = components.jumping_outputs(step.component)
         roles = [
             OutputRole.HELD if s.port in jumps else OutputRole.COUNTED
             for s in step.outputs
             for _ in range(s.size)
         ]
-        role = np.array(roles, np.uint8)
-        if index in self._direct:
-            role[self._direct[index] & (role == OutputRole.COUNTED)] = OutputRole.DIRECT
+        found = np.array(roles, np.uint8)
+        counted = found == OutputRole.COUNTED
+        for mask in self._direct.get(step.name, {}).values():
+            found[mask & counted] = OutputRole.DIRECT
+        return found
+
+    def _member(
+        self, group: MacroGroup, index: int, role: NDArray[np.uint8]
+    ) -> structs.RollbackStruct:
+        step, unit = self._plan.components[index], self._units[index]
+        found = structs.RollbackStruct(unit=index, coupled=bool(coupled_inputs(group, step)))
+        unit.repeats = 1
         found.roles = role.ctypes.data
         fmu = components.stepped_fmu(step.component)
         if fmu is None:
@@ -203,11 +202,22 @@ class MacroBinding:
             *starts, effort.target.size, bond.residual.start, effort.gain, flow.gain,
         )  # fmt: skip
 
+    def loop_failure(self, name: str) -> str:
+        """What is said of the algebraic loop that begins at a component, after it was given up."""
+        return next(
+            loops.failure(i)
+            for loops in self._found_loops
+            for i, one in enumerate(loops.sets)
+            if one.names[0] == name
+        )
+
     def facts(self) -> list[dict[str, Any]]:
         """What each group has done: steps by their sizes (s), kept and done again."""
         return [
-            _facts(self._plan, group, macro, bonds)
-            for group, macro, bonds in zip(self._plan.groups, self.macros, self._bonds, strict=True)
+            _facts(self._plan, group, macro, bonds) | {"loops": loops.facts()}
+            for group, macro, bonds, loops in zip(
+                self._plan.groups, self.macros, self._bonds, self._found_loops, strict=True
+            )
         ]
 
 

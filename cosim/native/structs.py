@@ -11,7 +11,7 @@ from pathlib import Path
 from cosim.base.errors import CosimError
 from cosim.native.fmu_log import Log
 
-ABI = 23
+ABI = 24
 
 
 class Code(IntEnum):
@@ -71,6 +71,7 @@ class EngineResult(IntEnum):
     SOLVER = 15
     LOST = 16
     STATE = 17
+    LOOP = 18
 
 
 class StateMove(IntEnum):
@@ -114,6 +115,9 @@ TEXTS = c.CFUNCTYPE(c.c_int32)
 TEXT_ACCESS = c.CFUNCTYPE(c.c_int, c.c_void_p, c.c_void_p, c.c_size_t, c.POINTER(c.c_double))
 #: ``MACRO_LEVELS``: how often a period may be halved, with no time at all.
 MACRO_LEVELS = 31
+
+#: ``LOOP_PASSES``: passes over an algebraic loop in a macro step, at most.
+LOOP_PASSES = 100
 
 
 class OperationStruct(c.Structure):
@@ -393,12 +397,23 @@ class BondStruct(c.Structure):
     )
 
 
+class LoopStruct(c.Structure):
+    """``loop_t``."""
+
+    _fields_ = (
+        *((n, c.c_void_p) for n in ("members", "outputs", "places", "memory")),
+        *((n, c.c_int64) for n in ("n_members", "n_outputs", "n_fed_back")),
+        *((n, c.c_int64) for n in ("n_kept", "kept", "solved", "passes")),
+        ("left", c.c_double),
+    )
+
+
 class MacroStruct(c.Structure):
     """``macro_t``."""
 
     _fields_ = (
-        *((n, c.c_void_p) for n in ("members", "wires", "bonds", "memory", "direct")),
-        ("n_direct", c.c_int64),
+        *((n, c.c_void_p) for n in ("members", "wires", "bonds", "memory", "direct", "loops")),
+        *((n, c.c_int64) for n in ("n_loops", "n_direct")),
         *((n, c.c_int64) for n in ("n_members", "n_wires", "n_bonds", "n_inputs", "n_outputs")),
         *((n, c.c_int64) for n in ("period", "steps", "rejections", "size")),
         *((n, c.c_double) for n in ("tolerance", "absolute", "error")),
@@ -492,6 +507,7 @@ def library() -> c.CDLL:
         *(ExchangeStruct, SegmentStruct, FailureStruct, TeamStruct),
         *(MemberStruct, StretchStruct, ColumnsStruct, SenderStruct, PartStruct),
         *(BlockStruct, RollbackStruct, BondStruct, MacroStruct, SpanStruct, ReceivedStruct),
+        LoopStruct,
     )
     expected = [c.sizeof(t) for t in structs]
     found = [engine.engine_sizes(i) for i in range(len(expected))]

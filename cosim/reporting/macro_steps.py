@@ -35,6 +35,14 @@ def macro_lines(groups: Sequence[Mapping[str, Any]]) -> list[tuple[str, str]]:
             )
             for bond in group["bonds"]
         ]
+        found += [
+            (
+                "algebraic loop",
+                f"{loop['passes'] / loop['solved']:.3g} passes each time  {_names(loop)}",
+            )
+            for loop in group["loops"]
+            if loop["solved"]
+        ]
     return found
 
 

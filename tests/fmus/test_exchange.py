@@ -284,6 +284,34 @@ def test_its_directional_derivatives_solve_a_loop_at_the_start(
     assert any(x is not None for x in given) == known
 
 
+@pytest.mark.parametrize("exchange", [False, True])
+@EVERY
+def test_a_loop_through_its_feedthrough_is_solved_in_macro_steps(
+    version: Version, exchange: bool
+) -> None:
+    """q_h = -2 tau_h and tau_h = -k_p (q - q_h): plain passes diverge, by 8 and 6."""
+    model = exchanged(planar2r.model()) if exchange else planar2r.model()
+    arm_ = {
+        "model": str(find(model, version)),
+        "parameters": {"q": [0.4, -0.8], "k_p": [4.0, 3.0]},
+        "inputs": {"q_h": {"from": "gain.y", "gain": -1.0}},
+    } | ({"solver": "rk4"} if exchange else {})
+    gain = {"model": f"{__name__}:Doubled", "inputs": {"u": "arm.tau_h"}}
+    document = {
+        "run": {"step": 0.01, "stop": 0.5, "algorithm": "adaptive"},
+        "components": {"arm": arm_, "gain": gain},
+    }
+    plan = assemble(scenario(document, Path("exchange.toml").absolute()))
+    rows = np.empty((plan.ticks, plan.n_signals))
+    with Engine(plan) as engine:
+        engine.initialize()
+        engine.run(plan.ticks, rows)
+    tau, q = (rows[:, plan.slots()[f"arm.{name}"].start :][:, :2] for name in ("tau_h", "q"))
+    assert np.ptp(q[:, 0]) > 0.01
+    stiffness = np.array([4.0, 3.0])
+    assert tau == pytest.approx(-stiffness * q / (1.0 + 2.0 * stiffness), rel=1e-4)
+
+
 class Doubled:
     """y = 2 u at once, from N.m to rad."""
 
@@ -300,3 +328,9 @@ class Doubled:
 
     def step(self, t: float, h: float, u: Any) -> Any:
         return self.initial(u)
+
+    def get_state(self) -> Any:
+        """It has none."""
+
+    def set_state(self, state: Any) -> None:
+        """Nothing to do."""

@@ -86,7 +86,8 @@ CONSTANTS = {
 }  # fmt: skip
 ENGINE_CONSTANTS = {
     "ENGINE_ABI": cosim.native.structs.ABI, "LOG_LINES": cosim.native.fmu_log.LOG_LINES,
-    "LOG_WIDTH": cosim.native.fmu_log.LOG_WIDTH, "MUJOCO_TEXT": cosim.mujoco.library.TEXT,
+    "LOG_WIDTH": cosim.native.fmu_log.LOG_WIDTH, "LOOP_PASSES": cosim.native.structs.LOOP_PASSES,
+    "MACRO_LEVELS": cosim.native.structs.MACRO_LEVELS, "MUJOCO_TEXT": cosim.mujoco.library.TEXT,
 }  # fmt: skip
 #: NumPy rows that C reads and writes in memory.
 BUS_ROWS = {

@@ -52,17 +52,17 @@ class RepeatedEngine:
         Raises CosimError as the engine does.
         """
         engine, start, recorded = self._engine, self._start, tuple(columns)
-        if engine and start and recorded == self._columns and _fits(start.plan, plan):
-            try:
+        try:
+            if engine and start and recorded == self._columns and _fits(start.plan, plan):
                 self._again(engine, start, plan)
-            except BaseException:
-                self.close()
-                raise
-            return engine
-        self.close()
-        self._columns = recorded
-        self._engine = engine = Engine(plan, columns=recorded, longest=LONGEST)
-        engine.initialize()
+                return engine
+            self.close()
+            self._columns = recorded
+            self._engine = engine = Engine(plan, columns=recorded, longest=LONGEST)
+            engine.initialize()
+        except BaseException:
+            self.close()
+            raise
         if can_rewind(engine.bound) and engine.ended is None:
             leave_out_constant_inputs(engine.bound)
             self._start = _saved(engine)

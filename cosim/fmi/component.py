@@ -94,6 +94,8 @@ class FmuComponent(FmuInterface):
         self.numbered = NumberedTexts()
         #: Time at which it is initialised, s.
         self.begin = 0.0
+        #: Whether the process of an isolated FMU stays for the next instance, until :meth:`end`.
+        self.stays = False
         self._instance: Instance | None = None
         self._remote: RemoteInstance | None = None
         self._ticked: dict[str, list[float]] = {}
@@ -219,8 +221,9 @@ class FmuComponent(FmuInterface):
         )  # fmt: skip
 
     def _instantiate(self, setup: Setup, logs: Iterator[fmu_log.Log]) -> Instance:
-        options, flags = self.options, self.description.flags
-        if flags.get("canBeInstantiatedOnlyOncePerProcess") and not options.isolate:
+        options = self.options
+        once = self.description.flags.get("canBeInstantiatedOnlyOncePerProcess")
+        if once and not options.isolate:
             self._private = tempfile.mkdtemp(prefix="cosim-")  # a copy is a library of its own
             setup = setup._replace(path=Path(shutil.copy2(setup.path, self._private)))
         room = LOG_ROOM if options.log else 0
@@ -233,9 +236,10 @@ class FmuComponent(FmuInterface):
         if options.isolate:
             slopes = self.inputs if self.sloped else ()
             scalars = sum(p.size for p in (*self.inputs, *self.outputs, *slopes))
-            from cosim.fmi.isolation.remote import RemoteInstance  # few runs need it
+            from cosim.fmi.isolation.remote import isolated  # few runs need it
 
-            self._remote = RemoteInstance(setup, options, scalars, room)
+            stays = self.stays and not once and not options.memory
+            self._remote = isolated(self._remote, setup, options, scalars, room, stays=stays)
             return self._remote
         instance = instantiate(setup, fmu_log.log(room=room) if room else next(logs))
         instance.numbered = self.numbered
@@ -399,6 +403,11 @@ class FmuComponent(FmuInterface):
         if self._private is not None:
             shutil.rmtree(self._private, ignore_errors=True)
             self._private = None
+
+    def end(self) -> None:
+        """End the process that stayed when its instance was freed; may be called twice."""
+        if self._instance is None and self._remote is not None:
+            self._remote.end()
 
     def facts(self) -> Mapping[str, str]:
         """Metadata of an FMU for a run."""

@@ -9,6 +9,7 @@ together (:mod:`cosim.engine.many`) do so, one in each place. The rows are those
 from __future__ import annotations
 
 import threading
+import weakref
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -77,6 +78,7 @@ class _RunPlace:
     def __init__(self, setup: StudySetup) -> None:
         self._setup, self._kept, self._repeated = setup, KeptComponents(), RepeatedEngine()
         self._last: _Prepared | None = None
+        self._close = weakref.finalize(self, _close, self._repeated, self._kept)
 
     def begin(self, point: Point) -> _Begun:
         """Raises CosimError, or whatever a component raises."""
@@ -102,9 +104,18 @@ class _RunPlace:
         again = last and can_reseed(document, plan)
         return _Prepared(others, plan, metrics, columns, every, again)
 
-    def close(self) -> None:
-        """Free the FMUs."""
+    def free(self) -> None:
+        """Free the FMUs. The processes of isolated ones wait for the next point."""
         self._repeated.close()
+
+    def close(self) -> None:
+        """Free the FMUs and end their processes, as otherwise happens when the thread ends."""
+        self._close()
+
+
+def _close(repeated: RepeatedEngine, kept: KeptComponents) -> None:
+    repeated.close()
+    kept.close()
 
 
 def _seed(settings: Sequence[str]) -> tuple[Sequence[str], int | None]:
@@ -149,24 +160,25 @@ def run_points(setup: StudySetup, points: Sequence[Point]) -> list[StudyRow]:
 
 
 def _run(setup: StudySetup, places: Sequence[_RunPlace], points: Sequence[Point]) -> list[StudyRow]:
-    """One point in each place."""
+    """At most as many points as there are places. Those that can join take one each."""
     watch = stopwatch()
     rows: list[StudyRow] = []
-    waiting: dict[int, _Begun] = {}
-    for i, (place, point) in enumerate(zip(places, points, strict=False)):
+    waiting: list[_Begun] = []
+    for point in points:
+        place = places[len(waiting)]
         try:
             begun = place.begin(point)
         except Exception as error:
             rows.append(failed_row(point, error))
             continue
         if can_join(begun.engine):
-            waiting[i] = begun
+            waiting.append(begun)
             continue
         rows += _measured(setup, [begun])
         if not can_rewind(begun.engine.bound):
-            place.close()  # not two of them at a time
-    for every in {begun.prepared.every for begun in waiting.values()}:
-        same = {i: begun.engine for i, begun in waiting.items() if begun.prepared.every == every}
+            place.free()  # not two of them at a time
+    for every in {begun.prepared.every for begun in waiting}:
+        same = {i: x.engine for i, x in enumerate(waiting) if x.prepared.every == every}
         for group in together(same):
             rows += _measured(setup, [waiting[i] for i in group])
     share = watch() / len(points)

@@ -26,6 +26,9 @@ class WorkerCalls(Protocol):
     def start(self, setup: Setup, room: int, limit: int) -> None:
         """Instantiate; `room`: bytes of the log, `limit`: MB of memory more than now, 0 for any."""
 
+    def rest(self) -> bool:
+        """Free the FMU; whether this process may have another instance: nothing went wrong."""
+
     def bind(self, layout: StepLayout) -> None:
         """Get ready to step."""
 

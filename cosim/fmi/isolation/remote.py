@@ -44,8 +44,9 @@ BYTES_WAKE = sys.platform != "linux"
 class RemoteInstance:
     """An instance in another process: the members of :class:`cosim.fmi.library.Instance`.
 
-    `scalars`: how many signals it has; `room`: bytes of its log. Raises FmuError when the process
-    ends or a call takes longer than `options.timeout` (s).
+    `scalars`: how many signals it has; `room`: bytes of its log. `stays`: when it is freed, its
+    process waits for another one (:meth:`again`). Raises FmuError when the process ends or a call
+    takes longer than `options.timeout` (s).
     """
 
     handle = broken = 0
@@ -53,10 +54,13 @@ class RemoteInstance:
     next_event = NEVER  # known where the FMU is
     next_ticks: Mapping[int, NextTick] = {}
 
-    def __init__(self, setup: Setup, options: FmuOptions, scalars: int, room: int) -> None:
+    def __init__(
+        self, setup: Setup, options: FmuOptions, scalars: int, room: int, *, stays: bool = False
+    ) -> None:
         if os.name != "posix":
             raise FmuError(f"{setup.name}: isolate needs Linux or macOS")
         self._name, self._stop = setup.name, c.c_int32()
+        self._scalars, self._room, self._stays, self._waiting = scalars, room, stays, False
         offset = -(-(c.sizeof(fmu_log.Log) + room) // 64) * 64
         size = offset + c.sizeof(Mailbox) + 8 * max(1, scalars)
         from multiprocessing.connection import Connection  # of no use to others, and slow to load
@@ -295,11 +299,45 @@ class RemoteInstance:
         return found
 
     def free(self) -> None:
+        """Free the FMU if it still answers, and end its process unless it stays.
+
+        May be called twice.
+        """
+        if self._waiting or (self._stays and self._rest()):
+            return
+        self.end()
+
+    def _rest(self) -> bool:
+        """Free the FMU in a process that goes on; whether it can have another instance."""
+        if self._ask.closed or self._process.poll() is not None:
+            return False
+        if Mailbox.from_address(self._end.box).stop:  # it was told to hurry, and still would
+            return False
+        self._end.stop = c.addressof(self._stop)  # that of the engine will be gone
+        try:
+            self._waiting = self._call("rest")
+        except FmuError:
+            return False
+        return self._waiting
+
+    def again(self, setup: Setup, scalars: int) -> bool:
+        """Make another instance where the process has waited for that; if not, it has to end.
+
+        Raises FmuError.
+        """
+        fits = self._waiting and scalars <= self._scalars and self._process.poll() is None
+        self._waiting = False
+        if fits:
+            self.log.forget()
+            self._call("start", setup, self._room, 0)
+        return fits
+
+    def end(self) -> None:
         """Free the FMU if it still answers, and end its process; may be called twice."""
         if self._ask.closed:
             return
         try:
-            if self._process.poll() is None:
+            if self._process.poll() is None and not self._waiting:
                 self._call("free")
         except FmuError:
             pass  # it is ended below in any case
@@ -309,6 +347,23 @@ class RemoteInstance:
         except subprocess.TimeoutExpired:
             self._kill()
         self._answers.close()
+
+
+def isolated(
+    last: RemoteInstance | None,
+    setup: Setup,
+    options: FmuOptions,
+    scalars: int,
+    room: int,
+    *,
+    stays: bool,
+) -> RemoteInstance:
+    """An instance in the process of the `last` one, which is freed, or in a new one."""
+    if last is not None:
+        if last.again(setup, scalars):
+            return last
+        last.end()
+    return RemoteInstance(setup, options, scalars, room, stays=stays)
 
 
 def _spawn(descriptor: int, size: int, offset: int, bytes_wake: int) -> subprocess.Popen[bytes]:

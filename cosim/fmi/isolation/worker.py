@@ -1,7 +1,7 @@
 """The process of an isolated FMU: it does what :mod:`cosim.fmi.isolation.remote` asks, to its end.
 
-It contains one FMU. Its memory is shared: the log first, so that it survives a crash, then the
-mailbox and the signals.
+It contains one FMU, of which it has one instance at a time. Its memory is shared: the log first, so
+that it survives a crash, then the mailbox and the signals.
 """
 
 from __future__ import annotations
@@ -44,9 +44,17 @@ class Worker:
             _limit(limit)
         self._instance = instantiate(setup, fmu_log.log(self._memory, room))
 
+    def rest(self) -> bool:
+        """Free the FMU; whether this process may have another instance: nothing went wrong."""
+        instance, self._instance = self._instance, None
+        assert instance is not None
+        instance.free()
+        return not instance.broken
+
     def bind(self, layout: StepLayout) -> None:
         """Get ready to step."""
         assert self._instance is not None
+        self._alive.clear()
         stop = c.addressof(self._box) + Mailbox.stop.offset
         self._unit = bind(self._instance, layout, self._alive, stop)
         self.end.unit = c.addressof(self._unit)

@@ -1,6 +1,6 @@
 """One run of a soak test: real nodes, faults drawn from a seed, and the checks of the run.
 
-Input and output are plain data; the run has its own process (:mod:`cosim.sweeps.workers`).
+Input and output are plain data; the run has its own process (:mod:`cosim.base.processes`).
 """
 
 from __future__ import annotations

@@ -16,9 +16,9 @@ from bridge.relay import namespaces
 from bridge.results.verdict import Word
 from cosim.base.errors import ScenarioError
 from cosim.base.interrupts import stop_on_signal
+from cosim.base.processes import processes, spread
 from cosim.engine.simulate import versions
 from cosim.sweeps import store as stores
-from cosim.sweeps import workers
 from cosim.sweeps.execute import PlannedRuns
 from cosim.sweeps.run_point import StudyRow
 from cosim.sweeps.store import Store
@@ -113,9 +113,9 @@ def _run(
         pressed.append(True)
         observer.stopping()
 
-    opened = partial(workers.processes, parallel)
+    opened = partial(processes, parallel)
     with stop_on_signal(stop):
-        for k, result in workers.spread(opened, perform, todo, lambda: bool(pressed)):
+        for k, result in spread(opened, perform, todo, lambda: bool(pressed)):
             if isinstance(result, str):
                 result = StudyRow(
                     f"{k:05d}", {"faults": "", "verdict": str(Word.ERROR)}, (), False, result

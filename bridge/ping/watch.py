@@ -25,8 +25,8 @@ from bridge.ping.measure import LINGER_NS
 from bridge.ping.report import values
 from cosim.base.clock import realtime_offset_ns
 from cosim.base.errors import RunError, ScenarioError, UnitError
+from cosim.base.processes import spawned
 from cosim.base.units import quantity
-from cosim.comparison.pool import spawned
 
 #: What an alarm may compare, and its unit; delays are of the round trip.
 QUANTITIES = {

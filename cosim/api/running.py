@@ -113,10 +113,11 @@ def sweep(
     """
     from functools import partial
 
-    from cosim.sweeps import execute, workers
+    from cosim.base.processes import processes
+    from cosim.sweeps import execute
     from cosim.sweeps.study import load_study
 
-    opened = partial(workers.processes, jobs)
+    opened = partial(processes, jobs)
     return execute.sweep(
         load_study(Path(study)), out, opened, resume=resume, limit=limit, done=each
     )

@@ -13,9 +13,9 @@ import typer
 from cosim.cli.options import Json, Plot, Quiet, Strict
 
 if TYPE_CHECKING:
+    from cosim.base.processes import Opened
     from cosim.sweeps.execute import PlannedRuns
     from cosim.sweeps.run_point import StudyRow
-    from cosim.sweeps.workers import Opened
 
 #: Seconds between two lines of progress where there is no terminal.
 _EVERY = 10.0
@@ -114,13 +114,14 @@ def _workers(kind: str, jobs: int, scheduler: str) -> Opened:
     from functools import partial
 
     from cosim.base.errors import ScenarioError
+    from cosim.base.processes import processes
     from cosim.sweeps import workers
 
     if scheduler:
         return partial(workers.cluster, scheduler)
     if kind not in ("processes", "threads"):
         raise ScenarioError(f"--workers {kind!r}: expected processes or threads")
-    return partial(workers.processes if kind == "processes" else workers.threads, jobs)
+    return partial(processes if kind == "processes" else workers.threads, jobs)
 
 
 class Progress:

@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import product
 from pathlib import Path
+from typing import TypeVar
 
+from cosim.base.interrupts import stop_on_signal
+from cosim.base.processes import processes, spread
 from cosim.comparison.documents import Base, Case, scenario
 from cosim.comparison.measure import CaseOutcome, Task, failed_case, run_case
-from cosim.comparison.pool import spread
 from cosim.comparison.port_columns import PortOutcome, PortTask, run_port
 from cosim.comparison.same_links import Tables
 from cosim.comparison.variants import ComparisonSelection, MetricColumn, PortMeasure, Variants
+
+T = TypeVar("T")
+R = TypeVar("R")
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,19 +81,35 @@ def compare(
     ports = _port_tasks(base, variants, chosen, seeds)
     tables, found, told = Tables(), dict[Case, CaseOutcome](), 0
     total = len(tasks) + len(ports)
-    for task, result in spread(run_case, tasks, jobs):
-        found[task.case] = result or failed_case(task.case, "its process died: a component crashed")
+    for task, result in _each(run_case, tasks, jobs):
+        found[task.case] = failed_case(task.case, result) if isinstance(result, str) else result
         while told < len(tasks) and tasks[told].case in found:  # in order, whoever was done first
             outcome = found[tasks[told].case]
             tables.add(outcome.case, outcome.tables)
             found[outcome.case] = outcome.without_tables()
             told += 1
         progress(len(found), total)
-    for done, (port, measured) in enumerate(spread(run_port, ports, jobs), len(found) + 1):
-        _add(found, port, measured or PortOutcome(reason="its process died: a component crashed"))
+    for done, (port, measured) in enumerate(_each(run_port, ports, jobs), len(found) + 1):
+        _add(found, port, PortOutcome(reason=measured) if isinstance(measured, str) else measured)
         progress(done, total)
     outcomes = tuple(found[task.case] for task in tasks)
     return Comparison(base, variants, chosen, tuple(seeds), outcomes, tables)
+
+
+def _each(function: Callable[[T], R], tasks: Sequence[T], jobs: int) -> Iterator[tuple[T, R | str]]:
+    """(task, result) as they are done; a text instead of the result if its process died.
+
+    One job is done in this process, where nothing holds off a crash. Raises what `function` raises,
+    and KeyboardInterrupt after the calls that run have ended.
+    """
+    if jobs < 2:
+        for task in tasks:
+            yield task, function(task)
+        return
+    pressed: list[bool] = []
+    with stop_on_signal(lambda: pressed.append(True)):
+        opened = partial(processes, jobs)
+        yield from spread(opened, function, tasks, lambda: bool(pressed))
 
 
 def _port_tasks(

@@ -14,6 +14,7 @@ from pathlib import Path
 from cosim.base.errors import CosimError, ScenarioError
 from cosim.base.interrupts import stop_on_signal
 from cosim.base.names import unknown
+from cosim.base.processes import Opened, Pool, spread
 from cosim.engine.simulate import versions
 from cosim.fmi import components
 from cosim.native import structs
@@ -30,7 +31,6 @@ from cosim.sweeps.store import Store
 from cosim.sweeps.study import Study
 from cosim.sweeps.table import SweepTable
 from cosim.sweeps.tasks import Tasks
-from cosim.sweeps.workers import Opened, Pool, spread
 
 STUDY, RUNS = "study.toml", "runs"
 
@@ -69,7 +69,7 @@ def sweep(
     """Execute the runs that `folder` does not contain, at most `limit`; return the complete table.
 
     With `retry`, which resumes like `resume`, failed runs are repeated. `opened` opens the workers
-    (see :mod:`cosim.sweeps.workers`). `checked` is called with the plan of the first run before the
+    (see :mod:`cosim.base.processes`). `checked` is called with the plan of the first run before the
     folder exists, and may raise CosimError. `begun` is called once, `done` with every row,
     `stopping` at the first Ctrl-C; KeyboardInterrupt is raised when the active runs have ended
     (after a second Ctrl-C, immediately). Raises CosimError for a study that cannot be run, and for

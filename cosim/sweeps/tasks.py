@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from itertools import islice
 
+from cosim.base.processes import Pool
 from cosim.sweeps.batch import PLACES
 from cosim.sweeps.design import Point
 from cosim.sweeps.run_point import StudyRow
-from cosim.sweeps.workers import Pool
 
 #: How long a task should take, s: what is lost with a worker, and how often a row is seen.
 SECONDS = 0.5

@@ -14,13 +14,13 @@ import numpy as np
 import pytest
 
 from cosim.base.errors import CosimError
+from cosim.base.processes import Pool
 from cosim.sweeps.boundary import regions
 from cosim.sweeps.execute import check
 from cosim.sweeps.run_point import StudyRow, job
 from cosim.sweeps.search import Search
 from cosim.sweeps.study import Study, load_study
 from cosim.sweeps.table import SweepTable
-from cosim.sweeps.workers import Pool
 from tests.cli.command import Command
 from tests.cosim.sweeps.studies import STUDY, written
 from tests.cosim.sweeps.test_sweep import table

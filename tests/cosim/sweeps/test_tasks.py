@@ -7,11 +7,12 @@ from math import nan
 
 import pytest
 
+from cosim.base.processes import Pool
 from cosim.sweeps.batch import PLACES
 from cosim.sweeps.design import Point
 from cosim.sweeps.run_point import StudyRow
 from cosim.sweeps.tasks import MOST, SECONDS, Tasks
-from cosim.sweeps.workers import LEAST, Pool
+from cosim.sweeps.workers import LEAST
 
 
 def tasks(count: int, slots: int, least: int = 1, wall: float = nan) -> list[int]:

@@ -140,7 +140,7 @@ uint32_t frame_rank(const can_frame_t *frame);
 void refresh(bus_t *b, int32_t node);
 void drop(bus_t *b, int32_t node, int32_t slot, int32_t cause);
 void release(bus_t *b, int32_t node, int32_t slot);
-/* Requests up to and with `until` go from the inboxes to the queues; 0: the output is full. */
+/* Requests up to and with `until` go from the inboxes to the queues; 0: the output has no room for a step. */
 int32_t drain(bus_t *b, int64_t until);
 void next_inbox(bus_t *b, int32_t node);
 /* The slot of the first frame in a node's queue that was requested up to `t`, or NO_SLOT. */

@@ -167,5 +167,5 @@ int32_t drain(bus_t *b, int64_t until)
         }
         b->next_request = at < turn.others ? at : turn.others;
     }
-    return 1;
+    return has_room(b);
 }

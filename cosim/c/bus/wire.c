@@ -132,11 +132,11 @@ static void sample(bus_t *b)
 int32_t wire_step(bus_t *b, int64_t until)
 {
     if (!b->sampling) {
-        if (b->t >= until || !drain(b, b->t) || !has_room(b))
+        if (b->t >= until || !drain(b, b->t))
             return 0;
         drive(b);
     }
-    if (b->t_end > until || !drain(b, b->t_end - 1) || !has_room(b))
+    if (b->t_end > until || !drain(b, b->t_end - 1))
         return 0;
     sample(b);
     return 1;

@@ -81,3 +81,21 @@ def test_stamps_are_those_of_the_arrival(pair):
     pair.send(1, 2, 3)
     first, second, third = pair.bus.drain()
     assert 0 < first.t_ns < second.t_ns < third.t_ns
+
+
+def test_frames_for_which_the_socket_had_no_room_are_counted():
+    """By the kernel, since the socket was made. UDP has the same counter as SocketCAN."""
+    with (
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as here,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as there,
+    ):
+        here.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 0)  # the least that there is
+        here.bind(("127.0.0.1", 0))
+        bus, got = Bus.from_socket(here.fileno()), 0
+        for sent in (100, 200, 300):
+            for _ in range(100):
+                there.sendto(struct.pack("=IB3x8s", 0x100, 8, bytes(8)), here.getsockname())
+            got += len(bus.drain())
+            there.sendto(struct.pack("=IB3x8s", 0x100, 8, bytes(8)), here.getsockname())
+            got += len(bus.drain())  # it comes with the number lost before it
+            assert 0 < bus.struct.overruns == sent + sent // 100 - got

@@ -126,6 +126,13 @@ def test_reordered_comes_right_behind_the_next():
     assert injector.hits() == (4,)
 
 
+def test_reordered_comes_in_the_place_of_the_next_if_that_is_lost():
+    first = rule(native.REORDER, b=1.0, t1_ns=MS)
+    second = rule(native.DROP, t0_ns=MS, t1_ns=2 * MS)
+    out = through(Injector([first, second]), [frame(n) for n in range(4)])
+    assert [(t, n) for t, n, _ in out] == [(1, 0), (2, 2), (3, 3)]
+
+
 def test_reordered_waits_no_longer_than_b():
     injector = Injector([rule(native.REORDER, b=0.005)])
     assert [(t, n) for t, n, _ in through(injector, [frame(0), frame(20)])] == [(5, 0), (25, 20)]

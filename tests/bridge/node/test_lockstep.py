@@ -9,10 +9,13 @@ from hypothesis import strategies as st
 
 from bridge.deployment.system import load_system
 from bridge.native import lockstep as native
+from bridge.native import node as nodes
 from bridge.node import lockstep
+from bridge.node.control import Control
 from bridge.rehearsal.settings import ScheduledEvent
 from bridge.replay import replay, twin
 from cosim.base.errors import ScenarioError
+from tests.bridge.deployments import one_node, system_of
 from tests.bridge.zenoh.rehearsed import CONFIGS, Rehearsed, collect, prepared, sockets
 
 ARMS = ("master", "slave")
@@ -76,6 +79,18 @@ def is_the_twin(found: Rehearsed, folder: Path) -> None:
     assert set(expected) == set(found.rows)
     for node, rows in expected.items():
         assert rows.tobytes() == found.rows[node].tobytes(), node
+
+
+def test_a_node_without_peers_is_the_twin_and_ends_with_its_last_slot(tmp_path: Path):
+    parts = ["master", "master_control", "slave", "slave_control"]
+    system = system_of(one_node(parts), tmp_path, "run.stop=0.5")
+    with lockstep.Lockstep(system, "all", {}, tmp_path / "journal") as node:
+        Control(node.wired.struct).start(0)
+        assert node.run() == nodes.FINISHED
+        found, struct = node.wired.journal.rows.copy(), node.wired.struct
+        assert struct.slot == struct.slots == len(found) == node.wired.engine.tick
+    twin.simulate(system, tmp_path)
+    assert replay.load(tmp_path)["all"].tobytes() == found.tobytes()
 
 
 @pytest.mark.slow

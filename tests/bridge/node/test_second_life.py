@@ -94,6 +94,19 @@ def test_a_node_that_cannot_join_a_run_ends_before_its_first_slot(tmp_path, monk
     assert not bench.struct.begun
 
 
+def test_a_life_that_joins_begins_with_a_slot_for_which_it_is_ready_in_time(tmp_path):
+    """What it takes to get ready, `lead_ns`, comes on top of the time at which it joins."""
+    since = 500_000_000
+    with Bench(tmp_path) as bench:
+        s = bench.struct
+        s.lead_ns = 5_000_000_000
+        bench.heard()
+        bench.control.start(monotonic_ns() - since)
+        until(lambda: s.begun)
+    assert s.first % bench.wired.plan.plan.components[0].period == 0
+    assert s.first * s.h_ns + s.phase_ns >= since + s.lead_ns + s.h_ns
+
+
 def test_a_life_that_is_stopped_while_it_joins_ramps_down_in_its_first_slots(tmp_path, monkeypatch):
     goes_on = threading.Event()
     with Bench(tmp_path) as bench:

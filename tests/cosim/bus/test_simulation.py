@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cosim.bus.frames import (
+    REQUEST,
     BusEvent,
     BusFrame,
     ControllerState,
@@ -338,6 +339,7 @@ def test_one_shot_abort_filters_and_the_receive_fifo():
     assert causes[0] == causes[1] == DropCause.ONE_SHOT
     assert causes[waiting[3]] == DropCause.ABORTED
     assert causes[waiting[1]] == DropCause.RECEIVE_OVERFLOW
+    assert not any(b.abort(1, request) for request in waiting), "these are over"
     assert of(events, BusEvent.SENT)["request"].tolist() == waiting[:3]
     received = of(events, BusEvent.RECEIVED, node=2)
     assert [b.frame(e).data for e in received] == [bytes([i]) for i in range(3)]
@@ -352,6 +354,47 @@ def test_a_request_at_the_present_takes_part():
     assert b.advance(5 * BIT).size == 0
     b.request(1, 5 * BIT, BusFrame(0x100))
     assert of(b.advance(10**9), BusEvent.SENT)["node"].tolist() == [1, 0]
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_frame_may_be_requested_as_late_as_at_its_time(seed):
+    """What is sent, lost and dropped is as if it had been requested long before, errors included."""
+    found = []
+    for late in (False, True):
+        random = np.random.default_rng(seed)
+        nodes = [BusNodeSettings(f"n{i}", QueueKind(i), 1 + i) for i in range(3)]
+        b = SimulatedBus(ONE, nodes, disturbances=[ErrorRate(1e-3)], seed=seed)
+        parts, at = [], 0
+        for _ in range(300):
+            at += int(random.choice([0, 1, 2, 3, 45, 50, 55])) * BIT
+            if late:
+                parts.append(b.advance(at))
+            name, data = random.integers([0, 0], [3, 2])
+            b.request(int(random.integers(3)), at, BusFrame(int(name), bytes(data)))
+        parts.append(b.advance(at + 1000 * BIT))
+        found.append(np.concatenate(parts))
+        found[-1]["frame"] = 0
+        kinds = {int(kind) for kind in found[-1]["kind"]}
+        assert kinds > {BusEvent.SENT, BusEvent.LOST, BusEvent.DROPPED, BusEvent.ERROR}
+    assert found[0].tolist() == found[1].tolist()
+
+
+def test_requests_of_the_time_at_which_a_bus_becomes_free_come_after_those_before():
+    """The nodes' queues are full: what is requested last, of the first node, is dropped first."""
+    found = []
+    for late in (False, True):
+        b = SimulatedBus(ONE, [BusNodeSettings(name, queue_length=1) for name in "ab"])
+        free, parts = 56 * BIT, []
+        for at in (0, free - 2 * BIT, free):
+            b.request(1, at, BusFrame(0x123, b"\x11"))
+        b.request(0, free - 2 * BIT, BusFrame(0x124))
+        if late:
+            parts.append(b.advance(free))
+        b.request(0, free, BusFrame(0x125))
+        parts.append(b.advance(1000 * BIT))
+        dropped = of(np.concatenate(parts), BusEvent.DROPPED)
+        found.append(dropped[["time", "node"]].tolist())
+    assert found[0] == found[1] == [(free, 0), (free, 1)]
 
 
 def test_a_short_circuit_and_a_broken_wire():
@@ -380,6 +423,10 @@ def test_what_cannot_be_requested_is_said():
         b.request(2, 10, BusFrame(1))
     with pytest.raises(BusSimulationError, match="FD frame on a classic bus"):
         b.request(0, 10, BusFrame(1, b"", BRS))
+    with pytest.raises(BusSimulationError, match="of frames that CAN has"):
+        row = (10, 0, 0, BusFrame(1, b"", BRS).row())
+        row[3]["flags"] |= BusFrame(1, b"", FrameFormat(remote=True)).flags
+        bus(2, FD).request_many(np.array([row], REQUEST))
     with pytest.raises(BusSimulationError, match="10 ps"):
         b.advance(9)
     with pytest.raises(BusSimulationError, match="rate"):
@@ -459,6 +506,28 @@ def test_a_reset_in_the_middle_does_not_depend_on_the_path(seed, bits):
         ends.append(events)
         assert (b.whole_frames == 0) == single or not len(of(events, BusEvent.SENT))
     assert ends[0].tolist() == ends[1].tolist()
+
+
+@pytest.mark.parametrize("after", [0, 1])
+@pytest.mark.parametrize("kind", [BusEvent.STARTED, BusEvent.LOST])
+def test_a_reset_repeats_no_event_of_the_transmission_that_it_meets(kind, after):
+    """At the time of an event of arbitration, and right behind it."""
+    found = []
+    for reset in (False, True):
+        b = bus(3)
+        b.request(0, 5 * BIT, BusFrame(0x100))
+        b.request(1, 5 * BIT, BusFrame(0x101))
+        if reset:
+            first = b.advance(int(of(found[0], kind)["time"][0]) + after)
+            b.reset(2)
+            events = np.concatenate([first, b.advance(50 * BIT)])
+        else:
+            events = b.advance(50 * BIT)
+        found.append(events)
+    starts = [of(events, BusEvent.STARTED) for events in found]
+    losses = [of(events, BusEvent.LOST) for events in found]
+    assert len(starts[0]) == 2 and len(losses[0]) == 1
+    assert (starts[1].tolist(), losses[1].tolist()) == (starts[0].tolist(), losses[0].tolist())
 
 
 def test_looking_for_the_next_event_changes_nothing() -> None:

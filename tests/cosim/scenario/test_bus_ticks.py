@@ -179,6 +179,28 @@ def test_requests_of_one_time_stay_in_the_order_of_the_frames(tmp_path, node):
         assert encoded[name].tobytes() == rows.tobytes()
 
 
+@pytest.mark.parametrize("name", ["first", "zeros"])
+@pytest.mark.parametrize("data", ["zeros", "float64"])
+def test_frames_of_one_fifo_and_one_time_stay_in_the_order_of_their_links(tmp_path, name, data):
+    """Two of links from one component, its values in one or in both, before or behind the other."""
+    third = f"""[components.c]
+model = "tests.cosim.blocks:Gain"
+[[links]]
+name = "{name}"
+from = "plant.y"
+to = "c.u"
+bus = "can0"
+frame = {{ id = 0x90, bytes = 8, data = "zeros" }}
+"""
+    put = {"2.3 ms": "0 ms", 'name = "urgent"': 'name = "nobody"'}
+    ahead, _, _ = tables_of(tmp_path, FIFO + OWN + third, **put)
+    third = third.replace("zeros\" }", data + "\" }")
+    encoded, _, plan = tables_of(tmp_path, FIFO + OWN + third, 'data = "float64"', **put)
+    assert plan.buses and len(ahead) == 3
+    for link, rows in ahead.items():
+        assert encoded[link].tobytes() == rows.tobytes()
+
+
 WAVE = """
 title = "Bits that are signals"
 [run]

@@ -76,6 +76,11 @@ class Gate:
 
     # ---- what it is told ----
 
+    def next(self, message):
+        """The number of the sample that is sent next: no test has said it before."""
+        carried = self.system.messages[message]
+        return (monotonic_ns() - self.start_ns - carried.offset_ns) // carried.period_ns + 1
+
     def put(self, bus, frame):
         frame.t_ns = monotonic_ns()
         self.rings[bus][0].put(frame)

@@ -272,7 +272,7 @@ def test_a_driver_that_fails_is_a_bus_that_is_down_until_it_works(monkeypatch):
             sleep(0.002)
 
     with monkeypatch.context() as unplugged:
-        unplugged.setattr(can.interfaces.virtual.VirtualBus, "_recv_internal", broken)
+        unplugged.setattr("can.interfaces.virtual.VirtualBus._recv_internal", broken)
         attached = attach(CanBusSpec("a", "virtual", f"contract{next(CHANNELS)}"))
         wait_for(BusState.DOWN)
         assert attached.health(0).sentence() == "a: down, unplugged"

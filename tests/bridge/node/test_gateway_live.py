@@ -27,30 +27,32 @@ def gate(tmp_path_factory):
 
 
 def test_number_time_status_and_values_go_on_at_once(gate):
-    slot = gate.struct.slot
-    gate.say("LINK_2", 3, [1, 2, 0.25, -0.5], SAMPLE | Status.DEADMAN)
+    slot, number = gate.struct.slot, gate.next("LINK_2")
+    gate.say("LINK_2", number, [1, 2, 0.25, -0.5], SAMPLE | Status.DEADMAN)
     ((values, header),) = gate.heard("xi_master")
     assert values == [0.25, -0.5]
-    assert (header.counter, header.t_us) == (3, 15_500)
+    assert (header.counter, header.t_us) == (number, number * 5000 + 500)
     assert header.status == SAMPLE | Status.DEADMAN
     assert gate.struct.slot == slot  # not in one of its slots
 
 
 def test_a_counter_of_eight_bits_goes_on_unwrapped(gate):
-    gate.say("LINK_2", 260, [1, 2, 3, 4])
+    number = max(gate.next("LINK_2"), 260)
+    gate.say("LINK_2", number, [1, 2, 3, 4])
     ((_, header),) = gate.heard("xi_master")
-    assert header.counter == 260 and header.t_us == 260 * 5000 + 500
+    assert header.counter == number and header.t_us == number * 5000 + 500
 
 
 def test_what_comes_late_keeps_its_number(gate):
-    gate.say("xi_slave", 262, [0.5, 1.5], late=0.9)
+    number = gate.next("xi_slave")
+    gate.say("xi_slave", number, [0.5, 1.5], late=0.9)
     ((values, header),) = gate.heard("XI_4")
-    assert values == [0.5, 1.5] and header.counter == 262 % 256
-    assert header.t_us == 262 * 5000 + 500
+    assert values == [0.5, 1.5] and header.counter == number % 256
+    assert header.t_us == number * 5000 + 500
 
 
 def test_a_stamp_ahead_of_the_clock_waits_for_no_slot(gate):
-    carried, number = gate.system.messages["LINK_2"], 400
+    carried, number = gate.system.messages["LINK_2"], gate.next("LINK_2")
     header = Header(number, SAMPLE, number * 5000 + 500)
     frame = carried.encoding.frame([0, 0, 8, 8], header, monotonic_ns() + 100_000_000)
     gate.rings["left"][0].put(frame)
@@ -58,22 +60,25 @@ def test_a_stamp_ahead_of_the_clock_waits_for_no_slot(gate):
 
 
 def test_what_is_refused_does_not_go_on(gate):
-    gate.say("LINK_2", 600, [0, 0, 1, 1])
+    number = gate.next("LINK_2")
+    link, xi = (gate.wired.receivers[name] for name in ("LINK_2", "xi_slave"))
+    accepted, sent = link.ok, gate.wired.forwards["xi_master"].sent
+    gate.say("LINK_2", number, [0, 0, 1, 1])
     assert len(gate.heard("xi_master")) == 1
-    wrong = Frame.from_buffer_copy(gate.say("LINK_2", 600, [0, 0, 2, 2]))  # repeated
+    wrong = Frame.from_buffer_copy(gate.say("LINK_2", number, [0, 0, 2, 2]))  # repeated
     wrong.data[12] ^= 1
     gate.put("left", wrong)
-    gate.say("LINK_2", 598, [0, 0, 3, 3])  # older
-    gate.say("LINK_2", 601, [0, 0, float("nan"), 0])
-    gate.say("xi_slave", 603, [float("inf"), 0])
-    gate.say("xi_slave", 604, [7, 7], late=2.2)  # beyond max_age
-    gate.say("LINK_2", 1100, [0, 0, 5, 5])
+    gate.say("LINK_2", number - 2, [0, 0, 3, 3])  # older
+    gate.say("LINK_2", number + 1, [0, 0, float("nan"), 0])
+    number = gate.next("xi_slave")
+    gate.say("xi_slave", number, [float("inf"), 0])
+    gate.say("xi_slave", number + 1, [7, 7], late=2.2)  # beyond max_age
+    gate.say("LINK_2", gate.next("LINK_2"), [0, 0, 5, 5])
     assert [values for values, _ in gate.heard("xi_master")] == [[5, 5]]
     assert gate.heard("XI_4", 0) == []
-    link, xi = (gate.wired.receivers[name] for name in ("LINK_2", "xi_slave"))
     assert (link.repeated, link.crc, link.reordered) == (1, 1, 1)
     assert link.invalid == xi.invalid == xi.stale == 1
-    assert gate.wired.forwards["xi_master"].sent == link.ok
+    assert gate.wired.forwards["xi_master"].sent - sent == link.ok - accepted == 2
 
 
 def test_senders_that_do_not_run_yet_are_seen_behind_it(gate):

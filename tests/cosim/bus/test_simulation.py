@@ -358,7 +358,7 @@ def test_a_request_at_the_present_takes_part():
 
 @pytest.mark.parametrize("seed", range(6))
 def test_a_frame_may_be_requested_as_late_as_at_its_time(seed):
-    """What is sent, lost and dropped is as if it had been requested long before, errors included."""
+    """What is sent, lost and dropped is as if requested long before, errors included."""
     found = []
     for late in (False, True):
         random = np.random.default_rng(seed)

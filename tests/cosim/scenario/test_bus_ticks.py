@@ -194,7 +194,7 @@ frame = {{ id = 0x90, bytes = 8, data = "zeros" }}
 """
     put = {"2.3 ms": "0 ms", 'name = "urgent"': 'name = "nobody"'}
     ahead, _, _ = tables_of(tmp_path, FIFO + OWN + third, **put)
-    third = third.replace("zeros\" }", data + "\" }")
+    third = third.replace('zeros" }', data + '" }')
     encoded, _, plan = tables_of(tmp_path, FIFO + OWN + third, 'data = "float64"', **put)
     assert plan.buses and len(ahead) == 3
     for link, rows in ahead.items():

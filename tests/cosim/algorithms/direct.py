@@ -119,3 +119,34 @@ def solution(components, t):
     given = [spec["parameters"] for spec in components.values()]
     x = np.array([values["x"] + t * values["v"] for values in given])
     return np.linalg.solve(np.eye(len(given)) - gains(components), x).T
+
+
+class Mixing(Drifting):
+    """The same of vectors, y = x + d M u: M mixes all scalars, and stretches some by 1."""
+
+    SIZE = 4
+    inputs = (Port("u", (SIZE,)),)
+    outputs = (Port("y", (SIZE,)), Port("z"))
+    parameters = tuple(Parameter(name, (0.0,)) for name in "xvd")
+
+    @classmethod
+    def matrix(cls):
+        """M, symmetric, (SIZE, SIZE): its eigenvalues are from -1 to 1."""
+        i = np.arange(cls.SIZE) + 0.5
+        modes = np.sqrt(2.0 / cls.SIZE) * np.sin(np.pi * np.outer(i, i) / cls.SIZE)
+        return modes @ np.diag(np.linspace(-1.0, 1.0, cls.SIZE)) @ modes.T
+
+    def initialize(self, values):
+        self.x, self.v, d = (float(values.get(name, 0.0)) for name in "xvd")
+        self.d, self.steps = d * self.matrix(), 0
+
+    def value(self, u):
+        return self.d @ u["u"] + 0.1 * np.arange(self.SIZE)
+
+
+class Wide(Mixing):
+    """More scalars than passes are remembered."""
+
+    SIZE = 25
+    inputs = (Port("u", (SIZE,)),)
+    outputs = (Port("y", (SIZE,)), Port("z"))

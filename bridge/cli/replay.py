@@ -125,7 +125,7 @@ def _offline(system: System, run: Path, rows: Mapping[Life, Rows]) -> NoReturn:
     from bridge.replay.page import write_diff_page
     from bridge.results.offline import recorded_inputs, run_offline
     from cosim.record import seal
-    from cosim.reporting.run_report import REPORT
+    from cosim.record.folder import REPORT
 
     given = ", ".join(inlet.target.name for _, inlet in recorded_inputs(system, rows)) or "no input"
     typer.echo(f"{'recorded inputs':<16} {given}; links whose samples all match use their tables")

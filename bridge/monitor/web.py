@@ -19,7 +19,7 @@ from bridge.monitor.live_page import EVENTS, LivePage
 from bridge.recording.live_run import LiveRun
 from cosim.base.clock import monotonic_ns
 from cosim.base.errors import RunError, ScenarioError
-from cosim.reporting.run_report import REPORT
+from cosim.record.folder import REPORT
 
 #: s between two looks at the run, pages at once, and looks that a slow page may lag behind.
 PERIOD, PAGES, BEHIND = 0.1, 8, 50

@@ -11,8 +11,6 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from cosim.estimate.local_error import ComponentError, Estimate
 
-FILE = "estimate.json"
-
 
 def lines(found: Estimate) -> list[str]:
     """The estimate as text: a line per component, omitted components with reasons, the advice."""
@@ -54,7 +52,9 @@ def _advice(found: Estimate) -> str:
 
 def write(found: Estimate, folder: Path) -> Path:
     """Everything, as JSON; numbers that are not finite become null."""
-    path = folder / FILE
+    from cosim.record.folder import ESTIMATE
+
+    path = folder / ESTIMATE
     path.write_text(json.dumps(_finite(asdict(found)), indent=1) + "\n", encoding="utf-8")
     return path
 

@@ -121,6 +121,7 @@ def run(
     from cosim.engine.simulate import columns, simulate
     from cosim.loading.files import load
     from cosim.record import Run, seal
+    from cosim.record.folder import CSV
     from cosim.scenario.assemble import assemble
     from cosim.scenario.recorded import with_recorded_links
     from cosim.scenario.spec import logging
@@ -185,7 +186,7 @@ def run(
     for line in summary(loaded, result, outcome):
         say(line)
     if csv:
-        result.to_csv(folder / "trajectories.csv")
+        result.to_csv(folder / CSV)
     for line in _errors(loaded, tolerance, folder) if estimate_error else ():
         say(line)
     with announced(quiet, "drawing what was recorded"):

@@ -26,6 +26,7 @@ from cosim.fmi import components
 from cosim.fmi.failures import not_finite, sentence
 from cosim.native import structs
 from cosim.native.structs import EngineResult
+from cosim.record.folder import FMU_LOG
 from cosim.schedule.parts import RunningBus, Slot, Step
 from cosim.schedule.plan import Plan
 
@@ -320,7 +321,7 @@ class Engine:
         Files of components are written, too: the logs of buses between FMUs.
         """
         for name, text in self.logs().items():
-            (folder / f"{name}.fmu.log").write_text(text, encoding="utf-8")
+            (folder / f"{name}{FMU_LOG}").write_text(text, encoding="utf-8")
         for step in self.plan.components:
             for name, text in components.files(step.component).items():
                 (folder / name).write_text(text, encoding="utf-8")

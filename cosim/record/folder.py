@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -22,20 +22,24 @@ TABLES, TABLE_ROWS = "links.parquet", "links.rows"
 #: Of a rehearsal: the journals of its nodes, of which trajectories are made at its end.
 NODES, JOURNAL = "nodes", ".journal"
 SUMS = "SHA256SUMS"
+#: What is made of a run: its report, a table, an estimate of errors; the log of an FMU, figures.
+REPORT, CSV, ESTIMATE = "report.html", "trajectories.csv", "estimate.json"
+FMU_LOG, FIGURES = ".fmu.log", (".png", ".pdf")
 #: Suffix of a link's table while a run goes on.
 ROWS = ".rows"
 #: What ``status`` of ``run.json`` may be. A folder that is "running" and whose run is not there any
 #: more was cut short; `cosim recover` makes it "recovered".
 RUNNING, FINISHED, STOPPED, RECOVERED = "running", "finished", "stopped", "recovered"
 _SINGLE = (TRAJECTORIES, PART, LIVE, METADATA, LAST, SUMS, TABLES, TABLE_ROWS)
+_MADE = (REPORT, CSV, ESTIMATE)
 
 
 def claim_folder(folder: str | Path, *, force: bool = False) -> Path:
     """Create `folder` for a run, or use an existing empty one.
 
-    With `force`, the files of an earlier run in it are deleted, but only those that this package
-    writes. Raises ScenarioError for a folder that is not empty without `force`, that contains other
-    files than a run, or that cannot be created.
+    With `force`, the files of an earlier run in it are deleted, also what was made of it, but only
+    those that this package writes. Raises ScenarioError for a folder that is not empty without
+    `force`, that contains other files than a run, or that cannot be created.
     """
     folder = Path(folder)
     try:
@@ -60,9 +64,18 @@ def claim_folder(folder: str | Path, *, force: bool = False) -> Path:
 
 
 def _own_files(folder: Path) -> list[Path]:
-    single = [folder / name for name in _SINGLE]
+    single = [folder / name for name in (*_SINGLE, *_MADE, *_named(folder))]
     tables = [p for kind in ("*.parquet", f"*{ROWS}") for p in sorted((folder / LINKS).glob(kind))]
     return [path for path in single if path.is_file()] + tables
+
+
+def _named(folder: Path) -> Iterator[str]:
+    """Names of the logs and figures that the run of a folder may have; of its scenario."""
+    with suppress(ScenarioError):  # a file that cannot be read names none
+        scenario = read_metadata(folder).get("scenario")
+        found = scenario if isinstance(scenario, dict) else {}
+        yield from (f"{name}{FMU_LOG}" for name in found.get("components") or ())
+        yield from (f"{name}{kind}" for name in found.get("figures") or () for kind in FIGURES)
 
 
 def _some(names: list[str]) -> str:

@@ -19,6 +19,7 @@ from cosim.base.errors import CosimError
 from cosim.base.names import counted, listed, signal_of
 from cosim.links.storage import read_facts, table_groups
 from cosim.record import Run
+from cosim.record.folder import REPORT
 from cosim.reporting import many
 from cosim.reporting.arms import DrawnArm, first_arms, recorded
 from cosim.reporting.diagnostics import configured_delay, controllers, findings, transit
@@ -40,8 +41,6 @@ from cosim.reporting.marks import failure, marks
 from cosim.reporting.recorded import recorded_scenario
 from cosim.scenario.spec import PanelSpec, Scenario
 
-#: The report's name in a run folder.
-REPORT = "report.html"
 #: Points of a signal in a declared diagram, and of one that can be chosen.
 SHOWN, CHOSEN = 2400, 600
 #: Frames per second of moving arms, and how many there are at the most.

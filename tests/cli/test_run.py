@@ -16,7 +16,7 @@ from PIL import Image
 
 import cosim as package
 from cosim.cli import summary
-from cosim.record import Run
+from cosim.record import Run, verify
 from tests.cli.command import CONFIG, ROOT, Command, finished
 
 SHORT = ("--set", "run.stop=0.5")
@@ -198,6 +198,18 @@ def test_force_replaces_a_run_and_nothing_else(cosim: Command, tmp_path: Path) -
     other = ("run", CONFIG, *SHORT, "--out", "mine", "--no-plot", "--force")
     assert "no earlier run" in cosim.refused(*other)
     assert (tmp_path / "mine" / "notes.txt").read_text() == "keep me"
+
+
+def test_a_run_that_replaces_another_has_its_own_pictures_and_sums(
+    cosim: Command, tmp_path: Path
+) -> None:
+    """Of the earlier one neither a table nor a figure is left, and no sum."""
+    once = ("run", CONFIG, *SHORT, "--out", "here", "--quiet", "--force")
+    assert cosim(*once, "--png", "--csv").code == 0
+    assert cosim(*once, "--seed", "1", "--pdf").code == 0
+    verify(tmp_path / "here")
+    found = {path.name for path in (tmp_path / "here").iterdir()}
+    assert "positions.pdf" in found and not found & {"positions.png", "trajectories.csv"}
 
 
 def test_two_runs_in_one_second_do_not_meet(cosim: Command, tmp_path: Path) -> None:

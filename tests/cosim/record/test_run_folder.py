@@ -35,11 +35,14 @@ def test_what_is_there_is_kept_without_force(tmp_path: Path) -> None:
 def test_force_deletes_the_files_of_a_run_and_nothing_else(tmp_path: Path) -> None:
     with Recorder(tmp_path, [], h=1.0, n_signals=0):
         pass
-    write_metadata(tmp_path, {})
+    write_metadata(tmp_path, {"scenario": {"components": {"a": {}}, "figures": {"q": {}}}})
     link_file(tmp_path, "old").write_text("x")
-    (tmp_path / "notes.txt").write_text("mine")
+    made = ("report.html", "trajectories.csv", "estimate.json", "a.fmu.log", "q.png", "q.pdf")
+    mine = ["b.fmu.log", "notes.txt", "photo.png"]
+    for name in (*made, *mine):
+        (tmp_path / name).write_text("x")
     claim_folder(tmp_path, force=True)
-    assert sorted(p.name for p in tmp_path.rglob("*")) == ["links", "notes.txt"]
+    assert sorted(p.name for p in tmp_path.rglob("*")) == sorted([*mine, "links"])
     with Recorder(tmp_path, [], h=1.0, n_signals=0):
         pass
 

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from math import isfinite
 from typing import Any, Literal
 
-from cosim.base.names import listed
+from cosim.base.names import NAMES, counted, listed
 
 Severity = Literal["error", "warning", "note"]
 
@@ -52,9 +53,22 @@ class Finding:
 
 
 def merge_findings(findings: Iterable[Finding]) -> tuple[Finding, ...]:
-    """Findings, worst first; equal texts about several places become one finding."""
-    places: dict[Finding, list[str]] = {}
-    for f in findings:
-        places.setdefault(replace(f, where=""), []).append(f.where)
-    together = [replace(f, where=listed(list(dict.fromkeys(where)))) for f, where in places.items()]
+    """Findings, worst first; equal texts about several places become one finding.
+
+    So do those that differ in their advice, too, where more than NAMES places have them; the advice
+    is the one for the first of these.
+    """
+    found = list(findings)
+    kinds = [replace(f, where="", advice="") for f in found]
+    counts = Counter(kinds)
+    alike: dict[Finding, list[Finding]] = {}
+    for f, kind in zip(found, kinds, strict=True):
+        many = counts[kind] > NAMES
+        alike.setdefault(kind if many else replace(f, where=""), []).append(f)
+    together = [replace(same[0], where=_places(same)) for same in alike.values()]
     return tuple(sorted(together, key=lambda f: SEVERITIES.index(f.severity)))
+
+
+def _places(findings: Iterable[Finding]) -> str:
+    places = list(dict.fromkeys(f.where for f in findings))
+    return listed(sorted(places, key=counted) if len(places) > NAMES else places)

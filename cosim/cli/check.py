@@ -134,10 +134,11 @@ def print_warnings(
 
 def report_unconnected_inputs(plans: Iterable[Plan], *, strict: bool, quiet: bool) -> None:
     """Print the unconnected inputs, one line each. Raises ScenarioError for any if `strict`."""
+    from cosim.checks.finding import merge_findings
     from cosim.checks.wiring import unconnected_inputs
 
-    found = dict.fromkeys(f.line for plan in plans for f in unconnected_inputs(plan))
-    _print_findings(list(found), strict=strict, quiet=quiet)
+    found = merge_findings(f for plan in plans for f in unconnected_inputs(plan))
+    _print_findings([f.line for f in found], strict=strict, quiet=quiet)
 
 
 def _print_findings(lines: Sequence[str], *, strict: bool, quiet: bool) -> None:

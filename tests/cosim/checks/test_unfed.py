@@ -46,6 +46,32 @@ def commands(folder: Path) -> dict[str, list[str]]:
     }  # fmt: skip
 
 
+@pytest.mark.parametrize(("count", "lines"), [(12, 12), (13, 1)])
+def test_the_same_of_many_robots_is_said_once(count: int, lines: int, tmp_path: Path) -> None:
+    """With the advice for the first; a line for each of those that a sentence would name."""
+    path = tmp_path / "many.toml"
+    path.write_text(
+        '[run]\nstep = "1 ms"\nstop = "2 ms"\n[components.robot]\n'
+        f'count = {count}\nmodel = "fmus.models.planar2r"\npreset = "SL91"\n'
+    )
+    for command in ("run", "sweep"):
+        code, said = run(*arguments(command, path, tmp_path / command))
+        found = [line for line in said.splitlines() if "unconnected" in line]
+        assert code == 0 and len(found) == lines, said
+        if lines == 1:
+            assert "robot1.tau, robot2.tau, robot3.tau, robot4.tau and 9 more: " in found[0]
+    _, said = run("check", str(path))
+    assert f"{lines} warning" in said and "components.robot1.inputs.tau" in said
+
+
+def arguments(command: str, scenario: Path, out: Path) -> list[str]:
+    if command == "run":
+        return ["run", str(scenario), "--no-plot", "--out", str(out)]
+    study = scenario.with_name("study.toml")
+    study.write_text(f'scenario = "{scenario}"\n[vary.seed]\npath = "run.seed"\nvalues = [1, 2]\n')
+    return ["sweep", str(study), "--no-plot", "--workers", "threads", "--out", str(out)]
+
+
 def forgetful(folder: Path) -> Path:
     """Variants with a controller whose wire is forgotten."""
     path = folder / "variants.toml"

@@ -14,7 +14,7 @@ import shlex
 import shutil
 import subprocess
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from importlib import import_module
 from itertools import chain
 from pathlib import Path
@@ -32,7 +32,7 @@ GROUPS: Mapping[str, tuple[str, ...]] = {
     "Simulate": ("arm", "mujoco", "fmi", "ssp", "scale", "sweep", "fit", "analysis", "benchmark"),
     "Rehearse": ("rehearsal", "can", "vcan", "bus", "ls-bus", "hardware", "monitor", "faults"),
     "Networks": ("network", "ping"),
-    "Studies": ("bus-load", "bus-cases", "openarm-reports"),
+    "Studies": ("bus-load", "bus-cases", "openarm-reports", "peers"),
     "Concepts": ("design", "algorithms", "real-time", "safety", "controllers", "paper", "glossary"),
     "Reference": ("commands", "keys", "api", "models", "benchmarks", "tests", "golden"),
     "中文": ("zh/index", "zh/tutorial"),
@@ -103,13 +103,23 @@ def main() -> None:
     print(f"site: {out / 'index.html'}")
 
 
+def written_pages() -> dict[str, Path]:
+    """The files of the pages that are not generated, by name."""
+    pages = {str(p.relative_to(DOCS).with_suffix("")): p for p in DOCS.rglob("*.md")}
+    return pages | {name: ROOT / path for name, path in OUTSIDE.items()}
+
+
+def misplaced(pages: Iterable[str]) -> set[str]:
+    """Pages that stand in no group, and those of a group that are not there."""
+    grouped = set(chain.from_iterable(GROUPS.values()))
+    return (set(pages) - {"index"}) ^ (grouped - set(GENERATED))
+
+
 def write_sources(source: Path) -> None:
     """Write everything that Sphinx reads into `source`; a page in no group ends the program."""
     source.mkdir(parents=True)
-    pages = {str(p.relative_to(DOCS).with_suffix("")): p for p in DOCS.rglob("*.md")}
-    pages |= {name: ROOT / path for name, path in OUTSIDE.items()}
-    grouped = list(chain.from_iterable(GROUPS.values()))
-    if wrong := set(pages) - {"index"} ^ (set(grouped) - set(GENERATED)):
+    pages = written_pages()
+    if wrong := misplaced(pages):
         sys.exit(f"docs/site.py: GROUPS and docs/ differ in {', '.join(sorted(wrong))}")
     for name, path in pages.items():
         place = source / f"{name}.md"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import tomllib
 from pathlib import Path
+from runpy import run_path
 from typing import get_args
 
 import msgspec
@@ -36,6 +37,11 @@ STRUCTS = [
 def blocks(page: str, language: str) -> list[str]:
     """What stands between fences."""
     return re.findall(rf"```{language}\n(.*?)```", page, re.DOTALL)
+
+
+def test_every_page_stands_in_a_group_of_the_site() -> None:
+    site = run_path(str(ROOT / "docs" / "site.py"))
+    assert site["misplaced"](site["written_pages"]()) == set()
 
 
 @pytest.mark.parametrize("struct", STRUCTS, ids=lambda struct: struct.__name__)

@@ -20,8 +20,8 @@ from cosim.scenario.connect import unknown
 from cosim.schedule.parts import Player, Slot, Step
 from cosim.schedule.plan import Plan, compile_plan
 
-#: Values of the signal vector that are recorded at once.
-_CHUNK = 1 << 18
+#: Values that are recorded at once, and ticks.
+_CHUNK, _TICKS = 1 << 18, 8192
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,22 +73,25 @@ def trace(plan: Plan, signals: Sequence[str], every: int = 1) -> SignalTrace:
     chosen = {name: slots[name] for name in signals}
     index = [np.arange(s.start, s.start + s.size) for s in chosen.values()]
     at = np.concatenate(index) if index else np.empty(0, np.intp)
-    rows = max(every, _CHUNK // max(1, plan.n_signals) // every * every)
-    buffer = np.empty((rows, plan.n_signals))
-    parts: list[Array] = []
+    rows = every * max(1, min(_CHUNK // max(1, len(at)), _TICKS // every, plan.ticks // every + 1))
+    buffer = np.empty((rows, len(at)))  # of which a row in `every` is filled in
+    x, kept = np.empty((plan.ticks // every + 2, len(at))), 0
     stopped = ""
-    with Engine(plan) as engine:
+    with Engine(plan, columns=at.tolist(), every=every) as engine:
         engine.initialize()
         while engine.tick < plan.ticks and not stopped:
             try:
                 n = engine.run(min(rows, plan.ticks - engine.tick), buffer)
             except RunError as error:
                 stopped, n = str(error), engine.rows
-            parts.append(buffer[:n:every, at])
+            found = buffer[:n:every]
+            x[kept : kept + len(found)] = found
+            kept += len(found)
             stopped = stopped or str(engine.ended or "")
         if not stopped and plan.ticks % every == 0:
-            parts.append(engine.signals[None, at].copy())
-    x = np.concatenate(parts)
+            x[kept] = engine.signals[at]
+            kept += 1
+    x = x[:kept]
     columns, first = {}, 0
     for name, slot in chosen.items():
         columns[name] = x[:, first : first + slot.size]

@@ -74,10 +74,16 @@ def read(signals: Signals, port: PortSignals) -> RecordedPort:
         far=far,
         units=(signals.unit(port.force), signals.unit(port.response)),
         estimates=tuple(_last(signals, name) for name in port.estimates),
-        mean=np.mean([signals.array(name) for name in port.members], axis=0)
-        if port.members
-        else None,
+        mean=_mean(signals, port.members) if port.members else None,
     )
+
+
+def _mean(signals: Signals, names: Sequence[str]) -> Array:
+    """The mean of signals of one size, (n, m), without a copy of all of them."""
+    total = np.array(signals.array(names[0]), dtype=np.float64)
+    for name in names[1:]:
+        total += signals.array(name)
+    return np.asarray(total / len(names))
 
 
 def _total(signals: Signals, inside: str, external: str, sign: float) -> Array:
@@ -129,6 +135,7 @@ def _manipulability(
     limit, why = np.empty(0), ""
     if net is not None:
         limit = manipulability_bound(net, t[-1:], least_feedback(net))
+    bound = limit
     if broken:
         why = f"no bound: O6 ({', '.join(f'{x:.4g}' for x in limit)}) needs {'; '.join(broken)}"
         limit = np.empty(0)
@@ -139,7 +146,7 @@ def _manipulability(
         expected=limit, formula="O6, at most" if len(limit) else "", note=why,
     )  # fmt: skip
     if net is not None:
-        yield _gain(net, found.response[-1], float(t[-1]))
+        yield _gain(net, found.response[-1], float(t[-1]), bound)
     yield quantity(
         "growth", "growth of M^t", growth(t, M, t[-1] / 2, t[-1]), "1",
         f"d log M/d log t, {t[-1] / 2:.4g} to {t[-1]:.4g} s",
@@ -147,8 +154,11 @@ def _manipulability(
     )  # fmt: skip
 
 
-def _gain(net: RobotNetwork, q: Array, t: float) -> Quantity:
-    """M^t as the paper means it: the most that any force does, which one run cannot show."""
+def _gain(net: RobotNetwork, q: Array, t: float, limit: Array) -> Quantity:
+    """M^t as the paper means it: the most that any force does, which one run cannot show.
+
+    `limit` (1,): O6.
+    """
     label = "M^t, gain"
     how = (
         f"sup ‖y‖₂/‖f‖₂ over all f on [0, {t:.4g}] s, linear about the end of the run, from rest, "
@@ -156,7 +166,6 @@ def _gain(net: RobotNetwork, q: Array, t: float) -> Quantity:
     )
     if not np.isfinite(q).all():
         return absent("gain", label, "rad/(N.m)", how, "the run did not end at rest")
-    limit = manipulability_bound(net, np.array([t]), least_feedback(net))
     return quantity(
         "gain", label, network_gain(net, q, t), "rad/(N.m)", how, expected=limit,
         formula="O6, at most" if np.isfinite(limit).all() else "alpha = 0: no bound O6",

@@ -22,8 +22,8 @@ from cosim.scenario.assemble import assemble
 from cosim.scenario.spec import AnalysisSpec, Scenario, build
 from cosim.schedule.plan import Plan
 
-#: Rows of a run in memory at the most; longer ones are recorded more coarsely.
-ROWS = 400_000
+#: Rows of a run in memory at the most, and values; more are recorded more coarsely.
+ROWS, VALUES = 400_000, 1 << 26
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +65,9 @@ def find_port(
 
 def record(scenario: Scenario, plan: Plan, port: PortSignals) -> SignalTrace:
     """The scenario run as it is, in memory, with the port's signals recorded."""
-    every = max(scenario.run.record.every, -(-plan.ticks // ROWS))
+    slots = plan.slots()
+    width = sum(slots[name].size for name in port.signals())
+    every = max(scenario.run.record.every, -(-plan.ticks // min(ROWS, VALUES // max(1, width))))
     found = trace(plan, port.signals(), every)
     return found if every > 1 else _acting_from(found, (port.external, port.far_external))
 

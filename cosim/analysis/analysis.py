@@ -11,10 +11,10 @@ import numpy as np
 from cosim.analysis import closed_form as closed
 from cosim.analysis.conditions import unmet_conditions
 from cosim.analysis.contacts import by_grip, by_wall, margin
-from cosim.analysis.experiments import Bench, rest_position
+from cosim.analysis.elimination import quick_rows
+from cosim.analysis.experiments import LOWEST, Bench, rest_position
 from cosim.analysis.facts import Array
 from cosim.analysis.force_tests import (
-    LOWEST,
     PortSweep,
     by_frequency,
     by_push,
@@ -24,9 +24,11 @@ from cosim.analysis.force_tests import (
 )
 from cosim.analysis.network import RobotNetwork, network
 from cosim.analysis.port import PortSignals
+from cosim.analysis.predicted import MANY, predicted
 from cosim.analysis.quantity import Quantity, absent
 from cosim.analysis.recorded_numbers import RecordedPort, least_feedback, numbers, read
 from cosim.analysis.subject import Subject
+from cosim.analysis.system import AnalyzedSystem
 from cosim.base.errors import CosimError
 
 
@@ -35,7 +37,8 @@ class Analysis:
     """The results: `quantities` in two groups, and the data of the figures.
 
     `bound`: O6 at the times of the run, if it is known and its conditions hold; `swept`: the port
-    by frequency; `remarks`: parts that were not possible, with reasons.
+    by frequency; `tested`: whether forces were applied, or `tests` are closed forms alone;
+    `remarks`: parts that were not possible, with reasons.
     """
 
     title: str
@@ -46,6 +49,7 @@ class Analysis:
     bound: Array | None
     swept: tuple[PortSweep, ...] = ()
     remarks: tuple[str, ...] = field(default=())
+    tested: bool = True
 
     @property
     def quantities(self) -> tuple[Quantity, ...]:
@@ -75,18 +79,26 @@ def _gain(swept: PortSweep) -> dict[str, Any]:
     }
 
 
+#: What is said where test forces were left out.
+_UNTESTED = (
+    f"no test forces: an hour or so of simulated time with more than {MANY} components; --tests"
+    " applies them all the same"
+)
+
+
 def analyse(
     subject: Subject,
     *,
-    tests: bool = True,
+    tests: bool | None = None,
     lowest: float = LOWEST,
     progress: Callable[[str], None] = lambda what: None,
 ) -> Analysis:
     """Compute all results about a port.
 
-    Without a system there are no closed forms and no tests. `lowest`: frequency of the slowest test
-    force, rad/s; `progress` is called with the name of each next step. Raises ScenarioError for
-    signals that were not recorded.
+    Without a system there are no closed forms and no tests. `tests`: whether test forces are
+    applied; None: unless there are more than MANY components, which leaves their closed forms.
+    `lowest`: frequency of the slowest test force, rad/s; `progress` is called with the name of each
+    next step. Raises ScenarioError for signals that were not recorded.
     """
     port, known, remarks = subject.port, subject.system, list(subject.remarks)
     recorded = read(subject.signals, port)
@@ -99,23 +111,39 @@ def analyse(
     missed = unmet_conditions(known, net) if known is not None and net is not None else ()
     if net is not None and len(net.names) > 1 and recorded.mean is None:
         missed += ("recorded positions of all robots",)
+    if net is not None and len(net.names) * recorded.response.shape[1] > quick_rows():
+        remarks.append(
+            f"no gain, and no closed forms by frequency: {len(net.names)} robots would take minutes"
+            f" (more than {quick_rows()} coordinates)"
+        )
+        net, missed = None, ()
+    applied = tests if tests is not None else known is None or _few(known)
     swept: list[PortSweep] = []
-    tested: tuple[Quantity, ...] = ()
-    if known is not None and tests and not port.inject:
+    tested: Iterator[Quantity] = iter(())
+    if known is not None and applied and not port.inject:
         remarks.append("no test forces: no input for them is named ([analysis] inject)")
-    elif known is not None and tests:
+    elif known is not None and port.inject and tests is not False:
         bench = Bench(known, port, rest_position(known, port, recorded.response))
-        tested = tuple(_tests(bench, lowest, swept, progress))
+        tested = _tests(bench, lowest, swept, progress) if applied else predicted(bench, lowest)
+    if not applied and tests is None:
+        remarks.append(_UNTESTED)
+    found = tuple(tested)
     return Analysis(
         title=subject.title,
         port=port,
         run=tuple(numbers(recorded, net, hand, missed)),
-        tests=tested,
+        tests=found,
         recorded=recorded,
         bound=None if missed else _bound(net, recorded),
         swept=tuple(swept),
         remarks=tuple(remarks),
+        tested=applied,
     )
+
+
+def _few(system: AnalyzedSystem) -> bool:
+    """Whether a system can be simulated for an hour or so within a minute."""
+    return len(system.plan.components) <= MANY
 
 
 def _bound(net: RobotNetwork | None, recorded: RecordedPort) -> Array | None:

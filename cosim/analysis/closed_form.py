@@ -177,7 +177,7 @@ def manipulability_bound(net: RobotNetwork, t: Array, K: float) -> Array:
     if law.alpha == 0:
         return np.full_like(t, inf)
     p = 1j * np.geomspace(1e-4, 1e3, 400)
-    H = np.abs(p * np.linalg.inv(net.L(p))[:, :, net.port].mean(axis=1)).max()
+    H = np.abs(p * net.mean_inverse(p)).max()
     return np.asarray((1 + 2 * law.lambda_M * t / pi) * H / (law.alpha * K))
 
 

@@ -22,6 +22,8 @@ from cosim.analysis.port import PortSignals
 from cosim.analysis.system import AnalyzedSystem
 from cosim.base.errors import RunError, ScenarioError
 
+#: Frequencies of the port, rad/s.
+LOWEST, HIGHEST = 0.03, 60.0
 #: Amplitude of test forces, N.m (N): so small that what is measured is the linear behaviour.
 FORCE = 1e-6
 #: Time for what the start sets off to die away; what rests exactly for so long stays there, s.
@@ -186,11 +188,11 @@ class Bench:
         A link with a jumping delay turns fast signals into noise, which would disturb the slow
         ones.
         """
-        middle = min(max(1.0, 8 * lowest), highest)
-        slow = self.averaged(MultiSine.spread(lowest, middle, self.h, 9, FORCE), SLOW_PERIODS)
-        if middle >= highest:
+        below, beyond = self._waves(lowest, highest)
+        slow = self.averaged(below, SLOW_PERIODS)
+        if beyond is None:
             return slow
-        fast = self.averaged(MultiSine.spread(middle / 8, highest, self.h, 24, FORCE), FAST_PERIODS)
+        fast = self.averaged(beyond, FAST_PERIODS)
         above = fast.omega > slow.omega[-1] * (1 + 1e-9)
         omega = np.concatenate([slow.omega, fast.omega[above]])
         G = np.concatenate([slow.G, fast.G[above]])
@@ -198,6 +200,20 @@ class Bench:
         sd = np.concatenate([slow.sd, fast.sd[above]])
         share = max(slow.off_frequency_share, fast.off_frequency_share)
         return PortGain(omega, G, self.h, share, sd)
+
+    def frequencies(self, lowest: float, highest: float = HIGHEST) -> Array:
+        """The frequencies of :meth:`bands`, (k,), rad/s."""
+        below, beyond = self._waves(lowest, highest)
+        slow, fast = below.omega, beyond.omega if beyond is not None else np.empty(0)
+        return np.concatenate([slow, fast[fast > slow[-1] * (1 + 1e-9)]])
+
+    def _waves(self, lowest: float, highest: float) -> tuple[MultiSine, MultiSine | None]:
+        """The slow and the fast forces of :meth:`bands`."""
+        middle = min(max(1.0, 8 * lowest), highest)
+        slow = MultiSine.spread(lowest, middle, self.h, 9, FORCE)
+        if middle >= highest:
+            return slow, None
+        return slow, MultiSine.spread(middle / 8, highest, self.h, 24, FORCE)
 
     def averaged(self, sines: MultiSine, periods: int) -> PortGain:
         """G(jω) of one period, or the mean of `periods` where that one is disturbed."""

@@ -15,12 +15,14 @@ power iteration.
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from math import pi
 
 import numpy as np
 
 from cosim.analysis.facts import Array
-from cosim.analysis.network import Complex, RobotNetwork
+from cosim.analysis.interpolated import interpolated
+from cosim.analysis.network import DENSE, Complex, RobotNetwork
 
 #: Samples of [0, t]; the error of the gain falls with their square.
 SAMPLES = 1024
@@ -77,4 +79,5 @@ def network_gain(net: RobotNetwork, q: Array, t: float) -> float:
     Over `t` s, linear about `q` (m,) rad, from rest with theta known; of the mean graph, and with
     exp(-p T) at its mean over the delays.
     """
-    return finite_gain(net.at(tuple(q), net.true_estimates()).mean_gain, t)
+    G = net.at(tuple(q), net.true_estimates()).mean_gain
+    return finite_gain(G if len(net.laws) <= DENSE else partial(interpolated, G), t)

@@ -10,7 +10,7 @@ import numpy as np
 
 from cosim.analysis import closed_form as closed
 from cosim.analysis.conditions import constant
-from cosim.analysis.experiments import FORCE, RESOLVED, Bench
+from cosim.analysis.experiments import FORCE, HIGHEST, LOWEST, RESOLVED, Bench
 from cosim.analysis.facts import Array
 from cosim.analysis.finite_gain import network_gain
 from cosim.analysis.frequency import PortGain, degree
@@ -33,8 +33,6 @@ RESOLVES = (
 #: Share of the motion at other frequencies: above the first links and graphs that switch disturb
 #: what is measured, above the second nothing is measured.
 DISTURBED, UNSTABLE = 0.02, 0.9
-#: Frequencies of the port, rad/s.
-LOWEST, HIGHEST = 0.03, 60.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,8 +65,8 @@ def sweep(bench: Bench, lowest: float = LOWEST) -> PortSweep:
     if net is None:
         return PortSweep(title_of(bench), measured, None)
     ends = measured.omega[0], measured.omega[-1]
-    fine = _closed(bench, net, np.geomspace(*ends, 160))
-    return PortSweep(title_of(bench), measured, _closed(bench, net, measured.omega), fine)
+    fine = closed_gain(bench, net, np.geomspace(*ends, 160))
+    return PortSweep(title_of(bench), measured, closed_gain(bench, net, measured.omega), fine)
 
 
 def title_of(bench: Bench) -> str:
@@ -76,8 +74,8 @@ def title_of(bench: Bench) -> str:
     return "M_hat = M" if bench.known else "as it starts"
 
 
-def _closed(bench: Bench, net: RobotNetwork, omega: Array) -> PortGain:
-    """The closed form at some frequencies; continuous, so its step is as good as none."""
+def closed_gain(bench: Bench, net: RobotNetwork, omega: Array) -> PortGain:
+    """The closed form at `omega` (k,), rad/s; continuous, so its step is as good as none."""
     estimates = net.true_estimates() if bench.known else net.initial_estimates()
     return PortGain(omega, net.at(bench.q, estimates).gain(1j * omega), 1e-9)
 

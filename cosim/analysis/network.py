@@ -20,13 +20,14 @@ Source: own construction, the linearisation of the paper's (42)-(45), (61) and (
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cosim.analysis.ages import Age
+from cosim.analysis.elimination import column
 from cosim.analysis.facts import Arm, Array, DynamicFeedback, Vector
 from cosim.analysis.system import AnalyzedSystem
 
@@ -35,8 +36,8 @@ Indices = NDArray[np.intp]
 
 #: Step of the derivative of gravity, rad.
 STEP = 1e-4
-#: Robots beyond which a matrix of their couplings is taken as sparse.
-DENSE = 100
+#: Robots beyond which the matrix of their couplings is taken as almost empty.
+DENSE = 30
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,24 +144,23 @@ class RobotNetwork:
         law, n = self.law, len(self.laws)
         feedback = K * (p + law.alpha) / (p + law.lambda_M)
         if n > DENSE:
-            return self._sparse_quasi_static(p, feedback, friction)
+            return complex(self._column(p, feedback, friction * p)[self.port])
         A = feedback * self.L(p) + friction * p * np.eye(n)
         return complex(np.linalg.inv(A)[self.port, self.port])
 
-    def _sparse_quasi_static(self, p: complex, feedback: complex, friction: float) -> complex:
-        """The same by elimination in a matrix that is almost empty."""
-        from scipy.sparse import csc_array, diags_array
-        from scipy.sparse.linalg import splu
+    def mean_inverse(self, p: ArrayLike) -> Complex:
+        """The mean over the robots i of [L(p)⁻¹]_i,port, (k,) s, for p (k,)."""
+        if len(self.laws) > DENSE:
+            return np.array([self._column(x).mean() for x in np.asarray(p).tolist()])
+        return np.asarray(np.linalg.inv(self.L(p))[:, :, self.port].mean(axis=1))
 
-        n, edges = len(self.laws), self.couplings
-        heard = edges.heard(np.asarray(p, dtype=np.complex128))
-        coupled = csc_array((heard, (edges.receivers, edges.senders)), shape=(n, n))
-        A = feedback * (diags_array(p + self.around) - coupled) + diags_array(
-            np.full(n, friction * p)
-        )
-        force = np.zeros(n, dtype=np.complex128)
-        force[self.port] = 1.0
-        return complex(splu(csc_array(A), permc_spec="MMD_AT_PLUS_A").solve(force)[self.port])
+    def _column(self, p: complex, feedback: complex = 1.0, own: complex = 0.0) -> Complex:
+        """The column at the port of (`feedback` L(p) + `own`)⁻¹, (n,)."""
+        edges = self.couplings
+        diagonal = feedback * (p + self.around) + own
+        heard = -feedback * edges.heard(np.asarray(p, dtype=np.complex128))
+        one, other = (np.asarray(x)[:, None, None] for x in (diagonal, heard))
+        return np.asarray(column(one, other, edges.receivers, edges.senders, self.port)[:, 0, 0])
 
 
 @dataclass(frozen=True, slots=True)
@@ -182,35 +182,53 @@ class Linear:
         """From positions to torques, (..., n m, n m), N.m/rad, for one p or several, (...)."""
         p = np.asarray(p, dtype=np.complex128)
         n, m = self.M.shape[:2]
+        blocks = np.einsum("...iab,...ij->...iajb", self._feedback(p), self.net.L(p))
+        each = np.arange(n)
+        for part in self._alone(p):
+            blocks[..., each, :, each, :] += np.moveaxis(part, -3, 0)
+        return np.asarray(blocks.reshape(*p.shape, n * m, n * m))
+
+    def _feedback(self, p: Complex) -> Complex:
+        """What L(p) of each robot is multiplied by, (..., n, m, m), N.m.s/rad."""
         alpha = np.array([law.alpha for law in self.net.laws])[:, None, None]
         lambda_M = np.array([law.lambda_M for law in self.net.laws])[:, None, None]
         s = p[..., None, None, None]
-        feedback = (self.M_hat * s + self.K) * (s + alpha) / (s + lambda_M)  # (..., n, m, m)
-        blocks = np.einsum("...iab,...ij->...iajb", feedback, self.net.L(p))
-        own = np.arange(n)
-        friction = self.friction[:, :, None] * np.eye(m)
-        blocks[..., own, :, own, :] += np.moveaxis(
-            (self.M - self.M_hat) * s * s + friction * s, -3, 0
-        )
+        return np.asarray((self.M_hat * s + self.K) * (s + alpha) / (s + lambda_M))
+
+    def _alone(self, p: Complex) -> Iterator[Complex]:
+        """What each robot adds that the couplings do not change, (..., n, m, m), N.m/rad."""
+        s = p[..., None, None, None]
+        friction = self.friction[:, :, None] * np.eye(self.M.shape[1])
+        yield np.asarray((self.M - self.M_hat) * s * s + friction * s)
         if self.weight is not None:
             T = np.asarray(self.net.periods)[:, None, None]
-            blocks[..., own, :, own, :] += np.moveaxis(
-                self.weight * (1 + np.expm1(-s * T) / (s * T)), -3, 0
-            )
-        return np.asarray(blocks.reshape(*p.shape, n * m, n * m))
+            yield np.asarray(self.weight * (1 + np.expm1(-s * T) / (s * T)))
 
     def gain(self, p: ArrayLike) -> Complex:
         """G(p), (..., m, m), rad/(N.m): from torque to position at the port."""
-        m = self.M.shape[1]
-        at = slice(self.net.port * m, (self.net.port + 1) * m)
-        return np.asarray(np.linalg.inv(self.A(p))[..., at, at])
+        return np.asarray(self._column(p)[..., self.net.port, :, :])
 
     def mean_gain(self, p: ArrayLike) -> Complex:
         """From torque at the port to the mean position of all robots, (..., m, m), rad/(N.m)."""
+        return np.asarray(self._column(p).mean(axis=-3))
+
+    def _column(self, p: ArrayLike) -> Complex:
+        """From torque at the port to the positions of all robots, (..., n, m, m), rad/(N.m)."""
+        p = np.asarray(p, dtype=np.complex128)
         n, m = self.M.shape[:2]
+        if n > DENSE:
+            each = [self._sparse_column(x) for x in p.ravel()]
+            return np.array(each).reshape(*p.shape, n, m, m)
         at = slice(self.net.port * m, (self.net.port + 1) * m)
-        column = np.linalg.inv(self.A(p))[..., at]
-        return np.asarray(column.reshape(*column.shape[:-2], n, m, m).mean(axis=-3))
+        found = np.linalg.inv(self.A(p))[..., at]
+        return np.asarray(found.reshape(*p.shape, n, m, m))
+
+    def _sparse_column(self, p: Complex) -> Complex:
+        """The same for one p, by elimination."""
+        edges, feedback = self.net.couplings, self._feedback(p)
+        own = feedback * (p + self.net.around)[:, None, None] + sum(self._alone(p))
+        heard = -feedback[edges.receivers] * edges.heard(p)[:, None, None]
+        return column(own, heard, edges.receivers, edges.senders, self.net.port)
 
 
 def network(system: AnalyzedSystem, port: str) -> RobotNetwork | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from math import inf, isfinite, log
+from math import inf, isfinite, log, nan
 
 import numpy as np
 
@@ -11,6 +11,7 @@ from cosim.analysis import closed_form as closed
 from cosim.analysis.facts import Arm, DynamicFeedback
 from cosim.analysis.network import RobotNetwork, network, spread
 from cosim.analysis.system import AnalyzedSystem
+from cosim.base.errors import ScenarioError
 from cosim.checks.finding import Finding, Severity
 from cosim.checks.peaks import settling
 from cosim.checks.sampling import known_laws
@@ -196,7 +197,11 @@ def prediction(system: AnalyzedSystem) -> Iterator[Finding]:
             continue
         where, friction = start, net.arms[net.port].friction
         joints = list(zip(spread(net.law.K, len(friction)), friction, strict=True))
-        each = {joint: closed.felt_damping(net, *joint) for joint in dict.fromkeys(joints)}
+        try:
+            each = {joint: closed.felt_damping(net, *joint) for joint in dict.fromkeys(joints)}
+        except ScenarioError as error:  # without SciPy, of very many robots
+            yield _note("felt-damping", where, nan, "N.m.s/rad", f"not computed: {error}")
+            continue
         damping = [each[joint] for joint in joints]
         if all(isfinite(d) for d in damping):
             yield _note(

@@ -27,8 +27,13 @@ def analyze(
     ] = "",
     set_: Set = None,
     tests: Annotated[
-        bool, typer.Option("--tests/--no-tests", help="Also apply test forces to the port.")
-    ] = True,
+        bool | None,
+        typer.Option(
+            "--tests/--no-tests",
+            help="Also apply test forces to the port.",
+            show_default="up to 500 components",
+        ),
+    ] = None,
     lowest: Annotated[
         float,
         typer.Option(
@@ -101,7 +106,8 @@ def report(found: Analysis) -> list[str]:
     names = ", ".join(name for name in (force, port.response, port.inject) if name)
     lines = [found.title, f"port {port.arm}: {names}"]
     tests = (
-        "the port, by tests (as it starts: estimates of the scenario, posture of the run's end; "
+        f"the port, by {'tests' if found.tested else 'closed forms'}"
+        " (as it starts: estimates of the scenario, posture of the run's end; "
         "M_hat = M: true estimates that stay, heaviest posture)"
     )
     for title, quantities in (("the run", found.run), (tests, found.tests)):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -11,10 +12,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cosim.analysis import closed_form as closed
+from cosim.analysis import elimination
 from cosim.analysis import network as network_module
 from cosim.analysis.facts import DynamicFeedback
-from cosim.analysis.network import RobotNetwork, network
+from cosim.analysis.network import Complex, RobotNetwork, network
 from cosim.analysis.system import system
+from cosim.base.errors import ScenarioError
+from cosim.checks import laws
 from cosim.loading.files import load
 from cosim.scenario.assemble import assemble
 from fmus.paper import oracles
@@ -280,3 +284,34 @@ def many(n: int) -> RobotNetwork:
     net = network(system(scenario, assemble(scenario)), "robot1")
     assert net is not None and len(net.laws) == n
     return net
+
+
+def test_a_network_is_the_same_taken_whole_by_its_edges_and_without_scipy(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Every column at the port: with friction, late gravity, and arms that differ."""
+    net = many(12)
+    arms = [replace(arm, damping=(0.3, 0.1), gravity=(3.0, 1.0)) for arm in net.arms]
+    slower = [replace(law, alpha=law.alpha + 0.1 * i) for i, law in enumerate(net.laws)]
+    net = replace(net, arms=tuple(arms), laws=tuple(slower))
+    estimates = [tuple(0.7 * x for x in arm.parameters) for arm in net.arms]
+    p = np.array([1e-3 + 0j, 0.03 + 0.1j, 2.0j, 60.0j])
+
+    def found() -> list[Complex]:
+        linear = net.at((0.5, 0.8), estimates)
+        felt = np.array(closed.felt_damping(net, K, 0.7), dtype=np.complex128)
+        return [linear.gain(p), linear.mean_gain(p), net.mean_inverse(p), felt]
+
+    whole = found()
+    monkeypatch.setattr(network_module, "DENSE", 0)
+    by_edges = found()
+    monkeypatch.setitem(sys.modules, "scipy.sparse", None)
+    for a, b, c in zip(whole, by_edges, found(), strict=True):
+        assert a.shape == b.shape and np.allclose(a, b, rtol=1e-8, atol=0.0)
+        assert np.allclose(a, c, rtol=1e-8, atol=0.0)
+    monkeypatch.setattr(elimination, "WITHOUT_SCIPY", 23)
+    with pytest.raises(ScenarioError, match="12 robots need SciPy: pip install"):
+        found()
+    known = system(scenario := load(CONFIGS / "many.toml"), assemble(scenario))
+    (finding,) = laws.prediction(known)
+    assert finding.reason.startswith("not computed: closed forms of 25 robots need SciPy")

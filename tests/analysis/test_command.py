@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from cosim.analysis import elimination, experiments
 from cosim.record import Run
 from tests.cli.command import CONFIG, Command
 
-TEACHING = CONFIG.with_name("teaching.toml")
+TEACHING, MANY = CONFIG.with_name("teaching.toml"), CONFIG.with_name("many.toml")
 SHORT = ("--set", "run.stop=3")
 
 
@@ -69,6 +70,31 @@ def test_a_run_whose_scenario_is_lost_still_has_its_numbers(cosim: Command) -> N
     assert done.code == 0 and "effort ‖f‖₂" in done.out
     assert "note: no closed forms, no test forces: the run's metadata holds no scenario" in done.out
     assert "the port is not defined" in cosim.refused("analyze", "run", "--no-verify")
+
+
+def test_many_robots_are_not_tested_unless_that_is_asked_for(
+    cosim: Command, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Their closed forms are there, in as many lines as of a few, and those of all robots."""
+    arguments = ("analyze", MANY, "--set", "run.stop='1 s'", "--no-plot", "--json", "a.json")
+    monkeypatch.setattr(experiments.Bench, "run", None)  # no test is simulated
+    done = cosim(*arguments, "--set", "graphs.net.n=260")
+    assert (done.code, done.err) == (0, "")
+    assert "the port, by closed forms (" in done.out and "--tests applies them" in done.out
+    assert len(done.out.splitlines()) < 60
+    found = json.loads(Path("a.json").read_text("utf-8"))
+    numbers = {q["name"]: q for q in found["run"] + found["tests"]}
+    assert numbers["gain"]["values"][0] > 0 and len(found["port"]["members"]) == 260
+    pushed = numbers["push_damping"]
+    assert pushed["values"] == [None] and pushed["note"] == "not tested"
+    assert pushed["expected"] == [pytest.approx(260 * 208 / 25, rel=0.01)]
+    assert numbers["inertia_quickly_known"]["expected"] == pytest.approx([5.73, 0.973], rel=1e-3)
+
+    monkeypatch.setattr(elimination, "QUICK", {True: 519, False: 519})
+    done = cosim(*arguments, "--set", "graphs.net.n=260")
+    assert "note: no gain, and no closed forms by frequency: 260 robots" in done.out
+    numbers = {q["name"] for q in json.loads(Path("a.json").read_text("utf-8"))["tests"]}
+    assert numbers == {"push_damping", "margin", "margin_worst"}
 
 
 def test_another_port_may_be_looked_into(cosim: Command) -> None:

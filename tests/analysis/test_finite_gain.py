@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from math import pi
 
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 from cosim.analysis.analysis import analyse
 from cosim.analysis.closed_form import manipulability_bound
 from cosim.analysis.finite_gain import finite_gain, network_gain, response_by_steps
+from cosim.analysis.interpolated import interpolated
 from cosim.analysis.network import Complex
 from fmus.paper import oracles
 from fmus.paper.experiments import network, single
@@ -89,3 +91,27 @@ def test_m_t_of_a_pair_is_that_of_the_mean_of_its_arms() -> None:
     ratio = np.sqrt(np.trapezoid((y**2).sum(1), r.t) / np.trapezoid((r.force**2).sum(1), r.t))
     assert number(found, "manipulability").values == pytest.approx([ratio], rel=1e-9)
     assert not np.allclose(r.mean, r.response)
+
+
+@pytest.mark.parametrize(
+    ("G", "most"),
+    [
+        (quasi_static, 140),  # slow and fast poles
+        (lambda p: quasi_static(p) * np.exp(-0.3 * p)[..., None, None], 270),
+        (lambda p: quasi_static(p) / (p * p + p + 4.0)[..., None, None], 540),  # swings
+        (lambda p: np.exp(-50.0 * p)[..., None, None], 3000),  # cannot be had from few
+    ],
+)
+def test_a_response_at_many_points_follows_from_few(
+    G: Callable[[Complex], Complex], most: int
+) -> None:
+    asked = 0
+
+    def counted(p: Complex) -> Complex:
+        nonlocal asked
+        asked += len(p)
+        return G(p)
+
+    p = 0.033 + 1j * np.linspace(0.0, 26.8, 2049)
+    assert np.abs(interpolated(counted, p) - G(p)).max() < 1e-7 * np.abs(G(p)).max()
+    assert asked <= most

@@ -160,11 +160,9 @@ static int error_action(bus_t *bus)
         return 0;
     }
     bus->last_errno = errno;
-    if (errno == ENETDOWN || errno == ENODEV || errno == ENXIO) {
+    if (errno == ENETDOWN || errno == ENODEV || errno == ENXIO)
         bus->state = BUS_DOWN;
-        return 1;               /* the socket reports an error once; frames may follow it */
-    }
-    return 0;
+    return 1;                   /* the socket reports an error once; frames may follow it */
 }
 
 typedef union { char bytes[128]; struct cmsghdr align; } control_t;

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import socket
 import struct
 import sys
@@ -99,3 +100,20 @@ def test_frames_for_which_the_socket_had_no_room_are_counted():
             there.sendto(struct.pack("=IB3x8s", 0x100, 8, bytes(8)), here.getsockname())
             got += len(bus.drain())  # it comes with the number lost before it
             assert 0 < bus.struct.overruns == sent + sent // 100 - got
+
+
+def test_an_error_that_the_socket_reports_hides_no_frame():
+    """Nobody is there when the first datagram goes out; then somebody is, and answers."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as here:
+        here.bind(("127.0.0.1", 0))
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as gone:
+            gone.bind(("127.0.0.1", 0))
+            place = gone.getsockname()
+            here.connect(place)
+        bus = Bus.from_socket(here.fileno())
+        here.send(b"is nobody there")
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as there:
+            there.bind(place)
+            there.sendto(struct.pack("=IB3x8s", 0x101, 8, bytes(8)), here.getsockname())
+            assert [frame.id for frame in bus.drain()] == [0x101]
+        assert bus.struct.last_errno == errno.ECONNREFUSED

@@ -8,7 +8,7 @@ import pytest
 from bridge.deployment.system import load_system
 from bridge.native.safety import GuardBit, LifeState, Why
 from bridge.replay import replay, twin
-from tests.bridge.deployments import TELEOPERATION
+from tests.bridge.deployments import TELEOPERATION, document, run_twin, signal, system_of
 
 GUARD = "deploy.nodes.master_control.guard"
 #: Drives its arm; the master's controller only holds it back at first.
@@ -65,3 +65,40 @@ def test_a_guard_that_does_not_stop_limits(tmp_path):
     assert mine["state"][-1] == LifeState.ACTIVE
     assert np.abs(mine["sent"][:, :2]).max() == pytest.approx(5.0, abs=1e-6)
     assert mine["guard"].any()
+
+
+def test_a_guard_sees_its_own_component_and_limits_its_torque_only(tmp_path):
+    """Both controllers in one node; each torque stands behind xi in its message."""
+    found = document("zenoh")
+    found["nodes"] = {
+        "arms": {"components": ["master", "slave"], "number": 1},
+        "control": {
+            "components": ["master_control", "slave_control"],
+            "number": 2,
+            "guard": {"tau_max": "0.5 N.m", "q_low": "-10 rad", "q_high": "0.9 rad", "stops": []},
+        },
+    }
+    found["buses"]["net"]["options"] = {}
+    found["messages"] = {
+        name: {"bus": "net", "carries": [f"{part}.{port}" for port in ports]}
+        for name, part, ports in (
+            ("state_m", "master", ("q", "dq")),
+            ("state_s", "slave", ("q", "dq")),
+            ("torque_m", "master_control", ("xi", "tau")),
+            ("torque_s", "slave_control", ("xi", "tau")),
+        )
+    }
+    system = system_of(found, tmp_path, "run.stop=1")
+    rows = run_twin(system, tmp_path / "run")
+    sent = rows["control"]["sent"].reshape(-1, 2, 4)
+    beyond = [False] * len(sent)
+    for i, part in enumerate(("master_control", "slave_control")):
+        q, tau, xi = (
+            signal(system, rows, "control", f"{part}.{port}") for port in ("q", "tau", "xi")
+        )
+        beyond |= (q > 0.9).any(axis=1)
+        limited = np.where(q > 0.9, np.clip(tau, -0.5, 0), np.clip(tau, -0.5, 0.5))
+        assert np.array_equal(sent[:, i, :2], xi) and np.abs(xi).max() > 0.5
+        assert np.array_equal(sent[:, i, 2:], limited) and np.abs(tau).max() > 0.5
+    assert np.array_equal(rows["control"]["guard"] & GuardBit.POSITION != 0, beyond)
+    assert 0 < beyond.sum() < len(beyond)

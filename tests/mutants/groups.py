@@ -28,7 +28,7 @@ class Group:
         return [mutant for file in self.files(root) for mutant in mutants(file, root)]
 
 
-_BRIDGE = ("native", "can", "safety", "faults", "drives", "replay", "deployment", "node")
+_BRIDGE = ("native", "can", "safety", "faults", "drives", "replay", "deployment", "node", "vcan")
 GROUPS = {
     "bridge": Group(
         ("bridge/c/*.c", "bridge/c/*.h"),

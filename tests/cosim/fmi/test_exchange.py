@@ -25,7 +25,8 @@ from cosim.scenario.spec import build
 from cosim.schedule.plan import Plan
 from tests.cosim.fmi.exporter import column, exchange2, exchange3, export, plan_of, run, strict2
 
-BALL, GROWS, POL, STICKS, COUNTS, WRAPS, FAILS, LEAVES, SHRINKS, WALLS, FADES, SWITCHES = range(12)
+BALL, GROWS, POL, STICKS, COUNTS, WRAPS, FAILS, LEAVES, SHRINKS, WALLS, FADES = range(11)
+SWITCHES, SINKS = range(11, 13)
 DISCARD, ERROR, FATAL = 2, 3, 4
 BOTH = pytest.mark.parametrize("fmi", ["2.0", "3.0"])
 ALONE = pytest.mark.parametrize("fmi", ["2.0"])
@@ -184,6 +185,16 @@ def test_an_indicator_that_comes_to_zero_from_above_is_an_event(
 ) -> None:
     found = end_of(plan_that(fmus[fmi], LEAVES, 8, 0.25, solver="euler"))
     assert (found["events"], found["at"]) == (1.0, 1.0)
+
+
+@BOTH
+def test_an_indicator_that_is_zero_at_first_and_falls_is_no_event(
+    fmus: dict[str, Path], fmi: str, calls: Callable[[], list[str]]
+) -> None:
+    """Its domains are "> 0" and "<= 0": it stays in the second one."""
+    found = end_of(plan_that(fmus[fmi], SINKS, 4, 0.25, start={"x0": 0.0}, solver="euler"))
+    assert found["x0"] == 1.0
+    assert calls().count("EnterEventMode") == 1  # for the inputs, at the start
 
 
 @ALONE

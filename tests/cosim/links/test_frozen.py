@@ -51,6 +51,12 @@ def recipe(trace, rows):
     return found
 
 
+def test_in_messages_a_trace_has_the_name_given_or_its_title():
+    trace = frozen(next(iter(TRACES)))
+    assert trace.trace(name="delay of the link").file == "delay of the link"
+    assert trace.trace().file == trace.title != ""
+
+
 @pytest.mark.parametrize("name", TRACES)
 def test_the_recipe_in_plain_integers_gives_the_same_rows(name):
     rows = 3100  # beyond one cycle of 15 s

@@ -70,6 +70,8 @@ def test_edges_of_a_small_world_lead_far_away() -> None:
         ({"kind": "random", "n": 3, "degree": 3}, "degree 3 of 3 robots; expected less"),
         ({"kind": "small world", "n": 9, "neighbours": 3}, "an even number below"),
         ({"kind": "complete", "n": 10_000}, "99990000 edges; expected at most 10000000"),
+        ({"kind": "random", "n": 10**6, "degree": 11}, "11000000 edges; expected at most"),
+        ({"kind": "small world", "n": 10**6, "neighbours": 12}, "12000000 edges; expected at"),
         ({"kind": "random geometric", "n": 5000, "radius": 2.0}, "radius 2: more than"),
     ],
 )

@@ -127,6 +127,13 @@ def test_a_delay_that_its_law_rules_out_stops_the_run():
             TableDrawing((other, table)).take(2000)
 
 
+@pytest.mark.parametrize("rule", RULES[1:4], ids=str)
+def test_a_delay_of_so_many_ticks_that_the_tolerance_is_lost_is_not_a_tick_longer(rule):
+    """2^25 ticks less 1e-9 are 2^25 in double precision."""
+    table = DrawnTable("x", Grid(2**20, 2**20, 2.0**-10), Constant(2.0**15), rule, 0)
+    assert table.stream().rows(40).tolist() == [-1] * 32 + list(range(8))
+
+
 def test_no_memory_is_asked_for_that_packets_do_not_need():
     """A law may allow for a delay of years."""
     table = DrawnTable("x", Grid(1, 1, 1e-3), Normal(1.0, 0.1, 0.0, 2e6), RULES[2], 0)

@@ -167,12 +167,17 @@ static int interpolate(const exchanging_t *d, double t, double end, double *y)
     return runge_kutta(d, x->solver == SOLVER_CVODE ? SOLVER_EULER : x->solver, t - x->now, y);
 }
 
-/* Whether an indicator is in another domain than after the last event. */
+/* Whether indicator j of z is in another domain than after the last event. */
+static int differs(const exchange_t *x, const double *z, int64_t j)
+{
+    const int now = z[j] > 0.0, before = indicators(x, BEFORE)[j] > 0.0;
+    return now != before;
+}
+
 static int crossed(const exchange_t *x, const double *z)
 {
-    const double *before = indicators(x, BEFORE);
     for (int64_t j = 0; j < x->n_indicators; j++)
-        if ((z[j] > 0.0) != (before[j] > 0.0)) return 1;
+        if (differs(x, z, j)) return 1;
     return 0;
 }
 
@@ -197,7 +202,7 @@ static double guess(const exchange_t *x, bracket_t *k)
     for (int64_t j = 0; j < x->n_indicators; j++) {
         const double p = k->weight_a * k->before[j], q = k->weight_b * k->after[j];
         double t;
-        if ((k->after[j] > 0.0) == (indicators(x, BEFORE)[j] > 0.0)) continue;
+        if (!differs(x, k->after, j)) continue;
         t = q == p ? k->a : k->b - q * (k->b - k->a) / (q - p);
         if (t < first) first = t;
     }

@@ -26,7 +26,7 @@ from cosim.schedule.plan import Plan
 from tests.cosim.fmi.exporter import column, exchange2, exchange3, export, plan_of, run, strict2
 
 BALL, GROWS, POL, STICKS, COUNTS, WRAPS, FAILS, LEAVES, SHRINKS, WALLS, FADES = range(11)
-SWITCHES, SINKS = range(11, 13)
+SWITCHES, PASSES = range(11, 13)
 DISCARD, ERROR, FATAL = 2, 3, 4
 BOTH = pytest.mark.parametrize("fmi", ["2.0", "3.0"])
 ALONE = pytest.mark.parametrize("fmi", ["2.0"])
@@ -188,13 +188,16 @@ def test_an_indicator_that_comes_to_zero_from_above_is_an_event(
 
 
 @BOTH
-def test_an_indicator_that_is_zero_at_first_and_falls_is_no_event(
-    fmus: dict[str, Path], fmi: str, calls: Callable[[], list[str]]
-) -> None:
-    """Its domains are "> 0" and "<= 0": it stays in the second one."""
-    found = end_of(plan_that(fmus[fmi], SINKS, 4, 0.25, start={"x0": 0.0}, solver="euler"))
-    assert found["x0"] == 1.0
-    assert calls().count("EnterEventMode") == 1  # for the inputs, at the start
+@pytest.mark.parametrize(("mu", "events", "looks"), [(-1.0, 0, 2), (1.0, 1, 5)])
+def test_an_indicator_that_is_zero_at_first(
+    fmus: dict[str, Path], fmi: str, calls: Callable[[], list[str]], mu: float, events: int,
+    looks: int,
+) -> None:  # fmt: skip
+    """It is in the domain "<= 0": it stays there if it falls, and leaves at once if it rises."""
+    plan = plan_that(fmus[fmi], PASSES, 1, 1.5, start={"x0": 0.0}, mu=mu, solver="euler")
+    assert end_of(plan)["x0"] == pytest.approx(1.5)
+    assert calls().count("EnterEventMode") == 1 + events  # one for the inputs, at the start
+    assert calls().count("EventIndicators") == looks  # one trial finds the event
 
 
 @ALONE
@@ -204,6 +207,7 @@ def test_an_indicator_that_is_zero_at_first_and_falls_is_no_event(
         (LEAVES, 1.5, {}, 6), (BALL, 1.5, {}, 32), (STICKS, 11.0, {"x0": 0.0}, 6),
         (FADES, 1.5, {"x0": 0.0, "when": 0.26}, 23), (FADES, 1.5, {"x0": 0.0, "when": 0.9}, 18),
         (SWITCHES, 1.5, {"x0": 0.0, "when": 0.7}, 351),
+        (SWITCHES, 1.5, {"x0": 0.0, "when": 2.2}, 372),
     ],
 )  # fmt: skip
 def test_the_trials_that_find_the_time_of_an_event(
@@ -214,7 +218,9 @@ def test_the_trials_that_find_the_time_of_an_event(
 
     Lines find a smooth event in some trials; one that jumps, unevenly, takes many.
     """
-    found = end_of(plan_that(fmus[fmi], model, 1, step, start=start, solver="rk4", max_step=100.0))
+    steps = 1 + (start.get("when", 0.0) > step)
+    plan = plan_that(fmus[fmi], model, steps, step, start=start, solver="rk4", max_step=100.0)
+    found = end_of(plan)
     assert calls().count("EventIndicators") == trials
     when = start.get("when", {LEAVES: 1.0, STICKS: 10.0, BALL: bounces(2)[1]}.get(model))
     assert found["at"] == pytest.approx(when, rel=1e-14)

@@ -16,7 +16,7 @@
  * LEAVES      x0' = -1 from 1, indicator x0: comes to exactly 0 at 1 s, where steps of 2^-n end
  * FADES       x0' = 1, an event at x0 = `when` by an indicator that falls steeply first and is flat there
  * SWITCHES    x0' = 1, an event at x0 = `when` by an indicator that is 1 before and -1e-12 after
- * SINKS       x0' = 1, indicator -x0: from 0 it stays in the domain "<= 0"
+ * PASSES      x0' = 1, indicator mu x0: from 0 it stays in the domain "<= 0", or leaves it at once
  */
 #include <float.h>
 #include <math.h>
@@ -26,7 +26,7 @@
 #include <stdlib.h>
 
 #define FMI __attribute__((visibility("default")))
-enum { BALL, GROWS, POL, STICKS, COUNTS, WRAPS, FAILS, LEAVES, SHRINKS, WALLS, FADES, SWITCHES, SINKS };
+enum { BALL, GROWS, POL, STICKS, COUNTS, WRAPS, FAILS, LEAVES, SHRINKS, WALLS, FADES, SWITCHES, PASSES };
 enum { MADE = 1, STARTING = 2, IN_EVENT = 4, CONTINUOUS = 8, OVER = 16, BROKEN = 32, DEAD = 64 };
 enum { X0, X1, DX0, DX1, U, MU, PERIOD, WHEN, AT, Z, MODEL = 20, STATUS, LAST, GEAR, EVENTS, HEARD };
 
@@ -95,7 +95,7 @@ static double indicator(const fmu_t *m)
     case WALLS: return m->x[0];
     case FADES: return m->events ? 1.0 : fading(m->x[0]) - fading(m->when);
     case SWITCHES: return m->events || m->x[0] < m->when ? 1.0 : -1e-12;
-    case SINKS: return -m->x[0];
+    case PASSES: return m->mu * m->x[0];
     case LEAVES: return m->x[0] == 0.0 && m->events ? -DBL_MIN : m->x[0];
     default: return 1.0;
     }

@@ -75,13 +75,14 @@ WRONG = (
              "Real rate = x->Gamma[i] * Ys[i];", "Real rate = x->Gamma[0] * Ys[i];"),
     WrongLaw("Gamma without its off-diagonal entries", ("eq32-full",), _LAW,
              "rate += gamma_entry(x, i, j) * Ys[j];", "rate += 0.0 * Ys[j];"),
-    WrongLaw("no anti-windup", ("limit-windup",), _LAW, "y.saturated ? 0.0 : h;", "h;"),
+    WrongLaw("no anti-windup", ("limit-windup",), _LAW,
+             "PICK(y.saturated, 0.0, h);", "PICK(y.saturated, h, h);"),
     WrongLaw("the estimate and z a sample late", ("eq29-30",), _LAW,
              "law(x, x->z_next, x->theta_hat_next, &y);", "law(x, x->z, x->theta_hat, &y);"),
     WrongLaw("C not of Christoffel's symbols", ("eq31", "eq32"), _REGRESSOR,
              "(dq[1] * z[0] + (dq[0] + dq[1]) * z[1])", "(2.0 * dq[1] * z[0] + dq[1] * z[1])"),
     WrongLaw("Remark 3 without its feedback", ("remark3-rate",), _LAW,
-             "y->dz[i] - x->lambda_c * y->s[i] : y->dz[i];", "y->dz[i] : y->dz[i];"),
+             "PICK(inertial, y->dz[i] - x->lambda_c * y->s[i],", "PICK(inertial, y->dz[i],"),
     WrongLaw("gravity adapts by the second joint only", ("upright-one-energy",), _LAW,
              "Ys[4] = c12 * (s[0] + s[1]);", "Ys[4] = c12 * s[1];"),
     WrongLaw("no s in the reference", ("eq29-30", "eq33-1"), _LAW,
@@ -89,6 +90,14 @@ WRONG = (
     WrongLaw("delays a sample longer", ("eq80", "first-motion"), change=later),
     WrongLaw("the motion a sample late", ("eq29-30", "sampled-decay"), change=stale),
 )  # fmt: skip
+
+
+def changed(law: WrongLaw) -> str:
+    """The text of its C file. Raises LookupError if the code is no longer what it changes."""
+    text = (CODE / law.file).read_text(encoding="utf-8")
+    if text.count(law.old) != 1:
+        raise LookupError(f"{law.name}: {law.old!r} stands {text.count(law.old)} times in the code")
+    return text.replace(law.old, law.new)
 
 
 @contextmanager
@@ -101,10 +110,7 @@ def wrong(law: WrongLaw, folder: Path) -> Iterator[None]:
     shutil.copytree(CODE, copy)
     for generator in CODE.parent.glob("*.py"):
         shutil.copy(generator, copy.parent)
-    text = (copy / law.file).read_text(encoding="utf-8")
-    if text.count(law.old) != 1:
-        raise LookupError(f"{law.name}: {law.old!r} stands {text.count(law.old)} times in the code")
-    (copy / law.file).write_text(text.replace(law.old, law.new), encoding="utf-8")
+    (copy / law.file).write_text(changed(law), encoding="utf-8")
     kept, cache = (source._FOLDER, shipped.FOLDER), os.environ.get("XDG_CACHE_HOME")
     source._FOLDER, os.environ["XDG_CACHE_HOME"] = copy, str(folder / "cache")
     shipped.FOLDER = folder / "none"  # the FMUs of the installation are of the right law

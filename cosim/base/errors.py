@@ -16,6 +16,8 @@ from __future__ import annotations
 
 #: How Python says that the system does not let it start a thread.
 NO_THREAD = "can't start new thread"
+#: The text of the SystemError of a library that found no memory and did not say so.
+NO_REASON = "error return without exception set"
 
 
 class CosimError(Exception):
@@ -91,7 +93,7 @@ def shortage(error: BaseException) -> str:
     """The resource that the system lacks, as a sentence; "" for any other error.
 
     A lack of memory also appears as libraries that cannot be loaded, which some packages report as
-    their own ImportError, and as threads that cannot be started.
+    their own ImportError or without a reason, and as threads that cannot be started.
     """
     match error:
         case MemoryError():
@@ -100,6 +102,8 @@ def shortage(error: BaseException) -> str:
             return f"{error.filename or 'the system'}: {error.strerror or error}"
         case RuntimeError() if str(error) == NO_THREAD:
             return f"not enough memory, or too many threads: {error}"
+        case SystemError() if str(error) == NO_REASON:
+            return f"not enough memory, or a library that fails: {error}"
         case ImportError() if error.path and not error.path.endswith(".py"):
             return f"a library cannot be loaded: {error}"
         case ImportError() if error.__context__ is not None:

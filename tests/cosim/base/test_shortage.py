@@ -7,7 +7,7 @@ import os
 
 import pytest
 
-from cosim.base.errors import NO_THREAD, shortage
+from cosim.base.errors import NO_REASON, NO_THREAD, shortage
 
 
 def unloadable(name: str, path: str) -> ImportError:
@@ -32,6 +32,7 @@ def packaged() -> ImportError:
         (OSError(errno.EMFILE, os.strerror(errno.EMFILE), "/a"), "/a: Too many open files"),
         (OSError(errno.EMFILE, os.strerror(errno.EMFILE)), "the system: Too many open files"),
         (RuntimeError(NO_THREAD), "not enough memory, or too many threads"),
+        (SystemError(NO_REASON), "not enough memory, or a library that fails"),
         (unloadable("x", "/lib/x.so"), "a library cannot be loaded: failed to map segment"),
         (packaged(), "a library cannot be loaded: failed to map segment"),
     ],
@@ -46,6 +47,7 @@ def test_what_is_short_is_said(error: Exception, said: str) -> None:
         ModuleNotFoundError("no module", name="x"),
         ImportError("cannot import name", name="x", path="/lib/x.py"),
         RuntimeError("another"),
+        SystemError("another"),
         KeyError("x"),
     ],
 )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -140,19 +140,22 @@ def write_metadata(
     return path
 
 
-def replace_file(path: Path, data: bytes) -> None:
+def replace_file(path: Path, data: bytes | Iterable[bytes]) -> None:
     """Write a file in one step: a reader finds the old or the new file, never a part of it.
 
-    Raises RunError with the path; the old file then remains.
+    `data`: its content, or pieces of it one after the other. Raises RunError with the path; the old
+    file then remains.
     """
     part = path.with_name(f"{path.name}.{os.getpid()}.part")
     try:
-        part.write_bytes(data)
+        with part.open("wb") as file:
+            file.writelines((data,) if isinstance(data, bytes) else data)
         os.replace(part, path)
     except OSError as error:
+        raise RunError(f"cannot write {path}: {reason(error)}") from error
+    finally:
         with suppress(OSError):
             part.unlink(missing_ok=True)
-        raise RunError(f"cannot write {path}: {reason(error)}") from error
 
 
 def read_metadata(folder: str | Path) -> dict[str, Any]:

@@ -13,7 +13,7 @@ from typing import Any
 from cosim.reporting.html import Badge, PageData, cards, command, folded, write_page
 from cosim.reporting.points import PointColumn, PointView, elements, points
 from cosim.sweeps.study import Study
-from cosim.sweeps.summary import lines
+from cosim.sweeps.summary import lines, repeats_the_table
 from cosim.sweeps.table import SweepTable, column, entries
 
 PAGE = "report.html"
@@ -45,7 +45,8 @@ def write(found: SweepTable, study: Study, folder: Path, repeat: str) -> Path:
         repeat=f"cosim run {shlex.quote(os.path.relpath(study.scenario))}",
         settings=[json.loads(text) for text in entries(records, "settings")],
     )  # fmt: skip
-    files = "<p>table.parquet has every run with its settings, summary.csv every point.</p>"
+    points_too = "" if repeats_the_table(found) else ", summary.csv every point"
+    files = f"<p>table.parquet has every run with its settings{points_too}.</p>"
     text = escape("\n".join(lines(found)))
     rest = (
         f"{elements(_REDUCTIONS) if records else ''}<h2>Repeat it</h2>{command('repeat', repeat)}"

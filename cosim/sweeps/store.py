@@ -29,8 +29,8 @@ from cosim.sweeps.run_point import StudyRow
 from cosim.sweeps.table import Records
 
 JOURNAL, RESULTS, LOCK, STATE = "journal.jsonl", "results", ".lock", "sweep.json"
-#: Rows of a part.
-PART_ROWS = 1000
+#: Rows of a part, and of the table that are written at once.
+PART_ROWS, GROUP_ROWS = 1000, 1 << 18
 #: What each row has; axes and measures come besides.
 _FIXED = ("run", "stable", "reason", "stopped_at", "wall", "settings")
 
@@ -241,16 +241,19 @@ def _write_columns(
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    fields, arrays = [], []
-    for name, (kind, values) in columns.items():
+    fields = []
+    for name, (kind, _) in columns.items():
         unit = {"stopped_at": "s", "wall": "s"}.get(name) or units.get(name)
-        fields.append(
-            pa.field(name, getattr(pa, kind)(), metadata={"unit": unit} if unit else None)
-        )
-        arrays.append(pa.array(values, fields[-1].type))
+        metadata = {"unit": unit} if unit else None
+        fields.append(pa.field(name, getattr(pa, kind)(), metadata=metadata))
+    schema, n = pa.schema(fields), max((len(x) for _, x in columns.values()), default=0)
     scratch = path.with_name(f".{path.name}.{os.getpid()}")
     try:
-        pq.write_table(pa.Table.from_arrays(arrays, schema=pa.schema(fields)), scratch)
+        with pq.ParquetWriter(scratch, schema) as writer:
+            for i in range(0, max(n, 1), GROUP_ROWS):
+                some = [x[i : i + GROUP_ROWS] for _, x in columns.values()]
+                arrays = [pa.array(x, f.type) for x, f in zip(some, fields, strict=True)]
+                writer.write_table(pa.Table.from_arrays(arrays, schema=schema))
         os.replace(scratch, path)
     finally:
         scratch.unlink(missing_ok=True)

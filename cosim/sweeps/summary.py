@@ -5,7 +5,8 @@ from __future__ import annotations
 import csv
 import io
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import pairwise
 from math import isfinite, isnan, nan
 from pathlib import Path
 from typing import Any
@@ -21,6 +22,8 @@ from cosim.sweeps.table import Records, SweepTable, column, entries, grouped
 TABLE, SUMMARY = "table.parquet", "summary.csv"
 #: The axis that is averaged over in the summary: it is there to repeat a run.
 REPEATS = "seed"
+#: Runs up to which there is a summary in any case, and lines of it that are written at once.
+MANY, AT_ONCE = 100_000, 4096
 
 
 def lines(table: SweepTable) -> list[str]:
@@ -116,32 +119,50 @@ def cell(value: object) -> str:
 def write(table: SweepTable, folder: Path) -> list[Path]:
     """Write ``table.parquet``, a row a run, and ``summary.csv``, a row for all of a point's seeds.
 
-    Each is replaced in one step. Raises RunError with the path.
+    Where a summary :func:`repeats_the_table`, there is none, and an older one goes. Each is
+    replaced in one step. Raises RunError with the path.
     """
     if table.records:
         assert isinstance(table.records, Records)
         write_records(folder / TABLE, table.records, table.units)
-    replace_file(folder / SUMMARY, _csv(table).encode())
+    if repeats_the_table(table):
+        (folder / SUMMARY).unlink(missing_ok=True)
+        return [folder / TABLE]
+    replace_file(folder / SUMMARY, _csv(table))
     return [folder / TABLE, folder / SUMMARY]
 
 
-def _csv(table: SweepTable) -> str:
+def repeats_the_table(table: SweepTable) -> bool:
+    """Whether a summary would be long and say nothing new: many points, each with one run."""
+    return len(table.records) > MANY and REPEATS not in table.axes
+
+
+def _csv(table: SweepTable) -> Iterator[bytes]:
+    """The lines of the summary, some thousand points at a time."""
     axes = [axis for axis in table.axes if axis != REPEATS]
-    out = io.StringIO()
-    writer = csv.writer(out, lineterminator="\n")
     head = [f"{name}{what}" for name in table.units for what in ("", ".least", ".largest")]
-    writer.writerow([*axes, "runs", "stable", "failed", *head])
+    lines: list[Sequence[Any]] = [[*axes, "runs", "stable", "failed", *head]]
+    keys = [entries(table.records, axis) for axis in axes]
     columns = [column(table.records, name) for name in table.units]
     stable = column(table.records, "stable")
     failed = np.array([bool(why) for why in entries(table.records, "reason")], dtype=bool)
-    for key, rows in grouped(table.records, axes).items():
-        numbers: list[Any] = []
-        for x in columns:
-            numbers += _spread(x[rows])
-        writer.writerow(
-            [*key, len(rows), float(stable[rows].mean()), int(failed[rows].sum()), *numbers]
-        )
-    return out.getvalue()
+    order, ends = grouped(table.records, axes)
+    for start, end in pairwise([0, *ends.tolist()]):
+        rows = order[start:end]
+        numbers = [number for x in columns for number in _spread(x[rows])]
+        key = [values[rows[0]] for values in keys]
+        shares = [len(rows), float(stable[rows].mean()), int(failed[rows].sum())]
+        lines.append([*key, *shares, *numbers])
+        if len(lines) >= AT_ONCE:
+            yield _text(lines)
+            lines = []
+    yield _text(lines)
+
+
+def _text(lines: Sequence[Sequence[Any]]) -> bytes:
+    out = io.StringIO()
+    csv.writer(out, lineterminator="\n").writerows(lines)
+    return out.getvalue().encode()
 
 
 def _spread(x: Array) -> list[Any]:

@@ -96,21 +96,35 @@ def entries(records: Sequence[Mapping[str, Any]], name: str) -> list[Any]:
 
 def grouped(
     records: Sequence[Mapping[str, Any]], axes: Sequence[str]
-) -> dict[tuple[Any, ...], list[int]]:
-    """The numbers of records that agree in these axes, in the order of the table."""
-    rows: dict[tuple[Any, ...], list[int]] = {}
-    columns = [entries(records, axis) for axis in axes]
-    keys = zip(*columns, strict=True) if axes else [()] * len(records)
-    for i, key in enumerate(keys):
-        rows.setdefault(key, []).append(i)
-    return rows
+) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """(rows (n,), ends (groups,)): the numbers of records, those that agree in these axes together.
+
+    Groups, and records in them, are in the order of the table; a group ends before `ends`.
+    """
+    n = len(records)
+    codes = np.zeros(n, dtype=np.intp)
+    for axis in axes:
+        numbers: dict[Any, int] = {}
+        values = entries(records, axis)
+        own = np.fromiter((numbers.setdefault(v, len(numbers)) for v in values), np.intp, n)
+        codes = np.unique(codes * max(1, len(numbers)) + own, return_inverse=True)[1].reshape(n)
+    _, first, codes = np.unique(codes, return_index=True, return_inverse=True)
+    rank = np.empty_like(first)
+    rank[np.argsort(first)] = np.arange(len(first))
+    codes = rank[codes.reshape(n)]
+    return np.argsort(codes, kind="stable"), np.cumsum(np.bincount(codes, minlength=len(first)))
 
 
 def groups(
     table: SweepTable, axes: Sequence[str]
 ) -> dict[tuple[Any, ...], Sequence[Mapping[str, Any]]]:
     """Records that agree in these axes, in the order of the table."""
-    rows = grouped(table.records, axes)
-    if isinstance(table.records, Records):
-        return {key: table.records.at(np.array(where)) for key, where in rows.items()}
-    return {key: [table.records[i] for i in where] for key, where in rows.items()}
+    records = table.records
+    rows, ends = grouped(records, axes)
+    found: dict[tuple[Any, ...], Sequence[Mapping[str, Any]]] = {}
+    for some in np.split(rows, ends[:-1]) if len(rows) else ():
+        key = tuple(records[int(some[0])][axis] for axis in axes)
+        found[key] = (
+            records.at(some) if isinstance(records, Records) else [records[i] for i in some]
+        )
+    return found

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import json
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -116,18 +117,17 @@ def test_a_link_may_be_called_anything(tmp_path_factory: pytest.TempPathFactory,
     assert link_files(folder) == {name: path}
 
 
-def test_a_file_is_replaced_whole_or_not_at_all(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_file_is_replaced_whole_or_not_at_all(tmp_path: Path) -> None:
     path = tmp_path / "a.json"
     replace_file(path, b"old")
 
-    def fills_up(part: Path, data: bytes) -> int:
-        part.open("wb").close()
+    def fills_up() -> Iterator[bytes]:
+        yield b"ne"
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr(Path, "write_bytes", fills_up)
     with pytest.raises(RunError, match=r"cannot write .*a\.json: No space left on device"):
-        replace_file(path, b"new")
+        replace_file(path, fills_up())
     assert [p.name for p in tmp_path.iterdir()] == ["a.json"]
     assert path.read_bytes() == b"old"
+    replace_file(path, iter([b"ne", b"w"]))
+    assert path.read_bytes() == b"new"

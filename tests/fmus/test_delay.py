@@ -16,7 +16,11 @@ STEPS = 12
 
 @pytest.mark.parametrize(
     ("rows", "later"),
-    [([-1, -1, 0, 0, 2], [3, 4, 5, 6, 7, 8, 9, 10]), ([-1, 0, -1], [-1] * 10)],
+    [
+        ([-1, -1, 0, 0, 2], [3, 4, 5, 6, 7, 8, 9, 10]),
+        ([-1, 0, 0], [*range(1, 11)]),
+        ([-1, 0, -1], [-1] * 10),
+    ],
 )
 def test_after_the_last_row_the_age_stays(
     tmp_path: Path, rows: list[int], later: list[int]

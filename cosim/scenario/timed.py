@@ -209,7 +209,7 @@ def _event_player(parts: ScenarioComponents, slot: Slot, changes: Sequence[_Chan
     rows: list[tuple[float, float, float]] = [(0.0, now, 0.0)]
     ordered = sorted(changes, key=lambda c: c.at)
     for change, following in zip(ordered, [*ordered[1:], None], strict=True):
-        if following is not None and following.at < change.end:
+        if following is not None and following.at < change.end - _ROUNDING * parts.h:
             raise ScenarioError(
                 f"changes {slot.name} at {following.at:g} s, before the event at {change.at:g} s "
                 f"is over at {change.end:g} s",
@@ -221,6 +221,7 @@ def _event_player(parts: ScenarioComponents, slot: Slot, changes: Sequence[_Chan
         else:
             now = change.value
     times, values, slopes = (np.array(x) for x in zip(*rows, strict=True))
+    times = np.maximum.accumulate(times)  # 0.1 s + 0.2 s is after 0.3 s, by rounding
     source = TimedValues(times, values, slopes, step.period, parts.h, "events of the scenario")
     return Player(slot, replace(source, details={"events": len(changes)}))
 

@@ -105,6 +105,10 @@ def test_the_columns_of_a_file_have_units(tmp_path: Path) -> None:
             [{"at": 1.0, "set": {"plant.u": 3}}, {"at": 0.5, "set": {"plant.u": 2}}],
             [0, 0, 2, 2, 3, 3, 3, 3],
         ),
+        (  # one begins when the other is over: 0.1 + 0.2 > 0.3, by rounding
+            [{"at": 0.1, "over": 0.2, "set": {"plant.u": 2}}, {"at": 0.3, "set": {"plant.u": 4}}],
+            [0, 1.5, 4, 4, 4, 4, 4, 4],
+        ),
     ],
 )
 def test_events_change_an_input(events: list[dict[str, Any]], expected: list[float]) -> None:

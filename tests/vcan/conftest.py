@@ -1,4 +1,4 @@
-"""Needs a kernel with CAN: ``python -m bridge.vcan run -- python -m pytest tests/vcan``.
+"""Needs a kernel with CAN: ``python -m bridge.vcan run --mem 2G -- python -m pytest tests/vcan``.
 
 A run that does not name this folder leaves it out; ``tests/bridge/vcan/test_vcan_launcher.py``
 (slow) runs all of it on such a kernel, and asserts that nothing was skipped.
@@ -16,7 +16,7 @@ import pytest
 from tests.vcan.peers import call
 
 HERE = Path(__file__).resolve().parent
-COMMAND = "python -m bridge.vcan run -- python -m pytest tests/vcan"
+COMMAND = "python -m bridge.vcan run --mem 2G -- python -m pytest tests/vcan"
 _NUMBERS = count()
 
 

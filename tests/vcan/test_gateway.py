@@ -18,7 +18,7 @@ def test_islands_meet_over_their_gateways(tmp_path):
     bring_up()
     folder = tmp_path / "run"
     done = cosim(tmp_path / "lib", *WORDS, "--out", str(folder), *settings(*CHANGES))
-    assert (folder / "run.json").is_file(), done.stdout + done.stderr
+    assert done.returncode in (0, 3), done.stdout + done.stderr
     facts = json.loads((folder / "run.json").read_text())["rehearsal"]
     assert facts["finished"] and facts["replay"] == 0.0, done.stdout + done.stderr
     for node in GATEWAYS:

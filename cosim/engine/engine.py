@@ -9,7 +9,6 @@ from __future__ import annotations
 import ctypes as c
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import nullcontext
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -26,7 +25,6 @@ from cosim.fmi import components
 from cosim.fmi.failures import not_finite, sentence
 from cosim.native import structs
 from cosim.native.structs import EngineResult
-from cosim.record.folder import FMU_LOG
 from cosim.schedule.parts import RunningBus, Slot, Step
 from cosim.schedule.plan import Plan
 
@@ -314,17 +312,6 @@ class Engine:
             for step in self.plan.components
             if (text := components.log_text(step.component))
         }
-
-    def save_logs(self, folder: Path) -> None:
-        """Write the log texts of FMUs with logging enabled so far into ``folder/NAME.fmu.log``.
-
-        Files of components are written, too: the logs of buses between FMUs.
-        """
-        for name, text in self.logs().items():
-            (folder / f"{name}{FMU_LOG}").write_text(text, encoding="utf-8")
-        for step in self.plan.components:
-            for name, text in components.files(step.component).items():
-                (folder / name).write_text(text, encoding="utf-8")
 
     def close(self) -> None:
         """Free the FMUs; may be called twice.

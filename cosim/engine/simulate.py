@@ -21,11 +21,11 @@ from cosim.base.names import unknown
 from cosim.engine.binding import Termination
 from cosim.engine.engine import Engine
 from cosim.engine.tables import Aside, LinkRows
-from cosim.fmi.components import facts, simulator_facts
+from cosim.fmi import components
 from cosim.links.statistics import Ages, LinkStatistics
 from cosim.links.writer import TableWriter
 from cosim.record import Column, Recorder, claim_folder, link_file, seal, write_metadata
-from cosim.record.folder import FINISHED, LAST, RUNNING, STOPPED
+from cosim.record.folder import FINISHED, FMU_LOG, LAST, RUNNING, STOPPED
 from cosim.record.link_tables import MANY, TablesWriter
 from cosim.record.recover import is_unfinished
 from cosim.scenario.assemble import assemble
@@ -155,7 +155,7 @@ def simulate(
         claim_folder(folder, force=force)
         facts = {**metadata(scenario, plan), **(further or {})}
         stack.enter_context(_completed(folder, facts))
-        stack.callback(engine.save_logs, folder)
+        stack.callback(_save_logs, engine, folder)
         takers.append(_table_writer(folder, plan, facts["links"], stack))
         stack.callback(aside.result)  # before the tables are closed
         recorder = Recorder(
@@ -277,6 +277,15 @@ def _completed(folder: Path, facts: dict[str, Any]) -> Iterator[None]:
     seal(folder)
 
 
+def _save_logs(engine: Engine, folder: Path) -> None:
+    """Write what FMUs with logging enabled logged so far, and the logs of buses between FMUs."""
+    for name, text in engine.logs().items():
+        (folder / f"{name}{FMU_LOG}").write_text(text, encoding="utf-8")
+    for step in engine.plan.components:
+        for name, text in components.files(step.component).items():
+            (folder / name).write_text(text, encoding="utf-8")
+
+
 def _save_failure(
     error: BaseException, recorder: Recorder, everything: Sequence[Column], folder: Path
 ) -> None:
@@ -300,7 +309,7 @@ def metadata(scenario: Scenario, plan: Plan) -> dict[str, Any]:
     simulators = {
         c.name: found
         for c in plan.components
-        if (found := simulator_facts(c.component)) is not None
+        if (found := components.simulator_facts(c.component)) is not None
     }
     return {
         "status": RUNNING,
@@ -312,7 +321,9 @@ def metadata(scenario: Scenario, plan: Plan) -> dict[str, Any]:
         "order": list(plan.later if plan.algorithm == "gauss-seidel" else plan.order),
         "versions": versions(),
         "fmus": {
-            c.name: found for c in plan.components if (found := facts(c.component)) is not None
+            c.name: found
+            for c in plan.components
+            if (found := components.facts(c.component)) is not None
         },
         **({"files": files} if files else {}),
         **({"simulators": simulators} if simulators else {}),

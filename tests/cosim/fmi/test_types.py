@@ -267,12 +267,11 @@ def test_what_a_scenario_gives_is_sorted_into_sizes_texts_and_numbers(passing: P
         assert engine.texts()["x.said"] == ["left"]
 
 
-def test_logs_are_written_next_to_a_run(tmp_path: Path) -> None:
+def test_the_log_of_an_fmu_is_kept(tmp_path: Path) -> None:
     path = export(nasty2(), tmp_path / "x.fmu")
     _, engine = run(plan_of(path, 1, options=FmuOptions(log=True)))
     with engine:
-        engine.save_logs(tmp_path)
-    assert (tmp_path / "x.fmu.log").read_text() == "[ok] logAll: x is made\n"
+        assert engine.logs() == {"x": "[ok] logAll: x is made\n"}
 
 
 @given(

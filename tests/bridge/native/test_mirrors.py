@@ -33,6 +33,7 @@ from bridge.native import (
     node,
     pace,
     safety,
+    vendor,
 )  # fmt: skip
 from bridge.wiring.wiring import heard_dtype, row_dtype
 from tests.bridge.deployments import named
@@ -49,7 +50,7 @@ from tests.c_probe import (
 ROOT = Path(__file__).parents[3]
 MODULES = (
     bus, delay, epoch, faults, frame, journal, load, lockstep, mail, message, network, node,
-    pace, safety,
+    pace, safety, vendor,
 )  # fmt: skip
 HEADERS = sorted((ROOT / "bridge/c").glob("*.h"))
 ENGINE = [
@@ -77,6 +78,7 @@ CONSTANTS = {
     "LIVE_NEVER_STARTED": node.NEVER_STARTED, "LIVE_FAULT": node.FAULT,
     "LIVE_NOT_JOINED": node.NOT_JOINED, "LOCKSTEP_STALLED": lockstep.STALLED,
     "LOCKSTEP_LOST": lockstep.LOST, "LOCKSTEP_REFUSED": lockstep.REFUSED,
+    "VENDOR_QUEUE": vendor.QUEUE, "VENDOR_PARTS": vendor.PARTS,
     **{f"EPOCH_{name.upper()}": i for i, name in enumerate(epoch.SIGNALS)},
     **{f"FAULT_{name}": getattr(faults, name) for name in (
         "DROP", "BURST", "DELAY", "JITTER", "DUPLICATE", "REORDER", "CORRUPT", "FORGE", "REPLAY",

@@ -81,12 +81,14 @@ class Preparation:
 
     A module offers it as ``prepare(options, folder)``; paths among the options are relative to
     `folder`. `values` are numbers or nested lists in the unit of the parameter; a preset and the
-    parameters of the scenario come after them. `files` has the SHA-256 of each file read, by path.
+    parameters of the scenario come after them. `files` has the SHA-256 of each file read, by path;
+    `remarks` are sentences for ``cosim check``: what the files say and the model does not do.
     """
 
     sizes: Mapping[str, int]
     values: Mapping[str, Any]
     files: Mapping[str, str]
+    remarks: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -166,6 +168,12 @@ class NativeComponent(Component, Protocol):
 
     def facts(self) -> Mapping[str, str]:
         """Metadata for ``run.json``: file, sum and version of the simulator."""
+
+    def remarks(self, values: Mapping[str, tuple[float, ...]]) -> tuple[str, ...]:
+        """Sentences for ``cosim check``: what the file says and the simulator does not do.
+
+        `values`: start values of the scenario, flattened, in the unit of the parameter.
+        """
 
     def check_period(self, period: float, place: str) -> None:
         """Raise ScenarioError at `place` if `period` (s) is not a multiple of its own step."""

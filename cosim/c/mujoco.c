@@ -19,26 +19,26 @@ typedef void (*handler_t)(const char *text);
 #define THREAD __thread
 #endif
 
-/* The scene that this thread steps, and where its step is left. */
-static THREAD mujoco_t *stepped;
+/* The scene that this thread steps, and where its step is left; what listens to warnings between steps. */
+static THREAD mujoco_t *stepped, *listening;
 static THREAD jmp_buf left;
 
 /* The step has failed: the first reason counts. */
-static void fail(const char *text)
+static void fail(mujoco_t *x, const char *text)
 {
     size_t n = 0;
-    if (stepped->failed) return;
+    if (x->failed) return;
     while (text[n] && n < MUJOCO_TEXT - 1) n++;
-    memcpy(stepped->text, text, n);
-    stepped->text[n] = 0;
-    stepped->failed = 1;
+    memcpy(x->text, text, n);
+    x->text[n] = 0;
+    x->failed = 1;
 }
 
 /* Outside of a step nothing can be left: an error ends the process, as MuJoCo does without a handler. */
 static void on_error(const char *text)
 {
     if (stepped) {
-        fail(text);
+        fail(stepped, text);
         longjmp(left, 1);
     }
     fprintf(stderr, "MuJoCo: %s\n", text);
@@ -47,8 +47,8 @@ static void on_error(const char *text)
 
 static void on_warning(const char *text)
 {
-    if (stepped)
-        fail(text);
+    if (stepped || listening)
+        fail(stepped ? stepped : listening, text);
     else
         fprintf(stderr, "MuJoCo: %s\n", text);
 }
@@ -60,6 +60,9 @@ API void mujoco_handlers(void **error, void **warning)
     memcpy(error, &e, sizeof e);
     memcpy(warning, &w, sizeof w);
 }
+
+/* Keep the first warning outside of steps, as while a file is read, in x->text; NULL: no longer. */
+API void mujoco_listen(mujoco_t *x) { listening = x; }
 
 static void call(void *function, const mujoco_t *x)
 {

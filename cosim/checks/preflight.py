@@ -76,6 +76,7 @@ RULES: tuple[Rule, ...] = (
     buses.lost_frames,
     lambda known: wiring.unconnected_inputs(known.plan),
     lambda known: wiring.unitless_connections(known.plan),
+    lambda known: wiring.remarks(known.plan),
     wiring.ignored_values,
     wiring.saturation,
     wiring.size,

@@ -9,7 +9,7 @@ import numpy as np
 from cosim.analysis.system import AnalyzedSystem
 from cosim.checks.finding import Finding, Severity
 from cosim.checks.peaks import held_networks
-from cosim.fmi.components import has_unit, is_simulator
+from cosim.fmi.components import has_unit, is_simulator, simulator_remarks
 from cosim.schedule.parts import Link, Slot, Wire
 from cosim.schedule.plan import Plan
 
@@ -84,6 +84,20 @@ def ignored_values(system: AnalyzedSystem) -> Iterator[Finding]:
             reason=f"{sentence}: its value is ignored",
             advice="correct the name in the parameter set, or remove the parameter",
         )
+
+
+def remarks(plan: Plan) -> Iterator[Finding]:
+    """What files of robots say and a component does not do."""
+    for step in plan.components:
+        for sentence in (*step.remarks, *simulator_remarks(step.component, step.values)):
+            yield Finding(
+                rule="file",
+                severity="warning",
+                where=step.name,
+                number=1.0,
+                unit="1",
+                reason=sentence,
+            )
 
 
 def _connected_inputs(plan: Plan) -> list[Slot]:

@@ -85,6 +85,7 @@ def _contents(component: Component) -> Contents:
     facts: list[tuple[str, str]] = [("kind", component.kind)]
     if isinstance(component, MujocoComponent):
         facts += [*component.scene.facts(), *component.scene.counts()]
+        facts += [("remark", remark) for remark in component.remarks({})]
     rows = [
         [_name(p), causality, p.unit, "", p.description]
         for causality, ports in (("input", component.inputs), ("output", component.outputs))

@@ -69,6 +69,14 @@ def simulator_facts(component: Component) -> Mapping[str, str] | None:
     return None if simulator is None else simulator.facts()
 
 
+def simulator_remarks(
+    component: Component, values: Mapping[str, tuple[float, ...]]
+) -> tuple[str, ...]:
+    """Remarks of a component of a foreign simulator on its file and start values; else none."""
+    simulator = _simulator(component)
+    return () if simulator is None else simulator.remarks(values)
+
+
 def model_name(component: Component) -> str:
     """The model of a component as text: the file of an FMU, or the class."""
     fmu = fmu_of(component)

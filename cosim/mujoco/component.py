@@ -17,8 +17,11 @@ from cosim.mujoco.joints import joint_groups
 from cosim.mujoco.library import SceneStruct, functions, package
 from cosim.mujoco.options import MujocoOptions
 from cosim.mujoco.ports import input_ports, output_ports, refuse_duplicates, start_ports
-from cosim.mujoco.scene import KEY, Scene, read_scene
+from cosim.mujoco.remarks import scene_remarks, start_remarks
+from cosim.mujoco.scene import JOINT, KEY, Scene, read_scene
 
+#: Difference of a joint from the one that it mimics that is rounding, rad or m.
+_APART = 1e-6
 #: Relative difference between a period and whole time steps that is rounding.
 ROUNDING = 1e-9
 
@@ -40,6 +43,7 @@ class MujocoComponent:
         self._key = self._keyframe(options.keyframe)
         self._reset()
         groups = joint_groups(self.scene, options)
+        self._groups = groups
         self._inputs = input_ports(self.scene, groups, self.data)
         self._outputs = output_ports(self.scene, groups, self.data, options)
         self._starts = start_ports(self.scene, groups, self.data)
@@ -89,6 +93,14 @@ class MujocoComponent:
         """Metadata for a run: file, sums, version, time step, integrator."""
         return dict(self.scene.facts())
 
+    def remarks(self, values: Mapping[str, tuple[float, ...]]) -> tuple[str, ...]:
+        """Sentences for ``cosim check``: what the file says and the scene does not do."""
+        self._reset()
+        return (
+            *scene_remarks(self.scene),
+            *start_remarks(self.scene, self._groups, values, self.data),
+        )
+
     def check_period(self, period: float, place: str) -> None:
         """Raise ScenarioError at `place` if `period` (s) is not a multiple of the time step."""
         self._substeps(period, place)
@@ -97,9 +109,12 @@ class MujocoComponent:
         step = self.scene.time_step
         n = round(period / step)
         if n < 1 or abs(n * step - period) > ROUNDING * period:
+            option = f'<option timestep="{period:g}"/>'
+            cure = f"<mujoco>{option}</mujoco> in <robot>" if self.scene.is_urdf else option
             raise ScenarioError(
                 f"{self.scene.path.name} has a time step of {step:g} s (option timestep), found a "
-                f"period of {period:g} s; expected a multiple of the time step",
+                f"period of {period:g} s; expected a multiple of the time step: {cure} in the file "
+                "(without it 2 ms), or another period of the component",
                 place,
             )
         return n
@@ -114,6 +129,30 @@ class MujocoComponent:
             if start.parameter.name in values:
                 array = getattr(self.data, start.field)
                 array[list(start.places)] = values[start.parameter.name]
+        self._follow(values)
+
+    def _follow(self, values: Values) -> None:
+        """Put joints that mimic others where these are. Raises ScenarioError for another start."""
+        model, names = self.scene.model, self.scene.names(JOINT)
+        given = {
+            (start.field, place)
+            for start in self._starts
+            if start.parameter.name in values
+            for place in start.places
+        }
+        for x in self.scene.mimics:
+            for field, at, offset in (
+                ("qpos", model.jnt_qposadr, x.offset),
+                ("qvel", model.jnt_dofadr, 0.0),
+            ):
+                array, place = getattr(self.data, field), int(at[x.joint])
+                right = offset + x.factor * float(array[int(at[x.other])])
+                if (field, place) in given and abs(array[place] - right) > _APART:
+                    raise ScenarioError(
+                        f"the joint {names[x.joint]!r} starts with {array[place]:g}, expected"
+                        f" {right:g}: it mimics {names[x.other]!r}"
+                    )
+                array[place] = right
 
     def _reset(self) -> None:
         if self._key < 0:

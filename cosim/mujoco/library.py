@@ -7,6 +7,8 @@ from __future__ import annotations
 
 import ctypes as c
 import importlib
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import lru_cache
 from types import ModuleType
@@ -80,9 +82,24 @@ def functions() -> Functions:
         raise MujocoError("the compiled engine is of another version: install the project again")
     engine.mujoco_outputs.argtypes = (c.c_void_p, c.c_void_p, c.c_void_p)
     engine.mujoco_step.argtypes = (*(c.c_void_p, c.c_double, c.c_double), c.c_void_p, c.c_void_p)
-    engine.mujoco_handlers.restype = None
+    engine.mujoco_handlers.restype = engine.mujoco_listen.restype = None
+    engine.mujoco_listen.argtypes = (c.c_void_p,)
     engine.mujoco_handlers(*(c.byref(handler) for handler in handlers))
     return Functions(advance, evaluate, structs.address(engine.mujoco_step), engine.mujoco_outputs)
+
+
+@contextmanager
+def warnings() -> Iterator[list[str]]:
+    """What MuJoCo warns of meanwhile, without a step: the first sentence, at the end."""
+    functions()
+    listener, heard = SceneStruct(), list[str]()
+    structs.library().mujoco_listen(c.byref(listener))
+    try:
+        yield heard
+    finally:
+        structs.library().mujoco_listen(None)
+    if listener.failed:
+        heard.append(listener.text.decode("utf-8", "replace"))
 
 
 def _library_file() -> str:

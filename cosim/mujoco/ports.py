@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from typing import Any
@@ -90,7 +90,8 @@ def _torque(scene: Scene, group: JointGroup, motors: list[Actuator | None], data
     port = Port(
         group.port("tau"), (len(places),), group.force_unit,
         "Torque of the motors" if all(motors) else "Torque on the joints, motors where there are",
-        optional=not any(motors) and scene.model.nu > 0,
+        _held(data, [(motor.index, motor.gain) if motor else None for motor in motors]),
+        not any(motors) and scene.model.nu > 0,
     )  # fmt: skip
     return InputPort(port, tuple(a for a, _ in places), tuple(g for _, g in places))
 
@@ -108,14 +109,24 @@ def _reference(group: JointGroup, name: str, servos: list[Actuator], data: Any) 
     port = Port(
         group.port(name), (len(servos),), servos[0].unit,
         f"Reference of the {servos[0].kind} servos",
+        _held(data, [(servo.index, servo.gain) for servo in servos]),
     )  # fmt: skip
     places = tuple(address(data.ctrl, servo.index) for servo in servos)
     return InputPort(port, places, tuple(servo.gain for servo in servos))
 
 
 def _single(actuator: Actuator, data: Any) -> InputPort:
-    port = Port(actuator.name, (), actuator.unit, f"Actuator ({actuator.kind})")
+    port = Port(
+        actuator.name, (), actuator.unit, f"Actuator ({actuator.kind})",
+        _held(data, [(actuator.index, 1.0)]),
+    )  # fmt: skip
     return InputPort(port, (address(data.ctrl, actuator.index),), (1.0,))
+
+
+def _held(data: Any, controls: Sequence[tuple[int, float] | None]) -> tuple[float, ...]:
+    """What an input holds without a wire: the controls of the keyframe, over their gains."""
+    found = tuple(float(data.ctrl[x[0]]) / x[1] if x else 0.0 for x in controls)
+    return found if any(found) else ()
 
 
 def _dof(scene: Scene, joint: int) -> int:

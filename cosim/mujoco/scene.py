@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 
 from cosim.base.errors import MujocoError
-from cosim.mujoco.library import package
+from cosim.mujoco.library import package, warnings
+from cosim.mujoco.urdf import Mimic, check_words, mimics, urdf_remarks, urdf_root
 
 #: Kinds of objects that have names, by MuJoCo's word.
 JOINT, ACTUATOR, SENSOR, SITE, BODY, KEY = "JOINT", "ACTUATOR", "SENSOR", "SITE", "BODY", "KEY"
@@ -19,10 +20,16 @@ JOINT, ACTUATOR, SENSOR, SITE, BODY, KEY = "JOINT", "ACTUATOR", "SENSOR", "SITE"
 
 @dataclass(frozen=True, slots=True)
 class Scene:
-    """A compiled model: `model` is MuJoCo's ``MjModel``, from the file `path`."""
+    """A compiled model: `model` is MuJoCo's ``MjModel``, from the file `path`.
+
+    `said`: remarks on the file; `mimics`: joints that follow others; `is_urdf`: not an MJCF file.
+    """
 
     path: Path
     model: Any
+    said: tuple[str, ...] = ()
+    mimics: tuple[Mimic, ...] = ()
+    is_urdf: bool = False
 
     @property
     def time_step(self) -> float:
@@ -75,6 +82,10 @@ class Scene:
         yield "actuators", str(model.nu) if model.nu else "0: tau acts on the joints themselves"
         yield "sensors", str(model.nsensor)
         yield "keyframes", ", ".join(filter(None, self.names(KEY))) or "none"
+        joints = self.names(JOINT)
+        for x in self.mimics:
+            law = f"{joints[x.joint]} = {x.factor:g} {joints[x.other]}"
+            yield "mimic", law + (f" {x.offset:+g}" if x.offset else "")
 
 
 def read_scene(path: Path) -> Scene:
@@ -83,7 +94,14 @@ def read_scene(path: Path) -> Scene:
     if not path.is_file():
         raise MujocoError(f"{path} does not exist; expected an MJCF or URDF file")
     try:
-        model = mujoco.MjModel.from_xml_path(str(path))
+        with warnings() as heard:
+            model = mujoco.MjModel.from_xml_path(str(path))
     except (ValueError, mujoco.FatalError) as error:
         raise MujocoError(f"{path}: {' '.join(str(error).split())}") from None
-    return Scene(path, model)
+    said = tuple(f"MuJoCo: {' '.join(text.split())}" for text in heard)
+    root = urdf_root(path)
+    if root is None:
+        return Scene(path, model, said)
+    check_words(path, root)
+    following = mimics(path, root, model)
+    return Scene(path, model, (*said, *urdf_remarks(root, model)), following, is_urdf=True)

@@ -129,6 +129,7 @@ def _steps(scenario: Scenario, h: float, load: Load, sorts: dict[str, Sort]) -> 
                 discrete=sort.discrete,
                 sloped=sort.sloped,
                 files=prepared.files,
+                remarks=prepared.remarks,
             )
         )
     return steps

@@ -59,6 +59,7 @@ class Step(Struct, frozen=True):
     discrete: frozenset[str] = frozenset()  # inputs that are held all the same
     sloped: frozenset[str] = frozenset()  # inputs that take the slope of what is extrapolated
     files: Mapping[str, str] = field(default_factory=dict)  # read for it: SHA-256 by path
+    remarks: tuple[str, ...] = ()  # what these files say and the component does not do
 
 
 class Wire(Struct, frozen=True, gc=False):

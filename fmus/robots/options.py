@@ -80,7 +80,8 @@ def prepare(model: Callable[..., Model], options: Mapping[str, Any], folder: Pat
         found["Gamma"] = of_each * chosen(robot.table, options.get("adapt", "all"))
     values = {name: value.tolist() for name, value in found.items() if name in declared}
     file = robot.path
-    return Preparation(sizes, values, {str(file): sha256(file.read_bytes()).hexdigest()})
+    sums = {str(file): sha256(file.read_bytes()).hexdigest()}
+    return Preparation(sizes, values, sums, tuple(f"{file.name}: {x}" for x in robot.unread))
 
 
 def robot_of(options: Mapping[str, Any], folder: Path) -> Robot:

@@ -31,6 +31,7 @@ def tree(urdf: Urdf) -> Iterator[str]:
             words.append(f"{body.mass:.4g} kg")
         yield ", ".join(words)
         left += [(each.child, depth + 1) for each in reversed(list(urdf.joints_on(name)))]
+    yield from urdf.unread
 
 
 def joints(robot: Robot) -> Iterator[str]:
@@ -56,6 +57,7 @@ def joints(robot: Robot) -> Iterator[str]:
     widths = [max(len(row[k]) for row in rows) for k in range(len(columns))]
     for row in rows:
         yield "  ".join(text.ljust(width) for text, width in zip(row, widths, strict=True)).rstrip()
+    yield from robot.unread
 
 
 def sampled_positions(robot: Robot) -> Array:

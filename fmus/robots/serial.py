@@ -24,13 +24,17 @@ from fmus.robots.urdf import Urdf, UrdfJoint, read
 GRAVITY = 9.81
 
 
+#: What each joint of the file gives to the vectors of a robot.
+_OF_JOINTS = ("lower", "upper", "effort", "velocity", "damping", "friction")
+
+
 @final
 @dataclass(frozen=True, slots=True)
 class Robot:
     """A serial arm; vectors are of shape (n,), of rad and N.m or of m and N by the joint.
 
     `tip` is the frame of the tip link in the last link of the table. `effort` and `velocity` are
-    infinite where the file has none.
+    infinite where the file has none. `unread`: as of ``fmus.robots.urdf.Urdf``.
     """
 
     path: Path
@@ -43,6 +47,7 @@ class Robot:
     velocity: Array
     damping: Array
     friction: Array
+    unread: tuple[str, ...] = ()
 
     @property
     def mass(self) -> float:
@@ -79,10 +84,8 @@ def serial(
         tuple(joint.name for joint in moving),
         _table(parts, _gravity(chain, base)),
         Placement(_to_z(moving[-1].axis).T, np.zeros(3)) @ parts[-1].end,
-        *(
-            np.array([getattr(joint, field) for joint in moving])
-            for field in ("lower", "upper", "effort", "velocity", "damping", "friction")
-        ),
+        unread=chain.urdf.unread,
+        **{name: np.array([getattr(joint, name) for joint in moving]) for name in _OF_JOINTS},
     )
 
 

@@ -18,6 +18,7 @@ import numpy as np
 
 from cosim.base.errors import ScenarioError
 from cosim.base.toml import is_usable_number
+from cosim.base.urdf import OF_INERTIA, unread, wrong_word
 from fmus.numeric import Array
 from fmus.robots.body import Placement, RigidBody, from_rpy, symmetric
 
@@ -27,12 +28,6 @@ MOST = 1e9
 MOVING = ("revolute", "continuous", "prismatic")
 #: The inertia of each link by name; None for one without.
 Links: TypeAlias = dict[str, RigidBody | None]
-#: Elements of a joint; another one is a mistake that would silently give a default.
-_OF_JOINT = (
-    "origin", "parent", "child", "axis", "limit", "dynamics", "mimic", "calibration",
-    "safety_controller",
-)  # fmt: skip
-_ENTRIES = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 
 
 @final
@@ -66,11 +61,15 @@ class UrdfJoint:
 @final
 @dataclass(frozen=True, slots=True)
 class Urdf:
-    """A robot as in the file; `links` by name, None for one without inertia."""
+    """A robot as in the file; `links` by name, None for one without inertia.
+
+    `unread`: what the file says about the motion and is not read, a sentence each.
+    """
 
     path: Path
     links: Links
     joints: tuple[UrdfJoint, ...]
+    unread: tuple[str, ...]
 
     def place(self, kind: str, name: str) -> str:
         """``FILE, joint 'elbow'``, for messages."""
@@ -100,12 +99,6 @@ class _Element:
         if len(found) > 1:
             self.refuse(f"{len(found)} elements <{tag}>, expected one")
         return _Element(found[0], f"{self.place}, <{tag}>") if found else None
-
-    def only(self, *tags: str) -> None:
-        """Refuse other children than these."""
-        for child in self.element:
-            if child.tag not in tags:
-                self.refuse(f"unknown element <{child.tag}>, expected one of {', '.join(tags)}")
 
     def text(self, attribute: str) -> str:
         found = self.element.get(attribute)
@@ -140,6 +133,8 @@ def read(path: str | Path) -> Urdf:
     """Read a URDF file. Raises ScenarioError for everything that is wrong in it."""
     path = Path(path)
     root = _parse(path)
+    if (wrong := wrong_word(root)) is not None:
+        raise ScenarioError(wrong[1], f"{path}, {wrong[0]}")
     links: Links = {}
     for element in root.findall("link"):
         name = _name(path, "link", element, links)
@@ -149,7 +144,7 @@ def read(path: str | Path) -> Urdf:
         name = _name(path, "joint", element, joints)
         joints[name] = _joint(_Element(element, f"{path}, joint {name!r}"), name, links)
     _check_tree(path, links, joints)
-    return Urdf(path, links, tuple(joints.values()))
+    return Urdf(path, links, tuple(joints.values()), tuple(unread(root)))
 
 
 def _parse(path: Path) -> ElementTree.Element:
@@ -198,16 +193,14 @@ def _inertia(link: _Element) -> RigidBody | None:
     inertial = link.child("inertial")
     if inertial is None:
         return None
-    inertial.only("origin", "mass", "inertia")
     mass, inertia = inertial.child("mass"), inertial.child("inertia")
     if mass is None or inertia is None:
         inertial.refuse(f"no <{'mass' if mass is None else 'inertia'}>")
-    tensor = symmetric([inertia.number(entry) for entry in _ENTRIES])
+    tensor = symmetric([inertia.number(entry) for entry in OF_INERTIA["inertia"]])
     return RigidBody.about_centre(mass.number("value"), tensor, _origin(inertial))
 
 
 def _joint(element: _Element, name: str, links: Links) -> UrdfJoint:
-    element.only(*_OF_JOINT)
     kind = element.text("type")
     if kind not in (*MOVING, "fixed"):
         element.refuse(f"found type {kind!r}, expected one of {', '.join(MOVING)}, fixed")

@@ -8,8 +8,11 @@ import numpy as np
 import pytest
 
 from cosim.base.errors import ScenarioError
+from cosim.checks import preflight
+from cosim.scenario.assemble import assemble
 from fmus.robots.serial import serial
 from fmus.robots.urdf import read
+from tests.cosim.scenarios import scenario
 from tests.fmus.robots import files
 
 BODY = list(files.BODY)
@@ -61,7 +64,15 @@ CASES = [
     (of_joint(inside=LIMIT + '<dynamics damping="-1"/>'), "<dynamics>: found a negative value"),
     # inertia
     (LINKS.replace(" ixx=", " xx=") + files.joint("j", "revolute", "a", "b", LIMIT),
-     "link 'b', <inertial>, <inertia>: no attribute 'ixx'"),
+     "link 'b', <inertial>: unknown attribute 'xx' of <inertia>, expected one of ixx"),
+    (LINKS.replace("<inertia ixx=", "<inertia izy=") + files.joint("j", "fixed", "a", "b"),
+     "unknown attribute 'izy' of <inertia>"),
+    (LINKS.replace(' ixy="', ' name="') + files.joint("j", "fixed", "a", "b"),
+     "unknown attribute 'name' of <inertia>"),
+    (of_joint(inside='<limit lowr="-1" upper="1"/>'),
+     "joint 'j': unknown attribute 'lowr' of <limit>, expected one of lower, upper"),
+    (of_joint(inside=LIMIT + '<origin xyz="0 0 1" quat_xyzw="0 0 0 1"/>'),
+     "joint 'j': unknown attribute 'quat_xyzw' of <origin>, expected one of xyz, rpy"),
     (LINKS.replace("<mass", "<weight") + files.joint("j", "revolute", "a", "b", LIMIT),
      "link 'b', <inertial>: unknown element <weight>, expected one of origin, mass, inertia"),
     (files.link("a") + files.link("b") + files.joint("j", "revolute", "a", "b", LIMIT),
@@ -117,3 +128,26 @@ def test_a_link_of_zeros_at_a_fixed_joint_has_no_mass(tmp_path: Path) -> None:
 def test_a_lamina_is_a_body(tmp_path: Path) -> None:
     path = files.write(tmp_path, of_body(1.0, 0.1, 0, 0, 0.2, 0, 0.3))
     assert serial(path, "a", "b").mass == 1.0
+
+
+def test_what_would_change_the_motion_and_is_not_read_is_named(tmp_path: Path) -> None:
+    soft = LIMIT + '<safety_controller k_velocity="9"/><dynamics damping="1" D="2"/>'
+    gear = "<transmission><actuator><mechanicalReduction>50</mechanicalReduction></actuator>"
+    path = files.write(tmp_path, of_joint(inside=soft), gear + "</transmission>")
+    assert (
+        serial(path, "a", "b").unread
+        == read(path).unread
+        == (
+            "<safety_controller> of the joints 'j' is not read: its soft limits do not act",
+            "the attribute 'D' of <dynamics> is not read: URDF does not have it",
+            "<mechanicalReduction> in <transmission> is not read and does not act",
+        )
+    )
+    spec = {
+        "model": "fmus.models.arm",
+        "options": {"urdf": str(path), "base": "a", "tip": "b"},
+        "start": {"tau": [0.0]},
+    }
+    made = scenario({"arm": spec})
+    found = preflight.check(made, assemble(made))
+    assert [f.reason.partition(": ")[0] for f in found if f.rule == "file"] == ["robot.urdf"] * 3

@@ -72,7 +72,10 @@ def simulator_facts(component: Component) -> Mapping[str, str] | None:
 def simulator_remarks(
     component: Component, values: Mapping[str, tuple[float, ...]]
 ) -> tuple[str, ...]:
-    """Remarks of a component of a foreign simulator on its file and start values; else none."""
+    """Remarks of a component of a foreign simulator on its file and its start `values`; else none.
+
+    `values`: flattened, in the unit of the parameter.
+    """
     simulator = _simulator(component)
     return () if simulator is None else simulator.remarks(values)
 

@@ -117,8 +117,8 @@ def test_every_rule_is_among_the_cases() -> None:
     }  # fmt: skip
     # those of buses: tests/cosim/scenario/test_buses.py; of FMUs without units: test_unitless.py;
     # of SSPs: tests/ssp/test_published.py; of tips: test_tasks.py;
-    # of servos: test_servos.py
-    assert len(RULES) + len(NOTES) == 42
+    # of servos: test_servos.py; of files of robots: tests/fmus/robots/test_urdf.py, cosim/mujoco
+    assert len(RULES) + len(NOTES) == 43
 
 
 # ---- predictions and the rest -------------------------------------------------------------------

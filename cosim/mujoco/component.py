@@ -94,7 +94,10 @@ class MujocoComponent:
         return dict(self.scene.facts())
 
     def remarks(self, values: Mapping[str, tuple[float, ...]]) -> tuple[str, ...]:
-        """Sentences for ``cosim check``: what the file says and the scene does not do."""
+        """Sentences for ``cosim check``: what the file says and the scene does not do.
+
+        `values`: start values of the scenario, flattened, in the unit of the parameter.
+        """
         self._reset()
         return (
             *scene_remarks(self.scene),

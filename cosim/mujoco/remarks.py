@@ -62,7 +62,7 @@ def _inertias(scene: Scene) -> Iterator[str]:
 def start_remarks(
     scene: Scene, groups: list[JointGroup], values: Mapping[str, tuple[float, ...]], home: Any
 ) -> Iterator[str]:
-    """Joints that start outside of their limits; `values` of the scenario, the rest as `home`."""
+    """Joints that start outside of their limits; `values` (rad or m) given, the rest as `home`."""
     model, names = scene.model, scene.names(JOINT)
     q = home.qpos.copy()
     for group in groups:

@@ -74,7 +74,7 @@ def values(carried: Carried) -> Iterator[Value]:
     """Of a message, in their order."""
     for part in carried.outlet.parts:
         index = part.name.partition("[")[2].rstrip("]").rpartition(",")[2]
-        first = int(index) if not part.shape and index.isdigit() else 0
+        first = int(index) - part.base if not part.shape and index.isdigit() else 0
         for i in range(part.size):
             yield Value(part.component, part.port, first + i, part.unit)
 

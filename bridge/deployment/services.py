@@ -20,6 +20,7 @@ from bridge.drives.profiles import DriveProfile, load_profile
 from bridge.native.epoch import SIGNALS as EPOCH_SIGNALS
 from bridge.native.message import Message
 from cosim.base.errors import ScenarioError
+from cosim.base.names import signal_of
 
 #: Heartbeats of a host in the time-out of the drive that waits for them.
 BEATS = 4
@@ -81,7 +82,7 @@ def commanding_nodes(d: Deployment, bus: str) -> dict[str, DriveProfile]:
     found = {}
     for name in drives_on(d, bus):
         m = d.messages[name]
-        ports = {signal.partition(".")[2].partition("[")[0] for signal in m.carries}
+        ports = {signal_of(signal.partition(".")[2]) for signal in m.carries}
         home = homes.get(m.carries[0].partition(".")[0]) if m.carries else None
         if "tau" in ports and home is not None:
             found[home] = load_profile(d.file(m.profile))

@@ -213,9 +213,10 @@ def _signals(outlet: Outlet) -> list[str]:
     """``q1, q2, dq1, dq2`` for the ports q and dq of two entries each; a scalar by its name."""
     names: list[str] = []
     for part in outlet.parts:
-        port, _, index = part.name.partition(".")[2].rstrip("]").partition("[")
+        index = part.name[len(f"{part.component}.{part.port}[") :].rstrip("]")
+        port = part.port
         if part.shape:
             names += [f"{port}{i + 1}" for i in range(part.size)]
         else:
-            names.append(f"{port}{int(index) + 1}" if index.isdigit() else port)
+            names.append(f"{port}{int(index) + 1 - part.base}" if index.isdigit() else port)
     return names

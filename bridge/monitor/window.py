@@ -13,6 +13,7 @@ from bridge.monitor.messages import SPAN_NS, ReceivedMessage
 from cosim.analysis import declared_metrics
 from cosim.analysis.metrics import Error, Metric, MetricResult
 from cosim.base.errors import ScenarioError
+from cosim.base.names import signal_of
 
 Array = NDArray[np.float64]
 #: s between two rows.
@@ -60,7 +61,7 @@ class Recent:
 
     def unit(self, prefix: str) -> str:
         """Unit of a signal."""
-        return self._slots[prefix.partition("[")[0]].unit
+        return self._slots[prefix if prefix in self._slots else signal_of(prefix)].unit
 
     def _column(self, name: str) -> Array:
         message, place = self._places[name]

@@ -10,6 +10,7 @@ from bridge.can.layout import find
 from bridge.deployment import spec as deploy
 from bridge.deployment.spec import Deployment
 from cosim.base.errors import CosimError, ScenarioError
+from cosim.base.names import signal_of
 from cosim.record import Run
 from cosim.scenario.spec import Scenario, build
 
@@ -48,9 +49,9 @@ def is_compared(run: Run) -> Callable[[str], bool]:
     ends = [e for x in scenario.links for e in (x.source, x.target)]
     wired = [w for c in scenario.components.values() for w in c.inputs.values()]
     ends += [w if isinstance(w, str) else w.source for w in wired]
-    ports = {end.partition("[")[0] for end in ends}
+    ports = {signal_of(end) for end in ends}
     plants = {name for name, c in scenario.components.items() if c.period is None}
-    return lambda name: name.partition(".")[0] in plants or name.partition("[")[0] in ports
+    return lambda name: name.partition(".")[0] in plants or signal_of(name) in ports
 
 
 def quanta(run: Run, remarks: list[str]) -> dict[str, float]:
@@ -80,7 +81,7 @@ def _carried(d: Deployment, name: str, run: Run) -> dict[str, float]:
     for text in message.carries:
         known = text in run.units or any(n.startswith(f"{text}[") for n in run.names)
         for i, entry in enumerate(run.entries(text) if known else ()):
-            port = text.partition(".")[2].partition("[")[0]
+            port = signal_of(text.partition(".")[2])
             for signal in layout.signals:
                 if signal.name in (port, f"{port}{i + 1}"):
                     found[entry] = abs(signal.scale)

@@ -27,6 +27,7 @@ from bridge.wiring.wiring import Rows
 from cosim.analysis.memory_run import RepeatedValues
 from cosim.base import struct
 from cosim.base.errors import PlanError
+from cosim.base.names import signal_of
 from cosim.engine.simulate import simulate
 from cosim.scenario.assemble import assemble
 from cosim.scenario.recorded import with_recorded_links
@@ -169,7 +170,7 @@ def _silence(
 ) -> Player:
     plan = system.nodes[node]
     at = age_slot(plan, inlet, age, str(system.deployment.path))
-    port = f"{inlet.component}.{age.partition('[')[0]}"
+    port = f"{inlet.component}.{signal_of(age)}"
     whole, k = system.plan.slots()[port], at - plan.plan.slots()[port].start
 
     def told(found: Rows) -> NDArray[Any]:

@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 
 #: ``links[0]`` as a path has it: ``links.0``.
 _INDEX = re.compile(r"\[(\d+)\]")
+#: Tables whose keys are names of variables, with the index of an entry.
+_OF_VARIABLES = re.compile(r"components\.[^.]+\.(parameters|start|inputs)\.")
 #: A scenario: a file, or a document with the keys of one.
 Given = str | Path | Mapping[str, Any]
 
@@ -146,5 +148,8 @@ def _document(value: Any) -> Any:
 
 def _settings(values: Mapping[str, Any] | None) -> list[str]:
     """``path=value`` texts, as the command line has them."""
-    paths = {_INDEX.sub(r".\1", path): value for path, value in (values or {}).items()}
+    paths = {
+        path if _OF_VARIABLES.match(path) else _INDEX.sub(r".\1", path): value
+        for path, value in (values or {}).items()
+    }
     return [f"{path}={as_toml(_document(value))}" for path, value in paths.items()]

@@ -37,7 +37,8 @@ class Port:
     `default` (flattened, () = zeros) is what an input holds when nothing is wired to it. With
     `optional` that is normal; else ``cosim check`` takes it for a forgotten wire, unless the
     scenario sets a start value. `low` and `high`: the least and the greatest value each entry may
-    have, in `unit`.
+    have, in `unit`. `base`: the index of the first entry, along each axis: 1 in FMUs of Modelica
+    tools, whose names of entries hold.
     """
 
     name: str
@@ -48,6 +49,7 @@ class Port:
     optional: bool = False
     low: float = -inf
     high: float = inf
+    base: int = 0
 
     @property
     def size(self) -> int:
@@ -59,7 +61,8 @@ class Port:
 class Parameter:
     """A value fixed before the first step: a parameter, or the start value of a state.
 
-    `default` holds the flattened values (row-major); `type` is the FMI type it is carried as.
+    `default` holds the flattened values (row-major); `type` is the FMI type it is carried as;
+    `base`: as of a :class:`Port`.
     """
 
     name: str
@@ -68,6 +71,7 @@ class Parameter:
     unit: str = "1"
     description: str = ""
     type: Literal["real", "integer", "boolean"] = "real"
+    base: int = 0
 
     @property
     def size(self) -> int:

@@ -14,6 +14,14 @@ def signal_of(scalar: str) -> str:
     return _INDEX.sub("", scalar)
 
 
+def extent(shape: Sequence[int], base: int = 0) -> str:
+    """``[2,3]`` behind the name of an array; ``[1..2,1..3]`` if its entries count from 1; "" of one
+    number.
+    """
+    sizes = [str(n) if base == 0 else f"{base}..{base + n - 1}" for n in shape]
+    return f"[{','.join(sizes)}]" if sizes else ""
+
+
 def counted(name: str) -> list[str | int]:
     """A key to sort names by so that their numbers count: ``robot2`` stands before ``robot10``."""
     return [int(part) if i % 2 else part for i, part in enumerate(_NUMBER.split(name))]

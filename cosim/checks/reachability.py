@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 
 from cosim.analysis.facts import DynamicFeedback
 from cosim.analysis.system import AnalyzedSystem, values_of
-from cosim.base.names import listed
+from cosim.base.names import listed, signal_of
 from cosim.checks.finding import Finding
 from cosim.scenario.connect import topology
 from cosim.schedule.parts import Wire
@@ -168,8 +168,8 @@ def unconnected_rows(system: AnalyzedSystem) -> Iterator[Finding]:
 
 def age_limit_without_age(system: AnalyzedSystem) -> Iterator[Finding]:
     """An age limit without an age never finds anything stale."""
-    fed = {x.age.name.split("[")[0] for x in system.plan.links if x.age is not None}
-    fed |= {w.target.name.split("[")[0] for w in system.plan.wires}
+    fed = {signal_of(x.age.name) for x in system.plan.links if x.age is not None}
+    fed |= {signal_of(w.target.name) for w in system.plan.wires}
     for name, law in system.with_facts(DynamicFeedback).items():
         age = f"{name}.{law.age}"
         if law.age and law.age_max < 1e8 and age not in fed:

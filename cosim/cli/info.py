@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from cosim.base.names import extent
 from cosim.cli.options import Json
 
 if TYPE_CHECKING:
@@ -99,7 +100,7 @@ def _contents(component: Component) -> Contents:
 
 
 def _name(port: Port | Parameter) -> str:
-    return port.name + (f"[{','.join(str(n) for n in port.shape)}]" if port.shape else "")
+    return port.name + extent(port.shape, port.base)
 
 
 def _signals(component: FmuComponent) -> list[list[str]]:
@@ -107,11 +108,11 @@ def _signals(component: FmuComponent) -> list[list[str]]:
     clocks = {v.reference: v.name for v in component.description.variables if v.type == "Clock"}
     for group in component.groups.values():
         v = group.first
-        shape = f"[{','.join(str(n) for n in group.shape)}]" if group.shape else ""
         start = " ".join(f"{float(t):g}" if _is_number(t) else t for t in group.start)
         rows.append(
-            [group.name + shape, v.causality, _type(v, clocks), v.unit, start, v.description]
-        )
+            [group.name + extent(group.shape, group.base), v.causality, _type(v, clocks), v.unit,
+             start, v.description]
+        )  # fmt: skip
     return rows
 
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from cosim.base.names import extent
 from cosim.cli.json_file import write_json
 from cosim.cli.numbers import finite
 from cosim.cli.options import Json, Set, Strict, Verify
@@ -225,8 +226,7 @@ def _times(period: int, h: float) -> str:
 
 
 def _ports(slots: Sequence[Slot]) -> str:
-    shapes = [(s.port, ",".join(str(n) for n in s.shape)) for s in slots]
-    return " ".join(f"{port}[{shape}]" if shape else port for port, shape in shapes) or "nothing"
+    return " ".join(s.port + extent(s.shape, s.base) for s in slots) or "nothing"
 
 
 def _model(step: Step) -> str:

@@ -29,6 +29,7 @@ from cosim.record.folder import FINISHED, FMU_LOG, LAST, RUNNING, STOPPED
 from cosim.record.link_tables import MANY, TablesWriter
 from cosim.record.recover import is_unfinished
 from cosim.scenario.assemble import assemble
+from cosim.scenario.connect import part
 from cosim.scenario.exposed import is_pattern, matching
 from cosim.scenario.spec import Scenario, as_data
 from cosim.schedule.parts import Slot
@@ -81,16 +82,24 @@ def recorded_slots(plan: Plan, wanted: Sequence[str] = (), place: str = "") -> l
     slots |= {name: s for name, s in every.items() if name in received}
     slots |= {s.name: s for group in plan.groups for s in group.slots}
     if wanted:
-        slots = {name: every[name] for w in wanted for name in _named(w, every, place)}
+        slots = {s.name: s for w in wanted for s in _named(w, every, place)}
+        whole = {name for name in slots if name in every}
+        parts = {name for name, s in slots.items() if f"{s.component}.{s.port}" in whole - {name}}
+        slots = {name: s for name, s in slots.items() if name not in parts}
     return [slot for _, slot in sorted(slots.items())]
 
 
-def _named(wanted: str, every: Mapping[str, Slot], place: str) -> Sequence[str]:
-    """The signals that an entry of ``record.signals`` names."""
-    found = matching(wanted, every) if is_pattern(wanted) else [wanted] * (wanted in every)
-    if not found:
+def _named(wanted: str, every: Mapping[str, Slot], place: str) -> Sequence[Slot]:
+    """The signals, or entries of them, that an entry of ``record.signals`` names."""
+    if wanted in every:
+        return [every[wanted]]
+    if is_pattern(wanted) and (found := matching(wanted, every)):
+        return [every[name] for name in found]
+    entries = {name: s for s in every.values() if s.shape for name in s.scalars()}
+    names = matching(wanted, entries) if is_pattern(wanted) else [wanted] * (wanted in entries)
+    if not names:
         raise ScenarioError(unknown(wanted, every, "signal"), place)
-    return found
+    return [part(entries[n], n[len(entries[n].name) + 1 : -1], place) for n in names]
 
 
 def _columns(slots: Sequence[Slot]) -> list[Column]:

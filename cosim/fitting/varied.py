@@ -118,13 +118,13 @@ def _index(parameter: Parameter, label: str, place: str) -> int:
         if parameter.size != 1:
             raise ScenarioError(
                 f"{label} has the shape {list(parameter.shape)}; expected one entry, such as "
-                f"{label}[{','.join('0' for _ in parameter.shape)}]",
+                f"{label}[{','.join(str(parameter.base) for _ in parameter.shape)}]",
                 place,
             )
         return 0
-    at = tuple(int(i) for i in match[1].split(","))
+    at = tuple(int(i) - parameter.base for i in match[1].split(","))
     if len(at) != len(parameter.shape) or any(
-        i >= n for i, n in zip(at, parameter.shape, strict=False)
+        not 0 <= i < n for i, n in zip(at, parameter.shape, strict=False)
     ):
         raise ScenarioError(
             f"{label} is outside of the shape {list(parameter.shape)} of {parameter.name}", place

@@ -1,4 +1,6 @@
-"""Variables of an FMU as ports: arrays of FMI 3.0 as they are, scalars `q[0]` of 2.0 grouped."""
+"""Variables of an FMU as ports: arrays of FMI 3.0 as they are, scalars `q[0]` or `q[1]` of 2.0
+grouped, with the FMU's own numbers of the entries.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +11,7 @@ from dataclasses import dataclass, field
 from itertools import product
 from math import prod
 
-from cosim.fmi.variables import FmuVariable
+from cosim.fmi.variables import TEXTS, FmuVariable
 
 _INDEXED = re.compile(r"(.+)\[(\d+(?:,\d+)*)\]$")
 REAL = ("Real", "Float64")
@@ -17,11 +19,15 @@ REAL = ("Real", "Float64")
 
 @dataclass(frozen=True, slots=True)
 class VariableGroup:
-    """Variables that make up one signal, row-major: one array, or scalars of one array."""
+    """Variables that make up one signal, row-major: one array, or scalars of one array.
+
+    `base`: the index of the first scalar along each axis, by the FMU's own names.
+    """
 
     name: str
     shape: tuple[int, ...]
     variables: tuple[FmuVariable, ...]
+    base: int = 0
     #: Number of scalars.
     size: int = field(init=False, compare=False, repr=False)
     #: Value references, in order.
@@ -60,7 +66,8 @@ def groups(variables: Iterable[FmuVariable]) -> tuple[VariableGroup, ...]:
     """Group variables into signals, in the order of their first appearance.
 
     FMI 2.0 scalars ``a[i]``/``a[i,j]`` become one array when they fill a whole grid from 0 or 1
-    and share type, unit, causality and clocks; what does not stays scalar under its own name.
+    and share type, unit, causality and clocks; what does not stays scalar under its own name, and
+    so do texts.
     """
     families: dict[str, list[tuple[tuple[int, ...], FmuVariable]]] = {}
     order: list[str] = []
@@ -80,7 +87,7 @@ def _family(
     alone = [VariableGroup(v.name, v.shape, (v,)) for _, v in members]
     indices = [index for index, _ in members]
     first = members[0][1]
-    alike = all(_kind(v) == _kind(first) for _, v in members)
+    alike = first.type not in TEXTS and all(_kind(v) == _kind(first) for _, v in members)
     if not alike or any(not i or len(i) != len(indices[0]) for i in indices):
         return alone
     base = min(min(i) for i in indices)
@@ -91,7 +98,7 @@ def _family(
     table = dict(members)
     if base > 1 or any(i not in table for i in grid):
         return alone
-    return [VariableGroup(name, shape, tuple(table[i] for i in grid))]
+    return [VariableGroup(name, shape, tuple(table[i] for i in grid), base)]
 
 
 def _kind(v: FmuVariable) -> tuple[object, ...]:

@@ -41,7 +41,10 @@ def port(group: VariableGroup, *, fed: bool = False, optional: bool = False) -> 
     start = tuple(start_numbers(group)) if fed else ()
     low = min(v.limits[0] for v in group.variables)
     high = max(v.limits[1] for v in group.variables)
-    return Port(group.name, group.shape, v.unit or "1", v.description, start, optional, low, high)
+    unit = v.unit or "1"
+    return Port(
+        group.name, group.shape, unit, v.description, start, optional, low, high, group.base
+    )
 
 
 def parameter(group: VariableGroup) -> Parameter:
@@ -52,8 +55,9 @@ def parameter(group: VariableGroup) -> Parameter:
         return Parameter(group.name, (interval,) * group.size, group.shape, "s", v.description)
     kind: Literal["real", "integer", "boolean"] = _KINDS.get(v.type, "integer")
     return Parameter(
-        group.name, tuple(start_numbers(group)), group.shape, v.unit or "1", v.description, kind
-    )
+        group.name, tuple(start_numbers(group)), group.shape, v.unit or "1", v.description, kind,
+        group.base,
+    )  # fmt: skip
 
 
 def settable(group: VariableGroup) -> bool:

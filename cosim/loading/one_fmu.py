@@ -73,13 +73,26 @@ def inputs_among(path: Path, recording: Recording) -> tuple[str, ...]:
 
 
 def _columns(fmu: FmuComponent, recording: Recording) -> dict[str, str]:
-    """The column of each input that has one, also as ``component.input``."""
-    columns = {*recording.columns, *(signal_of(name) for name in recording.columns)}
-    names = {
-        p.name: [n for n in (p.name, f"{fmu.description.identifier}.{p.name}") if n in columns]
-        for p in fmu.inputs
-    }
-    return {port: found[0] for port, found in names.items() if found}
+    """The column of each input, or entry of one, that has one, also as ``component.input``."""
+    found: dict[str, str] = {}
+    own = fmu.description.identifier
+    for port in fmu.inputs:
+        entries = [v.name for v in fmu.groups[port.name].variables]
+        for name in [port.name] if len(entries) == 1 else [port.name, *entries]:
+            columns = [n for n in (name, f"{own}.{name}") if _all(n, entries, recording)]
+            if columns:
+                found[name] = columns[0]
+                if name == port.name:
+                    break
+    return found
+
+
+def _all(column: str, entries: Sequence[str], recording: Recording) -> bool:
+    """Whether a recording has a column, or an array of that name with all its `entries`."""
+    if column in recording.columns:
+        return True
+    there = [name for name in recording.columns if signal_of(name) == column]
+    return bool(there) and len(there) >= len(entries)
 
 
 def _fed(fmu: FmuComponent, table: Path) -> dict[str, Any]:

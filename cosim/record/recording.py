@@ -49,12 +49,13 @@ class Recording:
         columns = {name: run.column(name) for name in names}
         return cls(path, _increasing(run.t, path), columns, dict(run.units))
 
-    def signal(self, name: str) -> Array:
+    def signal(self, name: str, base: int | None = None) -> Array:
         """The signal `name`, (n, ...): one column, or stacked from ``name[0]``, ``name[1]`` ...
 
-        Raises ScenarioError if it is absent, lacks an entry, or is not finite.
+        `base`: the index of its first entry, 0 or 1; None: as the file has it. Raises ScenarioError
+        if it is absent, lacks an entry, or is not finite.
         """
-        stacked = self.columns[name] if name in self.columns else self._stacked(name)
+        stacked = self.columns[name] if name in self.columns else self._stacked(name, base)
         if not np.isfinite(stacked).all():
             row = int(np.argwhere(~np.isfinite(stacked))[0][0])
             raise ScenarioError(f"{name} is not finite in row {row}", str(self.path))
@@ -68,15 +69,21 @@ class Recording:
             raise ScenarioError(text, str(self.path))
         return found.pop() if found else None
 
-    def _stacked(self, name: str) -> Array:
+    def _stacked(self, name: str, base: int | None) -> Array:
         found = {_index(column): column for column in self.columns if _belongs(column, name)}
         if not found:
             raise ScenarioError(unknown(name, self.columns, "signal"), str(self.path))
-        shape = tuple(max(at) + 1 for at in zip(*found, strict=True))
-        missing = [at for at in np.ndindex(shape) if at not in found]
+        least = min(min(at) for at in found)
+        first = min(least, 1) if base is None else base
+        if least < first:
+            text = f"{name} has an entry [{least}]; expected entries from [{first}] on"
+            raise ScenarioError(text, str(self.path))
+        shape = tuple(max(at) + 1 - first for at in zip(*found, strict=True))
+        entries = [tuple(i + first for i in at) for at in np.ndindex(shape)]
+        missing = [at for at in entries if at not in found]
         if missing:
             raise ScenarioError(f"{name} lacks its entry {list(missing[0])}", str(self.path))
-        ordered = [self.columns[found[at]] for at in np.ndindex(shape)]
+        ordered = [self.columns[found[at]] for at in entries]
         return np.stack(ordered, axis=1).reshape(-1, *shape)
 
 

@@ -173,6 +173,7 @@ def _values(
         given |= {k: (v, "preset") for k, v in presets[spec.preset].items()}
     given |= {k: (v, "parameters") for k, v in spec.parameters.items()}
     given |= {k: (v, "start") for k, v in spec.start.items()}
+    given = sort.joined(given, place)
     fmu = fmu_of(component)
     taken = () if fmu is None else fmu.taken
     values: dict[str, tuple[float, ...]] = {}

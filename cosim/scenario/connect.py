@@ -1,7 +1,7 @@
 """What runs between components: wires, links and edge weights, checked for shape and unit.
 
-Endpoints are written ``component.port`` or ``component.port[i]``. Every error names its place in
-the scenario.
+Endpoints are written ``component.port`` or ``component.port[i]``: entries are counted from 0, those
+of an FMU as its description names them. Every error names its place in the scenario.
 """
 
 from __future__ import annotations
@@ -80,7 +80,7 @@ class ScenarioComponents:
             step = self.steps[name]
             ports = [s.port for s in (step.inputs if causality == "input" else step.outputs)]
             raise ScenarioError(unknown(port, ports, f"{causality} of {name}"), place)
-        return _part(slot, index, place) if index else slot
+        return part(slot, index, place) if index else slot
 
     def unit(self, slot: Slot) -> str | Unit:
         """The unit of a slot, by the definition of its FMU if it has one."""
@@ -110,22 +110,27 @@ class ScenarioComponents:
         return slot
 
 
-def _part(slot: Slot, index: str, place: str) -> Slot:
-    found = _row(slot.shape, index)
+def part(slot: Slot, index: str, place: str) -> Slot:
+    """An entry, or a row, of a slot: `index` as in ``1,2``. Raises ScenarioError at `place`."""
+    found = _row(slot.shape, slot.base, index)
     if found is None:
+        between = " to ".join(
+            dict.fromkeys((slot.scalars() or ("none",))[:: max(1, slot.size - 1)])
+        )
         raise ScenarioError(
-            f"[{index}] is outside of {slot.name}, which has shape {list(slot.shape)}", place
+            f"[{index}] is outside of {slot.name}, which has shape {list(slot.shape)}: {between}",
+            place,
         )
     start, shape = found
     name = f"{slot.name}[{index}]"
-    return Slot(name, slot.component, slot.port, slot.start + start, shape, slot.unit)
+    return Slot(name, slot.component, slot.port, slot.start + start, shape, slot.unit, slot.base)
 
 
 @lru_cache(maxsize=1024)
-def _row(shape: tuple[int, ...], index: str) -> tuple[int, tuple[int, ...]] | None:
+def _row(shape: tuple[int, ...], base: int, index: str) -> tuple[int, tuple[int, ...]] | None:
     """Where an entry, or a row, of an array begins, and its shape; None: it is outside."""
-    at = tuple(int(i) for i in index.split(","))
-    if len(at) > len(shape) or any(i >= n for i, n in zip(at, shape, strict=False)):
+    at = tuple(int(i) - base for i in index.split(","))
+    if len(at) > len(shape) or any(not 0 <= i < n for i, n in zip(at, shape, strict=False)):
         return None
     start = 0
     for i in at:

@@ -7,18 +7,22 @@ for a sort, and not for each of ten thousand components.
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from itertools import accumulate
 from typing import Any
 
 from cosim.base.component import Component, Parameter, Port
 from cosim.base.convert import numbers
 from cosim.base.errors import FmuError, ScenarioError
-from cosim.base.names import unknown
+from cosim.base.names import signal_of, unknown
 from cosim.fmi.components import discrete_inputs, fmu_of, sloped_inputs
 from cosim.schedule.parts import Slot
 
 #: Inputs, outputs and parameters.
 Ports = tuple[tuple[Port, ...], tuple[Port, ...], tuple[Parameter, ...]]
+#: A value of the file, and the table in which it is given.
+Given = tuple[Any, str]
 
 
 class Sort:
@@ -40,7 +44,7 @@ class Sort:
     def slots(self, name: str, start: int) -> tuple[tuple[Slot, ...], tuple[Slot, ...], int]:
         """The slots of inputs and outputs of a component from `start` on, and where they end."""
         inputs, outputs = (
-            tuple(Slot(f"{name}.{p.name}", name, p.name, start + at, p.shape, p.unit)
+            tuple(Slot(f"{name}.{p.name}", name, p.name, start + at, p.shape, p.unit, p.base)
                   for p, at in side)
             for side in self._layout
         )  # fmt: skip
@@ -67,6 +71,37 @@ class Sort:
         self._known[key] = value, found
         return found
 
+    def joined(self, given: Mapping[str, Given], place: str) -> dict[str, Given]:
+        """Given values with those of entries, such as ``q[1]``, put into their arrays.
+
+        Raises ScenarioError for an entry that an array has not.
+        """
+        found = {k: v for k, v in given.items() if self._array(k) is None}
+        for key, (value, table) in given.items():
+            array = self._array(key)
+            if array is None:
+                continue
+            where = f"{place}.{table}.{key}"
+            whole, _ = found.get(array.name, (None, table))
+            if whole is None:
+                entries = list(array.default or (0.0,) * array.size)
+            else:
+                entries = list(self._numbers(array, whole, where))
+            entries[_place(array, key, where)] = self._entry(array, value, where)
+            found[array.name] = nested(entries, array.shape), table
+        return found
+
+    def _array(self, key: str) -> Parameter | Port | None:
+        """The array that a key names an entry of."""
+        if not key.endswith("]") or key in self.parameters or key in self.inputs:
+            return None
+        name = signal_of(key)
+        found = self.parameters.get(name) or self.inputs.get(name)
+        return found if found is not None and found.shape else None
+
+    def _entry(self, array: Parameter | Port, value: Any, place: str) -> float:
+        return self._numbers(replace(array, shape=()), value, place)[0]
+
     def _numbers(self, p: Parameter | Port, value: Any, place: str) -> tuple[float, ...]:
         """In an FMU with its own units and names of items."""
         if self._fmu is None:
@@ -76,6 +111,23 @@ class Sort:
         except FmuError as error:
             raise ScenarioError(str(error), place) from None
         return numbers(value, p.shape, self._fmu.unit(p.unit), place)
+
+
+def nested(values: Sequence[Any], shape: tuple[int, ...]) -> Any:
+    """Flattened values (row-major) as nested lists of `shape`; () is the only one."""
+    if not shape:
+        return values[0]
+    part = len(values) // shape[0] if shape[0] else 0
+    return [nested(values[i * part : (i + 1) * part], shape[1:]) for i in range(shape[0])]
+
+
+def _place(array: Parameter | Port, key: str, place: str) -> int:
+    """Where an entry such as ``q[1,2]`` is in the flattened values. Raises ScenarioError."""
+    slot = Slot(array.name, "", array.name, 0, array.shape, array.unit, array.base)
+    names = slot.scalars()
+    if key not in names:
+        raise ScenarioError(unknown(key, names, f"entry of {array.name}"), place)
+    return names.index(key)
 
 
 class Sorts:

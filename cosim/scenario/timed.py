@@ -115,7 +115,7 @@ def _from_file(
     path = parts.scenario.path.parent / spec.table
     try:
         recording = Recording.read(path, (column,))
-        rows = recording.signal(column)
+        rows = recording.signal(column, target.base if column == port else None)
         unit = recording.unit(column)
     except ScenarioError as error:
         raise ScenarioError(str(error), place) from None

@@ -21,7 +21,10 @@ if TYPE_CHECKING:
 
 
 class Slot(Struct, frozen=True, gc=False):
-    """A stretch of the signal vector: a port, or a row of one. `name` is ``component.port``."""
+    """A stretch of the signal vector: a port, or a row of one. `name` is ``component.port``.
+
+    `base`: the index of the first entry, along each axis.
+    """
 
     name: str
     component: str
@@ -29,6 +32,7 @@ class Slot(Struct, frozen=True, gc=False):
     start: int
     shape: tuple[int, ...]
     unit: str
+    base: int = 0
 
     @property
     def size(self) -> int:
@@ -39,7 +43,7 @@ class Slot(Struct, frozen=True, gc=False):
         """Names of the scalars: ``master.q[0]``, ``control.xi_in[0,1]``."""
         indices: list[tuple[int, ...]] = [()]
         for n in self.shape:
-            indices = [(*i, j) for i in indices for j in range(n)]
+            indices = [(*i, j) for i in indices for j in range(self.base, self.base + n)]
         head = f"{self.name[:-1]}," if self.name.endswith("]") else f"{self.name}["
         return tuple(f"{head}{','.join(map(str, i))}]" if i else self.name for i in indices)
 

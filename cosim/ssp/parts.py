@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from itertools import product
 from typing import Any
 
@@ -14,6 +14,7 @@ from cosim.fmi.ports import VariableGroup
 from cosim.fmi.values import item
 from cosim.fmi.variables import TEXTS
 from cosim.scenario.connect import unknown
+from cosim.scenario.sorts import nested
 from cosim.ssp.structure import SspComponent, Structure
 from cosim.ssp.values import SspValue
 
@@ -94,7 +95,7 @@ class SspPart:
     def endpoint(self, name: str, place: str) -> str:
         """``component.port`` or ``component.port[i]`` of a variable."""
         group, index = self.variable(name, place)
-        return f"{self.name}.{group.name}{_brackets(index)}"
+        return f"{self.name}.{group.name}{_brackets(group, index)}"
 
     def unit(self, name: str, place: str) -> Unit | str:
         """The unit of a variable."""
@@ -103,7 +104,7 @@ class SspPart:
     def feed(self, name: str, wire: Any, place: str) -> None:
         """Wire an input."""
         group, index = self.variable(name, place)
-        self._inputs[f"{group.name}{_brackets(index)}"] = wire
+        self._inputs[f"{group.name}{_brackets(group, index)}"] = wire
 
     def set(self, name: str, value: SspValue) -> None:
         """Set a parameter or start value. Raises ScenarioError."""
@@ -119,14 +120,14 @@ class SspPart:
             many = entries if len(entries) != 1 else entries * group.size
             if len(many) != group.size:
                 raise ScenarioError(f"{len(many)} entries, expected {group.size}", value.place)
-            self._values[group.name] = _nested(many, group.shape)
+            self._values[group.name] = nested(many, group.shape)
             return
         if len(entries) != 1:
             raise ScenarioError(f"{len(entries)} entries, expected one", value.place)
-        nested = self._values.setdefault(group.name, _nested(_starts(group), group.shape))
+        rows = self._values.setdefault(group.name, nested(_starts(group), group.shape))
         for i in index[:-1]:
-            nested = nested[i]
-        nested[index[-1]] = entries[0]
+            rows = rows[i]
+        rows[index[-1]] = entries[0]
 
     def _entries(self, group: VariableGroup, value: SspValue) -> list[Any]:
         if group.first.type in TEXTS:
@@ -156,8 +157,9 @@ def _variables(fmu: FmuComponent) -> Iterator[tuple[str, tuple[VariableGroup, tu
                 yield variable.name, (group, index)
 
 
-def _brackets(index: tuple[int, ...]) -> str:
-    return f"[{','.join(map(str, index))}]" if index else ""
+def _brackets(group: VariableGroup, index: tuple[int, ...]) -> str:
+    """An entry as the FMU names it."""
+    return f"[{','.join(str(group.base + i) for i in index)}]" if index else ""
 
 
 def number_of(group: VariableGroup, text: str) -> float:
@@ -169,10 +171,3 @@ def number_of(group: VariableGroup, text: str) -> float:
 
 def _starts(group: VariableGroup) -> list[float]:
     return [number_of(group, text) for text in group.start] or [0.0] * group.size
-
-
-def _nested(values: Sequence[Any], shape: tuple[int, ...]) -> Any:
-    if not shape:
-        return values[0]
-    part = len(values) // shape[0] if shape[0] else 0
-    return [_nested(values[i * part : (i + 1) * part], shape[1:]) for i in range(shape[0])]

@@ -150,7 +150,9 @@ def node(
                 control.arm()
             control.begin(0.5)
 
-    options = NodeOptions(Life(name), folder / NODES, real=hardware, warm_up=1.0, alone=True)
+    options = NodeOptions(
+        Life(name), folder.absolute() / NODES, real=hardware, warm_up=1.0, alone=True
+    )
     failures: list[CosimError] = []
     with ExitStack() as drives:
         report = run_node(system, options, say, listen)

@@ -276,7 +276,7 @@ def run_started(start: NodeStart, say: Say, listen: Callable[[Control], None]) -
     system = load_system(start.scenario, str(start.deployment), start.settings)
     options = NodeOptions(
         life=start.life,
-        folder=start.folder,
+        folder=start.folder.absolute(),  # an FMU may change the working directory
         boots=start.life.boot,
         warm_up=start.warm_up,
         realtime=start.realtime,

@@ -44,6 +44,7 @@ def wired_nodes(
     system: System, folder: Path, prepare: Callable[[WiredNode], None] = lambda node: None
 ) -> Iterator[dict[str, WiredNode]]:
     """All nodes, enabled; `prepare` may change each before."""
+    folder = folder.absolute()  # an FMU may change the working directory
     with ExitStack() as stack:
         nodes = {
             name: stack.enter_context(

@@ -98,7 +98,8 @@ static int step_event(const doing_t *d, double now, int inside, int happened)
 API void engine_intermediate(void *environment, double time, _Bool set, _Bool get, _Bool finished,
                              _Bool can_return, _Bool *early, double *early_time)
 {
-    doing_t *d = environment ? ((log_t *)environment)->step : NULL;
+    log_t *log = own_log(environment);
+    doing_t *d = log ? log->step : NULL;
     const typed_t *x = d ? d->unit->typed : NULL;
 
     (void)get, (void)finished;

@@ -12,7 +12,8 @@ API void engine_lock(void) {} /* both call-backs about preemption */
 
 API void engine_clock_update(void *environment)
 {
-    doing_t *d = environment ? ((log_t *)environment)->step : NULL;
+    log_t *log = own_log(environment);
+    doing_t *d = log ? log->step : NULL;
     typed_t *x;
 
     if (!d || d->result != RUN_OK) return;

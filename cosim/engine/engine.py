@@ -17,6 +17,7 @@ from cosim.base.component import NativeComponent
 from cosim.base.errors import RunError
 from cosim.base.garbage import without_collections
 from cosim.base.interrupts import stop_on_signal
+from cosim.base.working_folder import return_to, working_folder
 from cosim.engine.arrays import rows_of
 from cosim.engine.binding import Binding, Termination, Vector, Views, part
 from cosim.engine.initialization import initialize
@@ -57,6 +58,7 @@ class Engine:
         longest: int = 0,
     ) -> None:
         self.plan, self._threads, self._longest = plan, threads, longest
+        self._place = working_folder()
         self.signals: Vector = np.zeros(plan.n_signals)
         self.ended: Termination | None = None
         self._keep_tables = keep_tables
@@ -174,6 +176,8 @@ class Engine:
         with stop_on_signal(self.stop):
             result = self._run(self.tick + ticks)
         error = self.finish(result)
+        if error is not None or self.tick >= self.plan.ticks:
+            return_to(self._place)
         if error is not None:
             raise error
         return self.rows
@@ -316,7 +320,8 @@ class Engine:
     def close(self) -> None:
         """Free the FMUs; may be called twice.
 
-        After a fatal status the standard forbids every call to any instance of that FMU.
+        After a fatal status the standard forbids every call to any instance of that FMU. The
+        working directory is then the one that it was, whatever an FMU has made of it.
         """
         state = self._state
         if self._tables:
@@ -329,6 +334,7 @@ class Engine:
             [s.component for s in self.plan.components], state.failed_index, state.failed_status,
             saved,
         )  # fmt: skip
+        return_to(self._place)
 
 
 def _no_rows(end: int) -> DrawnRows:

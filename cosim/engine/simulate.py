@@ -130,7 +130,7 @@ def simulate(
     more than :data:`EVERYTHING`). Ctrl-C (and the engine's `stop`) becomes Interrupted, and leaves
     what was recorded.
     """
-    folder = Path(folder)
+    called, folder = Path(folder), Path(folder).absolute()  # an FMU may change the directory
     plan = plan or assemble(scenario)
     recorded = columns(plan, scenario.run.record.signals, scenario.place("run.record.signals"))
     slots = [s for c in plan.components for s in (*c.inputs, *c.outputs)]
@@ -177,6 +177,8 @@ def simulate(
             _loop(engine, plan, recorder, rows, taken, sparse=every > 1, progress=progress)
         except BaseException as error:
             _save_failure(error, recorder, everything, folder)
+            if isinstance(error, RunError | Interrupted):
+                error.saved = str(called)
             facts |= _macro_facts(engine)
             raise
         recorder.close()
@@ -192,7 +194,7 @@ def simulate(
         }
     statistics = dict(zip([x.name for x in plan.links], ages.results(), strict=True))
     return RunOutcome(
-        folder, plan, engine.tick, engine.tick * plan.h, wall, statistics, late, engine.ended,
+        called, plan, engine.tick, engine.tick * plan.h, wall, statistics, late, engine.ended,
         shared, facts.get("macro_steps", ()),
     )  # fmt: skip
 
@@ -300,7 +302,6 @@ def _save_failure(
 ) -> None:
     """Keep the last ticks of every signal; their last row is what the failure left behind."""
     if isinstance(error, RunError):
-        error.saved = str(folder)
         try:
             recorder.save_last(folder / LAST, FLIGHT_RECORDER, everything)
         except RunError as failure:  # what stopped the run comes first

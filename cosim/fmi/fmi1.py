@@ -30,8 +30,6 @@ class Instance1(Instance2):
         self._calls = calls = Calls(setup, f"{setup.path.stem}_fmi", log)
         self.log, self.next_event, self._ended = calls.log, NEVER, False
         engine, libc = structs.library(), c.CDLL(None)
-        self._name = c.create_string_buffer(setup.name.encode())
-        engine.engine_log1_open(self._name, c.byref(self.log))
         callbacks = _Callbacks1(
             *(structs.address(f) for f in (engine.engine_log1, libc.calloc, libc.free))
         )
@@ -43,7 +41,6 @@ class Instance1(Instance2):
         instantiate = calls.function("InstantiateSlave", *map(type, arguments), result=c.c_void_p)
         self.handle: int = instantiate(*arguments)
         if not self.handle:
-            engine.engine_log1_close(c.byref(self.log))
             raise FmuError(f"{setup.name}: fmiInstantiateSlave failed: {self.log.said()}")
 
     def native(self, verb: str, kind: str = "") -> NativeCall | None:
@@ -81,5 +78,4 @@ class Instance1(Instance2):
             calls.returned(calls.function("TerminateSlave", c.c_void_p)(self.handle))
         if calls.broken < FATAL:
             calls.function("FreeSlaveInstance", c.c_void_p, result=None)(self.handle)
-        structs.library().engine_log1_close(c.byref(self.log))
         self.handle = 0

@@ -18,7 +18,7 @@ from cosim.base.errors import FmuError
 from cosim.fmi.elf import missing_bytes
 from cosim.fmi.intervals import Interval, Intervals, NextTick
 from cosim.fmi.values import NumberedTexts
-from cosim.native import fmu_log
+from cosim.native import fmu_log, structs
 from cosim.native.start import Form
 
 #: Rounds of an event iteration before it is given up.
@@ -232,6 +232,7 @@ class Calls:
 
     __slots__ = (
         *("library", "_functions", "prefix", "name", "log", "_checked", "broken", "started"),
+        *("_called", "_close"),
     )
 
     def __init__(self, setup: Setup, prefix: str, log: fmu_log.Log) -> None:
@@ -240,11 +241,19 @@ class Calls:
         except OSError as error:
             raise FmuError(f"{setup.name}: cannot load {setup.path.name}: {error}") from error
         self.prefix, self.name, self.log = prefix, setup.name, log
+        engine = structs.library()
+        self._called, self._close = setup.name.encode(), engine.engine_log_close
+        engine.engine_log_open(self._called, c.byref(log))
         self._checked: dict[str, Callable[..., None]] = {}
         #: OK, ERROR or FATAL: the worst that was returned.
         self.broken = OK
         #: Whether initialization is over: only then may an instance be terminated.
         self.started = False
+
+    def __del__(self) -> None:
+        """Let what the FMU still says be lost."""
+        if hasattr(self, "_close"):
+            self._close(c.byref(self.log))
 
     def function(self, suffix: str, *types: Any, result: Any = c.c_int) -> Any:
         """A function by its name without the prefix. Raises FmuError where it is missing."""

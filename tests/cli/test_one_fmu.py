@@ -10,6 +10,7 @@ from cosim.loading.files import load
 from cosim.record import Run
 from fmus.models import operator
 from tests.cli.command import Command
+from tests.cosim.fmi import plain
 from tests.cosim.fmi.exporter import export, strict2, strict3
 
 EXPERIMENT = '<DefaultExperiment stopTime="2" stepSize="0.25" tolerance="1e-5"/><ModelVariables>'
@@ -121,3 +122,28 @@ def test_events_are_set_on_the_command_line_with_names_of_the_fmu(cosim: Command
     assert "no input of strict2 'gain'" in cosim.refused(
         "run", "x.fmu", "--set", "events=[{at=0.2, set={gain=2.0}}]"
     )
+
+
+def test_an_fmu_that_changes_the_directory_does_not_move_the_results(
+    cosim: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    plain.export(Path("wanders.fmu"), plain.counted(), {"CHDIR": None})
+    done = cosim(
+        "run",
+        "wanders.fmu",
+        "--stop",
+        "0.2",
+        "--no-plot",
+        "--out",
+        "out9",
+        "--json",
+        "out9.json",
+        "--csv",
+    )
+    assert done.code == 0, done.err
+    assert Path.cwd() == tmp_path
+    assert Run.open(tmp_path / "out9").t[-1] == 0.2
+    assert {p.name for p in tmp_path.iterdir()} == {"out9", "out9.json", "wanders.fmu"}
+    assert not Path("/out9").exists()
+    assert "out9" in done.out and str(tmp_path) not in done.out

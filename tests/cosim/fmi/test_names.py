@@ -14,6 +14,8 @@ import numpy as np
 import pytest
 
 import cosim
+from cosim.analysis.declared_metrics import metrics
+from cosim.analysis.metrics import evaluate
 from cosim.base.errors import CosimError
 from cosim.checks.preflight import check
 from cosim.engine.simulate import simulate
@@ -133,9 +135,11 @@ def test_events_and_metrics(tmp_path: Path, base: int) -> None:
     given = scenario(
         tmp_path, base,
         events=[{"at": 0.2, "set": {f"m.f[{base + 1}]": 5.0}}],
-        metrics={"most": {"kind": "max", "of": [f"m.r[{base + 1}]"]}},
+        metrics={"most": {"kind": "peak", "of": [f"m.r[{base + 1}]"]}},
     )  # fmt: skip
-    assert last(ran(given, tmp_path)) == [0.0, 5.0, 0.0]
+    run = ran(given, tmp_path)
+    assert last(run) == [0.0, 5.0, 0.0]
+    assert [m.value for m in evaluate(metrics(given), run)] == [5.0]
 
 
 @BASES

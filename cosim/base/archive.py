@@ -1,6 +1,8 @@
 """ZIP archives (FMUs and SSPs), unpacked once per content after a check of their entries.
 
 The only place that opens one. Whatever is wrong with an archive becomes an :class:`ArchiveError`.
+A folder holds the sums of its files (:data:`SUMS`); one that does not fit them, since a disk was
+full, a machine went down or somebody changed a file, is unpacked again.
 """
 
 from __future__ import annotations
@@ -22,6 +24,8 @@ from pathlib import Path, PurePosixPath
 
 #: Bytes an archive may unpack to, and its description may have; entries it may have.
 LARGEST, LARGEST_DESCRIPTION, MOST_ENTRIES = 8 << 30, 256 << 20, 100_000
+#: The file with the SHA-256 of each file of an unpacked archive, as ``sha256sum`` writes it.
+SUMS = ".sums"
 _METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 #: What the standard library raises for archives that are damaged, on purpose or not.
 _BROKEN = (
@@ -60,9 +64,51 @@ def unpack(path: Path, what: str, description: str, place: str) -> tuple[Path, s
     except (OSError, ValueError) as error:  # ValueError: a path with a NUL
         raise ArchiveError(f"cannot be read: {error}") from error
     folder = _place(cache_folder(), place, sha256[:32])
-    if not os.path.isdir(folder):
+    if not is_whole(folder):
         _extract(path, what, description, folder)
     return folder, sha256
+
+
+def is_whole(folder: Path) -> bool:
+    """Whether an unpacked archive is there, with each file as it was unpacked, or built later."""
+    try:
+        said = (folder / SUMS).read_text(encoding="utf-8")
+        names = [line[66:] for line in said.splitlines()]
+        states = tuple(_file_state(folder / name) for name in names)
+    except (OSError, ValueError):
+        return False
+    return _fits(folder, said, states)
+
+
+def add_sum(folder: Path, path: Path) -> None:
+    """Take note of a file that was made in the folder of an unpacked archive. Raises OSError."""
+    said = (folder / SUMS).read_text(encoding="utf-8")
+    name = path.relative_to(folder).as_posix()
+    kept = [line for line in said.splitlines() if line[66:] != name]
+    scratch = folder / f"{SUMS}{os.getpid()}"
+    scratch.write_text("\n".join([*kept, _line(folder, path)]) + "\n", encoding="utf-8")
+    scratch.replace(folder / SUMS)
+
+
+def _file_state(path: Path) -> tuple[int, ...]:
+    found = path.stat()
+    return found.st_ino, found.st_size, found.st_mtime_ns, found.st_ctime_ns
+
+
+@lru_cache(maxsize=64)
+def _fits(folder: Path, said: str, states: tuple[tuple[int, ...], ...]) -> bool:
+    """Whether the files have these sums, computed once for files that stay as they are."""
+    del states
+    try:
+        return all(_line(folder, folder / line[66:]) == line for line in said.splitlines())
+    except OSError:
+        return False
+
+
+def _line(folder: Path, path: Path) -> str:
+    with path.open("rb") as file:
+        found = hashlib.file_digest(file, "sha256").hexdigest()
+    return f"{found}  {path.relative_to(folder).as_posix()}"
 
 
 def _state(path: Path) -> os.stat_result:
@@ -108,16 +154,54 @@ def _extract(path: Path, what: str, description: str, folder: Path) -> None:
     except OSError as error:
         raise ArchiveError(f"cannot unpack into {folder.parent}: {error}") from error
     try:
-        with zipfile.ZipFile(path) as archive:
-            _check(archive, what, description, shutil.disk_usage(scratch).free)
-            archive.extractall(scratch)
-        scratch.rename(folder)
-    except _BROKEN as error:
-        if not folder.is_dir():  # else another process was faster
-            said = " ".join(str(error).split()) or type(error).__name__
-            raise ArchiveError(f"not a readable {what} (ZIP archive): {said}") from error
+        _fill(path, what, description, scratch)
+        _replace(scratch, folder)
+    except OSError as error:
+        raise ArchiveError(
+            f"{folder}, where it was unpacked before, is damaged and cannot be replaced: {error}"
+        ) from error
     finally:
         shutil.rmtree(scratch, ignore_errors=True)
+
+
+def _fill(path: Path, what: str, description: str, folder: Path) -> None:
+    """Unpack an archive into a new folder. Raises ArchiveError."""
+    try:
+        with zipfile.ZipFile(path) as archive:
+            _check(archive, what, description, shutil.disk_usage(folder).free)
+            archive.extractall(folder)
+        _seal(folder)
+    except _BROKEN as error:
+        said = " ".join(str(error).split()) or type(error).__name__
+        raise ArchiveError(f"not a readable {what} (ZIP archive): {said}") from error
+
+
+def _seal(folder: Path) -> None:
+    """Write the sums of all files, which are then on the disk. Raises OSError."""
+    files = sorted(p for p in folder.rglob("*") if p.is_file())
+    lines = [_line(folder, path) for path in files]
+    (folder / SUMS).write_text("".join(f"{line}\n" for line in lines), encoding="utf-8")
+    for path in (*files, folder / SUMS):
+        with path.open("rb+") as file:
+            os.fsync(file.fileno())
+
+
+def _replace(scratch: Path, folder: Path) -> None:
+    """Give a folder its name, also if one that is not whole has it. Raises OSError."""
+    with suppress(OSError):
+        scratch.rename(folder)
+        return
+    if is_whole(folder):
+        return  # another process was faster
+    aside = Path(tempfile.mkdtemp(dir=folder.parent))
+    try:
+        folder.rename(aside / "damaged")
+        scratch.rename(folder)
+    except OSError:
+        if not is_whole(folder):
+            raise
+    finally:
+        shutil.rmtree(aside, ignore_errors=True)
 
 
 def _check(archive: zipfile.ZipFile, what: str, description: str, free: int) -> None:

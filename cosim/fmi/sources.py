@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import importlib
+from contextlib import suppress
 from pathlib import Path
 from xml.etree import ElementTree
 
+from cosim.base.archive import add_sum
 from cosim.base.errors import CosimError, FmuError
 from cosim.fmi.archive import Archive
 
@@ -33,6 +35,8 @@ def compile_sources(archive: Archive, fmi: str, identifier: str, output: Path) -
     except CosimError as error:
         last = str(error).splitlines()
         raise FmuError(f"{archive.path}: its sources do not build: {' '.join(last[:3])}") from None
+    with suppress(OSError):  # it is then built again
+        add_sum(archive.folder, output)
     return output
 
 

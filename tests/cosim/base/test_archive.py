@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import shutil
 import struct
 import warnings
 import zipfile
@@ -180,3 +182,70 @@ def test_a_damaged_ssp_is_refused_in_the_same_way(tmp_path: Path, seed: int) -> 
         assert str(error).startswith(f"{path}: ")
         assert "\n" not in str(error)
     assert issubclass(ScenarioError, CosimError)
+
+
+# ---- what was unpacked before --------------------------------------------------------------------
+
+
+def damaged_empty(folder: Path) -> None:
+    shutil.rmtree(folder)
+    folder.mkdir()
+
+
+def damaged_half(folder: Path) -> None:
+    file = folder / "resources" / "a.txt"
+    file.write_bytes(file.read_bytes()[:500])
+
+
+def damaged_changed(folder: Path) -> None:
+    file, times = folder / "resources" / "a.txt", (folder / "resources" / "a.txt").stat()
+    file.write_bytes(file.read_bytes().replace(b"some", b"SOME"))
+    os.utime(file, ns=(times.st_atime_ns, times.st_mtime_ns))
+
+
+def damaged_removed(folder: Path) -> None:
+    (folder / "modelDescription.xml").unlink()
+
+
+def damaged_old(folder: Path) -> None:
+    (folder / archive.SUMS).unlink()  # as versions without sums left it
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [damaged_empty, damaged_half, damaged_changed, damaged_removed, damaged_old],
+)
+def test_a_damaged_folder_is_unpacked_again(tmp_path: Path, damage: Callable[[Path], None]) -> None:
+    path = tmp_path / "x.fmu"
+    whole(path)
+    folder = FmuComponent(path).archive.folder
+    before = {p: p.read_bytes() for p in folder.rglob("*") if p.is_file()}
+    damage(folder)
+    assert FmuComponent(path).archive.folder == folder
+    assert {p: p.read_bytes() for p in folder.rglob("*") if p.is_file()} == before
+    assert [p.name for p in folder.parent.iterdir()] == [folder.name]
+
+
+def test_a_whole_folder_is_not_unpacked_again(tmp_path: Path) -> None:
+    path = tmp_path / "x.fmu"
+    whole(path)
+    folder = FmuComponent(path).archive.folder
+    (folder / "resources" / "written by the FMU").touch()
+    assert FmuComponent(path).archive.folder == folder
+    assert (folder / "resources" / "written by the FMU").exists()
+
+
+def test_a_damaged_folder_that_cannot_be_replaced_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "x.fmu"
+    whole(path)
+    folder = FmuComponent(path).archive.folder
+    damaged_half(folder)
+    monkeypatch.setattr(Path, "rename", _refusing)
+    with pytest.raises(FmuError, match=f"{folder}, where it was unpacked before, is damaged"):
+        FmuComponent(path)
+
+
+def _refusing(self: Path, target: Path) -> None:
+    raise PermissionError(13, "Permission denied", str(target))

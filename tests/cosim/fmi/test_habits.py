@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 import cosim
+from cosim.base.errors import RunError
 from cosim.native import fmu_log, structs
 from tests.cosim.fmi.plain import counted, export
 
@@ -85,3 +86,18 @@ def test_many_logs_open_and_close_in_any_order() -> None:
     assert {k for k, log in enumerate(logs) if log.count} == opened
     for log in logs:
         engine.engine_log_close(c.byref(log))
+
+
+@pytest.mark.parametrize("isolate", [False, True])
+def test_a_value_that_an_fmu_refuses_ends_the_run(tmp_path: Path, isolate: bool) -> None:
+    """Of three calls of the engine with Reals only, the first one fails."""
+    path = export(tmp_path / "refuses.fmu", counted(), {"REFUSES": None})
+    document = {
+        "run": {"step": 0.1, "stop": 1.0},
+        "components": {"m": {"model": str(path), "isolate": isolate}},
+        "events": [{"at": 0.5, "set": {"m.f[2]": 200.0}}],
+    }
+    with pytest.raises(RunError, match="setting inputs returned error") as caught:
+        cosim.run(document, out=tmp_path / "run")
+    assert caught.value.tick == 5
+    assert "200 is too much" in str(caught.value)

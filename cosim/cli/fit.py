@@ -59,7 +59,7 @@ def fit(
     from cosim.fitting.varied import varied
     from cosim.record.recording import Recording
 
-    recording = Recording.read(data)
+    recording = Recording.read(data, jumps=True)
     loaded, plan = _plan(scenario, recording, set_ or [], data)
     names = dict(_pair(text) for text in match or [])
     signals = measured(plan, _outputs(plan), recording, names)

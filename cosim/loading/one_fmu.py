@@ -96,7 +96,7 @@ def _all(column: str, entries: Sequence[str], recording: Recording) -> bool:
 
 
 def _fed(fmu: FmuComponent, table: Path) -> dict[str, Any]:
-    recording = Recording.read(table)
+    recording = Recording.read(table, jumps=True)
     found = {
         port: {
             "table": str(table),

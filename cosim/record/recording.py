@@ -33,21 +33,26 @@ class Recording:
     units: dict[str, str] = field(default_factory=dict)
 
     @classmethod
-    def read(cls, path: str | Path, wanted: tuple[str, ...] | None = None) -> Recording:
+    def read(
+        cls, path: str | Path, wanted: tuple[str, ...] | None = None, *, jumps: bool = False
+    ) -> Recording:
         """Read a run folder, a Parquet file with a column ``t``, or a CSV file with ``t`` or
         ``time``, whose first line names its columns.
 
-        `wanted`: signals that are needed; None: all. Raises ScenarioError, with the file and, if
-        known, the line, for what cannot be read, and for times that do not increase.
+        `wanted`: signals that are needed; None: all. `jumps`: a time may stand in several rows, the
+        first one with the values before it, the last one with those from it on. Raises
+        ScenarioError, with the file and, if known, the line, for what cannot be read, and for
+        times that do not increase.
         """
         path = Path(path)
         if path.suffix == ".csv":
             columns = _read_csv(path)
-            return cls(path, _increasing(columns.pop(_time(columns, path)), path), columns)
+            t = columns.pop(_time(columns, path))
+            return cls(path, _increasing(t, path, jumps=jumps), columns)
         run = Run.open(path)
         names = run.names if wanted is None else _selected(run.names, wanted)
         columns = {name: run.column(name) for name in names}
-        return cls(path, _increasing(run.t, path), columns, dict(run.units))
+        return cls(path, _increasing(run.t, path, jumps=jumps), columns, dict(run.units))
 
     def signal(self, name: str, base: int | None = None) -> Array:
         """The signal `name`, (n, ...): one column, or stacked from ``name[0]``, ``name[1]`` ...
@@ -99,10 +104,11 @@ def _time(columns: dict[str, Array], path: Path) -> str:
     return found
 
 
-def _increasing(t: Array, path: Path) -> Array:
+def _increasing(t: Array, path: Path, *, jumps: bool) -> Array:
     if not t.size:
         raise ScenarioError("the recording has no rows", str(path))
-    if not (np.isfinite(t).all() and (np.diff(t) > 0).all()):
+    steps = np.diff(t)
+    if not (np.isfinite(t).all() and ((steps >= 0) if jumps else (steps > 0)).all()):
         raise ScenarioError("column 't' is not increasing", str(path))
     return t
 

@@ -36,7 +36,8 @@ class TimedValues:
     """Values at the hits of a component, every `period` ticks of `h` s.
 
     From `times` (n,), s, increasing, on: `values` (n,) and `slopes` (n,) per s, in the unit of the
-    signal; before the first time its value. `origin`: where they come from, for people.
+    signal; before the first time its value. Of rows at one time the last one counts from there on.
+    `origin`: where they come from, for people.
     """
 
     times: Array
@@ -100,12 +101,18 @@ def _table_players(
     rows = spec.gain * rows + spec.offset
     slopes = np.zeros_like(rows)
     if spec.interpolate == "linear":
-        slopes[:-1] = np.diff(rows, axis=0) / np.diff(t)[:, None]
+        slopes[:-1] = _slopes(t, rows)
     origin = f"the table {Path(spec.table).name}" if spec.table else "the points of the scenario"
     return [
         Player(slot, TimedValues(t, rows[:, i], slopes[:, i], period, parts.h, origin, facts))
         for i, slot in enumerate(_scalars(target))
     ]
+
+
+def _slopes(t: Array, rows: Array) -> Array:
+    """From each row to the next, per s, (n - 1, m); 0 where one time stands twice: a jump."""
+    steps = np.diff(t)[:, None]
+    return np.divide(np.diff(rows, axis=0), steps, out=np.zeros_like(rows[1:]), where=steps > 0.0)
 
 
 def _from_file(
@@ -114,7 +121,7 @@ def _from_file(
     column = spec.column or port
     path = parts.scenario.path.parent / spec.table
     try:
-        recording = Recording.read(path, (column,))
+        recording = Recording.read(path, (column,), jumps=True)
         rows = recording.signal(column, target.base if column == port else None)
         unit = recording.unit(column)
     except ScenarioError as error:
@@ -151,7 +158,7 @@ def _points(
         for i, (t, value) in enumerate(spec.points)
     ]
     times = np.array([t for t, _ in rows])
-    if not (np.diff(times) > 0.0).all():
+    if not (np.diff(times) >= 0.0).all():
         raise ScenarioError("the times of the points do not increase", f"{place}.points")
     facts = {"points": len(rows), "interpolate": spec.interpolate}
     return times, np.array([v for _, v in rows]).reshape(len(rows), -1), facts

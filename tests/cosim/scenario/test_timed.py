@@ -249,7 +249,7 @@ def test_what_events_change_is_recorded() -> None:
         ({"from": "a.y", "points": [[0, 1]]}, "found from and points of from, table, points"),
         ({"from": "a.y", "interpolate": "linear"}, "found interpolate with from"),
         ({"points": [[0, 1]], "column": "u"}, "found column with points"),
-        ({"points": [[1, 1], [1, 2]]}, "the times of the points do not increase"),
+        ({"points": [[1, 1], [0.5, 2]]}, "the times of the points do not increase"),
         ({"table": "gone.csv"}, "cannot be read"),
         ({"table": "u.csv", "column": "v"}, "no signal 'v' (there are: u)"),
     ],

@@ -18,7 +18,7 @@ from bridge.node.handle import NodeHandle
 from bridge.records.lives import Life
 from bridge.records.records import LifeEnd, Missed, Refused
 from bridge.results.rehearsal_outcome import RehearsalOutcome
-from bridge.results.verdict import OF_TIME, Verdict, Word, limit, unplanned_lateness
+from bridge.results.verdict import OF_TIME, Verdict, Word, of_time
 from bridge.wiring.wiring import Rows
 from cosim.analysis import declared_metrics
 from cosim.analysis.metrics import evaluate
@@ -59,11 +59,7 @@ def judge_soak_run(soak: Soak, done: RunDone, measures: Mapping[str, float]) -> 
     )
     if found:
         return Verdict(Word.FAILED, (*found, *timed))
-    late = unplanned_lateness(done.system, done.outcome)
-    if timed and late >= limit(done.system) / 2:
-        why = f"this machine let a node wait for {late * 1e3:.0f} ms"
-        return Verdict(Word.INCONCLUSIVE, (why, *timed))
-    return Verdict(Word.FAILED if timed else Word.PASSED, tuple(timed))
+    return of_time(done.system, done.outcome, timed) if timed else Verdict(Word.PASSED)
 
 
 def run_numbers(soak: Soak, done: RunDone) -> dict[str, float]:

@@ -2,23 +2,23 @@
 
 *Failed*: a node stopped before the end, the replay differs from the run, more or other samples were
 received than sent, values were out of range, or an injected fault is not in the report.
-*Inconclusive*: a slow machine can explain all problems, and a node was so late that it would cause
-them, although no fault made it late; or there is no problem, but a node missed so many slots that
-this was another controller than the configured one.
+*Inconclusive*: a slow machine or bus can explain all problems, and was so late that it would cause
+them, although no fault made it late (:mod:`bridge.results.overload`); or there is no problem, but a
+node missed so many slots that this was another controller than the configured one.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bridge.deployment.protection import drives_by
 from bridge.deployment.system import System
 from bridge.records.records import LifeEnd
+from bridge.results import overload
 from bridge.results.extra_senders import extra_frames
 from bridge.results.rehearsal_outcome import RehearsalOutcome
 from bridge.results.report import NodeReport
@@ -37,10 +37,6 @@ class Word(StrEnum):
 EXIT: Mapping[Word, int] = {Word.PASSED: 0, Word.FAILED: 1, Word.ERROR: 2, Word.INCONCLUSIVE: 3}
 #: Why a node stops where it, or one that it hears, was late.
 OF_TIME = frozenset({"overrun", "stale", "peer", "watchdog", "sync", "jump"})
-#: Faults that make a node late on purpose, and s for which that may last beyond them.
-LATE_FAULTS, AFTER = ("freeze", "clock-jump", "restart", "kill"), 1.0
-#: s; where a deployment has no time limit of its own.
-LIMIT = 0.1
 #: Share of the slots of a node that it may miss: beyond it the period is not the configured one.
 MISSED = 0.1
 
@@ -69,21 +65,22 @@ def judge(system: System, outcome: RehearsalOutcome) -> Verdict:
     found = list(_always(system, outcome))
     if found:
         return Verdict(Word.FAILED, (*found, *timed))
-    late = unplanned_lateness(system, outcome)
-    if timed and late >= limit(system) / 2:
-        why = f"this machine let a node wait for {late * 1e3:.0f} ms"
-        return Verdict(Word.INCONCLUSIVE, (why, *timed))
     if timed:
-        return Verdict(Word.FAILED, tuple(timed))
+        return of_time(system, outcome, timed)
     missed = tuple(_missed_slots(system, outcome))
     return Verdict(Word.INCONCLUSIVE if missed else Word.PASSED, missed)
+
+
+def of_time(system: System, outcome: RehearsalOutcome, timed: Sequence[str]) -> Verdict:
+    """The verdict on problems of time: failed, or inconclusive where machine or bus were late."""
+    why = overload.cause(system, outcome)
+    return Verdict(Word.INCONCLUSIVE, (why, *timed)) if why else Verdict(Word.FAILED, tuple(timed))
 
 
 def _missed_slots(system: System, outcome: RehearsalOutcome) -> Iterator[str]:
     """Lives that missed too many slots without a fault that makes them late."""
     for report in outcome.reports:
-        late = _late(outcome, report)
-        share = float(np.mean(late >= system.nodes[report.life.node].plan.h * 1e9))
+        share = float(np.mean(overload.missed_slots(system, outcome, report)))
         if share > MISSED:
             why = "the machine is too slow for its period"
             yield f"{report.life} missed {share:.0%} of its slots: {why}"
@@ -104,7 +101,7 @@ def _always(system: System, outcome: RehearsalOutcome) -> Iterator[str]:
     elif outcome.replayed.first is not None:
         yield f"the replay is not the run: {outcome.replayed.first}"
     if outcome.replayed is not None:
-        yield from map(str, outcome.replayed.altered)
+        yield from (str(a) for a in outcome.replayed.altered if a.misnumbered < a.count)
     for report in outcome.reports:
         for message, counts in (report.statement.messages if report.statement else {}).items():
             if counts.get("range"):
@@ -117,6 +114,8 @@ def _timing_reasons(outcome: RehearsalOutcome) -> Iterator[str]:
     for report in outcome.reports:
         if _stopped_early(outcome, report) and set(report.reasons) & OF_TIME:
             yield f"{report.life}: {report.why}"
+    if outcome.replayed is not None:  # too late for their counter
+        yield from (str(a) for a in outcome.replayed.altered if a.misnumbered == a.count)
     for fault in outcome.faults:
         if fault.missing:
             yield f"not in the report: {fault.text()}"
@@ -130,34 +129,3 @@ def _old_torques(system: System, outcome: RehearsalOutcome) -> Iterator[str]:
             if counts.get("stale") and drives_by(node, spec, message):
                 text = f"{report.life} refused {counts['stale']} torques of {message}"
                 yield f"{text}, which were older than its drive allows"
-
-
-# ---- how late -------------------------------------------------------------------------------
-
-
-def limit(system: System) -> float:
-    """The shortest lateness that stops a node of the deployment, s."""
-    d = system.deployment
-    found = [
-        d.seconds(spec.overrun, "nodes", name, "overrun")
-        for name, spec in d.nodes.items()
-        if spec.components
-    ]
-    return min((x for x in found if x > 0), default=LIMIT)
-
-
-def unplanned_lateness(system: System, outcome: RehearsalOutcome) -> float:
-    """The greatest lateness of a slot without a fault that is meant to cause it, s."""
-    late = (_late(outcome, report).max(initial=0) for report in outcome.reports)
-    return max(map(float, late), default=0.0) * 1e-9
-
-
-def _late(outcome: RehearsalOutcome, report: NodeReport) -> NDArray[np.int64]:
-    """Lateness (slots,) of a life, ns; 0 where a fault is meant to cause it."""
-    rows = outcome.rows[report.life]
-    t = rows["deadline_ns"] * 1e-9
-    meant = np.zeros(len(rows), bool)
-    for fault in outcome.faults:
-        if fault.kind in LATE_FAULTS and report.life.node in fault.targets:
-            meant |= (t >= fault.t0 - AFTER) & (t <= fault.t1 + AFTER)
-    return np.where(meant, 0, rows["woke_ns"] - rows["deadline_ns"])

@@ -31,7 +31,7 @@ class Case:
     """A deployment with two arms on the buses `left` and `right`.
 
     `words`: arguments of the strict drives on both, `left`, `right`: further ones; `drives`: their
-    numbers on each; `timeout`: of a watchdog that a tool sets beforehand, ms.
+    numbers on each; `enabled`: their state; `feeds`, `step`: identifiers of what feeds them.
     """
 
     kind: str
@@ -43,7 +43,14 @@ class Case:
     right: tuple[str, ...] = ()
     settings: tuple[str, ...] = ()
     enabled: str = ""
-    host: bool = False
+    feeds: int = 0
+    step: int = 1
+
+    def feeding(self, side: int, number: int) -> int:
+        """The identifier of the frames that feed the watchdog of a drive."""
+        if self.kind in ("cia402", "ours"):  # of the node that commands it
+            return self.feeds + (2, 4)[side]
+        return self.feeds + self.step * number
 
 
 def slow(*components: str, period: str) -> tuple[str, ...]:
@@ -61,13 +68,13 @@ CASES: Mapping[str, Case] = {
         "odrive", "six_axis", "six_axis", (tuple(range(1, 7)), tuple(range(1, 7))),
         ("--timeout", "50", "--period", "10", "--inertia", "1e-3", "--damping", "5e-3"),
         ("--start", "0.3"), ("--start", "0.6"), (*CALM, *slow(*FOUR, period="10 ms")),
-        "closed loop",
+        "closed loop", 0xE, 32,
     ),
     "cia402": Case(
         "cia402", "teleoperation", "can-cia402", ((11, 12), (11, 12)),
         ("--timeout", "50", "--inertia", "0.01", "--damping", "0.01"),
         ("--start", "3", "--host", "2"), ("--start", "6", "--host", "4"), (*CALM,),
-        "operation enabled", True,
+        "operation enabled", 0x700,
     ),
     "openarm": Case(
         "damiao", "openarm", "openarm", (tuple(range(1, 8)), tuple(range(1, 8))),
@@ -80,6 +87,7 @@ CASES: Mapping[str, Case] = {
         "ours", "teleoperation", "can", ((1,), (3,)),
         ("--timeout", "100", "--fd", "--armed"),
         ("--start", "0.3", "--host", "2"), ("--start", "0.6", "--host", "4"), (*CALM,), "active",
+        0x3A0,
     ),
 }  # fmt: skip
 

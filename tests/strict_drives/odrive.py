@@ -66,8 +66,8 @@ class ODrive(StrictDrive):
             self.trip(ESTOP, now, "emergency stop")
 
     def _torque(self, tau: float, now: float) -> None:
-        moves = tau != 0.0 or self.mode != (TORQUE_MODE, PASSTHROUGH)
-        self.commanded(tau, moves, now)
+        follows = self.mode == (TORQUE_MODE, PASSTHROUGH)
+        self.commanded(tau if follows else 0.0, tau != 0.0, now)
 
     def _state(self, wanted: int, now: float) -> None:
         self.log(now, self.number, "request", what=wanted, state=self.state)

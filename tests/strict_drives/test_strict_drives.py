@@ -229,10 +229,12 @@ def test_odrive_beats_every_100_ms_and_estimates_by_itself() -> None:
     assert struct.unpack("<IBBBB", beat.data) == (0, 1, 0, 0, 0)
 
 
-def test_a_torque_in_position_mode_is_none() -> None:
+def test_odrive_in_position_mode_follows_no_torque() -> None:
     line = odrive()
     line.send(0, 2 << 5 | 0xE, torque(0.0))
-    assert line.log.end["off"] == 1
+    line.send(1, 2 << 5 | 7, struct.pack("<I", 8))
+    line.send(2, 2 << 5 | 0xE, torque(5.0))
+    assert line.drive.applied == 0.0 and line.log.end["off"] == 0
 
 
 # ---- CiA 402 -----------------------------------------------------------------------------------

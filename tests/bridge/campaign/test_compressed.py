@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from msgspec import structs
 
 from bridge.campaign import compressed, judgement
 from bridge.campaign.spec import CampaignRunSpec
 from bridge.deployment.system import load_system
 from bridge.faults.load import build
+from bridge.native.frame import Flags, frame_dtype
+from bridge.native.journal import Journal
+from bridge.records.lives import Life
 from bridge.results import verdict
 from bridge.results.verdict import Word
 from tests.bridge.rehearsing import SCENARIO
@@ -107,9 +112,53 @@ def test_a_run_that_missed_its_period_is_inconclusive(tmp_path):
     assert "slave missed 18% of its slots" in found.text()
 
 
-def _ended(report, reasons):
-    from msgspec import structs
+def test_a_machine_that_misses_many_slots_makes_it_inconclusive(tmp_path):
+    """Each slot is late by less than what stops a node, but thousands are missed."""
+    system, outcome = run(tmp_path, "can", "drop")
+    report = next(r for r in outcome.reports if r.life.node == "slave")
+    rows = {life: np.copy(r) for life, r in outcome.rows.items()}
+    reports = [_ended(r, ("stale",)) if r is report else r for r in outcome.reports]
+    outcome = _with(outcome, rows=rows, reports=reports)
+    woke, h = rows[report.life]["woke_ns"], round(system.nodes["slave"].plan.h * 1e9)
+    woke[::100] += h
+    assert verdict.judge(system, outcome).word is Word.FAILED
+    woke[50::40] += h
+    found = verdict.judge(system, outcome)
+    assert found.word is Word.INCONCLUSIVE
+    assert "overloaded: slave missed" in found.text()
 
+
+def test_a_bus_that_delivers_late_makes_it_inconclusive(tmp_path):
+    """What slave hears comes 100 ms late, and all nodes were on time; a fault of that is none."""
+    system, outcome = run(tmp_path, "can", "drop")
+    report = next(r for r in outcome.reports if r.life.node == "slave")
+    reports = [_ended(r, ("stale",)) if r is report else r for r in outcome.reports]
+    whole = [structs.replace(fault, t0=0.0, t1=2.0) for fault in outcome.faults]
+    outcome = _with(outcome, faults=[])
+    stopped = _with(outcome, reports=reports)
+    assert verdict.judge(system, stopped).word is Word.FAILED
+    _delayed(tmp_path / "nodes", "right", report.life, 100_000_000)
+    found = verdict.judge(system, stopped)
+    assert found.word is Word.INCONCLUSIVE
+    assert "bus right delivered frames up to 10" in found.text()
+    assert verdict.judge(system, outcome).word is Word.PASSED
+    assert verdict.judge(system, _with(stopped, faults=whole)).word is Word.FAILED
+
+
+def _delayed(nodes, bus, life, ns):
+    """Logs of a life and of its peer: frames with a count, each heard so much later than sent."""
+    peer = Life("master_control")
+    for one, flags, later in ((peer, Flags.SENT, 0), (life, 0, ns)):
+        path = nodes / one.frames(bus)
+        with Journal.create(path, frame_dtype(), 200) as journal:
+            for k in range(200):
+                row = np.zeros((), frame_dtype())
+                row["id"], row["length"], row["flags"] = 0x3A2, 8, flags
+                row["t_ns"], row["data"][0] = 1_000_000_000 + 5_000_000 * k + later, k
+                journal.append(*row.item())
+
+
+def _ended(report, reasons):
     from bridge.records.records import LifeEnd
 
     said = structs.replace(report.statement, end=LifeEnd.FAULT)
@@ -117,6 +166,4 @@ def _ended(report, reasons):
 
 
 def _with(outcome, **changes):
-    from dataclasses import replace
-
     return replace(outcome, **changes)

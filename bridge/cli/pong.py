@@ -67,9 +67,10 @@ def _udp(where: str) -> AbstractContextManager[PingPath]:
 
     from bridge.ping.udp import PORT, UdpPath, parse_address
 
-    host, port = parse_address(where) if where else ("0.0.0.0", PORT)
+    host, port = parse_address(where) if where else ("", PORT)
     end = UdpPath((host, port), listen=True)
-    typer.echo(f"udp {host}:{end.port} answers; Ctrl-C ends it", err=True)
+    shown = f"{host}:{end.port}" if host else f"port {end.port} of all addresses"
+    typer.echo(f"udp {shown} answers; Ctrl-C ends it", err=True)
     return closing(end)
 
 

@@ -33,7 +33,10 @@ def parse_address(text: str, port: int = PORT) -> tuple[str, int]:
 
 @final
 class UdpPath:
-    """A socket, bound (`listen`) or connected to a responder. Raises RunError if it cannot be."""
+    """A socket, bound (`listen`) or connected to a responder. Raises RunError if it cannot be.
+
+    An empty host stands for all addresses of this one, of IPv4 and IPv6.
+    """
 
     def __init__(self, address: tuple[str, int], *, listen: bool = False, tos: int = 0) -> None:
         self._socket = _opened(address, listen, tos)
@@ -87,6 +90,10 @@ class UdpPath:
 
 
 def _opened(address: tuple[str, int], listen: bool, tos: int) -> socket.socket:
+    if listen and not address[0]:
+        both = _both(address[1])
+        if both is not None:
+            return both
     flags = socket.AI_PASSIVE if listen else 0
     try:
         family, kind, protocol, _, place = socket.getaddrinfo(
@@ -103,6 +110,26 @@ def _opened(address: tuple[str, int], listen: bool, tos: int) -> socket.socket:
     except OSError as error:
         made.close()
         raise RunError(f"udp {address[0]}:{address[1]}: {error.strerror or error}") from None
+    return made
+
+
+def _both(port: int) -> socket.socket | None:
+    """A socket bound to all addresses of IPv4 and IPv6; None on a system without IPv6, or where
+    the port is taken.
+    """
+    if not socket.has_dualstack_ipv6():
+        return None
+    try:
+        made = socket.socket(socket.AF_INET6, socket.SOCK_DGRAM)
+    except OSError:
+        return None
+    try:
+        made.setblocking(False)
+        made.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, 0)
+        made.bind(("::", port))
+    except OSError:
+        made.close()
+        return None
     return made
 
 

@@ -383,17 +383,16 @@ def end_live_line() -> None:
 
 def _links(kind: str, result: PathResult, out: Path) -> dict[str, dict[str, str]]:
     """Each direction's trace written to `out`, and as a link: trace, fitted law, netem line."""
-    from bridge.ping.as_link import fitted, link_toml, netem_line, semantics_of, traces
-    from bridge.ping.figures import way_figures
+    from bridge.ping.as_link import laws, link_toml, netem_line, semantics_of, traces
     from cosim.links.traces import write_trace
 
     out.mkdir(parents=True, exist_ok=True)
     period = result.record.period_ns * 1e-9
-    found = {}
+    found, fits = {}, laws(result)
     for name, delay in traces(result).items():
         file = out / f"{name}.csv"
         write_trace(file, result.sent, delay)
-        law = fitted(delay, way_figures(delay).lag1, period, result.loss)
+        law = fits[name]
         found[name] = {
             "trace": link_toml(str(file), semantics_of(kind, result)),
             "law": f"# or a law, whose quantiles differ by {1e3 * law.error:.3g} ms in the mean:\n"

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from fractions import Fraction
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bridge.ping.clocks import Floats
-from bridge.ping.figures import LossFigures, PathResult
+from bridge.ping.figures import PathResult, autocorrelation
+from bridge.ping.losses import lost_ways, runs
 from cosim.base.errors import ScenarioError
 from cosim.links.laws import Constant, Law
 from cosim.links.losses import GilbertElliott, Independent, Loss
@@ -55,13 +56,16 @@ def _cell(value: object) -> str:
     return f"{value:.6g}" if isinstance(value, float) else f'"{value}"'
 
 
-def fitted(delay: Floats, lag1: float, period: float, loss: LossFigures) -> FittedLaw:
+def fitted(
+    delay: Floats, lag1: float, period: float, sent: NDArray[np.bool_] | None = None
+) -> FittedLaw:
     """The nearest of constant, gamma and lognormal laws to `delay` (n,), s, NaN: lost.
 
     `lag1`: autocorrelation of neighbours, `period` apart, s: draws are held as long as gives it.
+    `sent` (n,): what was sent this way, for its losses; None: all.
     """
     T = np.maximum(delay[~np.isnan(delay)], 1e-6)
-    lost = _loss(loss)
+    lost = _loss(np.isnan(delay if sent is None else delay[sent]))
     if T.size < 10 or np.ptp(T) <= CONSTANT * T.mean():
         return FittedLaw(Constant(float(T.mean())), lost, float(np.abs(T - T.mean()).mean()))
     hold = period / (1 - lag1) if CORRELATED < lag1 < 1 else None
@@ -96,33 +100,59 @@ def _quantiles(law: Gamma | Lognormal) -> Floats:
     return np.asarray(np.quantile(drawn, _SHARES))
 
 
-def _loss(found: LossFigures) -> Loss | None:
-    if not 0 < found.share < 1:
+def _loss(lost: NDArray[np.bool_]) -> Loss | None:
+    """The loss whose share and mean number in a row are those of `lost` (n,)."""
+    share, (burst, _) = float(lost.mean()), runs(lost)
+    if not 0 < share < 1:
         return None
-    if found.burst < 1.5 / (1 - found.share):
-        return Independent(found.share)
-    r = 1 / found.burst
-    return GilbertElliott(min(1.0, r * found.share / (1 - found.share)), r)
+    if burst < 1.5 / (1 - share):
+        return Independent(share)
+    r = 1 / burst
+    return GilbertElliott(min(1.0, r * share / (1 - share)), r)
+
+
+def laws(result: PathResult) -> dict[str, FittedLaw]:
+    """A law for each direction of :func:`traces`, with the losses of that direction alone."""
+    period = result.record.period_ns * 1e-9
+    ways, found = lost_ways(result.record), {}
+    for name, delay in traces(result).items():
+        sent = None
+        if name == "back" and ways is not None:
+            sent = ~ways.there  # the other end answered these
+        found[name] = fitted(delay, autocorrelation(delay[~np.isnan(delay)]), period, sent)
+    return found
 
 
 def traces(result: PathResult) -> dict[str, Floats]:
     """The delays of each direction by name, (n,), s; half the round trip if only the sum is known.
 
-    Where an answer did not come, the count of the other end says how many of the questions in such
-    a gap were lost on the way there; these are taken to be its first ones. A packet that is lost in
-    one direction has the delay of the packet before it in the other.
+    A packet that is lost in one direction has the delay of the packet before it in the other.
+    Where it is not known which way was lost, both are; of halves, every second gap is kept, so that
+    both together lose what was lost.
     """
     if result.there is None or result.back is None:
-        return {"half": result.rtt / 2}
-    heard = result.record.stamp("heard")
-    there, back = np.array(result.there), np.array(result.back)
-    answered = np.flatnonzero(~np.isnan(result.rtt))
-    for i, j in pairwise(answered.tolist()):
-        if j - i > 1:
-            arrived = min(max(int(heard[j] - heard[i]) - 1, 0), j - i - 1)
-            back[i + 1 : j - arrived] = back[i]
-            there[j - arrived : j] = there[i]
-    return {"there": there, "back": back}
+        return {"half": _thinned(result.rtt / 2)}
+    ways = lost_ways(result.record)
+    if ways is None:
+        return {"there": _thinned(result.there), "back": _thinned(result.back, 1)}
+    known = ~ways.undecided
+    return {
+        "there": np.where(ways.back & known, _held(result.there), result.there),
+        "back": np.where(ways.there & known, _held(result.back), result.back),
+    }
+
+
+def _held(delay: Floats) -> Floats:
+    """`delay` (n,) with the delay before it where one is missing, or the first one."""
+    rows = np.maximum.accumulate(np.where(np.isnan(delay), -1, np.arange(delay.size)))
+    return np.asarray(delay[np.where(rows < 0, int(np.argmax(~np.isnan(delay))), rows)])
+
+
+def _thinned(delay: Floats, first: int = 0) -> Floats:
+    """`delay` (n,) without every second gap, from the gap `first` on."""
+    lost = np.isnan(delay)
+    gap = np.cumsum(lost & ~np.concatenate([[False], lost[:-1]])) - 1
+    return np.where(lost & (gap % 2 != first), _held(delay), delay)
 
 
 def link_toml(file: str, semantics: str) -> str:

@@ -15,7 +15,7 @@ Integers = NDArray[np.int64]
 CAPACITY = 1_000_000
 #: A stamp that is not known.
 NONE = np.iinfo(np.int64).min
-_STAMPS = ("due", "t1", "call", "t2", "wake_there", "t3", "t4", "wake_here", "heard")
+_STAMPS = ("due", "t1", "call", "t2", "wake_there", "t3", "t4", "wake_here", "heard", "count")
 
 
 class Arrival(NamedTuple):
@@ -49,8 +49,8 @@ class ReceivedAnswer:
     """An answer: to question `k` (its low `bits`), with the stamps of the responder, ns.
 
     `t2`, `t3`: received and sent, of its clock, NONE if it does not say; `wake`: from arrival to
-    processing; `heard`: questions it had heard by then, NONE if it does not say; `host`: of its
-    clock, 0: unknown; `date`, `error`: of its clock, ns.
+    processing; `heard`: different questions it had heard by then in its count `count`, NONE if it
+    does not say; `host`: of its clock, 0: unknown; `date`, `error`: of its clock, ns.
     """
 
     k: int
@@ -61,6 +61,7 @@ class ReceivedAnswer:
     host: int = 0
     date: int = 0
     error: int = -1
+    count: int = 0
 
 
 class PingCodec(Protocol):
@@ -88,6 +89,7 @@ class Exchanges:
         self.sent = self.received = self.duplicates = self.strange = self.reordered = 0
         self.refused = 0
         self._highest = -1
+        self._before = 0
         self.other: ReceivedAnswer | None = None
         self.last_rtt_ns = 0
 
@@ -95,6 +97,11 @@ class Exchanges:
     def first(self) -> int:
         """Number of the first question that is kept."""
         return max(0, self.sent - self._capacity)
+
+    @property
+    def whole(self) -> bool:
+        """Whether the very first question of the measurement is kept."""
+        return self.first == 0 and self._before == 0
 
     def asked(self, due_ns: int, t1_ns: int, call_ns: int) -> None:
         """A question was sent: due, before the call, and how long the call took."""
@@ -114,6 +121,7 @@ class Exchanges:
             return
         row[3:] = (
             answer.t2, answer.wake, answer.t3, arrival.t_ns, arrival.wake_ns, answer.heard,
+            answer.count,
         )  # fmt: skip
         self.received += 1
         self.reordered += answer.k < self._highest
@@ -134,7 +142,7 @@ class Exchanges:
         part = Exchanges(self.what, last - first, self.size, self.period_ns)
         rows = np.arange(first, last) % self._capacity
         part._rows[:] = self._rows[rows]
-        part.sent = last - first
+        part.sent, part._before = last - first, self._before + first
         part.received = int(np.count_nonzero(part._rows[:, _STAMPS.index("t4")] != NONE))
         part.other = self.other
         return part

@@ -6,24 +6,24 @@ from dataclasses import dataclass
 from math import inf
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bridge.ping.clocks import ClockEstimate, Floats, estimate_clock, same_clock
 from bridge.ping.exchanges import NONE, Exchanges
+from bridge.ping.intervals import interval
+from bridge.ping.losses import LossFigures, loss_figures
 from bridge.ping.measure import clock_number
 from bridge.realtime.host_clock import host_clock
 from cosim.base.clock import realtime_offset_ns
 from cosim.base.errors import RunError
 
-#: Shortest time without an answer that counts as an outage, s (or five periods, if longer).
-OUTAGE = 0.1
 QUANTILES = (0.5, 0.95, 0.99, 0.999)
 
 
 @dataclass(frozen=True, slots=True)
 class WayFigures:
     """Figures of delays (n,), s. `quantiles`: of 50, 95, 99 and 99.9 %; `ranges`: intervals that
-    contain each with 95 % confidence, the upper end infinite where too few packets arrived.
+    contain each with 95 % confidence, an end infinite where too few independent delays are beyond
+    it; `independent`: how many independent delays would tell as much about each.
 
     `jitter`: mean difference of consecutive delays, s; `lag1`: their autocorrelation.
     """
@@ -35,56 +35,35 @@ class WayFigures:
     maximum: float
     quantiles: tuple[float, ...]
     ranges: tuple[tuple[float, float], ...]
+    independent: tuple[float, ...]
     jitter: float
     lag1: float
 
 
-def way_figures(delay: Floats) -> WayFigures:
-    """Figures of `delay` (n,), s, NaN where nothing arrived; at least one arrived."""
+def way_figures(delay: Floats, below: float = 0.0, above: float = 0.0) -> WayFigures:
+    """Figures of `delay` (n,), s, NaN where nothing arrived; at least one arrived.
+
+    The truth may be less than `delay` by `below` and more by `above`, s, the same for all.
+    """
     there = delay[~np.isnan(delay)]
     ordered, steps = np.sort(there), np.abs(np.diff(there))
-    lag1 = _autocorrelation(there)
-    effective = there.size * (1 - max(lag1, 0.0)) / (1 + max(lag1, 0.0))
+    found = [interval(there, ordered, q) for q in QUANTILES]
     return WayFigures(
         there.size, float(ordered[0]), float(there.mean()), float(there.std()), float(ordered[-1]),
         tuple(float(x) for x in np.quantile(there, QUANTILES)),
-        tuple(_range(ordered, q, effective) for q in QUANTILES),
-        float(steps.mean()) if steps.size else 0.0, lag1,
+        tuple((low - below, high + above) for low, high, _ in found),
+        tuple(n for _, _, n in found),
+        float(steps.mean()) if steps.size else 0.0, autocorrelation(there),
     )  # fmt: skip
 
 
-def _autocorrelation(x: Floats) -> float:
+def autocorrelation(x: Floats) -> float:
     """Of neighbours, from -1 to 1; 0 where nothing varies."""
     if x.size < 3:
         return 0.0
     rest = x - x.mean()
     power = float(rest @ rest)
     return float(rest[:-1] @ rest[1:]) / power if power > 0 else 0.0
-
-
-def _range(ordered: Floats, q: float, effective: float) -> tuple[float, float]:
-    """Order statistics around a quantile: ranks n·q ± 1.96·sqrt(n·q·(1 - q)·n/n_eff)."""
-    n = ordered.size
-    spread = 1.96 * np.sqrt(q * (1 - q) / max(effective, 1.0)) * n
-    low, high = int(np.floor(n * q - spread)), int(np.ceil(n * q + spread))
-    return float(ordered[max(low, 0)]), float(ordered[high]) if high < n else inf
-
-
-@dataclass(frozen=True, slots=True)
-class LossFigures:
-    """`share` of the questions without an answer; `bursts`: mean and longest number in a row.
-
-    `there`, `back`: shares lost each way, NaN where the other end does not count; `outages`: number
-    and longest, s, of the times without an answer.
-    """
-
-    share: float
-    burst: float
-    longest: int
-    there: float
-    back: float
-    outages: int
-    longest_outage: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,6 +100,24 @@ class PathResult:
             return inf
         return float(max(np.nanmax(self.below), np.nanmax(self.above)))
 
+    @property
+    def ways(self) -> dict[str, Floats]:
+        """The measured delays by name, (n,), s."""
+        found = {"round trip": self.rtt}
+        if self.there is not None and self.back is not None:
+            found |= {"there": self.there, "back": self.back}
+        return found
+
+    def figures(self) -> dict[str, WayFigures]:
+        """Figures of each way by name. Intervals contain what the clocks leave open."""
+        found = {"round trip": way_figures(self.rtt)}
+        if self.there is not None and self.back is not None:
+            assert self.below is not None and self.above is not None
+            below, above = float(np.nanmax(self.below)), float(np.nanmax(self.above))
+            found["there"] = way_figures(self.there, below, above)
+            found["back"] = way_figures(self.back, above, below)
+        return found
+
 
 def _seconds(record: Exchanges, name: str, origin: int = 0) -> Floats:
     """A stamp as s from `origin` (ns), NaN where it is unknown."""
@@ -145,7 +142,7 @@ def evaluate(record: Exchanges) -> PathResult:
         "send call": float(np.median(_seconds(record, "call"))),
         "own wake-up": float(np.nanmedian(np.where(np.isnan(t4), np.nan, wake_here))),
     }
-    loss = _losses(record, t1, t4)
+    loss = loss_figures(record, t1, t4)
     if np.all(record.stamp("t2") == NONE):
         rtt = t4 + wake_here - t1
         none = None
@@ -226,47 +223,3 @@ def _clock(
     clock = estimate_clock(t1, F, t4, B, known)
     _, theta, _ = clock.offsets(t1[-1:])
     return clock, False, float(theta[0] - apart)
-
-
-def _runs(lost: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """Lengths of the runs of True."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], lost, [False]]).astype(np.int8)))
-    return np.asarray(edges[1::2] - edges[::2], dtype=np.int64)
-
-
-def outages(answered: Floats, period_ns: int) -> Floats:
-    """Start and end of each time without an answer, (m, 2), s.
-
-    `answered` (n,): times of the questions that were answered, s.
-    """
-    rows = np.flatnonzero(np.diff(answered) > max(OUTAGE, 5 * period_ns * 1e-9))
-    return np.stack([answered[rows], answered[rows + 1]], axis=1)
-
-
-def _losses(record: Exchanges, t1: Floats, t4: Floats) -> LossFigures:
-    lost = np.isnan(t4)
-    runs = _runs(lost)
-    silent = np.ptp(outages(t1[~lost], record.period_ns), axis=1)
-    there, back = _shares(record)
-    return LossFigures(
-        float(lost.mean()), float(runs.mean()) if runs.size else 0.0,
-        int(runs.max()) if runs.size else 0, there, back,
-        silent.size, float(silent.max()) if silent.size else 0.0,
-    )  # fmt: skip
-
-
-def _shares(record: Exchanges) -> tuple[float, float]:
-    """Shares lost there and back, from the counts of the other end in all answers.
-
-    The largest and the least count are used, not those of the last and the first question: where
-    questions overtake each other, the last one may be counted before others.
-    """
-    heard = record.stamp("heard")
-    answered = np.flatnonzero(heard != NONE)
-    if not answered.size:
-        return np.nan, np.nan
-    first, last = int(answered[0]), int(answered[-1])
-    asked = last - first + 1
-    counts = heard[answered]
-    arrived = int(counts.max() - counts.min()) + 1
-    return max(0.0, 1 - arrived / asked), max(0.0, (arrived - answered.size) / asked)

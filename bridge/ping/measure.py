@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 
 from bridge.ping.exchanges import Arrival, Exchanges, PingCodec, PingPath, ReceivedAnswer
@@ -29,19 +30,19 @@ def measure(
     path: PingPath, codec: PingCodec, plan: PingPlan, record: Exchanges,
     show: Callable[[Exchanges], None] = lambda _: None,
 ) -> None:  # fmt: skip
-    """Ask and listen until all questions are answered, or Ctrl-C; `record` has the result.
+    """Ask until all questions are sent, or Ctrl-C, and listen for the last answers; `record` has
+    the result.
 
     A question that is late is sent at once; if more than one is due, the later ones are put off, so
     that a pause of this process does not become a burst.
     """
-    try:
+    with suppress(KeyboardInterrupt):
         _ask(path, codec, plan, record, show)
+    with suppress(KeyboardInterrupt):  # the last answers are on their way after Ctrl-C, too
         linger = max(LINGER_NS, 3 * record.last_rtt_ns)
         end = monotonic_ns() + linger
         while record.received < record.sent and monotonic_ns() < end:
             _listen(path, codec, record, end)
-    except KeyboardInterrupt:
-        return
 
 
 def _ask(
@@ -99,8 +100,9 @@ class PacketCodec:
         if p is None or not p.answer:
             return None
         return ReceivedAnswer(
-            p.k, p.t2, p.t3, p.wake, p.heard, host=p.host, date=p.date, error=p.error
-        )
+            p.k, p.t2, p.t3, p.wake, p.heard, host=p.host, date=p.date, error=p.error,
+            count=p.count,
+        )  # fmt: skip
 
 
 def clock_number(clock: HostClock) -> int:
@@ -110,8 +112,38 @@ def clock_number(clock: HostClock) -> int:
     return int.from_bytes(sha256(clock.host.encode()).digest()[:8], "little")
 
 
-#: Most senders of which a responder counts the questions; a later one begins anew.
-SENDERS = 1024
+#: Most senders of which a responder counts the questions; then the one is forgotten that has not
+#: asked for the longest time.
+SENDERS = 16_384
+#: A question that is so many numbers behind the newest is not counted.
+BEHIND = 4096
+
+
+@dataclass(slots=True)
+class HeardCount:
+    """Different questions heard from a sender, `heard` of them since the count `count` began.
+
+    `newest`: when the newest was asked, ns; `highest`: the highest number; bit i of `seen`: that
+    number less i was heard.
+    """
+
+    count: int
+    newest: int
+    highest: int = -1
+    seen: int = 0
+    heard: int = 0
+
+    def hear(self, k: int, t1: int) -> None:
+        """Question `k`, asked at `t1`, was heard, perhaps once more."""
+        ahead = k - self.highest
+        if ahead > 0:
+            self.seen = self.seen << ahead & (1 << BEHIND) - 1 if ahead < BEHIND else 0
+            self.highest = k
+        bit = 1 << max(0, -ahead)
+        if -ahead < BEHIND and not self.seen & bit:
+            self.seen |= bit
+            self.heard += 1
+        self.newest = max(self.newest, t1)
 
 
 class PingResponder:
@@ -121,7 +153,8 @@ class PingResponder:
         clock = host_clock()
         self._path, self._host = path, clock_number(clock)
         self._error = round(clock.error * 1e9) if clock.kept else -1
-        self._heard: dict[object, tuple[int, int]] = {}
+        self._heard: dict[object, HeardCount] = {}
+        self._counts = monotonic_ns() // 1000  # differs from that of a responder before us
         self.answered = 0
 
     def serve(self, until_ns: int) -> None:
@@ -135,12 +168,12 @@ class PingResponder:
                 return
 
     def _reply(self, question: PingPacket, arrival: Arrival) -> None:
-        heard = self._count((arrival.sender, question.host), question)
+        heard = self._hear((arrival.sender, question.host), question)
         date = realtime_offset_ns()
         t3 = monotonic_ns()
         answer = question.answered(
-            host=self._host, heard=heard, t2=arrival.t_ns, wake=arrival.wake_ns,
-            t3=t3, date=date, error=self._error,
+            host=self._host, heard=heard.heard, count=heard.count, t2=arrival.t_ns,
+            wake=arrival.wake_ns, t3=t3, date=date, error=self._error,
         )  # fmt: skip
         try:
             self._path.send(answer.encode(len(arrival.data)), arrival.sender)
@@ -148,12 +181,14 @@ class PingResponder:
             return
         self.answered += 1
 
-    def _count(self, who: object, question: PingPacket) -> int:
+    def _hear(self, who: object, question: PingPacket) -> HeardCount:
         """Questions heard from a sender since its last question 0; that one may be overtaken."""
-        newest, heard = self._heard.pop(who, (question.t1, 0))
-        if question.k == 0 and question.t1 > newest:  # another measurement
-            heard = 0
+        found = self._heard.pop(who, None)
+        if found is None or (question.k == 0 and question.t1 > found.newest):  # a new measurement
+            self._counts += 1
+            found = HeardCount(self._counts % 65536, question.t1)
         if len(self._heard) >= SENDERS:
-            self._heard.clear()
-        self._heard[who] = max(newest, question.t1), heard + 1
-        return heard + 1
+            self._heard.pop(next(iter(self._heard)))
+        self._heard[who] = found  # the last one: dictionaries keep the order
+        found.hear(question.k, question.t1)
+        return found

@@ -10,8 +10,9 @@ from pathlib import Path
 import numpy as np
 
 from bridge.ping.clocks import Floats
-from bridge.ping.figures import PathResult, WayFigures, outages, way_figures
-from bridge.ping.report import COLUMNS, cells, text, ways
+from bridge.ping.figures import PathResult, WayFigures
+from bridge.ping.losses import outages
+from bridge.ping.report import COLUMNS, cells, text
 from cosim.reporting.html import (
     Badge,
     PageData,
@@ -50,7 +51,7 @@ def write_ping_page(path: Path, result: PathResult, notes: PingNotes) -> Path:
 
     Raises RunError if it cannot be written, CosimError where uPlot is not installed.
     """
-    figures = {name: way_figures(delay) for name, delay in ways(result).items()}
+    figures = result.figures()
     return write_page(
         path, f"Network: {result.record.what}", "cosim ping", Badge("finished", _summary(result)),
         cards(_numbers(result, figures)), _data(result), _rest(result, figures, notes),
@@ -84,7 +85,7 @@ def _ms(seconds: float) -> str:
 def _data(result: PathResult) -> PageData:
     data = PageData(max(float(result.sent[-1]), 1e-3))
     names = []
-    for name, delay in ways(result).items():
+    for name, delay in result.ways.items():
         rows = thin(delay, POINTS)
         data.add_curve(name, name, "ms", result.sent[rows], 1e3 * delay[rows])
         names.append((name, name))
@@ -93,9 +94,9 @@ def _data(result: PathResult) -> PageData:
         t, share = _lost_over_time(result)
         data.add_curve("lost", "lost", "%", t, 100 * share)
         data.panels.append(PlottedPanel("Lost questions", "%", (("lost", "lost"),)))
-    answered = result.sent[~np.isnan(result.rtt)]
-    silent = outages(answered, result.record.period_ns)[:MARKED].tolist()
-    data.events += [TimedEvent(start, "outage", end) for start, end in silent]
+    silent = outages(result.sent, ~np.isnan(result.rtt), result.record.period_ns)
+    silent = np.clip(silent[:MARKED], 0, result.sent[-1])
+    data.events += [TimedEvent(start, "outage", end) for start, end in silent.tolist()]
     if result.clock is not None:
         data.events += [TimedEvent(at, "the other clock jumped") for at in result.clock.steps]
     return data
@@ -117,7 +118,7 @@ def _rest(result: PathResult, figures: Mapping[str, WayFigures], notes: PingNote
             1e3 * delay[delay <= f.quantiles[2]],
             {"50 %": 1e3 * f.quantiles[0], "95 %": 1e3 * f.quantiles[1]},
         )
-        for (name, delay), f in zip(ways(result).items(), figures.values(), strict=True)
+        for (name, delay), f in zip(result.ways.items(), figures.values(), strict=True)
     )  # fmt: skip
     parts = [[name, f"{1e6 * t:.1f}"] for name, t in result.parts.items()]
     return "".join(

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from bridge.ping.clocks import Floats
 from bridge.ping.exchanges import CAPACITY, Exchanges
-from bridge.ping.figures import PathResult, WayFigures, way_figures
+from bridge.ping.figures import PathResult, WayFigures
+from bridge.ping.intervals import FEWEST
 
 #: Columns of the table of delays.
 COLUMNS = ("min", "p50", "p95", "p99", "p99.9", "max", "mean", "sd", "jitter")
@@ -22,14 +22,6 @@ def live_line(record: Exchanges) -> str:
         f"{record.sent} sent, {record.received} answered, {lost} open or lost, "
         f"last round trip {record.last_rtt_ns * 1e-6:.3f} ms"
     )
-
-
-def ways(result: PathResult) -> dict[str, Floats]:
-    """The measured delays by name, (n,), s."""
-    found = {"round trip": result.rtt}
-    if result.there is not None and result.back is not None:
-        found |= {"there": result.there, "back": result.back}
-    return found
 
 
 def text(result: PathResult) -> list[str]:
@@ -69,25 +61,30 @@ def cells(f: WayFigures) -> tuple[float, ...]:
 
 def _table(result: PathResult) -> list[str]:
     lines = [" " * 12 + "".join(f"{h:>9}" for h in COLUMNS) + "   (ms)"]
-    for name, delay in ways(result).items():
-        row = cells(way_figures(delay))
-        lines.append(f"{name:<12}" + "".join(f"{1e3 * x:9.3f}" for x in row))
-    return [*lines, *_confidence(way_figures(result.rtt))]
+    figures = result.figures()
+    for name, found in figures.items():
+        lines.append(f"{name:<12}" + "".join(f"{1e3 * x:9.3f}" for x in cells(found)))
+    return [*lines, *_confidence(figures["round trip"])]
 
 
 def _confidence(f: WayFigures) -> list[str]:
-    _, _, p99, p999 = f.ranges
-    lines = [
-        f"p99 of the round trip is between {1e3 * p99[0]:.3f} and {_upper(p99[1])} ms (95 %), "
-        f"autocorrelation of neighbours {f.lag1:.2f}"
-    ]
-    if not isfinite(p999[1]):
+    p50, _, p99, p999 = zip(("p50", "p95", "p99", "p99.9"), f.ranges, f.independent, strict=True)
+    said = "; ".join(_interval(*one) for one in (p50, p99))
+    lines = [f"of the round trip (95 %): {said}; autocorrelation of neighbours {f.lag1:.2f}"]
+    if not isfinite(p999[1][1]):
         lines.append(f"p99.9 has no upper bound with {f.n} answers: measure longer")
     return lines
 
 
-def _upper(x: float) -> str:
-    return f"{1e3 * x:.3f}" if isfinite(x) else "no bound"
+def _interval(name: str, ends: tuple[float, float], independent: float) -> str:
+    """An interval, and how much the delays say of it although they depend on each other."""
+    if independent < FEWEST:
+        return (
+            f"{name} has no interval, since the answers say as little of it as "
+            f"{independent:.0f} independent ones: measure longer"
+        )
+    low, high = (f"{1e3 * x:.3f}" if isfinite(x) else "no bound" for x in ends)
+    return f"{name} between {low} and {high} ms, as of {independent:.0f} independent answers"
 
 
 def _clock_lines(result: PathResult) -> list[str]:
@@ -134,8 +131,13 @@ def _loss_lines(result: PathResult) -> list[str]:
         return ["nothing lost"]
     line = f"lost {loss.share:.3%}, {loss.burst:.1f} in a row in the mean, at most {loss.longest}"
     if not isnan(loss.there):
-        line += f"; there {loss.there:.3%}, back {loss.back:.3%}"
+        line += f"; there {loss.there:.3%} of the questions, back {loss.back:.3%} of the answers"
     lines = [line]
+    if loss.undecided:
+        lines.append(
+            f"{loss.undecided:.3%} of the questions count as lost there although they may have "
+            "arrived: no later answer of the same responder counts them"
+        )
     if loss.outages:
         lines.append(f"{loss.outages} outages, the longest {loss.longest_outage:.3f} s")
     return lines
@@ -168,12 +170,13 @@ def values(result: PathResult) -> dict[str, Any]:
         "sent": record.sent, "answered": record.received, "kept": int(result.sent.size),
         "overtaken": record.reordered, "duplicates": record.duplicates,
         "strange": record.strange, "refused": record.refused,
-        "delays": {name: _way(way_figures(delay)) for name, delay in ways(result).items()},
+        "delays": {name: _way(found) for name, found in result.figures().items()},
         "uncertainty": _finite(result.uncertainty), "same_clock": result.same_host,
         "date_difference": result.dates,
         "date_errors": [_finite(error) for error in result.kept],
         "loss": {
             "share": loss.share, "there": _finite(loss.there), "back": _finite(loss.back),
+            "undecided": loss.undecided,
             "burst": loss.burst, "longest": loss.longest,
             "outages": loss.outages, "longest_outage": loss.longest_outage,
         },
@@ -194,6 +197,7 @@ def _way(f: WayFigures) -> dict[str, Any]:
         "confidence": {
             n: [_finite(x) for x in r] for n, r in zip(names, f.ranges, strict=True)
         },
+        "independent": dict(zip(names, f.independent, strict=True)),
     }  # fmt: skip
 
 

@@ -20,7 +20,7 @@ from typing import Any, TextIO
 import numpy as np
 
 from bridge.ping.exchanges import CAPACITY, NONE, Exchanges
-from bridge.ping.figures import QUANTILES, evaluate, outages, way_figures
+from bridge.ping.figures import QUANTILES, evaluate, way_figures
 from bridge.ping.measure import LINGER_NS
 from bridge.ping.report import values
 from cosim.base.clock import realtime_offset_ns
@@ -113,19 +113,9 @@ def window_figures(record: Exchanges, start: float) -> PingWindow:
     numbers = {
         **dict(zip(names, way.quantiles, strict=True)), "max": way.maximum, "mean": way.mean,
         "jitter": way.jitter, "lost": found.loss.share,
-        "outage": _longest_silence(record, found.rtt),
+        "outage": found.loss.longest_outage,
     }  # fmt: skip
     return PingWindow(start, length, record.sent, numbers, values(found))
-
-
-def _longest_silence(record: Exchanges, rtt: np.ndarray[Any, np.dtype[np.float64]]) -> float:
-    """The longest outage, s, also one that reaches over an end of the window; 0: none."""
-    t1 = record.stamp("t1")
-    sent = (t1 - t1[0]) * 1e-9
-    period = record.period_ns * 1e-9
-    answered = np.concatenate([[-period], sent[~np.isnan(rtt)], [sent[-1] + period]])
-    silent = np.ptp(outages(answered, record.period_ns), axis=1)
-    return float(silent.max()) if silent.size else 0.0
 
 
 class PingWatch:

@@ -96,6 +96,7 @@ def answering(
             publishers[sender] = control_publisher(
                 session, f"{PREFIX}/answer/{sender}", reliability
             )
+        publishers[sender] = publishers.pop(sender)  # the oldest is the one that is quiet
         publishers[sender].put(data)
 
     subscriber = session.declare_subscriber(

@@ -1,5 +1,6 @@
 """Real sockets and sessions: both ends, and a relay of known delays between processes."""
 
+import contextlib
 import json
 import socket
 import threading
@@ -181,3 +182,41 @@ def test_an_interruption_between_two_clocks_does_not_make_a_packet_older(
     monkeypatch.setattr(clock, "realtime_ns", lambda: 10**18 + later(next(pauses)))
     found, date = clock.now_and_date()
     assert abs(date - 10**18 - found) <= clock.CLOSE_NS
+
+
+def test_pong_answers_on_all_addresses_of_both_families() -> None:
+    with contextlib.closing(UdpPath(("", 0), listen=True)) as end, answering(PingResponder(end)):
+        for host in ("127.0.0.1", "::1"):
+            record = Exchanges(host, 20, 128, 2_000_000)
+            with contextlib.closing(UdpPath((host, end.port))) as near:
+                measure(near, PacketCodec(128), PingPlan(2_000_000, 20), record)
+            assert record.received > 0, host
+
+
+def test_ctrl_c_waits_for_the_last_answers() -> None:
+    """Else those on their way would be an outage at the end."""
+    codec = PacketCodec(128)
+    waiting: list[bytes] = []
+    interrupted: list[bool] = []
+
+    class Slow(CannedPath):
+        """Everything comes after the interruption."""
+
+        def send(self, data: bytes, to: object = None) -> None:
+            waiting.append(data)
+
+        def receive(self, until_ns: int) -> list[Arrival]:
+            if not interrupted:
+                return []
+            asked = [decode(data) for data in waiting]
+            waiting.clear()
+            now = monotonic_ns()
+            return [Arrival(q.answered(t2=1, t3=1).encode(), now) for q in asked if q]
+
+    def show(_: Exchanges) -> None:
+        interrupted.append(True)
+        raise KeyboardInterrupt
+
+    record = Exchanges("slow", 100, 128, 200_000_000)
+    measure(Slow(), codec, PingPlan(200_000_000, None), record, show)
+    assert record.received == record.sent > 0

@@ -62,6 +62,10 @@ def test_each_way_is_within_the_stated_uncertainty_and_the_sum_is_exact() -> Non
     assert np.all(found.there - found.below - 1e-6 <= there)
     assert np.all(there <= found.there + found.above + 1e-6)
     assert 12e-3 < found.uncertainty < 14e-3  # half of 25 ms, nothing tells them apart
+    for name, delay in (("there", there), ("back", back)):
+        low, high = values(found)["delays"][name]["confidence"]["p50"]
+        assert low <= np.median(delay) <= high  # although the estimate is 7.5 ms off
+        assert high - low < 0.03
     assert found.parts["turn-round"] == pytest.approx(25e-6, rel=0.01)
     assert found.parts["other wake-up"] == pytest.approx(40e-6)
     assert found.parts["own wake-up"] == pytest.approx(15e-6)
@@ -71,7 +75,7 @@ def test_each_way_is_within_the_stated_uncertainty_and_the_sum_is_exact() -> Non
 def test_losses_are_told_apart_by_the_count_of_the_other_end() -> None:
     found = _measured({50, 51, 52, 200}, {53, 300})
     assert found.loss.there == pytest.approx(4 / N)
-    assert found.loss.back == pytest.approx(2 / N)
+    assert found.loss.back == pytest.approx(2 / (N - 4))  # of the answers that were sent
     assert (found.loss.longest, found.loss.outages) == (4, 0)
     there, back = traces(found).values()
     assert np.flatnonzero(np.isnan(there)).tolist() == [50, 51, 52, 200]
@@ -97,8 +101,10 @@ def test_the_link_that_is_printed_is_one_that_a_scenario_takes(tmp_path: Path) -
         assert law.minimum == pytest.approx(np.nanmin(traces(found)[name]), abs=1e-8)
         other = tomllib.loads(lines["law"])
         assert delay_law(other["delay"], tmp_path).mean == pytest.approx(law.mean, rel=0.02)
-        assert loss_model(other["loss"]).share == pytest.approx(3 / N, rel=1e-3)
-        assert "delay" in lines["netem"] and "loss gemodel" in lines["netem"]
+        lost = other.get("loss", {"law": "independent", "p": 0.0})  # on the way there only
+        assert loss_model(lost).share == pytest.approx(3 / N * (name == "there"), rel=1e-3)
+        assert "delay" in lines["netem"]
+        assert ("loss gemodel" in lines["netem"]) == (name == "there")
     assert read_trace(tmp_path / "there.csv").delay.size == N
     assert json.dumps(values(found))
 
@@ -106,12 +112,14 @@ def test_the_link_that_is_printed_is_one_that_a_scenario_takes(tmp_path: Path) -
 def test_a_law_is_fitted_to_draws_of_it() -> None:
     rng = np.random.default_rng(1)
     drawn = 0.02 + rng.gamma(2.0, 0.005, 20_000)
-    record = _measured({3}, set()).loss
-    law = fitted(drawn, 0.0, 0.01, record)
+    lost = drawn.copy()
+    lost[::400] = np.nan
+    law = fitted(lost, 0.0, 0.01)
     assert isinstance(law.law, Gamma) and isinstance(law.loss, Independent)
     assert law.law.shape == pytest.approx(2.0, rel=0.1)
     assert law.error < 2e-4
-    burst = fitted(drawn, 0.8, 0.01, _measured(set(range(40, 60)), set()).loss)
+    lost[::400], lost[40:60] = 0.02, np.nan
+    burst = fitted(lost, 0.8, 0.01)
     assert isinstance(burst.law, Gamma) and burst.law.hold == pytest.approx(0.05)
     assert isinstance(burst.loss, GilbertElliott) and burst.loss.burst == pytest.approx(20)
 
@@ -123,9 +131,9 @@ def test_a_quantile_has_an_interval_only_where_enough_packets_arrived() -> None:
     assert low < np.log(2) < high and high - low < 0.2
     assert f.ranges[3][1] == np.inf and np.isfinite(f.ranges[2][1])
     assert abs(f.lag1) < 0.1
-    doubled = way_figures(np.repeat(x, 2))
-    assert doubled.lag1 == pytest.approx(0.5, abs=0.05)
-    assert np.ptp(doubled.ranges[0]) > np.ptp(f.ranges[0])
+    repeated = way_figures(np.repeat(x, 20))  # tells no more, although there are more of them
+    assert repeated.lag1 == pytest.approx(0.95, abs=0.05) and repeated.independent[0] <= 2000
+    assert np.ptp(repeated.ranges[0]) >= 0.9 * np.ptp(f.ranges[0])
 
 
 def test_memory_is_bounded_and_figures_are_of_the_last_questions(

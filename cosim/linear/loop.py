@@ -8,7 +8,6 @@ run; a link that jumps has the delays of this one period.
 
 from __future__ import annotations
 
-from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from math import lcm
@@ -53,24 +52,32 @@ def operating_point(plan: Plan, time: float) -> OperatingPoint:
             f"--at {time:g}: expected a time of the run, 0 to {plan.ticks * plan.h:g} s"
         )
     begin = int(time / plan.h + 1e-6) // period * period
-    tables: defaultdict[str, list[int]] = defaultdict(list)
+    found: list[LinkRows] = []
     rows = []
-
-    def keep(found: LinkRows) -> None:
-        for link, rows in zip(plan.links, found.parts(), strict=True):
-            tables[link.name].extend(rows.tolist())
-
-    with Engine(plan, keep) as engine:
+    with Engine(plan, found.append) as engine:
         engine.initialize()
         engine.run(begin)
-        tables.clear()
         for _ in range(period):
             rows.append(engine.signals.copy())
             engine.run(1)
         rows.append(engine.signals.copy())
         if engine.ended is not None:
             raise ScenarioError(f"the run is {engine.ended}, expected it to reach {time:g} s")
-    return OperatingPoint(begin, period, np.array(rows), dict(tables))
+    return OperatingPoint(begin, period, np.array(rows), _held(plan, found, begin))
+
+
+def _held(plan: Plan, found: Sequence[LinkRows], begin: int) -> dict[str, list[int]]:
+    """The rows of each link's table from the tick `begin` on. `found`: all rows from tick 0 on, in
+    the pieces in which they were drawn: a piece begins before the period, and may end in it.
+    """
+    parts = list(zip(*(piece.parts() for piece in found), strict=True))
+    tables = {link.name: list[int]() for link in plan.links}
+    for o in plan.operations:
+        if o.code is Code.PULL and parts:
+            hits = len(range(o.first, begin, o.period))
+            rows = np.concatenate(parts[o.index])[hits:]
+            tables[plan.links[o.index].name] = rows.tolist()
+    return tables
 
 
 @dataclass(frozen=True, slots=True)

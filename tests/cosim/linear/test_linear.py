@@ -13,10 +13,14 @@ from cosim.analysis.memory_run import Change, changed, trace
 from cosim.base.component import Port
 from cosim.base.errors import RunError, ScenarioError
 from cosim.base.settings import as_toml
+from cosim.engine.simulate import simulate
+from cosim.linear.loop import operating_point
 from cosim.linear.model import LinearModel
 from cosim.linear.poles import near_the_circle
 from cosim.linear.scenario import linearized
+from cosim.links.storage import load_table
 from cosim.loading.files import load
+from cosim.record import Run
 from cosim.scenario.assemble import assemble
 from fmus.models import planar2r
 from fmus.models.dynamics import inertia
@@ -341,3 +345,20 @@ def test_command_prints_poles_and_writes_both_files(cosim: Command, tmp_path: Pa
     mat = loadmat(str(tmp_path / "m.mat"))
     assert np.array_equal(mat["A"], np.array(data["A"])) and mat["period"].item() == H
     assert mat["states"][0][1].item() == data["states"][0]["unit"]
+
+
+@pytest.mark.parametrize("time", [0.0, 1.0, 1.0225, 5.0, 30.0])
+def test_samples_in_flight_are_those_of_the_run_at_any_time(time: float, tmp_path: Path) -> None:
+    """The tables of links are drawn in stretches, at whose borders no time of a user's is."""
+    scenario = load(TELEOPERATION, ["run.stop=30"])
+    plan = assemble(scenario)
+    at = operating_point(plan, time)
+    simulate(scenario, tmp_path / "run")
+    assert at.tick == int(time / plan.h) // 5 * 5
+    paths = Run.open(tmp_path / "run").link_tables
+    assert set(paths) == {link.name for link in plan.links} == set(at.tables)
+    for link in plan.links:
+        hit = at.tick // plan.component(link.target.component).period
+        _, rows = load_table(paths[link.name])
+        held = at.tables[link.name]
+        assert held[: len(rows) - hit] == rows[hit : hit + len(held)].tolist()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -126,7 +126,6 @@ def rehearse(
     from bridge.cli.options import bus_settings, clock_settings, refuse_in_simulated_time
     from bridge.deployment import spec as deployments
     from bridge.deployment.system import load_system
-    from bridge.preflight import deployment
 
     path = deployments.find(scenario, deploy)
     changes = [*(set_ or [])]
@@ -140,7 +139,7 @@ def rehearse(
     refuse_in_simulated_time(
         system.deployment, faults=faults is not None, nodes=nodes is not None, hardware=hardware
     )
-    found = report_findings(deployment.check(system), strict=strict, quiet=quiet)
+    found = checked(system, scenario, changes, strict=strict, quiet=quiet)
     if hardware and not yes:
         with allow_terminal_input():
             typer.confirm("Frames of this run may move real drives. Go on?", abort=True)
@@ -244,6 +243,26 @@ def _run(
         raise typer.Exit(exit_code())
     if verdict.exit_code:
         raise typer.Exit(verdict.exit_code)
+
+
+def checked(
+    system: System, path: Path, settings: Sequence[str], *, strict: bool, quiet: bool
+) -> list[dict[str, Any]]:
+    """Check scenario and deployment, as ``cosim check --deploy`` does; print and return what
+    :func:`report_findings` does. Errors of the scenario alone do not prevent a run.
+
+    The scenario at `path` with `settings` is checked as it is offline: what the deployment adds to
+    it, such as limits of age, is judged with the deployment.
+    """
+    from bridge.preflight import deployment
+    from cosim.cli.check import print_warnings
+    from cosim.loading.files import load
+    from cosim.scenario.assemble import assemble
+
+    alone = load(path, [s for s in settings if not s.startswith("deploy.")])
+    found = print_warnings(alone, assemble(alone), strict=strict, quiet=quiet)
+    more = [f for f in deployment.check(system) if f.as_data() not in found]
+    return [*found, *report_findings(more, strict=strict, quiet=quiet)]
 
 
 def report_findings(findings: object, *, strict: bool, quiet: bool) -> list[dict[str, Any]]:

@@ -99,9 +99,8 @@ def run(
     Raises ScenarioError if `clock` is not ``simulated``.
     """
     from bridge.cli.options import unused_folder
-    from bridge.cli.rehearse import header, report_findings
+    from bridge.cli.rehearse import checked, header
     from bridge.deployment.system import load_system
-    from bridge.preflight import deployment
     from bridge.results.outcome import run_twin
     from bridge.results.report import line
     from cosim.analysis import declared_metrics
@@ -117,7 +116,7 @@ def run(
             f"--clock {clock}: expected simulated; for wall time use cosim rehearse"
         )
     system = load_system(scenario, deploy, settings)
-    findings = report_findings(deployment.check(system), strict=strict, quiet=quiet)
+    findings = checked(system, scenario, settings, strict=strict, quiet=quiet)
     name = f"{system.scenario.name}-{system.deployment.name}-twin-{stamp()}"
     folder = out or unused_folder(Path("runs") / name)
     announce_run_folder(folder)

@@ -121,15 +121,25 @@ def print_warnings(
     from cosim.checks import check as findings
     from cosim.cli.summary import announced
 
-    found: Sequence[Finding] = ()
     try:
         with announced(quiet, "checking the scenario"):
             found = findings(scenario, plan, notes=False)
-        lines = [f.line for f in found]
     except Exception as error:  # whatever a check comes across, the run goes on
-        lines = [f"failed: {type(error).__name__}: {error}"]
+        found = (_failed(error),)
+    lines = [f.line for f in found]
     _print_findings(lines, strict=strict, quiet=quiet)
     return [f.as_data() for f in found]
+
+
+def _failed(error: Exception) -> Finding:
+    """The finding that there could have been others."""
+    from cosim.checks.finding import Finding
+
+    reason = f"the check failed, so nothing is known: {type(error).__name__}: {error}"
+    return Finding(
+        rule="check", severity="warning", where="scenario", number=float("nan"), unit="",
+        reason=reason,
+    )  # fmt: skip
 
 
 def report_unconnected_inputs(plans: Iterable[Plan], *, strict: bool, quiet: bool) -> None:

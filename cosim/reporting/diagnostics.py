@@ -19,13 +19,10 @@ TAIL = 0.1
 
 
 def findings(facts: Mapping[str, Any]) -> str:
-    """What the check before the run found, as HTML; "" if the run folder does not say.
-
-    `facts`: ``run.json``.
-    """
+    """What the check before the run found, as HTML. `facts`: ``run.json``."""
     found = facts.get("findings")
     if found is None:
-        return ""
+        return "<h2>Check before the run</h2><p>Not checked.</p>"
     rows = [(f["severity"], f["where"], f["reason"], f.get("advice", ""), f["rule"]) for f in found]
     if not rows:
         return "<h2>Check before the run</h2><p>It found no error and no warning.</p>"

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from bridge.ping.exchanges import NONE, Exchanges, Integers
 
 Floats = NDArray[np.float64]
-Flags = NDArray[np.bool_]
+Marks = NDArray[np.bool_]
 
 #: Shortest time without an answer that counts as an outage, s (or five periods, if longer).
 OUTAGE = 0.1
@@ -51,9 +51,9 @@ class LostWays:
     not known. Within a gap the first ones are taken to be those lost on the way there.
     """
 
-    there: Flags
-    back: Flags
-    undecided: Flags
+    there: Marks
+    back: Marks
+    undecided: Marks
 
 
 def loss_figures(record: Exchanges, t1: Floats, t4: Floats) -> LossFigures:
@@ -73,14 +73,14 @@ def loss_figures(record: Exchanges, t1: Floats, t4: Floats) -> LossFigures:
     )  # fmt: skip
 
 
-def runs(lost: Flags) -> tuple[float, int]:
+def runs(lost: Marks) -> tuple[float, int]:
     """Mean and longest number of True in a row, 0 without any."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], lost, [False]]).astype(np.int8)))
     found = edges[1::2] - edges[::2]
     return (float(found.mean()), int(found.max())) if found.size else (0.0, 0)
 
 
-def outages(sent: Floats, answered: Flags, period_ns: int) -> Floats:
+def outages(sent: Floats, answered: Marks, period_ns: int) -> Floats:
     """Start and end of each time without an answer, (m, 2), s, also at both ends of the
     measurement. `sent` (n,): times of all questions, s; `answered` (n,): which of them were.
     """
@@ -127,7 +127,7 @@ def _lives(answered: Integers, count: Integers) -> list[Integers] | None:
 
 
 def _before(
-    life: Integers, heard: Integers, start: tuple[int, bool], back: Flags, undecided: Flags
+    life: Integers, heard: Integers, start: tuple[int, bool], back: Marks, undecided: Marks
 ) -> None:
     """Mark the unanswered questions before the first of `life` (m,), with a new count `heard` (m,).
 
@@ -142,7 +142,7 @@ def _before(
         undecided[begin : first - arrived] = True
 
 
-def _between(life: Integers, heard: Integers, back: Flags) -> None:
+def _between(life: Integers, heard: Integers, back: Marks) -> None:
     """Mark those of the unanswered questions between `life` (m,) that were heard and counted.
 
     Questions overtake each other: the counts are put in order, so that their sum is right.

@@ -69,7 +69,7 @@ def _spread(q: float, inflation: float, n: int) -> float:
 
 def dependence(below: NDArray[np.bool_]) -> float:
     """How many times larger the variance of the mean of `below` (n,) is than if its elements were
-    independent of each other; at least 1.
+    independent of each other; dimensionless, at least 1.
     """
     n, share = below.size, float(below.mean())
     if not 0 < share < 1:

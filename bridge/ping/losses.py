@@ -74,7 +74,7 @@ def loss_figures(record: Exchanges, t1: Floats, t4: Floats) -> LossFigures:
 
 
 def runs(lost: Marks) -> tuple[float, int]:
-    """Mean and longest number of True in a row, 0 without any."""
+    """Mean and longest number of True in a row in `lost` (n,), dimensionless; 0 without any."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], lost, [False]]).astype(np.int8)))
     found = edges[1::2] - edges[::2]
     return (float(found.mean()), int(found.max())) if found.size else (0.0, 0)

@@ -72,17 +72,37 @@ def parse(text: str) -> Unit:
     """The unit that a text denotes. Raises UnitError naming the text and the unknown part."""
     exponents = [0] * len(BASE)
     factor, offset = 1.0, 0.0
-    pieces = re.split(r"([./*·])", text.strip().replace(" ", "") or "1")
+    bare = text.strip().replace(" ", "")
+    if bare.startswith("[") and bare.endswith("]"):  # as some tools write it
+        bare = bare[1:-1]
+    pieces = re.split(r"([./*·])", bare or "1")
+    signs = [1]  # of what is in the parentheses that are open
     for place, piece in enumerate(pieces[::2]):
-        sign = -1 if place and pieces[2 * place - 1] == "/" else 1
-        match = _FACTOR.match(piece.strip("()"))
-        if match is None:
+        sign = (-1 if place and pieces[2 * place - 1] == "/" else 1) * signs[-1]
+        inner = piece.lstrip("(")
+        signs += [sign] * (len(piece) - len(inner))
+        symbols = inner.rstrip(")")
+        closed = len(inner) - len(symbols)
+        match = _FACTOR.match(symbols)
+        if match is None or closed >= len(signs):
             raise UnitError(f"unit {text!r} cannot be read at {piece!r}; expected e.g. 'N.m/rad'")
+        signs = signs[: len(signs) - closed]
         symbol, power = _symbol(match[1], text), sign * int(match[2] or 1)
         factor *= symbol.factor**power
         offset = symbol.offset if len(pieces) == 1 else 0.0
         exponents = [e + power * x for e, x in zip(exponents, symbol.exponents, strict=True)]
+    if len(signs) > 1:
+        raise UnitError(f"unit {text!r} lacks a closing parenthesis")
     return Unit(tuple(exponents), factor, offset)
+
+
+def is_unit(text: str) -> bool:
+    """Whether :func:`parse` knows the unit that a text denotes."""
+    try:
+        parse(text)
+    except UnitError:
+        return False
+    return True
 
 
 def _symbol(name: str, text: str) -> Unit:

@@ -21,6 +21,11 @@ from cosim.base.units import conversion, parse, quantity
         ("W", "N.m/s"),
         ("1/s", "Hz"),
         ("m/s/s", "m.s^-2"),
+        ("kg/(m.s)", "kg.m-1.s-1"),
+        ("W/(m2.K)", "W.m-2.K-1"),
+        ("1/(s/m)", "m/s"),
+        ("J/(kg.(K.s))/m", "J.kg-1.K-1.s-1.m-1"),
+        ("[m3]", "m3"),
     ],
 )
 def test_different_spellings_are_the_same_unit(text, same):
@@ -51,6 +56,8 @@ def test_quantities_with_units_are_converted(text, unit, value):
         ("five ms", "not a number with a unit"),
         ("5 xs", "unknown unit 'xs'"),
         ("5 m//s", "cannot be read"),
+        ("5 m/(s", "lacks a closing parenthesis"),
+        ("5 m/s)", "cannot be read"),
     ],
 )
 def test_what_is_no_duration_says_why(text, message):

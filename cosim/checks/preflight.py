@@ -78,6 +78,7 @@ RULES: tuple[Rule, ...] = (
     lambda known: wiring.unitless_connections(known.plan),
     lambda known: wiring.remarks(known.plan),
     wiring.ignored_values,
+    lambda known: wiring.ignored_descriptions(known.plan),
     wiring.saturation,
     wiring.size,
 )

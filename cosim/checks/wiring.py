@@ -10,6 +10,7 @@ from cosim.analysis.system import AnalyzedSystem
 from cosim.checks.finding import Finding, Severity
 from cosim.checks.peaks import held_networks
 from cosim.fmi.components import has_unit, is_simulator, simulator_remarks
+from cosim.fmi.components import ignored as ignored_in
 from cosim.schedule.parts import Link, Slot, Wire
 from cosim.schedule.plan import Plan
 
@@ -62,14 +63,17 @@ def unitless_connections(plan: Plan) -> Iterator[Finding]:
                 where=f"{edge.source.name} -> {edge.target.name}",
                 number=1.0,
                 unit="1",
-                reason=f"the FMU declares no unit for {bare.name}, so the number in [{other.unit}] "
-                "is taken as it is",
+                reason=f"the FMU declares no unit for {bare.name}"
+                + (f" that is known ({bare.unit})" if bare.unit != "1" else "")
+                + f", so the number in [{other.unit}] is taken as it is",
                 advice="check the unit that the FMU means; gain = ... in the connection converts",
             )
 
 
 def ignored_values(system: AnalyzedSystem) -> Iterator[Finding]:
-    """Values of an SSP for variables that no FMU has: the standard has them ignored."""
+    """What an SSP says that is not used, such as values for variables that no FMU has, which the
+    standard has ignored.
+    """
     if system.scenario.path.suffix != ".ssp":
         return
     from cosim.ssp.document import ignored
@@ -81,8 +85,8 @@ def ignored_values(system: AnalyzedSystem) -> Iterator[Finding]:
             where="parameters",
             number=1.0,
             unit="1",
-            reason=f"{sentence}: its value is ignored",
-            advice="correct the name in the parameter set, or remove the parameter",
+            reason=sentence,
+            advice="correct the parameter set or its mapping, if this is not meant",
         )
 
 
@@ -98,6 +102,24 @@ def remarks(plan: Plan) -> Iterator[Finding]:
                 unit="1",
                 reason=sentence,
             )
+
+
+def ignored_descriptions(plan: Plan) -> Iterator[Finding]:
+    """What the descriptions of FMUs say that is not used, once for each FMU."""
+    said: set[str] = set()
+    for step in plan.components:
+        for sentence in ignored_in(step.component):
+            if sentence not in said:
+                said.add(sentence)
+                yield Finding(
+                    rule="ignored",
+                    severity="warning",
+                    where=step.name,
+                    number=1.0,
+                    unit="1",
+                    reason=sentence,
+                    advice="ask the exporter of the FMU for a description without this",
+                )
 
 
 def _connected_inputs(plan: Plan) -> list[Slot]:

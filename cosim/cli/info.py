@@ -152,6 +152,7 @@ def _facts(component: FmuComponent) -> list[tuple[str, str]]:
         ("tolerance", _stated(d.tolerance)),
         ("capabilities", ", ".join(flags) or "none"),
         *_terminals(component),
+        *([("ignored", "; ".join(d.ignored))] if d.ignored else []),
     ]
 
 

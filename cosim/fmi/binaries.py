@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import platform
+import shutil
 import sys
 from pathlib import Path
 
@@ -43,6 +44,32 @@ def _library(fmu: Archive, fmi: str, identifier: str) -> Path:
 def shipped(fmu: Archive, fmi: str, identifier: str) -> bool:
     """Whether the FMU contains a shared library for this platform, or one was compiled from it."""
     return _library(fmu, fmi, identifier).is_file()
+
+
+def copied(library: Path, folder: Path) -> Path:
+    """A copy of a shared library in an empty folder, with all that is beside it in the FMU:
+    libraries that it finds by its own place, and resources.
+    """
+    platform = library.parent
+    for place, kept in ((folder, platform.parent.parent), (folder / "binaries", platform.parent)):
+        place.mkdir(exist_ok=True)
+        for entry in kept.iterdir():
+            if entry not in (platform, platform.parent):
+                _link(entry, place / entry.name)
+    target = folder / "binaries" / platform.name
+    target.mkdir()
+    for entry in platform.iterdir():
+        if entry != library:
+            _link(entry, target / entry.name)
+    return Path(shutil.copy2(library, target))
+
+
+def _link(entry: Path, place: Path) -> None:
+    """Have a file or folder in a second place: by a link, or as a copy where links need a right."""
+    try:
+        place.symlink_to(entry, target_is_directory=entry.is_dir())
+    except OSError:
+        (shutil.copytree if entry.is_dir() else shutil.copy2)(entry, place)
 
 
 def platform_folder(fmi: str) -> tuple[str, str]:

@@ -225,7 +225,7 @@ class FmuComponent(FmuInterface):
         once = self.description.flags.get("canBeInstantiatedOnlyOncePerProcess")
         if once and not options.isolate:
             self._private = tempfile.mkdtemp(prefix="cosim-")  # a copy is a library of its own
-            setup = setup._replace(path=Path(shutil.copy2(setup.path, self._private)))
+            setup = setup._replace(path=binaries.copied(setup.path, Path(self._private)))
         room = LOG_ROOM if options.log else 0
         if options.isolate and self._wired:
             found = ", ".join(sorted(self._wired))

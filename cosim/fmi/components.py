@@ -10,7 +10,7 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from ctypes import c_double
 
 from cosim.base.component import Component, NativeComponent, Outputs, Values
-from cosim.base.units import Unit
+from cosim.base.units import Unit, is_unit
 from cosim.fmi.component import FmuComponent
 from cosim.fmi.driver import FmuDriver
 from cosim.fmi.library import FATAL, OK, WARNING
@@ -149,9 +149,20 @@ def unit_of(component: Component, unit: str) -> str | Unit:
 
 
 def has_unit(component: Component, port: str) -> bool:
-    """Whether a unit is declared for a port: FMUs of other tools have variables without one."""
+    """Whether a unit is known of a port: FMUs of other tools have variables without one, and units
+    that they do not define and nobody knows.
+    """
     fmu = fmu_of(component)
-    return fmu is None or port not in fmu.groups or bool(fmu.groups[port].first.unit)
+    if fmu is None or port not in fmu.groups:
+        return True
+    unit = fmu.groups[port].first.unit
+    return bool(unit) and (unit in fmu.description.units or is_unit(unit))
+
+
+def ignored(component: Component) -> tuple[str, ...]:
+    """Sentences about what the description of an FMU says that is not used."""
+    fmu = fmu_of(component)
+    return () if fmu is None else fmu.description.ignored
 
 
 def discrete_inputs(component: Component) -> frozenset[str]:

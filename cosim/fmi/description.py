@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
-from math import isfinite
+from math import isfinite, isnan
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -21,14 +21,15 @@ from cosim.fmi.model_structure import (
     read_states,
 )
 from cosim.fmi.ports import VariableGroup, groups
-from cosim.fmi.variables import FmuVariable, variables2, variables3
+from cosim.fmi.variables import NUMERIC, FmuVariable, variables2, variables3
 
 
 @dataclass(frozen=True)
 class Description:
     """The model description of an FMU, which all its instances share.
 
-    `derived`: what was computed of it, by what it depends on.
+    `ignored`: sentences about what was found in it and is not used. `derived`: what was computed of
+    it, by what it depends on.
     """
 
     fmi: str
@@ -50,6 +51,7 @@ class Description:
     interface: str = "CoSimulation"  # of those, by which it is run
     states: ContinuousStates | None = None  # of model exchange, else None
     dependencies: tuple[Dependencies, Dependencies] = ({}, {})  # in a run, and at its start
+    ignored: tuple[str, ...] = ()
     derived: dict[Any, Any] = field(default_factory=dict, repr=False, compare=False)
 
     @property
@@ -151,16 +153,14 @@ def _describe(
 ) -> Description:
     identifier = interface.get("modelIdentifier", "")
     word = "instantiationToken" if fmi == "3.0" else "guid"
-    token = root.get(word, "")
-    if not re.fullmatch(r"[A-Za-z_]\w*", identifier):
+    token = root.get(word, "")  # which the FMU itself accepts or refuses
+    if not re.fullmatch(r"\w[\w .+-]*", identifier):
         raise FmuError(f"{origin}: modelIdentifier is {identifier!r}; expected a C identifier")
-    if not token:
-        raise FmuError(f"{origin}: no {word}")
     experiment = root.find("DefaultExperiment")
     if fmi != "3.0" and sizes:
         raise FmuError(f"{origin}: FMI {fmi} has no structural parameters, found {sorted(sizes)}")
-    variables = tuple(_variables(root, fmi, sizes))
-    _check_names(variables, origin)
+    every = tuple(_variables(root, fmi, sizes))
+    variables, ignored = _named_once(every)
     ticked = any(v.type == "Clock" and v.causality == "input" for v in variables)
     if interface.tag == "ScheduledExecution" and not ticked:
         raise FmuError(f"{origin}: has no input clock, which scheduled execution needs")
@@ -183,10 +183,11 @@ def _describe(
         step_attributes=dict(interface.attrib),
         interfaces=tuple(_interfaces(root, fmi)),
         interface=interface.tag,
-        states=read_states(root, interface, fmi, variables)
+        states=read_states(root, interface, fmi, every)
         if interface.tag == "ModelExchange"
         else None,
-        dependencies=read_dependencies(root, fmi, variables),
+        dependencies=read_dependencies(root, fmi, every),
+        ignored=(*ignored, *_unusable_starts(variables)),
     )
 
 
@@ -206,22 +207,39 @@ _BOOLEANS = ("true", "false", "1", "0")
 
 
 def _positive(experiment: ElementTree.Element | None, name: str) -> float | None:
-    """An attribute of the DefaultExperiment; None: it is absent. Raises ValueError."""
+    """An attribute of the DefaultExperiment; None: it is absent, or 0 or infinite, which says as
+    much. Raises ValueError.
+    """
     text = experiment.get(name) if experiment is not None else None
     if not text:
         return None
     value = float(text)
-    if not (isfinite(value) and value > 0.0):
+    if isnan(value) or value < 0.0:
         raise ValueError(f"{name} {text!r} is not a positive number")
-    return value
+    return value if isfinite(value) and value > 0.0 else None
 
 
-def _check_names(variables: Iterable[FmuVariable], origin: Path) -> None:
-    seen: set[str] = set()
+def _named_once(
+    variables: Sequence[FmuVariable],
+) -> tuple[tuple[FmuVariable, ...], list[str]]:
+    """The variables without later ones of the same name, and what is said of these."""
+    found: dict[str, FmuVariable] = {}
+    ignored = []
     for variable in variables:
-        if variable.name in seen:
-            raise FmuError(f"{origin}: variable {variable.name!r} is declared twice")
-        seen.add(variable.name)
+        first = found.setdefault(variable.name, variable)
+        if first is not variable:
+            ignored.append(
+                f"variable {variable.name!r} is declared twice: that of value reference "
+                f"{first.reference} is used, that of {variable.reference} is not"
+            )
+    return tuple(found.values()), ignored
+
+
+def _unusable_starts(variables: Iterable[FmuVariable]) -> Iterator[str]:
+    for v in variables:
+        text = v.attributes.get("start", "")
+        if text and not v.start and v.type in NUMERIC:
+            yield f"variable {v.name!r} has the start {text!r}, which is no number: none is taken"
 
 
 def _units(root: ElementTree.Element) -> dict[str, Unit]:

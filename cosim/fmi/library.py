@@ -232,7 +232,7 @@ class Calls:
 
     __slots__ = (
         *("library", "_functions", "prefix", "name", "log", "_checked", "broken", "started"),
-        *("_called", "_close"),
+        *("_called", "_close", "_stem"),
     )
 
     def __init__(self, setup: Setup, prefix: str, log: fmu_log.Log) -> None:
@@ -241,6 +241,7 @@ class Calls:
         except OSError as error:
             raise FmuError(f"{setup.name}: cannot load {setup.path.name}: {error}") from error
         self.prefix, self.name, self.log = prefix, setup.name, log
+        self._stem = setup.path.stem
         engine = structs.library()
         self._called, self._close = setup.name.encode(), engine.engine_log_close
         engine.engine_log_open(self._called, c.byref(log))
@@ -260,10 +261,14 @@ class Calls:
         known = self._functions.get((self.prefix + suffix, types, result))
         if known is not None:
             return known
-        try:
-            function = self.library[self.prefix + suffix]
-        except AttributeError:
-            raise FmuError(f"{self.name}: the binary lacks {self.prefix}{suffix}") from None
+        for name in (self.prefix + suffix, f"{self._stem}_{self.prefix}{suffix}"):
+            try:  # the second: compiled as a static library would be
+                function = self.library[name]
+                break
+            except AttributeError:
+                continue
+        else:
+            raise FmuError(f"{self.name}: the binary lacks {self.prefix}{suffix}")
         function.argtypes, function.restype = types, result
         self._functions[self.prefix + suffix, types, result] = function
         return function

@@ -170,15 +170,18 @@ def limits_of(name: str, attributes: Mapping[str, str]) -> tuple[float, float]:
 
 
 def _checked(name: str, kind: str, start: tuple[str, ...]) -> tuple[str, ...]:
-    """Start values as written, those of numbers being some. Raises ValueError."""
+    """Start values as written, those of numbers being some; () for one that is NaN or infinite.
+
+    Raises ValueError.
+    """
     if kind in NUMERIC:
         for text in start:
             try:
-                good = isfinite(number(text))
+                finite = isfinite(number(text))
             except ValueError:
-                good = False
-            if not good:
-                raise ValueError(f"variable {name!r}: start {text!r} is not a number")
+                raise ValueError(f"variable {name!r}: start {text!r} is not a number") from None
+            if not finite:
+                return ()
     return start
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from math import ceil, floor, log10
 from pathlib import Path
@@ -34,7 +35,7 @@ def document(
     """
     fmu = FmuComponent(path.absolute())
     description = fmu.description
-    name = description.identifier
+    name = _component(fmu)
     component: dict[str, Any] = {"model": str(path.absolute()), "parameters": {}}
     found: dict[str, Any] = {
         "title": description.name,
@@ -58,9 +59,15 @@ def document(
     return found
 
 
+def _component(fmu: FmuComponent) -> str:
+    """The name of the component: the FMU's model identifier, in characters that names have."""
+    name = re.sub(r"\W", "_", fmu.description.identifier)
+    return f"_{name}" if name[0].isdigit() else name
+
+
 def _named(signal: Any, fmu: FmuComponent) -> Any:
     """A signal with its component, whose name may be left out where there is only one."""
-    name = fmu.description.identifier
+    name = _component(fmu)
     if not isinstance(signal, str) or signal == ALL or signal.startswith(f"{name}."):
         return signal
     known = signal in fmu.groups or signal_of(signal) in fmu.groups
@@ -75,7 +82,7 @@ def inputs_among(path: Path, recording: Recording) -> tuple[str, ...]:
 def _columns(fmu: FmuComponent, recording: Recording) -> dict[str, str]:
     """The column of each input, or entry of one, that has one, also as ``component.input``."""
     found: dict[str, str] = {}
-    own = fmu.description.identifier
+    own = _component(fmu)
     for port in fmu.inputs:
         entries = [v.name for v in fmu.groups[port.name].variables]
         for name in [port.name] if len(entries) == 1 else [port.name, *entries]:

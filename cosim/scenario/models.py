@@ -174,9 +174,12 @@ def _options(spec: ComponentSpec, folder: Path) -> dict[str, Any]:
 
 
 #: Kinds that are interfaces of an FMU, and how it then samples.
-_WORDS: Mapping[str, tuple[Kind, str]] = {
+_WORDS: Mapping[str, tuple[Kind | None, str]] = {
+    "co-simulation": (None, "CoSimulation"),
     "model exchange": ("continuous", "ModelExchange"),
+    "model-exchange": ("continuous", "ModelExchange"),
     "scheduled execution": ("sampled", "ScheduledExecution"),
+    "scheduled-execution": ("sampled", "ScheduledExecution"),
 }
 
 

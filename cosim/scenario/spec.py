@@ -83,6 +83,13 @@ class InputSpec(
     offset: float = 0.0
 
 
+#: How a component samples, or the interface of an FMU that is used.
+ComponentKind = Literal[
+    "sampled", "continuous", "co-simulation", "model exchange", "model-exchange",
+    "scheduled execution", "scheduled-execution",
+]  # fmt: skip
+
+
 class ComponentSpec(
     msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, gc=False
 ):
@@ -90,15 +97,15 @@ class ComponentSpec(
 
     The last ten are for FMUs, see :class:`cosim.fmi.FmuOptions`; of these `bus` names the bus of
     an FMU with a CAN terminal (FMI-LS-BUS), and `terminal` that terminal where it has several.
-    `kind`: "model exchange" (which is continuous) and "scheduled execution" (which is sampled) are
-    for an FMU that has other interfaces as well.
+    `kind`: "co-simulation", "model exchange" (which is continuous) and "scheduled execution" (which
+    is sampled) are for an FMU that has several interfaces; they may be written with a hyphen.
     """
 
     model: str
     fmi: Literal["2.0", "3.0"] = "2.0"
     sizes: dict[str, int] = {}
     options: dict[str, Any] = {}
-    kind: Literal["sampled", "continuous", "model exchange", "scheduled execution"] | None = None
+    kind: ComponentKind | None = None
     period: Number | None = None
     extrapolate: Literal["hold", "linear"] = "hold"
     preset: str | None = None

@@ -85,6 +85,7 @@ def read_structure(
     for (owner, name), value in structure.values.items():
         if owner in parts and (owner, name) not in fed:
             _set(structure, parts[owner], name, value)
+    structure.ignored += [sentence for part in parts.values() for sentence in part.ignored]
     said = annotation.read(structure.root)
     made = annotation.apply(said, made, folder) if said is not None else made
     return made, structure, {path: part.name for path, part in parts.items()}
@@ -95,7 +96,8 @@ def _set(structure: Structure, part: SspPart, name: str, value: SspValue) -> Non
     if part.has(name):
         part.set(name, value)
     else:
-        structure.ignored.append(unknown(name, part.names, f"variable of {part.name}"))
+        said = unknown(name, part.names, f"variable of {part.name}")
+        structure.ignored.append(f"{said}: its value is ignored")
 
 
 def _step(structure: Structure, parts: Mapping[tuple[str, ...], SspPart]) -> float | None:

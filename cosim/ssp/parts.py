@@ -8,7 +8,7 @@ from itertools import product
 from typing import Any
 
 from cosim.base.errors import CosimError, ScenarioError, UnitError
-from cosim.base.units import Unit, conversion
+from cosim.base.units import Unit, conversion, is_unit, unit_text
 from cosim.fmi import FmuComponent, FmuOptions, binaries
 from cosim.fmi.ports import VariableGroup
 from cosim.fmi.values import item
@@ -59,6 +59,8 @@ class SspPart:
     def __init__(self, name: str, fmu: FmuComponent, place: str) -> None:
         self.name, self.fmu, self._place = name, fmu, place
         self._variables = dict(_variables(fmu))
+        #: Sentences about what is given and not used.
+        self.ignored: list[str] = []
         self._inputs: dict[str, Any] = {}
         self._values: dict[str, Any] = {}
 
@@ -137,14 +139,26 @@ class SspPart:
         except (ValueError, CosimError):
             message = f"{' '.join(value.entries)!r} is no value of {self.name}.{group.name}"
             raise ScenarioError(message, value.place) from None
-        gain, offset = 1.0, 0.0
-        own = group.first.unit
-        if value.unit is not None and value.unit != own and not value.suppress and own:
-            try:
-                gain, offset = conversion(value.unit, self.fmu.unit(own))
-            except UnitError as error:
-                raise ScenarioError(f"{self.name}.{group.name}: {error}", value.place) from None
+        gain, offset = self._conversion(group, value)
         return [value.factor * (gain * x + offset) + value.offset for x in numbers]
+
+    def _conversion(self, group: VariableGroup, value: SspValue) -> tuple[float, float]:
+        """(gain, offset) into the unit of a variable. Raises ScenarioError."""
+        given, own = value.unit, group.first.unit
+        if given is None or given == own or value.suppress or not own:
+            return 1.0, 0.0
+        target = self.fmu.unit(own)
+        for unit in (given, target):
+            if isinstance(unit, str) and not is_unit(unit):
+                self.ignored.append(
+                    f"{self.name}.{group.name} is given in {unit_text(given)!r} and has the unit "
+                    f"{own!r}: {unit!r} is not defined, so the number is taken as it is"
+                )
+                return 1.0, 0.0
+        try:
+            return conversion(given, target)
+        except UnitError as error:
+            raise ScenarioError(f"{self.name}.{group.name}: {error}", value.place) from None
 
 
 def _variables(fmu: FmuComponent) -> Iterator[tuple[str, tuple[VariableGroup, tuple[int, ...]]]]:

@@ -155,12 +155,13 @@ class _Reader:
 
     def _bind(self, node: XmlNode, element: SspElement, files: Files, inside: Files | None) -> None:
         for binding in node.children("ParameterBindings", "ParameterBinding"):
-            for name, value in bound(binding, files, inside).items():
+            for name, value in bound(binding, files, inside, self._found.ignored).items():
                 target = element.connector(name)
                 if target is None:
                     there = ", ".join(sorted(element.children or ())) or "nothing"
                     self._found.ignored.append(
-                        f"parameter {name!r} belongs to no element (there are: {there})"
+                        f"parameter {name!r} belongs to no element (there are: {there}): its value"
+                        " is ignored"
                     )
                 else:
                     self._found.values[target] = value

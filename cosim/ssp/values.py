@@ -46,11 +46,13 @@ class SspValue:
         )
 
 
-def bound(binding: XmlNode, files: Files, inside: Files | None = None) -> dict[str, SspValue]:
+def bound(
+    binding: XmlNode, files: Files, inside: Files | None, ignored: list[str]
+) -> dict[str, SspValue]:
     """The values of one ParameterBinding by name, prefixed and mapped (SSP 1.0, clause 4.5.1).
 
-    `inside`: the files of the component, for sources with ``sourceBase="component"``. Raises
-    ScenarioError.
+    `inside`: the files of the component, for sources with ``sourceBase="component"``; `ignored`
+    gets sentences about what is not used. Raises ScenarioError.
     """
     kind = binding.get("type", "application/x-ssp-parameter-set")
     if kind != "application/x-ssp-parameter-set":
@@ -61,7 +63,7 @@ def bound(binding: XmlNode, files: Files, inside: Files | None = None) -> dict[s
     if binding.child("ParameterMapping") is None:
         return values
     mapping = _root(binding, "ParameterMapping", "ParameterMapping", files, inside)
-    return _mapped(values, mapping)
+    return _mapped(values, mapping, ignored)
 
 
 def _root(binding: XmlNode, element: str, root: str, files: Files, inside: Files | None) -> XmlNode:
@@ -121,10 +123,18 @@ def _units(root: XmlNode) -> dict[str, Unit]:
     return units
 
 
-def _mapped(values: Mapping[str, SspValue], root: XmlNode) -> dict[str, SspValue]:
+def _mapped(
+    values: Mapping[str, SspValue], root: XmlNode, ignored: list[str]
+) -> dict[str, SspValue]:
     found = {}
     for entry in root.children("MappingEntry"):
-        source, target = entry.need("source"), entry.need("target")
+        target = entry.need("target")
+        if not entry.get("source"):  # of a template that nobody has filled in
+            ignored.append(
+                f"the mapping of {target!r} has no source ({entry.place}): it is ignored"
+            )
+            continue
+        source = entry.need("source")
         if source not in values:
             there = ", ".join(sorted(values)) or "none"
             raise ScenarioError(f"no parameter {source!r} (there are: {there})", entry.place)

@@ -97,11 +97,6 @@ def escaping() -> Files:
     return contents() | {"../outside.txt": b""}
 
 
-def twice() -> Files:
-    """Two variables of one name."""
-    return edited(contents(), r'name="tau\[1\]"', 'name="tau[0]"')
-
-
 def _is_binary(name: str) -> bool:
     return name.startswith("binaries/") and name.endswith((".so", ".dylib", ".dll"))
 
@@ -119,5 +114,4 @@ BROKEN: tuple[tuple[Callable[[], Files], str], ...] = (
     (no_functions, "the binary lacks fmi2Instantiate"),
     (no_library, "cannot load planar2r"),
     (escaping, "entry '../outside.txt' would be written outside the folder"),
-    (twice, "variable 'tau[0]' is declared twice"),
 )

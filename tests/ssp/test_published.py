@@ -88,11 +88,17 @@ def test_a_unit_in_a_parameter_set(tmp_path: Path, own: str, given: str, expecte
     assert found.components["a"].parameters["gain"] == pytest.approx(expected, rel=1e-15)
 
 
-def test_an_unknown_unit_for_a_variable_with_another_is_refused(tmp_path: Path) -> None:
+def test_an_unknown_unit_for_a_variable_with_another_is_ignored_with_a_warning(
+    tmp_path: Path,
+) -> None:
     fmu = {"strict.fmu": export(units(gain="m"), tmp_path / "strict.fmu")}
-    text = two(bindings(embedded({"gain": "3"}, unit="pu")))
-    with pytest.raises(ScenarioError, match=r"a\.gain: unknown unit 'pu'"):
-        load(pack(tmp_path / "x.ssp", text, fmus=fmu))
+    path = pack(tmp_path / "x.ssp", two(bindings(embedded({"gain": "3"}, unit="pu"))), fmus=fmu)
+    assert load(path, ["run.step=0.1"]).components["a"].parameters["gain"] == 3.0
+    (said,) = ignored(path)
+    assert "a.gain is given in 'pu' and has the unit 'm': 'pu' is not defined" in said
+    path = pack(tmp_path / "x.ssp", two(bindings(embedded({"gain": "3"}, unit="s"))), fmus=fmu)
+    with pytest.raises(ScenarioError, match=r"a\.gain: \[s\] cannot feed \[m\]"):
+        load(path)
 
 
 def test_a_wire_to_an_input_without_a_unit_is_a_warning(tmp_path: Path) -> None:
@@ -287,6 +293,35 @@ def test_values_that_belong_to_nobody_are_ignored_with_a_warning(tmp_path: Path)
     ]
     result = CliRunner().invoke(app, ["check", str(path)])
     assert "'leg.q' belongs to no element" in " ".join(result.output.split())
+
+
+def test_a_mapping_that_nobody_has_filled_in_is_ignored_with_a_warning(tmp_path: Path) -> None:
+    """As tools export templates of mappings: ``source=""``."""
+    mapping = (
+        f'<ssd:ParameterMapping><ssm:ParameterMapping {SPACES} version="1.0"><ssm:MappingEntry '
+        'source="" target="control.K_q[0]"/><ssm:MappingEntry source="k" '
+        'target="control.K_p[0]"/><ssm:MappingEntry source="k" target="control.K_p[1]">'
+        '<ssc:LinearTransformation factor="1.5"/></ssm:MappingEntry>'
+        "</ssm:ParameterMapping></ssd:ParameterMapping>"
+    )
+    text = ssd(bindings(embedded({"k": "20"}) + mapping) + elements() + connections(LOOP + BACK))
+    path = pack(tmp_path / "x.ssp", text)
+    assert_same(by_hand(), load(path))
+    (said,) = ignored(path)
+    assert said.startswith("the mapping of 'control.K_q[0]' has no source (")
+
+
+def test_units_of_others_are_read_or_what_is_ignored_is_said(tmp_path: Path) -> None:
+    """The gain K_p is in N.m/rad: in brackets, as another multiple, and as what nobody knows."""
+    for unit, gain, many in (("[N.m/rad]", 20, 0), ("kN.m/rad", 0.02, 0), ("Nm/rad", 20, 2)):
+        given = {f"K_p[{i}]": str(gain * (1, 1.5)[i]) for i in range(2)}
+        more = bindings(embedded(given, unit=unit))
+        text = ssd(elements(control=more) + connections(LOOP + BACK))
+        path = pack(tmp_path / "x.ssp", text)
+        assert_same(by_hand(), load(path))
+        said = ignored(path)
+        assert len(said) == many
+        assert all("'Nm/rad' is not defined, so the number is taken as it is" in s for s in said)
 
 
 def test_a_prefix_stands_before_the_names_that_a_mapping_maps(tmp_path: Path) -> None:

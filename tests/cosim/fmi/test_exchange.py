@@ -21,7 +21,8 @@ from cosim.engine.engine import Engine
 from cosim.engine.simulate import simulate
 from cosim.fmi import FmuComponent, FmuOptions
 from cosim.record import Run
-from cosim.scenario.spec import build
+from cosim.scenario.models import load_component
+from cosim.scenario.spec import ComponentSpec, build
 from cosim.schedule.plan import Plan
 from tests.cosim.fmi.exporter import column, exchange2, exchange3, export, plan_of, run, strict2
 
@@ -384,6 +385,17 @@ def test_an_fmu_of_both_kinds_is_run_by_co_simulation_unless_asked(tmp_path: Pat
     assert "2.0 co-simulation, model exchange (2 states, 1 event indicator)" in info.output
     with pytest.raises(FmuError, match=r"found solver or max_step for an FMU with its own solver"):
         FmuComponent(both, options=FmuOptions(solver="rk4"))
+    for kind, states in (
+        ("co-simulation", 0), ("model exchange", 2), ("model-exchange", 2), (None, 0),
+    ):  # fmt: skip
+        spec = ComponentSpec(model=str(both), kind=kind)
+        found = load_component("x", spec, tmp_path, "x")[0]
+        assert isinstance(found, FmuComponent) and found.kind == "continuous"
+        known = found.description.states
+        assert (0 if known is None else known.count) == states
+    only = export(exchange2(), tmp_path / "only.fmu")
+    with pytest.raises(FmuError, match="found the interfaces ModelExchange"):
+        load_component("x", ComponentSpec(model=str(only), kind="co-simulation"), tmp_path, "x")
 
 
 # ---- in a scenario ------------------------------------------------------------------------------

@@ -85,7 +85,8 @@ FMI int NAME(fmi2GetReal)(fmu_t *x, const uint32_t *r, size_t n, double *v)
 {
     for (size_t i = 0; i < n; i++) {
         v[i] = x->v[r[i]];
-        if (r[i] >= 32 && r[i] < 48) v[i] = x->v[r[i] - 32] + x->v[r[i] - 16];
+        if (r[i] < 32 || r[i] == 48) continue;
+        v[i] = x->v[r[i] - 32] + x->v[r[i] - 16];
 #ifdef BESIDE
         v[i] = beside(v[i]);
 #endif

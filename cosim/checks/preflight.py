@@ -79,6 +79,7 @@ RULES: tuple[Rule, ...] = (
     lambda known: wiring.remarks(known.plan),
     wiring.ignored_values,
     lambda known: wiring.ignored_descriptions(known.plan),
+    wiring.start_time,
     wiring.saturation,
     wiring.size,
 )

@@ -9,7 +9,7 @@ import numpy as np
 from cosim.analysis.system import AnalyzedSystem
 from cosim.checks.finding import Finding, Severity
 from cosim.checks.peaks import held_networks
-from cosim.fmi.components import has_unit, is_simulator, simulator_remarks
+from cosim.fmi.components import default_start, has_unit, is_simulator, simulator_remarks
 from cosim.fmi.components import ignored as ignored_in
 from cosim.schedule.parts import Link, Slot, Wire
 from cosim.schedule.plan import Plan
@@ -101,6 +101,26 @@ def remarks(plan: Plan) -> Iterator[Finding]:
                 number=1.0,
                 unit="1",
                 reason=sentence,
+            )
+
+
+def start_time(system: AnalyzedSystem) -> Iterator[Finding]:
+    """An FMU alone whose DefaultExperiment begins at another time than a run: 0."""
+    if system.scenario.path.suffix != ".fmu":
+        return
+    for step in system.plan.components:
+        if start := default_start(step.component):
+            end = system.plan.ticks * system.plan.h
+            yield Finding(
+                rule="start",
+                severity="warning",
+                where=step.name,
+                number=start,
+                unit="s",
+                reason=f"the DefaultExperiment of the FMU begins at {start:g} s, and a run begins "
+                f"at 0: the FMU runs from 0 to {end:g} s",
+                advice="set run.stop to the length that is wanted, if the model does not depend on"
+                " the time",
             )
 
 

@@ -147,6 +147,7 @@ def _facts(component: FmuComponent) -> list[tuple[str, str]]:
         ("sha256", component.archive.sha256),
         ("platforms", ", ".join(platforms) or "none"),
         ("sources", "yes, built with build = true" if has_sources(component.archive) else "none"),
+        *([("start", _stated(d.default_start, " s"))] if d.default_start else []),
         ("step", _stated(d.default_step, " s")),
         ("stop", _stated(d.default_stop, " s")),
         ("tolerance", _stated(d.tolerance)),

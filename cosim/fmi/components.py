@@ -159,6 +159,12 @@ def has_unit(component: Component, port: str) -> bool:
     return bool(unit) and (unit in fmu.description.units or is_unit(unit))
 
 
+def default_start(component: Component) -> float:
+    """The time (s) at which the DefaultExperiment of an FMU begins; 0 of anything else."""
+    fmu = fmu_of(component)
+    return 0.0 if fmu is None else fmu.description.default_start
+
+
 def ignored(component: Component) -> tuple[str, ...]:
     """Sentences about what the description of an FMU says that is not used."""
     fmu = fmu_of(component)

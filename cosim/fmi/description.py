@@ -41,9 +41,10 @@ class Description:
     variables: tuple[FmuVariable, ...]
     units: Mapping[str, Unit]
     flags: Mapping[str, bool]
-    default_step: float | None  # s; like the next two, of the DefaultExperiment
+    default_step: float | None  # s; like the next three, of the DefaultExperiment
     default_stop: float | None  # s
     tolerance: float | None
+    default_start: float  # s
     kind: str | None
     optional: frozenset[str] = frozenset()  # inputs that are often left unfed
     step_attributes: Mapping[str, str] = field(default_factory=dict)
@@ -178,6 +179,7 @@ def _describe(
         default_step=_positive(experiment, "stepSize"),
         default_stop=_positive(experiment, "stopTime"),
         tolerance=_positive(experiment, "tolerance"),
+        default_start=_start(experiment),
         kind=kind,
         optional=optional,
         step_attributes=dict(interface.attrib),
@@ -217,6 +219,15 @@ def _positive(experiment: ElementTree.Element | None, name: str) -> float | None
     if isnan(value) or value < 0.0:
         raise ValueError(f"{name} {text!r} is not a positive number")
     return value if isfinite(value) and value > 0.0 else None
+
+
+def _start(experiment: ElementTree.Element | None) -> float:
+    """The startTime of the DefaultExperiment, s; 0 where it is absent. Raises ValueError."""
+    text = experiment.get("startTime") if experiment is not None else None
+    value = float(text) if text else 0.0
+    if not isfinite(value):
+        raise ValueError(f"startTime {text!r} is not a number")
+    return value
 
 
 def _named_once(

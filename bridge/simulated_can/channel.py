@@ -83,6 +83,7 @@ class Channel:
         self._by_node: dict[WireNode, ChannelPort] = {}
         self._due: list[tuple[int, int, Scheduled]] = []
         self._numbers = itertools.count()
+        self._firing = False
         if time is not None:
             self.pace = time.pace
             time.join(self)
@@ -95,7 +96,7 @@ class Channel:
     def open(self, options: PortOptions) -> ChannelPort:
         """A new port."""
         with self.lock:
-            self.pace.catch_up(self._paced)
+            self._catch_up()
             settings = BusNodeSettings(
                 f"{self.name} {len(self.ports)}",
                 options.queue,
@@ -129,7 +130,7 @@ class Channel:
     def close(self, port: ChannelPort) -> None:
         """Let a port go; what it has queued is still sent while others are there."""
         with self.lock:
-            self.pace.catch_up(self._paced)
+            self._catch_up()
             self.ports.remove(port)
             del self._by_node[port.node]
             port.inbox.clear()
@@ -143,7 +144,7 @@ class Channel:
         """
         frame = frame_of_message(message, self.name, self.timing)
         with self.lock:
-            self.pace.catch_up(self._paced)
+            self._catch_up()
             if port.node.state == ControllerState.OFF:
                 raise ChannelOperationError(f"channel {self.name!r}: found the node bus-off")
             if not self._room(port) and not (
@@ -195,13 +196,13 @@ class Channel:
     def sleep(self, seconds: float) -> None:
         """Wait for so many seconds (s) of the channel."""
         with self.lock:
-            self.pace.catch_up(self._paced)
+            self._catch_up()
             self.pace.wait(self._paced, lambda: False, None, self.now_ps + round(seconds * 1e12))
 
     def state(self, port: ChannelPort) -> tuple[ControllerState, int, int]:
         """State, TEC and REC of a port now."""
         with self.lock:
-            self.pace.catch_up(self._paced)
+            self._catch_up()
             self._wire.count()
             return port.node.state, port.node.tec, port.node.rec
 
@@ -216,32 +217,32 @@ class Channel:
                 f"at most {HISTORY_S} s"
             )
         with self.lock:
-            self.pace.catch_up(self._paced)
+            self._catch_up()
             return self._wire.busy(round(window * 1e12))
 
     def disturb(self, disturbance: Disturbance) -> None:
         """Add a disturbance from the end of the transmission under way on."""
         with self.lock:
-            self.pace.catch_up(self._paced)
+            self._catch_up()
             self._wire.disturb(disturbance)
 
     def flush(self, port: ChannelPort) -> None:
         """Drop what waits in the transmit queue of a port."""
         with self.lock:
-            self.pace.catch_up(self._paced)
+            self._catch_up()
             self._wire.abort(port.node)
 
     def reset(self, port: ChannelPort) -> None:
         """Restart the controller of a port, as after bus-off."""
         with self.lock:
-            self.pace.catch_up(self._paced)
+            self._catch_up()
             self._wire.reset(port.node)
             self.lock.notify_all()
 
     def schedule(self, item: Scheduled) -> None:
         """Fire `item` now, and again when it says."""
         with self.lock:
-            self.pace.catch_up(self._paced)
+            self._catch_up()
             self._push(self.now_ps, item)
             self.lock.notify_all()
 
@@ -255,10 +256,27 @@ class Channel:
         while self._due and self._due[0][0] <= until_ps:
             due_ps, _, item = heapq.heappop(self._due)
             self._hand_out(self._wire.advance(max(due_ps, self.now_ps)))
-            later = item.fire(due_ps)
+            later = self._fire(item, due_ps)
             if later is not None:
                 self._push(later, item)
         self._hand_out(self._wire.advance(until_ps))
+
+    def stamp(self, time_ps: int) -> float:
+        """A time of the channel (ps) as its time stamps have it, s."""
+        return self.pace.epoch + time_ps / 1e12
+
+    def _catch_up(self) -> None:
+        """Bring the channel to where it has to be now; what it fires itself is sent when due."""
+        if not self._firing:
+            self.pace.catch_up(self._paced)
+
+    def _fire(self, item: Scheduled, due_ps: int) -> int | None:
+        """Fire an item at its time, though the channel has to be further by now."""
+        self._firing = True
+        try:
+            return item.fire(due_ps)
+        finally:
+            self._firing = False
 
     def _push(self, due_ps: int, item: Scheduled) -> None:
         heapq.heappush(self._due, (due_ps, next(self._numbers), item))
@@ -290,6 +308,6 @@ class Channel:
         if size and len(port.inbox) >= size:
             port.lost += 1
             return
-        message.timestamp = self.pace.epoch + time_ps / 1e12
+        message.timestamp = self.stamp(time_ps)
         message.channel = self.name  # type: ignore[assignment]
         port.inbox.append(message)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from contextlib import suppress
 from typing import final
 
 import can
@@ -24,17 +25,16 @@ class BusMirror:
     """Passes frames between `channel` and the SocketCAN interface `name`, until it is closed.
 
     The mirror is one node of the simulated bus; frames of the interface wait in its queue, and are
-    lost, and counted in `refused`, where that is full or the bus does not carry them. Error frames
-    are not passed on. Raises MirrorError where there is no such interface.
+    lost, and counted in `refused`, where that is full or the bus does not carry them, as are those
+    to an interface that is down; it is opened again until it is up. Error frames are not passed on.
+    Raises MirrorError where there is no such interface.
     """
 
     def __init__(self, channel: Channel, name: str) -> None:
-        self._channel = channel
+        self._channel, self._name = channel, name
         self.refused = 0
         try:
-            self._bus: can.BusABC = can.Bus(
-                channel=name, interface="socketcan", fd=channel.timing.fd
-            )
+            self._bus = self._open()
         except (OSError, can.CanError) as error:
             raise MirrorError(
                 f"{name}: {error}; expected a SocketCAN interface that is up (ip link)"
@@ -57,7 +57,11 @@ class BusMirror:
 
     def _inwards(self) -> None:
         while not self._ending.is_set():
-            message = self._bus.recv(_POLL)
+            try:
+                message = self._bus.recv(_POLL)
+            except (can.CanError, OSError, ValueError):
+                self._reopen()
+                continue
             if message is None or message.is_error_frame:
                 continue
             try:
@@ -74,8 +78,18 @@ class BusMirror:
             if message is not None:
                 try:
                     self._bus.send(message, 1.0)
-                except can.CanError:
+                except (can.CanError, OSError, ValueError):
                     self.refused += 1
+
+    def _open(self) -> can.BusABC:
+        return can.Bus(channel=self._name, interface="socketcan", fd=self._channel.timing.fd)
+
+    def _reopen(self) -> None:
+        """Open the interface again: it was set down, or removed and made anew."""
+        self._ending.wait(_POLL)
+        with suppress(OSError, can.CanError):
+            before, self._bus = self._bus, self._open()
+            before.shutdown()
 
 
 def _is_frame(message: can.Message) -> bool:

@@ -87,8 +87,8 @@ class WallPace:
     def wait(
         self, channel: Paced, ready: Callable[[], bool], timeout: float | None, quit_ps: int | None
     ) -> bool:
-        """`timeout` is in seconds of the wall clock. What is awaited until `quit_ps` is time."""
-        end_ns = None if timeout is None else monotonic_ns() + int(timeout * 1e9)
+        """`timeout` is in seconds of the channel. What is awaited until `quit_ps` is time."""
+        end_ns = None if timeout is None else monotonic_ns() + int(timeout * 1e9 / self._speed)
         while True:
             self.catch_up(channel)
             if ready():

@@ -27,7 +27,10 @@ class Sender(Protocol):
 class PeriodicTask(
     LimitedDurationCyclicSendTaskABC, ModifiableCyclicTaskABC, RestartableCyclicTaskABC
 ):
-    """Messages in turn, one every `period` seconds of the channel, for `duration` seconds."""
+    """Messages in turn, one every `period` seconds of the channel, for `duration` seconds.
+
+    `end_time`: when it ends, as the time stamps of the channel (s); None: not before it is stopped.
+    """
 
     def __init__(
         self,
@@ -42,9 +45,14 @@ class PeriodicTask(
         if self.period_ns <= 0:
             raise ValueError(f"found a period of {period} s, expected at least 1e-9 s")
         self.refused = 0
-        """Messages that the transmit queue had no room for."""
+        """Messages that the transmit queue had no room for, or the bus cannot carry."""
         self._sender, self._channel, self._modifier = sender, channel, modifier
         self._run: _PeriodicRun | None = None
+
+    @property
+    def stopped(self) -> bool:
+        """Whether it sends nothing more, as python-can's own tasks have it."""
+        return self._run is None
 
     def start(self) -> None:
         """Send the first message now; does nothing to a task that runs."""
@@ -63,12 +71,14 @@ class PeriodicTask(
         if run.over(due_ps, self.duration):
             self._run = None
             return None
+        if self.duration and run.count == 0:
+            self.end_time = self._channel.stamp(due_ps) + self.duration
         message = self.messages[run.count % len(self.messages)]
         if self._modifier is not None:
             self._modifier(message)
         try:
             self._sender.send(message)
-        except ChannelOperationError:
+        except (ChannelOperationError, ValueError, TypeError):
             self.refused += 1
         run.count += 1
         return due_ps + self.period_ns * 1000

@@ -94,9 +94,19 @@ class CallSocket:
         end = 4 + int.from_bytes(self._got[:4], "big")
         if end > _MOST or not self._gather(end):
             return None
-        value = msgpack.unpackb(self._got[4:end])
+        try:
+            value = msgpack.unpackb(self._got[4:end])
+        except (ValueError, RecursionError, msgpack.UnpackException):
+            return None
         del self._got[:end]
         return value
+
+    def receive_call(self) -> list[Any] | None:
+        """The next call; None at the end of the connection, or where there is no call."""
+        value = self.receive()
+        if isinstance(value, list) and value and isinstance(value[0], str):
+            return value
+        return None
 
     def close(self) -> None:
         """End the connection; a thread that waits for a value gets None."""

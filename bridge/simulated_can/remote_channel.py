@@ -184,6 +184,11 @@ class RemotePeriodicTask(
         packed = [pack_message(m) for m in self.messages]
         self._number = channel.call("periodic", packed, period, duration)
 
+    @property
+    def stopped(self) -> bool:
+        """Whether it sends nothing more, as python-can's own tasks have it."""
+        return bool(self._channel.call("stopped", self._number))
+
     def start(self) -> None:
         """Send the first message now; does nothing to a task that runs."""
         self._channel.call("start", self._number)

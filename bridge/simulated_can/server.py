@@ -11,11 +11,14 @@ import itertools
 import socket
 import threading
 from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
 from typing import Any, final
 
 import can
 
 from bridge.simulated_can.channel import Channel, ChannelPort
+from bridge.simulated_can.frames import frame_of_message
 from bridge.simulated_can.listener import Acceptor
 from bridge.simulated_can.options import (
     ChannelOperationError,
@@ -28,10 +31,17 @@ from bridge.simulated_can.options import (
 from bridge.simulated_can.pace import act_as
 from bridge.simulated_can.periodic import PeriodicTask
 from bridge.simulated_can.protocol import CallSocket, pack_message, unpack_message
+from cosim.base.convert import convert
 from cosim.base.errors import CosimError
-from cosim.bus.settings import ErrorRate, Interruption, LineLevel, QueueKind, ScriptedError
+from cosim.bus.settings import Disturbance, ErrorRate, Interruption, QueueKind, ScriptedError
 
-_DISTURBANCES = {kind.__name__: kind for kind in (ErrorRate, Interruption, ScriptedError)}
+#: What a call with arguments that make no sense may raise; its client is told.
+_REFUSED = (
+    CosimError, can.CanError, ValueError, TypeError, LookupError, ArithmeticError, AttributeError,
+)  # fmt: skip
+_DISTURBANCES: dict[str, Any] = {
+    kind.__name__: kind for kind in (ErrorRate, Interruption, ScriptedError)
+}
 
 
 @final
@@ -62,18 +72,21 @@ class BusServer:
 
     def _serve(self, connection: socket.socket) -> None:
         calls = CallSocket(connection)
-        first = calls.receive()
+        first = calls.receive_call()
         if first is None:
             return
         token = 0
         try:
             if first[0] == "open":
                 token = in_thread_of_its_own(lambda: self._open(*first[1:]))
+            elif first[0] != "join" or len(first) != 3:
+                raise ChannelOperationError(f"found {first[0][:40]!r}, expected open or join")
             port = self._ports.get(token or first[1])
             if port is None:
                 raise ChannelOperationError("found a bus that is not open")
-        except (CosimError, can.CanError, ValueError, TypeError) as error:
-            calls.send(_refusal(error))
+        except _REFUSED as error:
+            with suppress(OSError):  # the client is gone
+                calls.send(_refusal(error))
             return
         timing = self._channel.timing
         opened = [token, timing.bitrate, timing.data_bitrate, timing.fd]
@@ -146,12 +159,12 @@ class RemoteThreads:
 def _answer_all(calls: CallSocket, port: RemotePort) -> None:
     """Answer the calls of a connection until its end."""
     while True:
-        call = calls.receive()
+        call = calls.receive_call()
         if call is None:
             return
         try:
             answer = ["ok", port.call(*call)]
-        except (CosimError, can.CanError, ValueError, TypeError, LookupError) as error:
+        except _REFUSED as error:
             answer = _refusal(error)
         try:
             calls.send(answer)
@@ -204,8 +217,9 @@ class RemotePort:
             "receive": self._receive,
             "periodic": self._periodic,
             "start": lambda n: self._tasks[n].start(),
+            "stopped": lambda n: self._tasks[n].stopped,
             "stop": lambda n: self._tasks[n].stop(),
-            "modify": lambda n, m: self._tasks[n].modify_data([unpack_message(x, "") for x in m]),
+            "modify": lambda n, m: self._tasks[n].modify_data(self._carried(m)),
         }
 
     def call(self, method: str, *arguments: Any) -> Any:
@@ -233,7 +247,10 @@ class RemotePort:
         return found
 
     def _filter(self, filters: list[list[Any]]) -> None:
-        self._filters = filters
+        self._filters = [
+            [int(identifier), int(mask), None if extended is None else bool(extended)]
+            for identifier, mask, extended in filters
+        ]
 
     def _wanted(self, message: can.Message) -> bool:
         return (
@@ -247,11 +264,17 @@ class RemotePort:
         )
 
     def _disturb(self, kind: str, fields: dict[str, Any]) -> None:
-        if "level" in fields:
-            fields["level"] = LineLevel(fields["level"])
-        self._channel.disturb(_DISTURBANCES[kind](**fields))
+        found: Disturbance = convert(fields, _DISTURBANCES[kind], Path(kind))
+        self._channel.disturb(found)
+
+    def _carried(self, messages: list[Any]) -> list[can.Message]:
+        """Messages that this bus can carry. Raises ChannelOperationError, ValueError, TypeError."""
+        found = [unpack_message(m, "") for m in messages]
+        for message in found:
+            frame_of_message(message, self._channel.name, self._channel.timing)
+        return found
 
     def _periodic(self, messages: list[Any], period: float, duration: float | None) -> int:
-        sent = [unpack_message(m, "") for m in messages]
+        sent = self._carried(messages)
         self._tasks.append(PeriodicTask(self, self._channel, sent, period, duration))
         return len(self._tasks) - 1

@@ -78,7 +78,7 @@ class _Client:
 
     def _say(self, text: str) -> None:
         with self._lock:
-            self._socket.sendall(f"< {text} >".encode("ascii"))
+            self._socket.sendall(f"< {text} >".encode("ascii", "replace"))
 
     def _obey(self, words: list[str]) -> None:
         command, *arguments = words or [""]

@@ -37,3 +37,28 @@ def test_frames_pass_between_the_simulated_bus_and_the_interface(vcan: tuple[str
     server.send_signal(signal.SIGINT)
     server.communicate(timeout=60)
     assert server.returncode == 0
+
+
+def test_a_mirror_goes_on_when_its_interface_was_down(vcan: tuple[str, str]) -> None:
+    arguments = ("--listen", "127.0.0.1:0", "--mirror", vcan[0])
+    server = subprocess.Popen([*COMMAND, *arguments], stdout=subprocess.PIPE, text=True, cwd=ROOT)
+    assert server.stdout
+    found = re.search(r'channel="([^"]+)"', server.stdout.readline())
+    assert found
+    assert vcan[0] in server.stdout.readline()
+    with can.Bus(interface="cosim", channel=found[1]) as here:
+        for state in ("down", "up"):
+            subprocess.run(["ip", "link", "set", vcan[0], state], check=True)
+            here.send(message(0x10))  # refused while it is down
+        with can.Bus(interface="socketcan", channel=vcan[0]) as there:
+            passed = False
+            for i in range(100):
+                there.send(message(0x200 + i))
+                here.send(message(0x100 + i))
+                passed = here.recv(0.1) is not None and there.recv(0.1) is not None
+                if passed:
+                    break
+            assert passed
+    server.send_signal(signal.SIGINT)
+    server.communicate(timeout=60)
+    assert server.returncode == 0

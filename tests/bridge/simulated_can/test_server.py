@@ -7,11 +7,14 @@ import re
 import socket
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import can
+import msgpack  # type: ignore[import-untyped]
 import pytest
 
 from bridge.simulated_can.bus import CosimBus
@@ -192,6 +195,73 @@ def candaemon() -> Iterator[tuple[Channel, int]]:
     server = SocketcandServer(channel, listen(parse_address("bench@127.0.0.1:0")))
     yield channel, server.port
     server.close()
+
+
+GARBAGE = [
+    b"GET / HTTP/1.1\r\n\r\n", b"\xff\xff\xff\xff", b"\0\0\0\0",
+    *(len(x).to_bytes(4, "big") + x for x in (
+        b"\x91" * 5000, b"\xc1", b"\xa3\xff\xfe\x80", b"\x81\x01\x02", b"\x01\x02", b"\x93\x01",
+        msgpack.packb(None), msgpack.packb([]), msgpack.packb(["join"]), msgpack.packb([1, 2, 3]),
+        msgpack.packb(["join", [], "x"]), msgpack.packb(["open"]), msgpack.packb("open"),
+        msgpack.packb(["open", "bench", {"bitrate": "x"}, {"queue": 9}]),
+    )),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("data", GARBAGE)
+def test_garbage_of_a_client_ends_its_connection_and_nothing_else(
+    served: Served, data: bytes, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    failed: list[object] = []
+    monkeypatch.setattr(threading, "excepthook", failed.append)
+    with socket.create_connection(("127.0.0.1", served.server.port)) as stranger:
+        stranger.sendall(data)
+        stranger.shutdown(socket.SHUT_WR)
+        stranger.settimeout(20)
+        while stranger.recv(4096):
+            pass
+    a, b = served.bus(), served.bus()
+    a.send(message(1))
+    assert (b.recv(1.0) or message(0)).arbitration_id == 1
+    assert failed == []
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        ("filter", [["x", 1, None]]),
+        ("filter", [7]),
+        ("send", ["x", 0, 0, b"", 0.0], None),
+        ("periodic", [["x", 0, 0, b"", 0.0]], 0.1, None),
+        ("periodic", [[1, 0, 0, b"", 0.0]], float("nan"), None),
+        ("sleep", float("inf")),
+        ("load", None),
+        ("start", 99),
+        ("__class__",),
+        ("disturb", "ErrorRate", {"rate": []}),
+    ],
+)  # fmt: skip
+def test_a_call_that_makes_no_sense_is_refused_and_disturbs_nobody(
+    served: Served, call: tuple[Any, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    failed: list[object] = []
+    monkeypatch.setattr(threading, "excepthook", failed.append)
+    a, b = served.bus(), served.bus()
+    with pytest.raises(ChannelOperationError):
+        a._place.call(*call)
+    a.send(message(1))
+    assert (b.recv(1.0) or message(0)).arbitration_id == 1
+    assert failed == []
+
+
+def test_bytes_that_are_no_ascii_are_answered(candaemon: tuple[Channel, int]) -> None:
+    with socket.create_connection(("127.0.0.1", candaemon[1])) as client:
+        client.settimeout(20)
+        client.sendall(b"<\xff\xfe> < open bench >")
+        said = b""
+        while b"< ok >" not in said:
+            said += client.recv(4096)
+    assert b"expected open" in said
 
 
 def test_python_cans_socketcand_is_an_independent_client(candaemon: tuple[Channel, int]) -> None:

@@ -1,0 +1,65 @@
+"""Periodic messages and time-outs on a simulated bus that goes with the wall clock."""
+
+from __future__ import annotations
+
+import time
+from itertools import pairwise
+from typing import Any
+
+import can
+import pytest
+
+from bridge.simulated_can.bus import CosimBus
+from tests.bridge.simulated_can.benches import Bench, bench, message
+
+__all__ = ["bench"]
+
+
+def received(bus: CosimBus, count: int) -> list[can.Message]:
+    found = [bus.recv(20.0) for _ in range(count)]
+    return [m for m in found if m is not None]
+
+
+@pytest.mark.parametrize("asleep", [0.0, 0.15])
+def test_messages_keep_their_period_whether_anybody_listens_or_not(
+    bench: Bench, asleep: float
+) -> None:
+    sender, listener = bench.bus(speed=1.0), bench.bus(speed=1.0)
+    task = sender.send_periodic(message(0x123, bytes(8)), 0.01, 0.2)
+    time.sleep(asleep)  # the channel goes on without a call, and catches up
+    times = [m.timestamp for m in received(listener, 20)]
+    assert [b - a for a, b in pairwise(times)] == pytest.approx([0.01] * 19, abs=1e-6)
+    assert listener.recv(0.05) is None
+    assert task.stopped  # type: ignore[attr-defined]
+    assert task.end_time == pytest.approx(times[0] + 0.2, abs=1e-3)  # type: ignore[attr-defined]
+
+
+def test_many_tasks_are_sent_in_turn(bench: Bench) -> None:
+    """150 of them once met in a call of a call."""
+    sender, listener = bench.bus(speed=1.0), bench.bus(speed=1.0)
+    tasks: list[Any] = [sender.send_periodic(message(0x100 + i, bytes(8)), 0.1) for i in range(150)]
+    time.sleep(0.25)
+    found = received(listener, 300)
+    assert [m.arbitration_id for m in found[:150]] == [0x100 + i for i in range(150)]
+    for task in tasks:
+        task.stop()
+    assert all(task.stopped for task in tasks)
+
+
+def test_a_time_out_is_of_the_channel(bench: Bench) -> None:
+    """At a hundredth of the speed a hundredth of a second takes one, and at a hundredfold 10 ms."""
+    fast = bench.bus(speed=100.0)
+    began = fast.time
+    assert fast.recv(2.0) is None
+    assert fast.time - began == pytest.approx(2.0, rel=0.9)
+    assert fast.time - began >= 2.0
+
+
+def test_what_a_modifier_sends_besides_is_no_call_of_a_call(bench: Bench) -> None:
+    sender, listener = bench.bus(speed=1.0), bench.bus(speed=1.0)
+    task = sender.send_periodic(
+        message(0x1, bytes(1)), 0.01, 0.05, modifier_callback=lambda m: sender.send(message(0x2))
+    )
+    found = received(listener, 10)
+    assert sorted(m.arbitration_id for m in found) == [1] * 5 + [2] * 5
+    assert task.duration == 0.05

@@ -12,7 +12,7 @@ from bridge.can.codec import Codec
 from bridge.can.codec_check import verify
 from bridge.can.layout import MessageLayout, Signal
 from bridge.deployment.cut import Outlet
-from bridge.deployment.spec import Deployment
+from bridge.deployment.spec import Deployment, MessageSpec
 from bridge.drives.profiles import PORTS, DriveProfile, Joint, ProfileMessage, load_profile
 from cosim.base.errors import ScenarioError
 from cosim.base.units import quantity
@@ -27,11 +27,29 @@ def codec(outlet: Outlet, d: Deployment) -> Codec:
     if spec.name or spec.signals:
         raise ScenarioError("the profile defines name and signals; expected neither", place)
     part, names = _part(profile, outlet, place)
-    zero = spec.zero if isinstance(spec.zero, int | float) else quantity(spec.zero, "rad")
-    joint = Joint(spec.gear, spec.direction, float(zero))
     layout = profile.layout(part, spec.drive)
     verify(Codec(layout, names))  # before the units are folded in
-    return Codec(_si_signals(layout, profile, part, joint), names, exact=part is profile.command)
+    made = _si_signals(layout, profile, part, _joint(spec))
+    return Codec(made, names, exact=part is profile.command)
+
+
+def feedback_codec(d: Deployment, message: str, port: str) -> Codec | None:
+    """The codec of what the drive of a message reports of `port`, in SI at the joint, or None.
+
+    Raises ScenarioError, LayoutError.
+    """
+    profile, spec = profile_of(d, message), d.messages[message]
+    for part in profile.feedback:
+        if names := getattr(part, port):
+            layout = profile.layout(part, spec.drive)
+            return Codec(_si_signals(layout, profile, part, _joint(spec)), names)
+    return None
+
+
+def _joint(spec: MessageSpec) -> Joint:
+    """What lies between the drive of a message and the joint."""
+    zero = spec.zero if isinstance(spec.zero, int | float) else quantity(spec.zero, "rad")
+    return Joint(spec.gear, spec.direction, float(zero))
 
 
 def profile_of(d: Deployment, message: str) -> DriveProfile:

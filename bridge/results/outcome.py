@@ -34,6 +34,7 @@ from bridge.rehearsal.supervisor import STARTED, RehearsalRecord
 from bridge.replay import replay, twin
 from bridge.results import detection, report, timeline, verdict
 from bridge.results.detection_links import RecordedNetwork
+from bridge.results.drive_answers import unanswered
 from bridge.results.findings import Evidence
 from bridge.results.rehearsal_outcome import RehearsalOutcome
 from bridge.results.symptoms import FinishedRun
@@ -103,6 +104,7 @@ def complete(
     outcome = RehearsalOutcome(
         folder, found.ticks, rows, reports, replayed, error, rms,
         report.bus_reports(system, found.logs, ended.start_ns), ended.notes, faults,
+        tuple(unanswered(system, rows, reports, nodes)) if facts.get("real") else (),
     )  # fmt: skip
     write_metadata(folder, _metadata(system, outcome, facts))
     seal(folder)
@@ -128,6 +130,7 @@ def reopen(system: System, folder: Path) -> RehearsalOutcome:
         nan if facts["twin_rms"] is None else facts["twin_rms"],
         report.bus_reports(system, run_folder.bus_logs(system, nodes), start_ns),
         [note_of(x) for x in facts["notes"]], [Evidence.of(x) for x in facts["faults"]],
+        tuple(unanswered(system, rows, reports, nodes)) if known["deployment"].get("real") else (),
     )  # fmt: skip
 
 

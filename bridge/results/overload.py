@@ -87,7 +87,7 @@ def _late_buses(system: System, outcome: RehearsalOutcome) -> Iterator[str]:
     if system.deployment.clock != "wall":
         return  # there a bus takes what it takes, on any machine
     allowed = _allowed(system)
-    start_ns = next((int(r["deadline_ns"][0]) for r in outcome.rows.values() if len(r)), 0)
+    start_ns = max((r.statement.start_ns for r in outcome.reports if r.statement), default=0)
     for bus, spec in system.deployment.buses.items():
         if spec.kind != "can":
             continue

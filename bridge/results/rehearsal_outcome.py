@@ -16,7 +16,10 @@ from bridge.wiring.wiring import Rows
 
 @dataclass(frozen=True, slots=True)
 class RehearsalOutcome:
-    """What a rehearsal was; `twin_rms`: rad, of joint positions; NaN: not compared."""
+    """What a rehearsal was; `twin_rms`: rad, of joint positions; NaN: not compared.
+
+    `unanswered`: a sentence for each real drive that was off or did not answer its torques.
+    """
 
     folder: Path
     ticks: int
@@ -28,6 +31,7 @@ class RehearsalOutcome:
     buses: Mapping[str, BusReport]
     notes: Sequence[Note]
     faults: Sequence[Evidence] = ()
+    unanswered: Sequence[str] = ()
 
     @property
     def finished(self) -> bool:

@@ -1,7 +1,8 @@
 """The verdict of a rehearsal: passed, failed or inconclusive, with reasons.
 
 *Failed*: a node stopped before the end, the replay differs from the run, more or other samples were
-received than sent, values were out of range, or an injected fault is not in the report.
+received than sent, values were out of range, an injected fault is not in the report, or a real
+drive was off or did not answer its torques (:mod:`bridge.results.drive_answers`).
 *Inconclusive*: a slow machine or bus can explain all problems, and was so late that it would cause
 them, although no fault made it late (:mod:`bridge.results.overload`); or there is no problem, but a
 node missed so many slots that this was another controller than the configured one.
@@ -107,6 +108,7 @@ def _always(system: System, outcome: RehearsalOutcome) -> Iterator[str]:
             if counts.get("range"):
                 yield f"{report.life}: {message}: {counts['range']} samples out of range"
     yield from map(str, extra_frames(system, outcome.rows, outcome.reports))
+    yield from outcome.unanswered
 
 
 def _timing_reasons(outcome: RehearsalOutcome) -> Iterator[str]:

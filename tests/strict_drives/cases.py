@@ -62,17 +62,20 @@ FOUR = ("master", "slave", *CONTROLLERS)
 CASES: Mapping[str, Case] = {
     "damiao": Case(
         "damiao", "teleoperation", "can-damiao", ((1, 2), (1, 2)),
-        ("--damping", "1"), ("--start", "0.3"), ("--start", "0.6"), (*CALM,), "enabled",
+        ("--inertia", "3.3,1", "--damping", "1"), ("--start", "0.3"), ("--start", "0.6"), (*CALM,),
+        "enabled",
     ),
     "odrive": Case(
         "odrive", "six_axis", "six_axis", (tuple(range(1, 7)), tuple(range(1, 7))),
-        ("--timeout", "50", "--period", "10", "--inertia", "1e-3", "--damping", "5e-3"),
+        ("--timeout", "50", "--period", "10", "--damping", "1e-3",
+         "--inertia", "4e-4,7e-4,2e-4,7e-5,2e-5,2e-5",
+         "--spring", "0.05,0.05,0.05,0.02,0.02,0.02"),
         ("--start", "0.3"), ("--start", "0.6"), (*CALM, *slow(*FOUR, period="10 ms")),
         "closed loop", 0xE, 32,
     ),
     "cia402": Case(
         "cia402", "teleoperation", "can-cia402", ((11, 12), (11, 12)),
-        ("--timeout", "50", "--inertia", "0.01", "--damping", "0.01"),
+        ("--timeout", "50", "--inertia", "0.033,0.01", "--damping", "0.01"),
         ("--start", "3", "--host", "2"), ("--start", "6", "--host", "4"), (*CALM,),
         "operation enabled", 0x700,
     ),

@@ -27,6 +27,9 @@ LOOK, REPEAT = 0.02, 0.5
 FAILURES = 3
 #: Periods of a message in which a life that runs hears at least one.
 MANY = 20
+#: s without a message, at the end of a run, after which its receiver was deaf though it may wait
+#: for ever (``silence = 0``): as long as a Zenoh session waits before it is opened anew.
+SILENT = 5.0
 
 
 def missing_before_start(wired: WiredNode) -> list[str]:
@@ -59,23 +62,49 @@ def silent_messages(wired: WiredNode) -> list[str]:
     of one that waits for its start, show that it can be received, although they are not samples of
     the run.
     """
+    found = {}
+    for message, silence, limit in _silences(wired):
+        if 0 < limit < silence:
+            found[message] = _silence_text(wired, message, silence)
+    return list(found.values())
+
+
+def silent_at_end(wired: WiredNode) -> list[str]:
+    """Messages that a finished life had received, and no more for its last seconds, a phrase each.
+
+    As :func:`silent_messages`, and also where the deployment sets no limit.
+    """
+    found = {}
+    for message, silence, limit in _silences(wired):
+        reception = wired.inlet_bindings.receptions[message]
+        longest = limit or max(SILENT, MANY * reception.period_ns * 1e-9)
+        if silence > longest and reception.newest >= 0:
+            found[message] = _silence_text(wired, message, silence)
+    return list(found.values())
+
+
+def _silences(wired: WiredNode) -> Iterator[tuple[str, float, float]]:
+    """Message, time without it and limit of that time (s, 0: none) of each input.
+
+    Without inputs whose sender has finished.
+    """
     struct, d = wired.struct, wired.system.deployment
     over = {p for p, peer in wired.peers.items() if peer.state == LifeState.FINISHED}
-    found = {}
     for i, inlet in enumerate(wired.plan.inlets):
-        sender = wired.system.messages[inlet.message].node
         reception = wired.inlet_bindings.receptions[inlet.message]
         last = max(
             wired.inlet_bindings.inlets[i].heard_ns,
             wired.receivers[inlet.message].arrival_ns,
             reception.previewed_ns - struct.start_ns if reception.previewed_ns >= 0 else 0,
         )
-        silence = (struct.slot * struct.h_ns - last) * 1e-9
-        limit = max(wired.inlet_bindings.inlets[i].stop_ns * 1e-9, d.silence)
-        if 0 < limit < silence and sender not in over:
-            refused = _refused_counts(wired.receivers[inlet.message])
-            found[inlet.message] = f"{inlet.message} from {sender} for {silence:.3g} s{refused}"
-    return list(found.values())
+        if wired.system.messages[inlet.message].node not in over:
+            limit = max(wired.inlet_bindings.inlets[i].stop_ns * 1e-9, d.silence)
+            yield inlet.message, (struct.slot * struct.h_ns - last) * 1e-9, limit
+
+
+def _silence_text(wired: WiredNode, message: str, silence: float) -> str:
+    sender, refused = wired.system.messages[message].node, wired.receivers[message]
+    return f"{message} from {sender} for {silence:.3g} s{_refused_counts(refused)}"
 
 
 def _refused_counts(receiver: Receiver) -> str:

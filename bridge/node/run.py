@@ -30,7 +30,12 @@ from bridge.node.buses import announce, answer, join_run, open_buses
 from bridge.node.control import Control, Say, listen_to, signals
 from bridge.node.fault_injection import inject
 from bridge.node.handle import NodeStart
-from bridge.node.missing_inputs import never_received, report_missing_inputs, silent_messages
+from bridge.node.missing_inputs import (
+    never_received,
+    report_missing_inputs,
+    silent_at_end,
+    silent_messages,
+)
 from bridge.node.simulated import is_simulated, run_simulated
 from bridge.realtime.host_clock import host_clock
 from bridge.realtime.os_grants import Realtime
@@ -252,6 +257,8 @@ def _end_and_reason(wired: WiredNode, result: int) -> tuple[LifeEnd, str]:
         return LifeEnd.FAILED, f"it could not join the run: {wired.failed}"
     if result == native.FINISHED and (unheard := never_received(wired)):
         return LifeEnd.DEAF, f"heard nothing of {', '.join(unheard)} in {s.slots - s.first} slots"
+    if result == native.FINISHED and (unheard := silent_at_end(wired)):
+        return LifeEnd.DEAF, f"at its end it had received nothing more of {', '.join(unheard)}"
     lost = silent_messages(wired) if result != native.FINISHED else []
     return ENDS.get(
         result, LifeEnd.FAILED

@@ -33,7 +33,7 @@ class LifeEnd(StrEnum):
     TOO_LATE = "too late"
     """It was ready when the run was over."""
     DEAF = "deaf"
-    """It came to the end, and has heard not one sample of a message that it needs."""
+    """It came to the end, but had not received a message that it needs, at all or for seconds."""
     ENDED = "ended"
     """An FMU of it ended the simulation."""
     KILLED = "killed"

@@ -96,7 +96,8 @@ def _always(system: System, outcome: RehearsalOutcome) -> Iterator[str]:
     """Reasons that lateness cannot explain."""
     for report in outcome.reports:
         if _stopped_early(outcome, report) and not set(report.reasons) & OF_TIME:
-            yield f"{report.life}: {report.why or report.end}"
+            said = report.statement.error if report.statement else ""
+            yield f"{report.life}: {report.why or said or report.end}"
     if outcome.replayed is None:
         yield f"cannot be replayed: {outcome.replay_error}"
     elif outcome.replayed.first is not None:

@@ -31,10 +31,10 @@ from bridge.zenoh.session import (
     close_session,
     configure,
     lease_time,
+    listens_on,
     open_session,
-    udp_of,
 )
-from bridge.zenoh.socket_release import release
+from bridge.zenoh.socket_release import Linger, release
 from bridge.zenoh.wakeup import Wake
 from cosim.base.clock import monotonic_ns, sleep
 
@@ -81,10 +81,11 @@ class ZenohAttachment:
         self._rx, self._tx = Ring(capacity), Ring(capacity)
         self._joins = options.lockstep and options.lookahead
         self._most = capacity - ROOM  # frames that wait in lock-step, about
-        self._refused, self._restarts, self._left, self._fault = 0, 0, 0, ""
+        self._refused, self._restarts, self._left = 0, 0, 0
+        self._fault = self._refusal = ""  # of the session, of a frame: the first one explains more
         self._silence = LostPeers(
             names.senders(traffic.steady), lease_time(self._config), period=traffic.period,
-            udp=bool(udp_of(self._config)),
+            udp=any(e.startswith("udp/") for e in listens_on(self._config)),
         )  # fmt: skip
         self._opening, self._ready = threading.Lock(), False
         self._declaring: list[Callable[[zenoh.Session], None]] = []
@@ -161,7 +162,7 @@ class ZenohAttachment:
             send_failed=health.send_failed + self._refused,
             restarts=self._restarts,
             peers_left=self._left + self.presence.lost,
-            last_error=self._fault or health.last_error,
+            last_error=self._fault or self._refusal or health.last_error,
         )
 
     def close(self) -> None:
@@ -184,9 +185,12 @@ class ZenohAttachment:
 
     def _mend(self) -> None:
         """Reopen the session if a peer is no longer received; see :class:`LostPeers`."""
+        linger = Linger()
         while not self._stop.wait(LOOK):
+            linger.clear()
             silent = self._silence.silent(self.presence.there, monotonic_ns())
             if silent:
+                self._fault = f"{', '.join(silent)} silent: session is opened anew"
                 with self._opening:
                     self._left += self.presence.lost
                     self._close()
@@ -199,7 +203,7 @@ class ZenohAttachment:
                 self._open()
             except BusError as error:  # as long as the old one holds the address
                 self._fault = str(error)
-                release(udp_of(self._config))
+                release(listens_on(self._config))
                 self._stop.wait(LOOK)
             else:
                 self._restarts += 1
@@ -268,7 +272,7 @@ class ZenohAttachment:
             self._publishers[number].put(payload, encoding=encoding)
         except (zenoh.ZError, KeyError) as error:
             self._refused += 1
-            self._fault = f"frame {number:#x}: {error}"
+            self._refusal = f"frame {number:#x}: {error}"
 
 
 def control_publisher(

@@ -149,9 +149,9 @@ def lease_time(config: zenoh.Config) -> float:
     return float(_get(config, "transport/link/tx/lease")) / 1e3
 
 
-def udp_of(config: zenoh.Config) -> list[str]:
-    """Those of the endpoints a session listens on that are of UDP."""
-    return [e for e in _flat(_get(config, "listen/endpoints")) if e.startswith("udp/")]
+def listens_on(config: zenoh.Config) -> list[str]:
+    """The endpoints on which a session listens."""
+    return _flat(_get(config, "listen/endpoints"))
 
 
 def open_session(config: zenoh.Config, bus: str, within: float | None = WITHIN) -> zenoh.Session:

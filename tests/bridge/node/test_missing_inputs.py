@@ -12,6 +12,8 @@ from bridge.native.frame import Ring
 from bridge.native.message import Header
 from bridge.native.safety import LifeState, Status
 from bridge.node import missing_inputs
+from bridge.node.run import _end_and_reason
+from bridge.records.records import LifeEnd
 from bridge.replay import twin
 from bridge.wiring.wiring import WiredNode
 from cosim.base.clock import monotonic_ns, sleep, stopwatch
@@ -72,6 +74,24 @@ def test_without_a_limit_of_silence_nothing_is_awaited(tmp_path):
             == missing_inputs.never_received(made.wired)
             == []
         )
+
+
+def test_a_life_that_heard_a_message_and_then_no_more_says_so_at_its_end(tmp_path):
+    """Though it may wait for ever: the whole rest of a run was lost, and it "finished"."""
+    made = Slave(tmp_path, "deploy.silence=0", "run.stop=9")
+    with made.wired:
+        made.struct.life.state, made.struct.begun = LifeState.ACTIVE, 1
+        for k in range(40):
+            made.say(LifeState.ACTIVE, k, k * 5e-3)
+        slots(made, 5000)
+        assert missing_inputs.silent_at_end(made.wired) == []
+        slots(made, 4000)
+        assert missing_inputs.silent_messages(made.wired) == []
+        assert missing_inputs.silent_at_end(made.wired) == ["xi_slave from slave for 8.8 s"]
+        end, error = _end_and_reason(made.wired, native.FINISHED)
+        assert end is LifeEnd.DEAF and "for 8.8 s" in error
+        made.wired.peers["slave"].state = LifeState.FINISHED
+        assert _end_and_reason(made.wired, native.FINISHED) == (LifeEnd.FINISHED, "")
 
 
 def test_an_input_may_be_waited_for_without_an_end(tmp_path):

@@ -3,6 +3,7 @@
 import os
 import signal
 import socket
+import struct
 import subprocess
 import sys
 from contextlib import ExitStack
@@ -11,9 +12,9 @@ from pathlib import Path
 import pytest
 
 from bridge.native.frame import Frame
-from bridge.zenoh.socket_release import release
+from bridge.zenoh.socket_release import Linger, release
 from cosim.base.clock import sleep, stopwatch
-from tests.bridge.zenoh.ends import IDENTIFIERS, opened
+from tests.bridge.zenoh.ends import IDENTIFIERS, both, opened
 from tests.bridge.zenoh.test_channel import free_ports
 
 FROZEN, PATIENCE = 4.0, 30.0  # s; a connection is given up after 3
@@ -48,10 +49,60 @@ def test_an_address_is_free_again_and_other_sockets_are_left_alone():
         with pytest.raises(OSError, match="in use"):
             again.bind(address)
         endpoint = f"udp/127.0.0.1:{address[1]}"
-        assert release([endpoint.replace("udp", "tcp")]) == 0
+        assert release([endpoint.replace("udp", "tcp")]) == 0  # `stream` does not listen
         assert release([f"{endpoint}?rel=0"]) == 1
         again.bind(address)
         assert other.getsockname()[1] and stream.getsockname() == address
+
+
+@pytest.mark.parametrize("protocol", ["tcp", "tls", "ws"])
+def test_an_address_of_streams_is_free_again_and_its_connections_live_on(protocol):
+    with (
+        socket.create_server(("127.0.0.1", 0)) as stuck,
+        socket.create_connection(stuck.getsockname()) as there,
+    ):
+        here, _ = stuck.accept()
+        with here:
+            address = stuck.getsockname()
+            with pytest.raises(OSError, match="in use"):
+                socket.create_server(address)
+            endpoint = f"{protocol}/127.0.0.1:{address[1]}"
+            assert release([f"{endpoint}?rel=1"]) == 1
+            socket.create_server(address).close()
+            there.sendall(b"x")
+            assert here.recv(1) == b"x"
+
+
+def test_a_connection_is_not_waited_for_when_it_closes():
+    """Zenoh closes with 10 s of patience for what nobody acknowledges, and receives nothing then."""
+    patient = struct.pack("ii", 1, 10)
+    with (
+        socket.create_server(("127.0.0.1", 0)) as server,
+        socket.create_connection(server.getsockname()) as end,
+    ):
+        end.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, patient)
+        linger = Linger()
+        assert linger.clear() == 1
+        assert not end.getsockopt(socket.SOL_SOCKET, socket.SO_LINGER)
+        with socket.create_connection(server.getsockname()) as later:
+            assert linger.clear() == 0
+            later.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, patient)
+            assert linger.clear() == 0  # each connection is looked at once
+            assert Linger().clear() == 1
+
+
+def test_zenoh_s_connections_have_no_patience_left(tmp_path):
+    """Asks the kernel about the sockets of two ends, as a stranger would see them."""
+    (port,) = free_ports(1)
+    ends = both(f"tcp/127.0.0.1:{port}")
+    try:
+        elapsed = stopwatch()
+        while Linger().clear():  # Zenoh sets it; within a look it is gone for good
+            assert elapsed() < PATIENCE
+            sleep(0.5)
+    finally:
+        for end in ends:
+            end.close()
 
 
 def test_looking_for_an_address_leaves_no_descriptor_open(tmp_path: Path):

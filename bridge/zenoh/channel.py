@@ -185,17 +185,20 @@ class ZenohAttachment:
 
     def _mend(self) -> None:
         """Reopen the session if a peer is no longer received; see :class:`LostPeers`."""
-        linger = Linger()
+        linger, most = Linger(), 0
         while not self._stop.wait(LOOK):
             linger.clear()
-            silent = self._silence.silent(self.presence.there, monotonic_ns())
+            links = len(self.session.info.links())
+            most = max(most, links)  # with one link less, the other end may still use that one
+            there = self.presence.there if links == most else frozenset()
+            silent = self._silence.silent(there, monotonic_ns())
             if silent:
                 self._fault = f"{', '.join(silent)} silent: session is opened anew"
                 with self._opening:
                     self._left += self.presence.lost
                     self._close()
                     self._reopen()
-                self._fault = f"{', '.join(silent)} silent: session opened anew"
+                self._fault, most = f"{', '.join(silent)} silent: session opened anew", 0
 
     def _reopen(self) -> None:
         while not self._stop.is_set():

@@ -82,7 +82,7 @@ def node(
     from bridge.records.lives import Life
     from bridge.results.node_alone import begin_node, complete_node
     from cosim.base.clock import stamp
-    from cosim.base.errors import CosimError, RunError, ScenarioError
+    from cosim.base.errors import RunError, ScenarioError
     from cosim.record.folder import NODES
 
     path = deployments.find(scenario, deploy)
@@ -137,27 +137,17 @@ def node(
         if now:
             if not ready.wait(system.deployment.patience):
                 wanting = ", ".join(waited)
-                failures.append(RunError(f"{name}: not ready: has not received from {wanting}"))
-                control.quit()
-                return
+                raise RunError(f"{name}: not ready: has not received from {wanting}")
             if hardware:
-                try:
-                    drives.enter_context(enabled(system, [name]))
-                except CosimError as error:
-                    failures.append(error)
-                    control.quit()
-                    return
+                drives.enter_context(enabled(system, [name]))
                 control.arm()
             control.begin(0.5)
 
     options = NodeOptions(
         Life(name), folder.absolute() / NODES, real=hardware, warm_up=1.0, alone=True
     )
-    failures: list[CosimError] = []
     with ExitStack() as drives:
         report = run_node(system, options, say, listen)
-    if failures:
-        raise failures[0]
     rows = complete_node(system, folder, report, facts)
     _say(system, folder, report, rows)
 

@@ -12,7 +12,7 @@ import socket
 import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, final
 
 from bridge.native import node as native
 from bridge.native.safety import Command, LifeState
@@ -87,6 +87,37 @@ class Control:
             if not self._struct.told or self._struct.quit:
                 return
             sleep(0.001)
+
+
+@final
+class Helpers:
+    """Threads next to a node that runs in C: an error in one of them stops the node.
+
+    Otherwise it would wait for ever, with its buses open, for what such a thread does no more.
+    """
+
+    def __init__(self, control: Control) -> None:
+        self._control = control
+        self._failed: list[Exception] = []
+
+    def start(self, name: str, work: Callable[[], None]) -> threading.Thread:
+        """Start a thread that does `work`."""
+
+        def guarded() -> None:
+            try:
+                work()
+            except Exception as error:
+                self._failed.append(error)
+                self._control.stop()
+
+        thread = threading.Thread(target=guarded, name=name, daemon=True)
+        thread.start()
+        return thread
+
+    def check(self) -> None:
+        """Raise the first error of a thread."""
+        if self._failed:
+            raise self._failed[0]
 
 
 @contextmanager

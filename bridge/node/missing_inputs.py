@@ -16,7 +16,7 @@ from typing import Any
 from bridge.native import node as native
 from bridge.native.message import REFUSALS, Receiver
 from bridge.native.safety import LifeState
-from bridge.node.control import Say
+from bridge.node.control import Control, Helpers, Say
 from bridge.records.records import reason_names, refusal
 from bridge.wiring.wiring import WiredNode
 from cosim.base.clock import monotonic_ns, stopwatch
@@ -51,8 +51,10 @@ def missing_before_start(wired: WiredNode) -> list[str]:
 
 def _wrong_state_text(state: int) -> str:
     """The state of a received peer, if that state prevents a start; else ""."""
-    ready = state in (-1, LifeState.INACTIVE, LifeState.ACTIVE)
-    return "" if ready else f" in another state than {LifeState(state).name}"
+    if state in (-1, LifeState.INACTIVE, LifeState.ACTIVE):
+        return ""
+    known = state in LifeState.__members__.values()
+    return f" in another state than {LifeState(state).name if known else state}"
 
 
 def silent_messages(wired: WiredNode) -> list[str]:
@@ -147,6 +149,7 @@ def report_missing_inputs(
     say: Say,
     ready: Callable[[], Mapping[str, Any]],
     measured: Callable[[], bool] = lambda: False,
+    helping: Helpers | None = None,
 ) -> Iterator[None]:
     """Send, from a thread, the events that a node's supervisor needs while C runs the node.
 
@@ -155,7 +158,7 @@ def report_missing_inputs(
     the time t (s) if it begins during a run, ``deaf`` when it no longer receives a message. If it
     receives an EPOCH of a run on a host without a common clock, it calls `measured` after each
     EPOCH until that returns True (t = 0 of the run was found), and sends ``unshared`` after
-    `FAILURES` other results.
+    `FAILURES` other results. An error of the thread stops the node, and `helping` has it.
     """
     ended = threading.Event()
 
@@ -189,8 +192,7 @@ def report_missing_inputs(
                 deaf = True
                 say({"event": "deaf", "to": lost})
 
-    thread = threading.Thread(target=look, name="watch", daemon=True)
-    thread.start()
+    thread = (helping or Helpers(Control(wired.struct))).start("watch", look)
     try:
         yield
     finally:

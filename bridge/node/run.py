@@ -10,7 +10,6 @@ from __future__ import annotations
 import ctypes as c
 import json
 import sys
-import threading
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass
@@ -27,7 +26,7 @@ from bridge.native.message import COUNTERS, Receiver
 from bridge.native.safety import LifeState
 from bridge.node import lockstep
 from bridge.node.buses import announce, answer, join_run, open_buses
-from bridge.node.control import Control, Say, listen_to, signals
+from bridge.node.control import Control, Helpers, Say, listen_to, signals
 from bridge.node.fault_injection import inject
 from bridge.node.handle import NodeStart
 from bridge.node.missing_inputs import (
@@ -118,11 +117,13 @@ def _in_lockstep(
         lockstep.Lockstep(system, options.life.node, buses, journal) as stepping,
     ):
         control = Control(stepping.wired.struct)
+        helping = Helpers(control)
         answer(stepping.wired, buses, control)
         with signals(control):
             say({"event": "ready", "refused": [], "warning": ""})
-            threading.Thread(target=listen, args=(control,), daemon=True).start()
+            helping.start("control", lambda: listen(control))
             result = stepping.run()
+            helping.check()
             stalled = stepping.error(result)
             report = node_statement(stepping.wired, buses, options, result, {}, "", None, stalled)
             return _write_report(options, report)
@@ -141,10 +142,12 @@ def _in_simulated_time(
         wired = WiredNode(system, options.life.node, rings, journal, native.SIMULATED)
         with wired:
             control = Control(wired.struct)
+            helping = Helpers(control)
             with signals(control):
                 say({"event": "ready", "refused": [], "warning": ""})
-                threading.Thread(target=listen, args=(control,), daemon=True).start()
+                helping.start("control", lambda: listen(control))
                 result = run_simulated(wired, buses)
+                helping.check()
                 report = node_statement(wired, buses, options, result, {}, "", None)
                 return _write_report(options, report)
 
@@ -163,6 +166,7 @@ def _configured(
     clock, epoch = host_clock(), struct.epoch
     epoch.host, epoch.kept, epoch.follows = clock.number, clock.kept, options.alone
     control = Control(struct)
+    helping = Helpers(control)
     answer(wired, buses, control)
     mode = "enforce" if d.enforce else "ask"
     wanted = Realtime(
@@ -179,14 +183,14 @@ def _configured(
             announce(buses)
             return {"event": "ready", "refused": refused, "warning": warning}
 
-        thread = threading.Thread(target=listen, args=(control,), name="control", daemon=True)
-        thread.start()
+        helping.start("control", lambda: listen(control))
 
         def measured() -> bool:
             return options.alone and join_run(wired, buses, control)
 
-        with report_missing_inputs(wired, say, ready, measured):
+        with report_missing_inputs(wired, say, ready, measured, helping):
             result = native.functions().node_live(c.byref(struct))
+        helping.check()
         facts = granted.facts()
         return _write_report(
             options, node_statement(wired, buses, options, result, facts, warning, faults)

@@ -9,6 +9,7 @@ import zenoh
 
 from bridge.can.socket import BusError
 from bridge.deployment.zenoh_keys import Names
+from bridge.zenoh.callbacks import aside
 from cosim.base.clock import sleep, stopwatch
 
 #: s between two looks.
@@ -32,9 +33,8 @@ class Presence:
         """Times a token went away."""
         self._tokens: list[zenoh.LivelinessToken] = []
         self._subscriber = session.liveliness().declare_subscriber(
-            names.of("*", what), zenoh.handlers.Callback(self._changed, indirect=True),
-            history=True,
-        )  # fmt: skip
+            names.of("*", what), aside(self._changed), history=True
+        )
 
     def _changed(self, sample: zenoh.Sample) -> None:
         node = str(sample.key_expr).split("/")[-2]

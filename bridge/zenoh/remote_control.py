@@ -24,6 +24,7 @@ from bridge.realtime.host_clock import host_clock
 from bridge.safety.limits import explain
 from bridge.wiring.outlets import forwarded_facts
 from bridge.wiring.wiring import WiredNode
+from bridge.zenoh.callbacks import aside
 from bridge.zenoh.channel import ZenohAttachment
 from bridge.zenoh.presence import Presence, wait_until_there
 from cosim.base.clock import realtime_ns, realtime_offset_ns, sleep, stopwatch
@@ -77,7 +78,7 @@ def _answering(
                 command()
             query.reply(key, json.dumps(found), encoding=_JSON)
 
-    return zenoh.handlers.Callback(answering, indirect=True)
+    return aside(answering)
 
 
 def state(wired: WiredNode, end: ZenohAttachment, unheard: Sequence[str]) -> dict[str, Any]:

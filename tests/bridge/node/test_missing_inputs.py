@@ -223,6 +223,9 @@ def test_who_is_required_and_not_there_is_named(tmp_path):
         peer = made.wired.peers["slave"]
         peer.state, peer.heartbeat.last_ns = LifeState.INACTIVE, monotonic_ns()
         assert "a heartbeat of slave" not in missing_inputs.missing_before_start(made.wired)
+        peer.state = 6  # three bits have room for more than there are
+        (said,) = (s for s in missing_inputs.missing_before_start(made.wired) if "heartbeat" in s)
+        assert said == "a heartbeat of slave in another state than 6"
         peer.state = LifeState.FAULT
         assert (
             "a heartbeat of slave in another state than FAULT"

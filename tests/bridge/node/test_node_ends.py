@@ -59,6 +59,31 @@ def test_a_ctrl_c_while_it_finishes_does_not_take_its_report(monkeypatch, reques
     assert report.end is LifeEnd.NEVER_STARTED
 
 
+def broken(*_):
+    raise ValueError("an error of a helper")
+
+
+@pytest.mark.parametrize("event", ["ready", "joined"])
+def test_an_error_of_a_thread_next_to_a_node_ends_it(request, tmp_path, event):
+    """It printed a traceback, and waited for ever for a start that nobody could give."""
+    settings = changes(request.node.name, "run.stop=60", "deploy.silence=0")
+    system = load_system(TELEOPERATION, "can", settings)
+    options = NodeOptions(Life("master"), tmp_path, warm_up=0.0, realtime=False)
+
+    def say(told):
+        if told["event"] == event:
+            broken()
+
+    def listen(control):
+        if event == "joined":
+            control.start(monotonic_ns() - 10**10)
+
+    with pytest.raises(ValueError, match="of a helper"):
+        run_node(system, options, say, listen)
+    with pytest.raises(ValueError, match="of a helper"):
+        run_node(system, options, lambda told: None, broken)
+
+
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_stops_it_whichever_thread_gets_it(request, tmp_path, number):
     """Those of libraries block none, and the kernel asks any of them."""

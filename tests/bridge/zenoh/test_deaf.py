@@ -14,7 +14,7 @@ import pytest
 from bridge.native.frame import Frame
 from bridge.zenoh.socket_release import Linger, release
 from cosim.base.clock import sleep, stopwatch
-from tests.bridge.zenoh.ends import IDENTIFIERS, both, opened
+from tests.bridge.zenoh.ends import IDENTIFIERS, both, endpoint, opened
 from tests.bridge.zenoh.test_channel import free_ports
 
 FROZEN, PATIENCE = 4.0, 30.0  # s; a connection is given up after 3
@@ -74,7 +74,7 @@ def test_an_address_of_streams_is_free_again_and_its_connections_live_on(protoco
 
 
 def test_a_connection_is_not_waited_for_when_it_closes():
-    """Zenoh closes with 10 s of patience for what nobody acknowledges, and receives nothing then."""
+    """Zenoh closes with 10 s of patience for lost acknowledgements, and receives nothing then."""
     patient = struct.pack("ii", 1, 10)
     with (
         socket.create_server(("127.0.0.1", 0)) as server,
@@ -115,6 +115,21 @@ def test_looking_for_an_address_leaves_no_descriptor_open(tmp_path: Path):
         for _ in range(3):
             assert release(["udp/127.0.0.1:9"]) == 0
         assert len(os.listdir(descriptors)) == before
+
+
+def left_open(where: str) -> None:
+    """A process that ends with an error while its session is open."""
+    opened("a", "b", listen=(where,))
+    raise SystemExit(3)
+
+
+def test_a_session_that_was_not_closed_does_not_hold_its_process(tmp_path: Path):
+    """After an error it lived on, with its token, and nothing more was said."""
+    program = (
+        f"from tests.bridge.zenoh.test_deaf import left_open; left_open({endpoint(tmp_path)!r})"
+    )
+    ended = subprocess.run([sys.executable, "-c", program], timeout=PATIENCE * 4, check=False)
+    assert ended.returncode == 3
 
 
 def talk(end):

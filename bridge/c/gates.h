@@ -76,6 +76,11 @@ typedef struct {
     forward_t *forwards;    /* messages that are sent on when a sample of this one is accepted */
     int64_t promised;       /* lock-step: number of the newest sample that was sent, and may still be on its
                              * way because no delay line gives it yet; -1: there are no such samples */
+    int64_t early_range;    /* before the start: frames out of range, */
+    int64_t misfits;        /* of its identifier in another format, */
+    int64_t early;          /* and samples of a run whose t = 0 is not known here, */
+    int32_t early_life;     /* the last of them from a sender in this state */
+    int32_t reserved2;
 } reception_t;
 
 /* Sequence of frames that requests a change of state from a drive with its own protocol; other frames

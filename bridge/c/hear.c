@@ -114,6 +114,17 @@ static int32_t readable(const reception_t *r, const frame_t *frame)
     return message_decode(r->message, frame, values, &header) == DECODE_OK;
 }
 
+/* A frame of no message; of the identifier of one, it has another format. */
+static void misfit(node_t *n, const frame_t *frame)
+{
+    n->unknown++;
+    for (int32_t i = 0; i < n->n_receptions; i++) {
+        const message_t *m = n->receptions[i].message;
+        const accept_t any = {m->id, UINT32_MAX, m->flags & FRAME_EXTENDED, FRAME_EXTENDED};
+        if (n->receptions[i].bus == frame->bus && frame_accepted(&any, frame)) n->receptions[i].misfits++;
+    }
+}
+
 static void dispatch(node_t *n, const frame_t *frame)
 {
     const int64_t t = node_started(n) ? frame->t_ns - n->start_ns : 0;
@@ -130,7 +141,7 @@ static void dispatch(node_t *n, const frame_t *frame)
     else if (s->nmt && message_is(s->nmt, frame)) managed(n, frame);
     else if (s->epoch && message_is(s->epoch, frame)) node_epoch_heard(n, frame);
     else if (s->sync && message_is(s->sync, frame)) take_sync(n, frame, t);
-    else if (!heartbeat(n, frame, t)) n->unknown++;
+    else if (!heartbeat(n, frame, t)) misfit(n, frame);
 }
 
 void node_hear(node_t *n, int64_t limit_ns)

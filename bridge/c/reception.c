@@ -49,9 +49,14 @@ static int32_t is_of_run(const node_t *n, const reception_t *r, const header_t *
     return life != LIFE_UNCONFIGURED && life != LIFE_INACTIVE;
 }
 
-/* Out of range is not counted before the start: drives with their own protocols answer in frames of the
+/* Out of range is counted apart before the start: drives with their own protocols answer in frames of the
  * same identifier then, when they are configured. */
-static int32_t refuse_frame(const node_t *n, const reception_t *r, const frame_t *frame, header_t *header,
+static void out_of_range(const node_t *n, reception_t *r)
+{
+    ++*(n->begun ? &r->receiver->range : &r->early_range);
+}
+
+static int32_t refuse_frame(const node_t *n, reception_t *r, const frame_t *frame, header_t *header,
                             double *values)
 {
     const int32_t result = message_decode(r->message, frame, values, header);
@@ -60,14 +65,14 @@ static int32_t refuse_frame(const node_t *n, const reception_t *r, const frame_t
     case DECODE_LENGTH: r->receiver->length++; return 1;
     case DECODE_CRC: r->receiver->crc++; return 1;
     case DECODE_INVALID: r->receiver->invalid++; return 1;
-    default: r->receiver->range += n->begun != 0; return 1;
+    default: out_of_range(n, r); return 1;
     }
     if (r->message->status >= 0 && header->status & STATUS_SIMULATED && !r->accept_simulated) {
         r->receiver->simulated++;
         return 1;
     }
     if (limits_range(r->limits, r->width, values)) return 0;
-    r->receiver->range += n->begun != 0;
+    out_of_range(n, r);
     return 1;
 }
 
@@ -107,7 +112,11 @@ void reception_take(node_t *n, reception_t *r, const frame_t *frame)
         if (tells_life(r->message)) node_forward(n, r, &header, frame);
         return;
     }
-    if (!node_started(n)) return;
+    if (!node_started(n)) {
+        r->early++;
+        r->early_life = (int32_t)(header.status & STATUS_LIFE);
+        return;
+    }
     if (too_fast(r, values, t)) {
         r->receiver->rate++;
         return;

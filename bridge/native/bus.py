@@ -67,6 +67,10 @@ class Accept(c.Structure):
         """Frames of a message: its identifier and its format, as `message_is` has it."""
         return cls(message.id, ALL_BITS, message.flags & FORMAT, FORMAT)
 
+    def any_format(self) -> Accept:
+        """Frames of the same identifiers, also where they are remote frames, or CAN FD and not."""
+        return Accept(self.id, self.mask, self.flags, self.flag_mask & Flags.EXTENDED)
+
     @classmethod
     def for_estop(cls, message: Message) -> Accept:
         """Frames that are an emergency stop: classic or CAN FD, of any length."""

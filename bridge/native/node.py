@@ -83,6 +83,11 @@ class Reception(c.Structure):
         ("n_forwards", c.c_int32),
         ("forwards", c.POINTER(ForwardStruct)),
         ("promised", c.c_int64),
+        ("early_range", c.c_int64),
+        ("misfits", c.c_int64),
+        ("early", c.c_int64),
+        ("early_life", c.c_int32),
+        ("reserved2", c.c_int32),
     )
 
 

@@ -37,7 +37,7 @@ def missing_before_start(wired: WiredNode) -> list[str]:
     functions, struct, system = native.functions(), wired.struct, wired.system
     node, now = c.byref(struct), monotonic_ns()
     found = [
-        f"{message} from {system.messages[message].node}"
+        f"{message} from {system.messages[message].node}{_what_came_instead(wired, message)}"
         for i, message in enumerate(system.received_by(wired.name))
         if functions.node_unheard(node, i)
     ]
@@ -49,12 +49,35 @@ def missing_before_start(wired: WiredNode) -> list[str]:
     return found
 
 
+def _what_came_instead(wired: WiredNode, message: str) -> str:
+    """Frames of a message that came and are no sample of it before the start; "": none."""
+    reception, sender = (
+        wired.inlet_bindings.receptions[message],
+        wired.system.messages[message].node,
+    )
+    if reception.early:
+        state = _state_name(reception.early_life)
+        cure = ": RESET and START it" if reception.early_life == LifeState.FAULT else ""
+        return (
+            f" (samples came, of a run whose t = 0 nobody has told; {sender} is in {state}{cure})"
+        )
+    counts = _refused(wired.receivers[message])
+    counts["range"] = counts.get("range", 0) + reception.early_range
+    counts["another frame format"] = reception.misfits
+    said = ", ".join(name for name, n in counts.items() if n)
+    return f" (came and was refused: {said})" if said else ""
+
+
 def _wrong_state_text(state: int) -> str:
     """The state of a received peer, if that state prevents a start; else ""."""
     if state in (-1, LifeState.INACTIVE, LifeState.ACTIVE):
         return ""
-    known = state in LifeState.__members__.values()
-    return f" in another state than {LifeState(state).name if known else state}"
+    return f" in another state than {_state_name(state)}"
+
+
+def _state_name(state: int) -> str:
+    """Of a state on a bus, which has room for more states than there are."""
+    return LifeState(state).name if state in LifeState.__members__.values() else str(state)
 
 
 def silent_messages(wired: WiredNode) -> list[str]:
@@ -111,9 +134,14 @@ def _silence_text(wired: WiredNode, message: str, silence: float) -> str:
 
 def _refused_counts(receiver: Receiver) -> str:
     """How many frames of a message came in the run and were refused, by reason."""
-    counts = {name: getattr(receiver, name) for name in REFUSALS}
-    said = ", ".join(f"{n} {name}" for name, n in counts.items() if n)
+    said = ", ".join(f"{n} {name}" for name, n in _refused(receiver).items())
     return f" (refused in the run: {said})" if said else ""
+
+
+def _refused(receiver: Receiver) -> dict[str, int]:
+    """Frames of a message that came and were refused, by reason, without reasons of none."""
+    counts = {name: int(getattr(receiver, name)) for name in REFUSALS}
+    return {name: n for name, n in counts.items() if n}
 
 
 def never_received(wired: WiredNode) -> list[str]:

@@ -260,7 +260,8 @@ class WiredNode:
             structs[i] = bus.struct
             structs[i].number = i
             bus.struct = structs[i]
-            bus.accept(self.system.accepts(self.name, self._names[i]))
+            heard = self.system.accepts(self.name, self._names[i])
+            bus.accept([one.any_format() for one in heard])  # a wrong format is counted by message
         pending, has = (Frame * max(1, n))(), (c.c_int32 * max(1, n))()
         self.struct.buses, self.struct.n_buses = c.addressof(structs), n
         self.struct.pending, self.struct.has_pending = pending, c.addressof(has)

@@ -8,7 +8,7 @@ import pytest
 from bridge.deployment.system import load_system
 from bridge.native import node as native
 from bridge.native.bus import Bus
-from bridge.native.frame import Ring
+from bridge.native.frame import Flags, Ring
 from bridge.native.message import Header
 from bridge.native.safety import LifeState, Status
 from bridge.node import missing_inputs
@@ -17,6 +17,7 @@ from bridge.records.records import LifeEnd
 from bridge.replay import twin
 from bridge.wiring.wiring import WiredNode
 from cosim.base.clock import monotonic_ns, sleep, stopwatch
+from tests.bridge.bench import Bench
 from tests.bridge.deployments import TELEOPERATION, named
 from tests.bridge.slots import Slots
 
@@ -231,3 +232,53 @@ def test_who_is_required_and_not_there_is_named(tmp_path):
             "a heartbeat of slave in another state than FAULT"
             in missing_inputs.missing_before_start(made.wired)
         )
+
+
+def came_instead(bench, values, header=None, change=lambda frame: None, times=5):
+    """What a waiting controller misses, after so many frames of its drive."""
+    codec = bench.system.messages["STATE_1"].encoding
+    header = header or Header(status=LifeState.INACTIVE | Status.SIMULATED)
+    for _ in range(times):
+        frame = codec.frame([*values, 0.0, 0.0], header, monotonic_ns())
+        change(frame)
+        bench.put("left", frame)
+    seen = bench.wired.inlet_bindings.receptions["STATE_1"], bench.wired.receivers["STATE_1"]
+    within(lambda: seen[0].early + seen[0].early_range + seen[0].misfits + seen[1].crc == times)
+    return next(s for s in missing_inputs.missing_before_start(bench.wired) if "STATE_1" in s)
+
+
+def flip(frame):
+    frame.data[frame.length - 1] ^= 1
+
+
+def in_another_format(frame):
+    frame.flags ^= Flags.FD
+
+
+@pytest.mark.parametrize(
+    ("what", "said"),
+    [
+        ({"values": (8.0, 0.0)}, "(came and was refused: range)"),
+        ({"values": (0.0, 0.0), "change": flip}, "(came and was refused: crc)"),
+        (
+            {"values": (0.0, 0.0), "change": in_another_format},
+            "(came and was refused: another frame format)",
+        ),
+        (
+            {"values": (0.0, 0.0), "header": Header(status=LifeState.FAULT | Status.SIMULATED)},
+            "(samples came, of a run whose t = 0 nobody has told; master is in FAULT: "
+            "RESET and START it)",
+        ),
+        (
+            {"values": (0.0, 0.0), "header": Header(status=LifeState.ACTIVE | Status.SIMULATED)},
+            "(samples came, of a run whose t = 0 nobody has told; master is in ACTIVE)",
+        ),
+    ],
+)
+def test_frames_that_came_and_do_not_count_are_named_before_a_start(tmp_path, what, said):
+    """ "has not received from STATE_1" was said while thousands of its frames came."""
+    ranges = 'deploy.signals.q.range="6 rad"'
+    with Bench(tmp_path, "deploy.silence=10", ranges, there=False) as bench:
+        assert came_instead(bench, **what) == f"STATE_1 from master {said}"
+        bench.there = True
+        within(lambda: "STATE_1" not in str(missing_inputs.missing_before_start(bench.wired)))

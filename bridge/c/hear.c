@@ -43,6 +43,21 @@ static int32_t command_of(int32_t nmt)
     }
 }
 
+static int32_t command_for(const node_t *n, const double *v)
+{
+    if (v[NMT_NODE] != 0.0 && (int32_t)v[NMT_NODE] != n->number) return COMMAND_NONE;
+    return command_of((int32_t)v[NMT_COMMAND]);
+}
+
+int32_t node_told_by(const node_t *n, const frame_t *frame)
+{
+    double v[NMT_VALUES];
+    header_t header;
+    const message_t *m = n->services[frame->bus].nmt;
+    if (!m || !message_is(m, frame) || message_decode(m, frame, v, &header) != DECODE_OK) return COMMAND_NONE;
+    return command_for(n, v);
+}
+
 static void managed(node_t *n, const frame_t *frame)
 {
     double v[NMT_VALUES];
@@ -50,8 +65,7 @@ static void managed(node_t *n, const frame_t *frame)
     memset(&header, 0, sizeof header);
     if (message_decode(n->services[frame->bus].nmt, frame, v, &header) != DECODE_OK) return;
     if (n->gateway) node_pass(n, offsetof(services_t, nmt), v, header, frame);
-    if (v[NMT_NODE] != 0.0 && (int32_t)v[NMT_NODE] != n->number) return;
-    const int32_t command = command_of((int32_t)v[NMT_COMMAND]);
+    const int32_t command = command_for(n, v);
     if (command == COMMAND_START) n->nmt_ns = node_origin(n, frame->t_ns, EPOCH_LEAD_NS);
     if (command != COMMAND_NONE) n->life.commands = commands_add(n->life.commands, command);
 }

@@ -70,6 +70,8 @@ static int32_t gather(lockstep_t *l)
     for (int32_t b = 0; b < l->node->n_buses; b++) {
         while (bus_receive(l->outside + b, &frame)) {
             if (node_is_estop(l->node, &frame)) l->node->quit = 1;
+            const int32_t told = node_told_by(l->node, &frame);
+            if (told == COMMAND_START || told == COMMAND_STOP) node_tell(l->node, told);
             if (store_sample(l, &frame, b)) return LOCKSTEP_LOST;
             came++;
         }

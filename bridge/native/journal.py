@@ -1,7 +1,8 @@
 """Rows of one kind in a file mapped into memory (``bridge/c/journal.h``).
 
-C (:attr:`Journal.address`) or Python (:meth:`Journal.append`) appends rows. Readers see all rows
-written so far, even after the writer was killed, because the rows are in the page cache. The
+C (:attr:`Journal.address`) or Python (:meth:`Journal.append`) appends rows; disk and memory are
+taken in pieces (:meth:`Journal.make_room`). Readers see all rows written so far, even after the
+writer was killed, because the rows are in the page cache. The
 description of the rows follows the last row, so the file is self-describing. The writer holds a
 lock on the file, by which :func:`cosim.record.live.in_use` detects that it is still being written.
 """
@@ -14,16 +15,22 @@ import errno
 import mmap
 import os
 import sys
+import weakref
+from contextlib import suppress
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, Self, final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from bridge.native.library import library_path
 from cosim.base.errors import CosimError
 from cosim.record.live import unlock
 
 MAGIC, VERSION, HEADER = b"cosimjnl", 1, 64
+#: Bytes of rows for which there is room ahead of the writer.
+AHEAD = 1 << 24
 Rows = NDArray[np.void]
 
 
@@ -42,7 +49,8 @@ class JournalStruct(c.Structure):
         ("rows", c.c_uint64),
         ("dropped", c.c_uint64),
         ("description", c.c_uint64),
-        ("reserved", c.c_uint64 * 2),
+        ("limit", c.c_uint64),
+        ("descriptor", c.c_int64),
     )
 
 
@@ -50,8 +58,8 @@ class JournalStruct(c.Structure):
 class Journal:
     """A journal that is being written, by one writer. `create` makes it, `open` reads one."""
 
-    def __init__(self, path: Path, memory: mmap.mmap, row: np.dtype[Any], lock: int = -1) -> None:
-        self.path, self._lock = path, lock
+    def __init__(self, path: Path, memory: Any, row: np.dtype[Any], text: bytes, file: int) -> None:
+        self.path, self._file, self._text = path, file, text
         self._memory, self._closed = memory, False
         self.struct = JournalStruct.from_buffer(memory)
         capacity = int(self.struct.capacity)
@@ -59,11 +67,9 @@ class Journal:
 
     @classmethod
     def create(cls, path: Path | str, row: np.dtype[Any], capacity: int) -> Self:
-        """A new file for `capacity` rows, whose pages are in memory before the first row is
-        written.
+        """A new file for `capacity` rows, of which those of the first `AHEAD` bytes are in memory.
 
-        The disk space is allocated immediately, so a full disk is an error here and not a SIGBUS
-        later. Raises JournalError if the file cannot be created or space is missing.
+        Raises JournalError if the file cannot be created, or the disk has no space for all rows.
         """
         path = Path(path)
         if capacity < 1 or row.itemsize < 1:
@@ -71,14 +77,22 @@ class Journal:
             raise JournalError(f"{path}: {found}; expected at least one row of one byte")
         text = repr(np.lib.format.dtype_to_descr(row)).encode()
         end = HEADER + capacity * row.itemsize
-        memory, lock = _new_file(path, end + len(text))
-        memory[end : end + len(text)] = text
-        header = JournalStruct(
-            version=VERSION, row_size=row.itemsize, capacity=capacity, description=len(text)
-        )
-        memory[:HEADER] = bytes(header)
-        memory[:8] = MAGIC  # last: a file without it is not one
-        return cls(path, memory, row, lock)
+        file = _new_file(path, end + len(text))
+        try:
+            memory, grows = _mapped(file, end + len(text))
+            _write(file, text, end)
+            header = JournalStruct(
+                version=VERSION, row_size=row.itemsize, capacity=capacity, description=len(text),
+                limit=0 if grows else capacity, descriptor=file + 1 if grows else 0,
+            )  # fmt: skip
+            c.memmove(c.addressof(c.c_char.from_buffer(memory)), bytes(header), HEADER)
+            made = cls(path, memory, row, text, file)
+            made.make_room()
+        except OSError as error:
+            os.close(file)
+            raise _failure(path, end + len(text), error) from error
+        made.struct.magic = MAGIC  # last: a file without it is not one
+        return made
 
     @staticmethod
     def open(path: Path | str) -> Rows:
@@ -112,10 +126,20 @@ class Journal:
         """Return a view (n,) of the rows written so far."""
         return self._rows[: len(self)]
 
+    def make_room(self) -> None:
+        """Take disk and memory for the rows of the next `AHEAD` bytes. Raises OSError."""
+        rows = len(self) + 1 + AHEAD // int(self.struct.row_size)
+        number = _functions().journal_grow(self.address, rows)
+        if number:
+            raise OSError(number, os.strerror(number))
+
     def append(self, *values: object) -> bool:
         """One row; False: full (counted). Raises ValueError for values that do not fit a row."""
         n = len(self)
-        if n >= self.struct.capacity:
+        if n >= self.struct.limit:
+            with suppress(OSError):
+                self.make_room()
+        if n >= self.struct.limit:
             self.struct.dropped += 1
             return False
         self._rows[n] = values
@@ -131,15 +155,16 @@ class Journal:
         if self._closed:
             return
         self._closed = True
-        size = int(self.struct.row_size)
-        used, end = HEADER + len(self) * size, HEADER + int(self.struct.capacity) * size
-        description = self._memory[end : end + int(self.struct.description)]
-        self.struct.capacity = len(self)
-        self._memory[used : used + len(description)] = description
+        used = HEADER + len(self) * int(self.struct.row_size)
+        self.struct.capacity = self.struct.limit = len(self)
+        self.struct.descriptor = 0
         try:
-            os.truncate(self.path, used + len(description))
+            _write(self._file, self._text, used)
+            os.ftruncate(self._file, used + len(self._text))
         finally:
-            unlock(self._lock)
+            unlock(self._file)
+            if sys.platform == "win32":
+                os.close(self._file)
 
     def __len__(self) -> int:
         return int(self.struct.rows)
@@ -151,41 +176,63 @@ class Journal:
         self.close()
 
 
-def _new_file(path: Path, size: int) -> tuple[mmap.mmap, int]:
-    """An empty file of `size` bytes, mapped, its pages there; a descriptor that locks it, or -1."""
+def _new_file(path: Path, size: int) -> int:
+    """An empty, locked file of `size` bytes, which takes no space yet; its descriptor."""
+    flags = os.O_RDWR | os.O_CREAT | os.O_TRUNC | getattr(os, "O_CLOEXEC", 0)
+    file = -1
     try:
-        descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC, 0o644)
-        try:
-            return _mapped(descriptor, size)
-        except BaseException:
-            os.close(descriptor)
-            raise
+        file = os.open(path, flags | getattr(os, "O_BINARY", 0), 0o644)
+        if sys.platform != "win32":
+            import fcntl
+
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            disk = os.fstatvfs(file)
+            if size > disk.f_bavail * disk.f_frsize:  # said before a run, and not in it
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        os.ftruncate(file, size)
     except OSError as error:
-        if error.errno == errno.ENOSPC:
-            path.unlink(missing_ok=True)
-        failure = JournalError(f"{path}: cannot create {size} bytes: {error.strerror}")
-        failure.exit_code = 1  # nothing is wrong with what was asked for
-        raise failure from error
+        if file >= 0:
+            os.close(file)
+        raise _failure(path, size, error) from error
+    return file
 
 
-def _mapped(descriptor: int, size: int) -> tuple[mmap.mmap, int]:
-    if sys.platform == "win32":
-        os.truncate(descriptor, size)
-        memory = mmap.mmap(descriptor, size)
-        os.close(descriptor)
-        return memory, -1
-    import fcntl
+def _failure(path: Path, size: int, error: OSError) -> JournalError:
+    if error.errno == errno.ENOSPC:
+        path.unlink(missing_ok=True)
+    failure = JournalError(f"{path}: cannot create {size} bytes: {error.strerror}")
+    failure.exit_code = 1  # nothing is wrong with what was asked for
+    return failure
 
-    fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+
+def _mapped(file: int, size: int) -> tuple[Any, bool]:
+    """The file in memory, and whether in pieces. Raises OSError."""
     if sys.platform != "linux":
-        os.truncate(descriptor, size)
-        return mmap.mmap(descriptor, size), descriptor
-    disk = os.fstatvfs(descriptor)
-    if size > disk.f_bavail * disk.f_frsize:  # said before it is tried block by block
+        return mmap.mmap(file, size), False
+    functions = _functions()
+    address = functions.journal_reserve(file, size)
+    if not address:
+        number = c.get_errno() or errno.ENOMEM
+        raise OSError(number, os.strerror(number))
+    memory = (c.c_char * size).from_address(address)
+    weakref.finalize(memory, functions.journal_release, address, size).atexit = False
+    return memory, True
+
+
+def _write(file: int, text: bytes, at: int) -> None:
+    os.lseek(file, at, os.SEEK_SET)
+    if os.write(file, text) != len(text):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-    os.posix_fallocate(descriptor, 0, size)
-    flags = mmap.MAP_SHARED | mmap.MAP_POPULATE
-    return mmap.mmap(descriptor, size, flags), descriptor
+
+
+@lru_cache(maxsize=1)
+def _functions() -> c.CDLL:
+    """The library with the functions of ``journal.h`` declared."""
+    lib = c.CDLL(str(library_path()), use_errno=True)
+    lib.journal_reserve.argtypes, lib.journal_reserve.restype = (c.c_int32, c.c_uint64), c.c_void_p
+    lib.journal_release.argtypes, lib.journal_release.restype = (c.c_void_p, c.c_uint64), None
+    lib.journal_grow.argtypes, lib.journal_grow.restype = (c.c_void_p, c.c_uint64), c.c_int32
+    return lib
 
 
 def _header(path: Path, memory: mmap.mmap | bytes) -> JournalStruct:

@@ -10,18 +10,19 @@ import json
 import signal
 import socket
 import threading
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from typing import Any, final
 
 from bridge.native import node as native
+from bridge.native.journal import Journal
 from bridge.native.safety import Command, LifeState
 from bridge.records.records import reason_names, refusal
 from cosim.base.clock import monotonic_ns, sleep
 
 Say = Callable[[Mapping[str, Any]], None]
-#: s until a command has to be taken.
-TAKEN = 0.5
+#: s until a command has to be taken; between two looks whether journals need room.
+TAKEN, ROOM = 0.5, 0.5
 
 
 class Control:
@@ -153,6 +154,28 @@ def signals(control: Control) -> Iterator[None]:
         tells.close()
         thread.join()
         told.close()
+
+
+@contextmanager
+def room_ahead(journals: Sequence[Journal], helping: Helpers) -> Iterator[None]:
+    """Take disk and memory for rows before they are written, so that no slot waits for it.
+
+    On a full disk the journals count the rows that do not fit.
+    """
+    ended = threading.Event()
+
+    def look() -> None:
+        while not ended.wait(ROOM):
+            for journal in journals:
+                with suppress(OSError):
+                    journal.make_room()
+
+    thread = helping.start("room", look)
+    try:
+        yield
+    finally:
+        ended.set()
+        thread.join()
 
 
 def refusal_text(struct: native.NodeStruct) -> str:

@@ -26,7 +26,7 @@ from bridge.native.message import COUNTERS, Receiver
 from bridge.native.safety import LifeState
 from bridge.node import lockstep
 from bridge.node.buses import announce, answer, join_run, open_buses
-from bridge.node.control import Control, Helpers, Say, listen_to, signals
+from bridge.node.control import Control, Helpers, Say, listen_to, room_ahead, signals
 from bridge.node.fault_injection import inject
 from bridge.node.handle import NodeStart
 from bridge.node.missing_inputs import (
@@ -120,6 +120,7 @@ def _in_lockstep(
         helping = Helpers(control)
         answer(stepping.wired, buses, control)
         with signals(control):
+            announce(buses)
             say({"event": "ready", "refused": [], "warning": ""})
             helping.start("control", lambda: listen(control))
             result = stepping.run()
@@ -188,7 +189,12 @@ def _configured(
         def measured() -> bool:
             return options.alone and join_run(wired, buses, control)
 
-        with report_missing_inputs(wired, say, ready, measured, helping):
+        logs = (end.bus.log for end in buses.values())
+        journals = [j for j in (wired.journal, wired.heard, *logs) if j is not None]
+        with (
+            room_ahead(journals, helping),
+            report_missing_inputs(wired, say, ready, measured, helping),
+        ):
             result = native.functions().node_live(c.byref(struct))
         helping.check()
         facts = granted.facts()

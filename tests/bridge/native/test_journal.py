@@ -5,11 +5,15 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from bridge.native import journal as journals
+from bridge.native.bus import Bus, BusKind
+from bridge.native.frame import Frame, Ring, frame_dtype
 from bridge.native.journal import HEADER, Journal, JournalError, JournalStruct
 
 ROW = np.dtype([("t_ns", "<i8"), ("state", "u1"), ("q", "<f8", (3,))])
@@ -60,6 +64,69 @@ def test_reading_while_it_is_written(tmp_path: Path):
     journal.append(2, 0, [0, 0, 0])
     assert len(first) == 1
     assert len(Journal.open(tmp_path / "j")) == 2
+
+
+def disk(path: Path) -> int:
+    """Bytes that a file takes."""
+    return path.stat().st_blocks * 512
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux has pieces")
+def test_space_is_taken_in_pieces(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """A node of four hours took the disk and the memory of all of them before its first slot."""
+    monkeypatch.setattr(journals, "AHEAD", 1 << 18)
+    n = 1_000_000
+    with Journal.create(tmp_path / "j", ROW, n) as journal:
+        assert disk(tmp_path / "j") < 1 << 20 < 30_000_000 < (tmp_path / "j").stat().st_size
+        for k in range(50_000):
+            assert journal.append(k, 0, [k, k, k])
+        assert disk(tmp_path / "j") < 50_000 * ROW.itemsize + (1 << 20)
+        assert np.array_equal(Journal.open(tmp_path / "j")["t_ns"], np.arange(50_000))
+    rows = Journal.open(tmp_path / "j")
+    assert np.array_equal(rows["q"], np.arange(50_000.0)[:, None] + np.zeros(3))
+
+
+def test_a_writer_in_c_makes_room_itself_while_others_do(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    """Three threads map the same pages; no row is lost, and none is changed."""
+    monkeypatch.setattr(journals, "AHEAD", 1 << 16)
+    n, over = 30_000, threading.Event()
+    log = Journal.create(tmp_path / "j", frame_dtype(), n)
+    bus = Bus.from_rings(Ring(2), Ring(2), log=log, kind=BusKind.MEMORY)
+
+    def grow() -> None:
+        while not over.is_set():
+            log.make_room()
+
+    growing = [threading.Thread(target=grow) for _ in range(2)]
+    for thread in growing:
+        thread.start()
+    frame, taken = Frame.of(1, bytes(8)), Frame()
+    try:
+        for k in range(n):
+            bus.tx.get(taken)
+            frame.t_ns = k
+            bus.send(frame)
+    finally:
+        over.set()
+        for thread in growing:
+            thread.join()
+    assert log.dropped == 0
+    assert np.array_equal(Journal.open(tmp_path / "j")["t_ns"], np.arange(n))
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux has pieces")
+def test_rows_without_space_are_counted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """A disk that is full in a run ends no process, and what was written before is there."""
+    monkeypatch.setattr(journals, "AHEAD", 1 << 16)
+    with Journal.create(tmp_path / "j", ROW, 100_000) as journal:
+        right, room = journal.struct.descriptor, journal.struct.limit
+        journal.struct.descriptor = 1 << 20  # a file that does not grow
+        written = sum(journal.append(k, 0, [0, 0, 0]) for k in range(room + 5))
+        journal.struct.descriptor = right
+        assert (written, journal.dropped) == (room, 5)
+    assert len(Journal.open(tmp_path / "j")) == room
 
 
 WRITER = """

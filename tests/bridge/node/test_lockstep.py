@@ -1,6 +1,7 @@
 """Nodes in lock-step are the twin, to the bit; one that stalls or dies is named."""
 
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -10,11 +11,18 @@ from hypothesis import strategies as st
 from bridge.deployment.system import load_system
 from bridge.native import lockstep as native
 from bridge.native import node as nodes
+from bridge.native.bus import Bus
+from bridge.native.frame import Ring
+from bridge.native.message import Header
+from bridge.native.safety import LifeState
 from bridge.node import lockstep
 from bridge.node.control import Control
 from bridge.rehearsal.settings import ScheduledEvent
 from bridge.replay import replay, twin
+from bridge.zenoh.remote_control import COMMANDS
+from cosim.base.clock import monotonic_ns
 from cosim.base.errors import ScenarioError
+from tests.bridge.bench import until
 from tests.bridge.deployments import one_node, system_of
 from tests.bridge.zenoh.rehearsed import CONFIGS, Rehearsed, collect, prepared, sockets
 
@@ -91,6 +99,42 @@ def test_a_node_without_peers_is_the_twin_and_ends_with_its_last_slot(tmp_path: 
         assert struct.slot == struct.slots == len(found) == node.wired.engine.tick
     twin.simulate(system, tmp_path)
     assert replay.load(tmp_path)["all"].tobytes() == found.tobytes()
+
+
+class End:
+    """The end of a bus of which the test is all that is outside."""
+
+    def __init__(self) -> None:
+        self.rx, tx = Ring(64), Ring(64)
+        self.bus = Bus.from_rings(self.rx, tx, 0)
+
+
+def test_a_node_begins_and_ends_when_nmt_says_so(tmp_path: Path):
+    """It heard no NMT, and waited for ever for what `cosim tell start` had said."""
+    said = "deploy.buses.net.options.lockstep=true"
+    system, end = load_system(CONFIGS / "teleoperation.toml", "zenoh", [said]), End()
+    nmt = system.services["net"].nmt
+    assert nmt is not None
+
+    def tell(command: int, number: int) -> None:
+        end.rx.put(nmt.frame([command, number], Header(), monotonic_ns()))
+
+    with (
+        lockstep.Lockstep(system, "master", {"net": end}, tmp_path / "j") as node,  # type: ignore[dict-item]
+        ThreadPoolExecutor(1) as pool,
+    ):
+        running, struct = pool.submit(node.run), node.wired.struct
+        try:
+            tell(COMMANDS["start"], system.deployment.nodes["slave"].number)
+            tell(COMMANDS["arm"], 0)
+            until(lambda: len(end.rx) == 0)
+            assert struct.life.state != LifeState.ACTIVE
+            tell(COMMANDS["start"], 0)
+            until(lambda: struct.life.state == LifeState.ACTIVE)
+            tell(COMMANDS["stop"], system.deployment.nodes["master"].number)
+            assert running.result(20.0) == nodes.STOPPED
+        finally:
+            struct.quit = 1
 
 
 @pytest.mark.slow

@@ -12,7 +12,7 @@ from bridge.deployment.system import load_system
 from bridge.records.lives import ByLife, Life
 from bridge.replay import replay
 from bridge.zenoh.certificates import make_keys
-from tests.bridge.zenoh.rehearsed import CONFIGS
+from tests.bridge.zenoh.rehearsed import CONFIGS, sockets
 from tests.bridge.zenoh.test_channel import free_ports
 
 ARMS = ("master", "slave")
@@ -44,13 +44,18 @@ def node(arm: str, changes: Sequence[str], folder: Path) -> "subprocess.Popen[st
     return command("node", changes, f"--node={arm}", "--out", str(folder / arm))
 
 
+def wait_until_ready(nodes: "Sequence[subprocess.Popen[str]]") -> None:
+    for process in nodes:
+        assert process.stdout is not None
+        ready = any("waiting for NMT start" in s for s in iter(process.stdout.readline, ""))
+        assert ready, process.communicate()
+
+
 def test_the_operator_starts_nodes_with_certificates(tmp_path: Path):
     make_keys(tmp_path / "keys", [*ARMS, "operator"])
     changes = settings(tmp_path / "keys", 'run.stop="1 s"')
     nodes = [node(arm, changes, tmp_path) for arm in ARMS]
-    for process in nodes:
-        assert process.stdout is not None
-        assert any("waiting for NMT start" in s for s in iter(process.stdout.readline, ""))
+    wait_until_ready(nodes)
     for process in (command("tell", changes, "start"), *nodes):
         said, errors = process.communicate(timeout=60.0)
         assert process.returncode == 0, said + errors
@@ -61,6 +66,19 @@ def test_the_operator_starts_nodes_with_certificates(tmp_path: Path):
     )
     found = replay.replay(system, rows, heard, tmp_path)
     assert (found.greatest, found.first, found.alone) == (0.0, None, ())
+
+
+def test_the_operator_starts_nodes_in_lock_step(tmp_path: Path):
+    (tmp_path / "at").mkdir()
+    lockstep = "deploy.buses.net.options.lockstep=true"
+    changes = ['run.stop="1 s"', lockstep, *sockets(ARMS, tmp_path / "at")]
+    nodes = [node(arm, changes, tmp_path) for arm in ARMS]
+    wait_until_ready(nodes)
+    for process in (command("tell", changes, "start"), *nodes):
+        said, errors = process.communicate(timeout=60.0)
+        assert process.returncode == 0, said + errors
+    rows = [replay.load(tmp_path / arm / "nodes")[Life(arm)] for arm in ARMS]
+    assert [len(r) for r in rows] == [1000, 1000]
 
 
 def stranger(folder: Path) -> Path:

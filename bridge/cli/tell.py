@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from bridge.cli.rehearse import Deploy
+
 if TYPE_CHECKING:
     from bridge.deployment.system import System
 
@@ -22,7 +24,7 @@ def tell(
         str,
         typer.Argument(help="Command: start, stop, arm, reset; query: state, parameters, clock."),
     ],
-    deploy: Annotated[str, typer.Option("--deploy", help="Deployment: file or name.")] = "zenoh",
+    deploy: Deploy = "",
     node: Annotated[str, typer.Option("--node", help="Node to address. Default: all.")] = "",
     as_: Annotated[
         str, typer.Option("--as", help="Certificate to use, if TLS is enabled.")
@@ -46,7 +48,9 @@ def tell(
     bus = next((name for name, b in d.buses.items() if b.kind == "zenoh"), "")
     if not bus:
         raise ScenarioError(
-            "no Zenoh bus; nodes on CAN are controlled by NMT frames", d.place("buses")
+            "no Zenoh bus; nodes on CAN are controlled by NMT frames, others by the deployment "
+            "that they run (--deploy)",
+            d.place("buses"),
         )
     there = [n for n in d.nodes if bus in system.buses_of(n)]
     if node and node not in there:

@@ -42,6 +42,26 @@ def test_the_number_of_an_older_one_is_told():
     assert r.older == 31
 
 
+def test_overtaken_frames_at_their_own_pace_are_older_and_no_new_count():
+    """They follow each other like those of a counter that was restarted, but nobody had them."""
+    r = receiver(PERIOD, E2EProfile.P05)
+    for k in (*range(10), 20):
+        assert r.accept(k, k * PERIOD) == k
+    late = [r.accept(k, int((k + 10.2) * PERIOD)) for k in range(10, 16)]
+    assert late == [Rejection.OLDER] * 6
+    assert (r.resyncs, r.reordered, r.sequence) == (0, 6, 20)
+    assert r.accept(26, 26 * PERIOD) == 26
+
+
+def test_a_stamp_ahead_of_its_time_without_a_counter_is_never_believed():
+    """Nothing but the stamp says which sample it is: no row of them makes it true."""
+    r = receiver(PERIOD, E2EProfile.NONE, 0, 32)
+    assert r.accept(0, 0, 0) == 0
+    ahead = [r.accept(0, k * PERIOD, (k + 9) * PERIOD // 1000) for k in range(1, 9)]
+    assert ahead == [Rejection.WRONG] * 8
+    assert (r.wrong_sequence, r.resyncs, r.sequence) == (8, 0, 0)
+
+
 def test_a_late_node_catches_up_in_one_burst():
     """Twelve periods of nothing, then twelve frames at once: with a 4-bit counter."""
     r = receiver(PERIOD, E2EProfile.P02)

@@ -97,6 +97,7 @@ def test_a_node_without_peers_is_the_twin_and_ends_with_its_last_slot(tmp_path: 
         assert node.run() == nodes.FINISHED
         found, struct = node.wired.journal.rows.copy(), node.wired.struct
         assert struct.slot == struct.slots == len(found) == node.wired.engine.tick
+        assert struct.life.state == LifeState.FINISHED
     twin.simulate(system, tmp_path)
     assert replay.load(tmp_path)["all"].tobytes() == found.tobytes()
 

@@ -163,7 +163,13 @@ def _differences(found: Fit) -> list[str]:
 
     rows = [["signal", "before", "after", "unit"]]
     rows += [[n, f"{a:.4g}", f"{b:.4g}", u] for n, (a, b, u) in found.differences.items()]
-    return ["", f"differences to the data (RMS), {found.runs} runs", *aligned(rows)]
+    few = [
+        f"note: the differences of {name} depend on each other: they count as {n:.0f} independent "
+        "ones. Intervals allow for such noise, but not for errors of the model"
+        for name, n in found.independent.items()
+        if n < 0.5 * found.values
+    ]
+    return ["", f"differences to the data (RMS), {found.runs} runs", *aligned(rows), *few]
 
 
 def _again(path: Path, plan: Plan, found: Fit) -> str:
@@ -193,6 +199,7 @@ def _write(found: Fit, path: Path) -> None:
         ],
         "rms": {n: {"before": a, "after": b, "unit": u}
                 for n, (a, b, u) in found.differences.items()},
+        "independent": dict(found.independent),
         "runs": found.runs, "converged": found.converged, "reason": found.reason,
     }  # fmt: skip
     write_json(path, data)

@@ -2,27 +2,28 @@
 
 The residual of a signal is its difference to the data at the times of the data, divided by the
 standard deviation of the data, so that signals of different units count alike. With J the Jacobian
-of all m residuals r at the result, the covariance of the n parameters is estimated as::
+of all m residuals at the result, the covariance of the n parameters is estimated as::
 
-    s^2 (J^T J)^-1,   s^2 = |r|^2 / (m - n)
+    (J^T J)^-1 J^T C J (J^T J)^-1
 
-and an interval of 95 % is that of Student's t distribution. Both hold for independent errors of
-equal size and for a model that is linear near the result: correlated errors make the interval too
-small.
-Source: G. A. F. Seber and C. J. Wild, Nonlinear Regression, Wiley 1989, Sec. 2.1 and 5.1.
+and an interval of 95 % is that of Student's t distribution; C are the covariances of the errors,
+which depend on each other in time as far as :mod:`cosim.fitting.errors` finds. It holds for a model
+that is linear near the result and has no other error than noise.
+Source: G. A. F. Seber and C. J. Wild, Nonlinear Regression, Wiley 1989, Sec. 2.1, 5.1 and 6.2.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from math import inf, nan
+from math import nan
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cosim.base.errors import CosimError, RunError, ScenarioError
+from cosim.fitting.errors import Errors, errors_of
 from cosim.fitting.varied import Varied, with_values
 from cosim.record import Column
 from cosim.record.recording import Recording
@@ -69,7 +70,9 @@ class FittedParameter:
 class Fit:
     """The result: parameters, RMS differences (before, after) by signal, in its unit.
 
-    `correlation` (n, n) of the parameters; `runs`: how many runs it took; `converged`, or why not.
+    `correlation` (n, n) of the parameters; `runs`: how many runs it took; `converged`, or why not;
+    `independent`: of the `values` of each signal, how many would tell as much if their errors were
+    independent, by name.
     """
 
     parameters: tuple[FittedParameter, ...]
@@ -78,6 +81,8 @@ class Fit:
     runs: int
     converged: bool
     reason: str
+    independent: Mapping[str, float]
+    values: int
 
 
 def measured(plan: Plan, columns: Sequence[Column], data: Recording,
@@ -197,7 +202,8 @@ class Fitting:
     def _fit(
         self, x: Array, r: Array, jacobian: Array, before: Array, status: int, message: str
     ) -> Fit:
-        intervals, correlation = _uncertainty(jacobian, r)
+        errors = [errors_of(part) for part in r.reshape(len(self._signals), -1)]
+        intervals, correlation = _uncertainty(jacobian, errors)
         after = r.reshape(len(self._signals), -1) * np.array([[s.scale] for s in self._signals])
         at_bound = (x < _DIFFERENCE) | (x > 1.0 - _DIFFERENCE)
         x = np.where(at_bound, np.round(x), x)
@@ -212,28 +218,38 @@ class Fitting:
             for i, s in enumerate(self._signals)
         }
         stopped = bool(np.all(r == _STOPPED))
+        independent = {
+            s.column.name: e.independent for s, e in zip(self._signals, errors, strict=True)
+        }
         return Fit(parameters, differences, correlation, self._runs, status > 0 and not stopped,
-                   message)  # fmt: skip
+                   message, independent, self._t.size)  # fmt: skip
 
 
 def _rms(x: Array) -> float:
     return float(np.sqrt(np.mean(x**2)))
 
 
-def _uncertainty(jacobian: Array, r: Array) -> tuple[Array, Array]:
-    """(half-widths (n,) of 95 % intervals, correlation (n, n)); NaN what is not determined."""
+def _uncertainty(jacobian: Array, errors: Sequence[Errors]) -> tuple[Array, Array]:
+    """(half-widths (n,) of 95 % intervals, correlation (n, n)); NaN what is not determined.
+
+    `errors`: of each signal, in the order of the rows of `jacobian` (m, n).
+    """
     from scipy.stats import t as student
 
-    m, n = jacobian.shape
+    n = jacobian.shape[1]
     _, singular, vt = np.linalg.svd(jacobian, full_matrices=False)
     certain = singular > _RANK * singular[0] if singular[0] > 0.0 else np.zeros(n, dtype=bool)
     inverse = np.where(certain, 1.0 / np.where(certain, singular, 1.0) ** 2, 0.0)
-    covariance = (vt.T * inverse) @ vt * float(r @ r) / max(1, m - n)
+    parts = np.split(jacobian, len(errors))
+    middle = sum((e.spread(part) for e, part in zip(errors, parts, strict=True)), np.zeros((n, n)))
+    bread = (vt.T * inverse) @ vt
+    count = sum(e.independent for e in errors)
+    covariance = bread @ middle @ bread * count / max(1.0, count - n)
     lost = np.abs(vt[~certain]).max(axis=0, initial=0.0) > 1e-3  # in directions that show nothing
     deviation = np.where(lost, nan, np.sqrt(np.diag(covariance)))
     with np.errstate(invalid="ignore", divide="ignore"):
         correlation = covariance / np.outer(deviation, deviation)
-    width = float(student.ppf(0.975, m - n)) if m > n else inf
+    width = float(student.ppf(0.975, max(1.0, count - n)))
     return width * deviation, correlation
 
 

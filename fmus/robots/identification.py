@@ -7,16 +7,13 @@ The torque of the joints is linear in the parameters, also with rotors and frict
 Some columns of Y are zero, or combinations of others, in every motion: only the *base parameters*
 can be found, each a combination of parameters. Which ones, is found numerically: in random motions,
 column by column, a column that is a combination of those before is left out and its parameter goes
-into theirs. They are then estimated by weighted least squares. Positions are filtered without a
-phase lag and differentiated; torques and the columns of Y go through the same low-pass filter, and
-one value is kept in 0.4 / cutoff s, so that errors far apart are independent. The intervals allow
-for errors that are correlated between joints and between neighbouring values.
+into theirs. They are then estimated by :mod:`fmus.robots.estimation`. Positions are filtered
+without a phase lag and differentiated; torques and the columns of Y go through the same low-pass
+filter, and one value is kept in 0.4 / cutoff s.
 
 Source: M. Gautier, "Numerical calculation of the base inertial parameters of robots", Journal of
 Robotic Systems 8(4), 1991; J. Swevers, W. Verdonck, J. De Schutter, "Dynamic model identification
-for industrial robots", IEEE Control Systems Magazine 27(5), 2007; W. Newey, K. West, "A simple,
-positive semi-definite, heteroskedasticity and autocorrelation consistent covariance matrix",
-Econometrica 55(3), 1987.
+for industrial robots", IEEE Control Systems Magazine 27(5), 2007.
 """
 
 from __future__ import annotations
@@ -29,6 +26,7 @@ from cosim.base.errors import RunError
 from fmus.models import chain_law
 from fmus.models.chain import Table
 from fmus.numeric import Array, np
+from fmus.robots.estimation import MeasuredTorques, Trace, estimate
 
 #: The ten parameters of a link as they are stored, and their units.
 LINK = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")
@@ -41,8 +39,6 @@ DEPENDENT = 1e-8
 _UNEXCITED = 1e-4
 #: Random states of each joint for the base parameters.
 _STATES = 20
-#: Values after which errors are taken to be independent.
-_LAGS = 2
 #: Cutoff of the positions, and rate of Y, relative to that of torques and Y.
 _POSITIONS, _RATE = 5.0, 20.0
 
@@ -70,7 +66,8 @@ class Identified:
     `condition`: of the columns, each divided by its norm; `residuals` and `torques` (n,): RMS of
     what is left, and of the torques, N.m or N; `rows`: values of each joint that were used.
     `without_effect`: parameters that move nothing, in any motion; `unexcited`: base parameters that
-    this motion does not show.
+    this motion does not show. `traces`: errors of the recording that were estimated, too;
+    `memory` (n,): how long the errors of a joint are correlated, s, 0 if hardly.
     """
 
     parameters: tuple[BaseParameter, ...]
@@ -80,6 +77,8 @@ class Identified:
     rows: int
     without_effect: tuple[str, ...]
     unexcited: tuple[str, ...]
+    traces: tuple[Trace, ...]
+    memory: Array
 
 
 def names(joints: int) -> tuple[tuple[str, ...], tuple[str, ...]]:
@@ -150,7 +149,8 @@ def identified(
     RunError for times that are not equally spaced, and for too short a motion.
     """
     n = table.joints
-    W, tau = _regression(table, v_f, motion, cutoff, progress)
+    data = _regression(table, v_f, motion, cutoff, progress)
+    W, tau = data.W, data.torque
     chosen, others, K = base(table, v_f)
     Wb = W.reshape(-1, W.shape[2])[:, chosen]
     scale = np.linalg.norm(Wb, axis=0)
@@ -158,22 +158,25 @@ def identified(
     Wb = Wb[:, shown]
     if len(Wb) <= 2 * len(shown):
         raise RunError(f"{len(W)} values of each joint for {len(shown)} parameters; expected more")
-    value, interval, rest = _least_squares(Wb, tau.reshape(-1), n)
+    progress("searching errors that are no noise")
+    result = estimate(data.only([chosen[i] for i in shown]))
     every, units = names(n)
     factors = [_factors(every, chosen[i], others, K[i]) for i in shown]
     found = tuple(
         BaseParameter(f, units[chosen[i]], float(x), float(dx), _before(before, every, f))
-        for i, f, x, dx in zip(shown, factors, value, interval, strict=True)
+        for i, f, x, dx in zip(shown, factors, result.value, result.interval, strict=True)
     )
     known = {*chosen, *others}
     return Identified(
         found,
         float(np.linalg.cond(Wb / np.linalg.norm(Wb, axis=0))),
-        np.sqrt(np.mean(rest.reshape(-1, n) ** 2, axis=0)),
+        np.sqrt(np.mean(result.rest**2, axis=0)),
         np.sqrt(np.mean(tau**2, axis=0)),
         len(W),
         tuple(name for i, name in enumerate(every) if i not in known),
         tuple(every[c] for i, c in enumerate(chosen) if i not in shown),
+        result.traces,
+        result.memory,
     )
 
 
@@ -186,45 +189,13 @@ def _before(before: Array, every: tuple[str, ...], factors: dict[str, float]) ->
     return float(sum(k * before[every.index(name)] for name, k in factors.items()))
 
 
-def _least_squares(W: Array, tau: Array, n: int) -> tuple[Array, Array, Array]:
-    """(values, intervals of 95 %, rest), each joint weighted with the inverse of its rest.
-
-    The errors of all joints at one time, and of neighbouring times, may be correlated.
-    """
-    from scipy.stats import t as student
-
-    rest = (tau - W @ np.linalg.lstsq(W, tau, rcond=None)[0]).reshape(-1, n)
-    sigma = np.sqrt(np.mean(rest**2, axis=0))
-    weights = np.tile(1.0 / np.maximum(sigma, 1e-9 * sigma.max() + 1e-300), len(rest))
-    X = W * weights[:, None]
-    scale = np.linalg.norm(X, axis=0)
-    X = X / scale
-    value = np.linalg.lstsq(X, tau * weights, rcond=None)[0]
-    scores = X * (tau * weights - X @ value)[:, None]
-    spread = _long_run(scores.reshape(-1, n, len(value)).sum(axis=1))
-    inverse = np.linalg.inv(X.T @ X)
-    k = len(tau) / len(value)
-    covariance = inverse @ spread @ inverse * k / (k - 1.0)
-    interval = float(student.ppf(0.975, len(rest) - 1)) * np.sqrt(np.diag(covariance))
-    return value / scale, interval / scale, tau - W @ (value / scale)
-
-
-def _long_run(scores: Array) -> Array:
-    """The sum of the covariances (p, p) of `scores` (k, p) with themselves and their neighbours."""
-    found = scores.T @ scores
-    for lag in range(1, _LAGS + 1):
-        product = scores[lag:].T @ scores[:-lag]
-        found = found + (1.0 - lag / (_LAGS + 1.0)) * (product + product.T)
-    return np.asarray(found)
-
-
 def _regression(
     table: Table,
     v_f: Array,
     motion: tuple[Array, Array, Array],
     cutoff: float,
     progress: Callable[[str], None],
-) -> tuple[Array, Array]:
+) -> MeasuredTorques:
     """Y (k, n, 13 n) and tau (k, n), filtered, one of several values kept."""
     t, q, tau = motion
     h = float(t[-1] - t[0]) / max(1, len(t) - 1)
@@ -244,9 +215,13 @@ def _regression(
     progress(f"regressor of {len(rows)} states")
     Y = np.array([columns(table, v_f, smooth[k], dq[k], ddq[k]) for k in rows])
     torque = _filtered(_filtered(tau, h, fast)[::every], h * every, cutoff)
-    Y = _filtered(Y, h * every, cutoff)
+    slow = np.array([np.tanh(dq[k] / v_f) * np.exp(-((dq[k] / v_f) ** 2)) for k in rows])
+    Y, slow = (_filtered(x, h * every, cutoff) for x in (Y, slow))
     keep = slice(ends // every, len(Y) - ends // every, max(1, round(0.4 / cutoff / (h * every))))
-    return Y[keep], torque[keep]
+    spacing = h * every * keep.step
+    return MeasuredTorques(
+        Y[keep], torque[keep], _derivative(Y, h * every)[keep], slow[keep], spacing
+    )
 
 
 def _filtered(x: Array, h: float, cutoff: float) -> Array:

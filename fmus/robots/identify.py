@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
@@ -153,6 +154,8 @@ def _middle(signals: RunWithInputs, run: Run, name: str) -> Array:
 
 def report(found: Identified, component: str) -> list[str]:
     """The parameters with intervals, how well the motion shows them, and what cannot be known."""
+    import numpy as np
+
     from cosim.cli.show import aligned
 
     good = found.condition <= _EXCITING
@@ -179,6 +182,12 @@ def report(found: Identified, component: str) -> list[str]:
         lines.append(
             "note: values and intervals are not to be trusted; move every joint far and fast, "
             "alone and with the others"
+        )
+    lines += [f"note: {trace.text}; the parameters allow for it" for trace in found.traces]
+    for j in np.flatnonzero(found.memory):
+        lines.append(
+            f"note: joint {j}: the torque not explained is correlated over {found.memory[j]:.2g} "
+            "s: intervals allow for such noise, but not for errors of the model"
         )
     if found.unexcited:
         lines.append(f"not shown by this motion: {', '.join(found.unexcited)}")
@@ -208,5 +217,7 @@ def _write(path: Path, found: Identified) -> None:
         "torques": found.torques.tolist(),
         "without_effect": list(found.without_effect),
         "unexcited": list(found.unexcited),
+        "traces": [asdict(trace) for trace in found.traces],
+        "memory": found.memory.tolist(),
     }  # fmt: skip
     write_json(path, data)

@@ -11,6 +11,7 @@ import pytest
 
 from cosim.base.errors import CosimError, ScenarioError
 from cosim.engine.simulate import columns
+from cosim.fitting.errors import errors_of
 from cosim.fitting.fit import Fit, Fitting, measured
 from cosim.fitting.varied import varied
 from cosim.record import Run
@@ -73,6 +74,44 @@ def test_an_interval_of_95_percent_holds_the_truth_about_that_often() -> None:
             for p, t in zip(found.parameters, TRUE.values(), strict=True)
         ]
     assert (held >= 51).all() and held.sum() < 120  # 57 of 60 each on average
+
+
+def slow_noise(n: int, seed: int, memory: float = 25.0) -> np.ndarray:
+    """Noise (n,) of deviation 1 that is correlated over `memory` values."""
+    a = np.exp(-1.0 / memory)
+    w = np.random.default_rng(seed).normal(size=n)
+    noise = np.empty(n)
+    noise[0] = w[0]
+    for k in range(1, n):
+        noise[k] = a * noise[k - 1] + np.sqrt(1 - a * a) * w[k]
+    return noise
+
+
+def test_an_interval_holds_the_truth_with_errors_that_depend_on_each_other() -> None:
+    """Of 40 intervals; those for independent errors hold the truth 24 times."""
+    plan = mass()
+    run = record(plan, columns(plan, ["mass.x"]))
+    inside = 0
+    for seed in range(20):
+        x = run.array("mass.x")[:, 0] + 5e-3 * slow_noise(run.t.size, seed, 3.0)
+        found = fitted(Recording(Path("data.csv"), run.t + 0.0, {"x": x}), "m:0.5..5", "b:0..2")
+        for p, true in zip(found.parameters, (2.0, 0.7), strict=True):
+            inside += abs(p.value - true) <= p.interval
+        assert found.independent["mass.x"] < 60 < found.values
+    assert inside >= 34, inside
+
+
+def test_covariances_of_errors_are_those_of_the_process() -> None:
+    found = errors_of(slow_noise(20_000, 1))
+    share = found.covariance[:60] / found.covariance[0]
+    assert share == pytest.approx(np.exp(-np.arange(60) / 25.0), abs=0.12)
+    assert found.independent == pytest.approx(20_000 / 50, rel=0.3)
+    J = np.random.default_rng(0).normal(size=(200, 3))
+    short = errors_of(slow_noise(200, 2))
+    apart = np.abs(np.subtract.outer(np.arange(200), np.arange(200)))
+    assert short.spread(J) == pytest.approx(J.T @ short.covariance[apart] @ J)
+    white = errors_of(np.random.default_rng(3).normal(size=5000))
+    assert white.independent > 4000
 
 
 def test_a_parameter_at_its_bound_has_no_interval() -> None:

@@ -12,7 +12,8 @@ from cosim.base.errors import RunError
 from fmus.models import chain
 from fmus.models.chain import Table
 from fmus.numeric import Array
-from fmus.robots.identification import Identified, _long_run, base, columns, identified, names
+from fmus.robots.estimation import MeasuredTorques, estimate, long_run
+from fmus.robots.identification import Identified, base, columns, identified, names
 from fmus.robots.serial import serial
 from tests.cli.command import Command
 from tests.cli.conftest import cosim as cosim  # the command as a fixture
@@ -165,5 +166,64 @@ def test_every_parameter_has_a_name_and_a_unit() -> None:
 
 def test_errors_of_neighbouring_values_widen_the_intervals() -> None:
     same, turning = np.ones((3, 1)), np.array([[1.0], [-1.0], [1.0]])
-    assert _long_run(same) == pytest.approx(3.0 + 2.0 * (2.0 * 2.0 / 3.0 + 1.0 / 3.0))
-    assert _long_run(turning) == pytest.approx(3.0 - 2.0 * (2.0 * 2.0 / 3.0 - 1.0 / 3.0))
+    assert long_run(same) == pytest.approx(3.0 + 2.0 * (2.0 * 2.0 / 3.0 + 1.0 / 3.0))
+    assert long_run(turning) == pytest.approx(3.0 - 2.0 * (2.0 * 2.0 / 3.0 - 1.0 / 3.0))
+
+
+def recorded(seed: int, noise: float = 0.05, memory: float = 0.0) -> MeasuredTorques:
+    """Torques of two joints with four parameters, all 1, one in 0.08 s, and their errors.
+
+    `noise`: N.m; `memory`: how long it is correlated, s.
+    """
+    t, rng = 0.08 * np.arange(250), np.random.default_rng(seed)
+    w = 2 * np.pi * np.array([0.1, 0.23, 0.37, 0.59])
+    shift = 0.7 * np.arange(4)
+    x = np.cos(np.multiply.outer(t, w) + shift)
+    rate = -w * np.sin(np.multiply.outer(t, w) + shift)
+    W, dW = np.zeros((250, 2, 4)), np.zeros((250, 2, 4))
+    W[:, 0, :3], dW[:, 0, :3] = x[:, :3], rate[:, :3]
+    W[:, 1, 1:], dW[:, 1, 1:] = x[:, 1:], rate[:, 1:]
+    e = rng.normal(size=(250, 2))
+    if memory:
+        a = np.exp(-0.08 / memory)
+        for k in range(1, 250):
+            e[k] = a * e[k - 1] + np.sqrt(1 - a * a) * e[k]
+    slow = np.sin(np.multiply.outer(t, [3.0, 4.0]))
+    return MeasuredTorques(W, W.sum(axis=2) + noise * e, dW, slow, 0.08)
+
+
+@pytest.mark.parametrize("memory", [0.0, 0.5, 2.0])
+def test_intervals_hold_with_noise_that_is_correlated(memory: float) -> None:
+    inside = 0
+    for seed in range(40):
+        found = estimate(recorded(seed, memory=memory))
+        inside += int(np.sum(np.abs(found.value - 1.0) <= found.interval))
+    assert inside >= 144  # of 160: 90 %
+    assert (found.memory > 0.2).all() == bool(memory)
+
+
+def test_errors_that_are_no_noise_are_found_and_estimated() -> None:
+    """A drive whose torque is recorded 3 % too large, and torques recorded 8 ms late."""
+    inside, gains, delays = 0, 0, 0
+    for seed in range(20):
+        data = recorded(seed, 0.02)
+        large = data.torque * np.array([1.0, 1.03])
+        found = estimate(MeasuredTorques(data.W, large, data.rate, data.slow, 0.08))
+        inside += int(np.sum(np.abs(found.value - 1.0) <= 1.05 * found.interval))
+        for trace in found.traces:
+            gains += trace.kind == "gain" and abs(abs(trace.value) - 0.03) <= 2 * trace.interval
+        late = data.torque - 0.008 * data.rate.sum(axis=2)
+        found = estimate(MeasuredTorques(data.W, late, data.rate, data.slow, 0.08))
+        inside += int(np.sum(np.abs(found.value - 1.0) <= 1.05 * found.interval))
+        for trace in found.traces:
+            delays += trace.kind == "late" and abs(trace.value - 0.008) <= 2 * trace.interval
+    assert delays >= 36 and gains >= 18, (delays, gains)
+    assert inside >= 136, inside  # of 160
+
+
+def test_a_trace_is_said_in_words() -> None:
+    data = recorded(0, 0.02)
+    late = MeasuredTorques(data.W, data.torque - 0.008 * data.rate.sum(axis=2), data.rate,
+                           data.slow, 0.08)  # fmt: skip
+    said = " ".join(trace.text for trace in estimate(late).traces)
+    assert "joint 0: the torque was recorded" in said and "ms late" in said

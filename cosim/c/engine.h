@@ -47,7 +47,7 @@ INLINE int64_t published(const int64_t *place)
 #endif
 }
 
-#define ENGINE_ABI 24
+#define ENGINE_ABI 25
 
 enum { OP_COPY, OP_SCALE, OP_PUSH, OP_PULL, OP_STEP, OP_RECORD, OP_AGE, OP_PLAY,
        OP_AHEAD, OP_BETWEEN, OP_GATE, OP_SLOPE_AHEAD, OP_SLOPE_BETWEEN,
@@ -172,6 +172,12 @@ typedef struct {
     int32_t n_clocks, fed;  /* fed: its inputs were set in this instant */
 } partition_t;
 
+/* When an FMU was in Event Mode, s: the first `room` times of `count`. */
+typedef struct {
+    double *times;
+    int64_t count, room;
+} event_times_t;
+
 /* An FMU with other types than float64, with event mode, with slopes of inputs, or all of it. */
 typedef struct {
     const access_t *inputs, *outputs;
@@ -188,6 +194,7 @@ typedef struct {
     void *get_interval, *get_fraction; /* of clocks that are changing or count down */
     void *activate;         /* NULL: not in scheduled execution */
     void *log;              /* log_t, the environment of call-backs */
+    event_times_t *happened; /* or NULL */
     int64_t n_inputs, n_outputs, n_discrete, n_clocks, n_triggered, n_partitions;
     double next_event;      /* s, the time event it announced, or infinity */
     double latest;          /* s, the most that a clock ticked after its time, */

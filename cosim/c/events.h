@@ -48,8 +48,15 @@ static int leave_event_mode(const doing_t *d, double now)
     return failed_call(*d->status) ? RUN_EVENT : RUN_OK;
 }
 
-static int enter_event_mode(const doing_t *d)
+static void note_event(const typed_t *x, double now)
 {
+    event_times_t *e = x->happened;
+    if (e && e->count++ < e->room) e->times[e->count - 1] = now;
+}
+
+static int enter_event_mode(const doing_t *d, double now)
+{
+    note_event(d->unit->typed, now);
     *d->status = ((mode_t3)d->unit->typed->enter_event)(d->unit->instance);
     return failed_call(*d->status) ? RUN_EVENT : RUN_OK;
 }
@@ -73,7 +80,7 @@ static int input_event(const doing_t *d, int64_t hit, double t)
     int result, needed = changed(x->discrete, x->n_discrete, d->signals);
 
     if (!(wake(d, hit, t) | needed)) return RUN_OK;
-    result = enter_event_mode(d);
+    result = enter_event_mode(d, t);
     if (result == RUN_OK && needed)
         result = set_typed(x->discrete, x->n_discrete, d->unit->instance, d->signals, d->status,
                            d->failed);
@@ -89,7 +96,7 @@ static int step_event(const doing_t *d, double now, int inside, int happened)
     int result;
 
     if (!ticks && !happened && x->next_event > now + SLACK * d->unit->h) return RUN_OK;
-    result = enter_event_mode(d);
+    result = enter_event_mode(d, now);
     return result == RUN_OK ? leave_event_mode(d, now) : result;
 }
 

@@ -293,7 +293,7 @@ static int handle_event(const exchanging_t *d, int inputs)
     int nominals = 0, result = did(d, ((mode_t3)x->enter_event)(d->fmu), RUN_EVENT);
 
     x->events++;
-
+    note_event(typed, x->now);
     if (result == RUN_OK && inputs)
         result = set_typed(typed->discrete, typed->n_discrete, d->fmu, d->signals, d->status,
                            d->failed);

@@ -133,6 +133,10 @@ def simulate(
     called, folder = Path(folder), Path(folder).absolute()  # an FMU may change the directory
     plan = plan or assemble(scenario)
     recorded = columns(plan, scenario.run.record.signals, scenario.place("run.record.signals"))
+    if scenario.run.record.events:
+        from cosim.engine.event_times import check_events
+
+        check_events(plan, scenario.place("run.record.events"))
     slots = [s for c in plan.components for s in (*c.inputs, *c.outputs)]
     slots += [s for group in plan.groups for s in group.slots]
     taken: Sequence[int] | None = None  # the signals in a row, if not all
@@ -163,6 +167,12 @@ def simulate(
         stack.enter_context(stop_on_signal(engine.stop))  # what is opened from here on is closed
         claim_folder(folder, force=force)
         facts = {**metadata(scenario, plan), **(further or {})}
+        events = None
+        if scenario.run.record.events:
+            from cosim.engine.event_times import EventTimes  # few runs ask for it
+
+            events = EventTimes(engine)
+            stack.callback(events.write, folder)
         stack.enter_context(_completed(folder, facts))
         stack.callback(_save_logs, engine, folder)
         takers.append(_table_writer(folder, plan, facts["links"], stack))
@@ -185,6 +195,7 @@ def simulate(
         aside.result()
         wall = watch()
         late, shared = engine.late_clock_ticks(), engine.shares
+        facts |= {} if events is None else {"events": events.counts()}
         facts |= _macro_facts(engine) | {
             "status": FINISHED,
             "wall": wall,

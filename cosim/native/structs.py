@@ -11,7 +11,7 @@ from pathlib import Path
 from cosim.base.errors import CosimError
 from cosim.native.fmu_log import Log
 
-ABI = 24
+ABI = 25
 
 
 class Code(IntEnum):
@@ -279,6 +279,12 @@ class PartitionStruct(c.Structure):
     )
 
 
+class EventTimesStruct(c.Structure):
+    """``event_times_t``."""
+
+    _fields_ = (("times", c.c_void_p), ("count", c.c_int64), ("room", c.c_int64))
+
+
 class Typed(c.Structure):
     """``typed_t``."""
 
@@ -297,7 +303,7 @@ class Typed(c.Structure):
         ("enter_step", c.c_void_p),
         ("set_clock", c.c_void_p),
         ("get_clock", c.c_void_p),
-        *((n, c.c_void_p) for n in ("get_interval", "get_fraction", "activate", "log")),
+        *((n, c.c_void_p) for n in ("get_interval", "get_fraction", "activate", "log", "happened")),
         ("n_inputs", c.c_int64),
         ("n_outputs", c.c_int64),
         ("n_discrete", c.c_int64),

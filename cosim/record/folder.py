@@ -25,13 +25,15 @@ SUMS = "SHA256SUMS"
 #: What is made of a run: its report, a table, an estimate of errors; the log of an FMU, figures.
 REPORT, CSV, ESTIMATE = "report.html", "trajectories.csv", "estimate.json"
 FMU_LOG, FIGURES = ".fmu.log", (".png", ".pdf")
+#: Times of the events of FMUs.
+EVENTS = "events.csv"
 #: Suffix of a link's table while a run goes on.
 ROWS = ".rows"
 #: What ``status`` of ``run.json`` may be. A folder that is "running" and whose run is not there any
 #: more was cut short; `cosim recover` makes it "recovered".
 RUNNING, FINISHED, STOPPED, RECOVERED = "running", "finished", "stopped", "recovered"
 _SINGLE = (TRAJECTORIES, PART, LIVE, METADATA, LAST, SUMS, TABLES, TABLE_ROWS)
-_MADE = (REPORT, CSV, ESTIMATE)
+_MADE = (REPORT, CSV, ESTIMATE, EVENTS)
 
 
 def claim_folder(folder: str | Path, *, force: bool = False) -> Path:

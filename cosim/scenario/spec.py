@@ -23,10 +23,13 @@ from cosim.scenario.bus_spec import LinkFrameSpec, ScenarioBusSpec
 
 
 class RecordSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """What is recorded: every `every`-th tick of `signals` (default: all outputs and received)."""
+    """What is recorded: every `every`-th tick of `signals` (default: all outputs and received), and
+    with `events` when FMUs were in Event Mode.
+    """
 
     every: Annotated[int, msgspec.Meta(ge=1)] = 1
     signals: tuple[str, ...] = ()
+    events: bool = False
 
 
 class BondSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -356,6 +359,9 @@ def logging(scenario: Scenario) -> Scenario:
 def as_data(scenario: Scenario) -> dict[str, Any]:
     """A scenario as plain data: what a run's metadata keeps of it."""
     data: dict[str, Any] = msgspec.to_builtins(scenario, enc_hook=str)
+    record = data["run"]["record"]
+    if not record["events"]:
+        del record["events"]  # few runs have it
     return data
 
 

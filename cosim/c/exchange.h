@@ -17,6 +17,13 @@ typedef struct {
     double next;
 } event_info_t;
 typedef int (*new_states2_t)(void *, event_info_t *);
+/* FMI 1.0: Booleans are char, and there are no modes. */
+typedef int (*completed1_t)(void *, char *);
+typedef struct {
+    char converged, references, values, terminate, defined;
+    double next;
+} event_info1_t;
+typedef int (*event_update1_t)(void *, char, event_info1_t *);
 
 /* A step being done; every function returns RUN_..., and a status that is not OK in *status. */
 typedef struct {
@@ -261,6 +268,12 @@ static int complete(const exchanging_t *d, int *event, int *terminate)
 
     *event = *terminate = 0;
     if (!x->completed) return RUN_OK;
+    if (x->fmi == 1) {
+        char called = 0;
+        result = did(d, ((completed1_t)x->completed)(d->fmu, &called), RUN_STEP);
+        *event = called;
+        return result;
+    }
     if (x->fmi == 2)
         return did(d, ((completed2_t)x->completed)(d->fmu, !d->unit->repeats, event, terminate), RUN_STEP);
     result = did(d, ((completed3_t)x->completed)(d->fmu, !d->unit->repeats, &wants, &ends), RUN_STEP);
@@ -275,6 +288,13 @@ static int update_states(const exchanging_t *d, event_info_t *info)
     int result;
 
     info->again = info->defined = 0;
+    if (x->fmi == 1) {
+        event_info1_t one = {1, 0, 0, 0, 0, 0.0};
+        result = did(d, ((event_update1_t)x->update)(d->fmu, 0, &one), RUN_EVENT);
+        info->again = !one.converged, info->terminate = one.terminate, info->nominals = 0;
+        info->values = one.values, info->defined = one.defined, info->next = one.next;
+        return result;
+    }
     if (x->fmi == 2)
         return did(d, ((new_states2_t)x->update)(d->fmu, info), RUN_EVENT);
     result = did(d, ((update_t)x->update)(d->fmu, &again, &terminate, &nominals, &values, &defined,
@@ -290,7 +310,9 @@ static int handle_event(const exchanging_t *d, int inputs)
     exchange_t *x = d->x;
     const typed_t *typed = d->unit->typed;
     event_info_t info = {1, 0, 0, 0, 0, 0.0};
-    int nominals = 0, result = did(d, ((mode_t3)x->enter_event)(d->fmu), RUN_EVENT);
+    int nominals = 0, result = RUN_OK;
+
+    if (x->enter_event) result = did(d, ((mode_t3)x->enter_event)(d->fmu), RUN_EVENT);
 
     x->events++;
     note_event(typed, x->now);
@@ -309,7 +331,7 @@ static int handle_event(const exchanging_t *d, int inputs)
         d->unit->reached = x->now;
         return RUN_TERMINATED;
     }
-    result = did(d, ((mode_t3)x->enter_continuous)(d->fmu), RUN_EVENT);
+    if (x->enter_continuous) result = did(d, ((mode_t3)x->enter_continuous)(d->fmu), RUN_EVENT);
     return result == RUN_OK && nominals && x->cvode ? cvode_tolerances(d) : result;
 }
 

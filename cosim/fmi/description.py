@@ -125,10 +125,11 @@ def _interfaces(root: ElementTree.Element, fmi: str) -> dict[str, ElementTree.El
     if fmi == "1.0":
         from cosim.fmi.description1 import interface1
 
-        return {"CoSimulation": interface1(root)}
+        found = interface1(root)
+        return {found.tag: found}
     known = [name for name in INTERFACES if fmi != "2.0" or name != "ScheduledExecution"]
-    found = ((name, root.find(name)) for name in known)
-    return {name: element for name, element in found if element is not None}
+    there = ((name, root.find(name)) for name in known)
+    return {name: element for name, element in there if element is not None}
 
 
 def _interface(

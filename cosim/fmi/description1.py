@@ -1,4 +1,4 @@
-"""Model descriptions of FMI 1.0 for co-simulation (§3 there), in the words of later versions."""
+"""Model descriptions of FMI 1.0 (§3 there), in the words of later versions."""
 
 from __future__ import annotations
 
@@ -13,15 +13,17 @@ _UNDEFINED = 4294967295
 
 
 def interface1(root: Element) -> Element:
-    """The element CoSimulation that FMI 2.0 would have. Raises ValueError if it cannot be run."""
+    """The element CoSimulation or ModelExchange that FMI 2.0 would have. Raises ValueError if it
+    cannot be run.
+    """
     alone = root.find("Implementation/CoSimulation_StandAlone")
-    if alone is None:
-        tool = root.find("Implementation/CoSimulation_Tool") is not None
-        found = "co-simulation by a tool" if tool else "model exchange"
+    if alone is None and root.find("Implementation") is not None:
         raise ValueError(
-            f"found FMI 1.0 for {found}; expected FMI 1.0 for co-simulation alone, or FMI 2.0 or "
-            "3.0"
+            "found FMI 1.0 for co-simulation by a tool; expected FMI 1.0 for co-simulation alone "
+            "or for model exchange, or FMI 2.0 or 3.0"
         )
+    if alone is None:
+        return Element("ModelExchange", {"modelIdentifier": root.get("modelIdentifier", "")})
     capabilities = alone.find("Capabilities")
     known: dict[str, str] = {} if capabilities is None else dict(capabilities.attrib)
     return Element("CoSimulation", {**known, "modelIdentifier": root.get("modelIdentifier", "")})

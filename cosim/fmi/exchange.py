@@ -60,7 +60,7 @@ def bind_exchange(instance: Instance, layout: ExchangeLayout, alive: list[Any]) 
 
     Its memory is added to `alive`. Raises FmuError where a function is missing, or CVODE is.
     """
-    x, two = layout.states, layout.fmi == "2.0"
+    x, two, one = layout.states, layout.fmi == "2.0", layout.fmi == "1.0"
     memory = (c.c_double * max(1, _STATES * x.count + _INDICATORS * x.indicators))()
     found = structs.ExchangeStruct(
         memory=c.addressof(memory), n_states=x.count, n_indicators=x.indicators,
@@ -70,13 +70,20 @@ def bind_exchange(instance: Instance, layout: ExchangeLayout, alive: list[Any]) 
         tolerance=layout.tolerance,
     )  # fmt: skip
     alive += [memory, found]
-    functions = {"set_time": "SetTime", "enter_event": "EnterEventMode"}
-    functions["update"] = "NewDiscreteStates" if two else "UpdateDiscreteStates"
-    functions["enter_continuous"] = "EnterContinuousTimeMode"
+    functions = {"set_time": "SetTime"}
+    if one:  # which has no modes
+        functions["update"] = "EventUpdate"
+    else:
+        functions["enter_event"] = "EnterEventMode"
+        functions["update"] = "NewDiscreteStates" if two else "UpdateDiscreteStates"
+        functions["enter_continuous"] = "EnterContinuousTimeMode"
     if x.count:
         functions |= {"set_states": "SetContinuousStates", "get_states": "GetContinuousStates"}
-        functions["derivatives"] = "GetDerivatives" if two else "GetContinuousStateDerivatives"
-        functions["nominals"] = "GetNominalsOfContinuousStates"
+        functions["derivatives"] = (
+            "GetDerivatives" if one or two else "GetContinuousStateDerivatives"
+        )
+        nominals = "GetNominalContinuousStates" if one else "GetNominalsOfContinuousStates"
+        functions["nominals"] = nominals
     if x.indicators:
         functions["indicators"] = "GetEventIndicators"
     if x.completed:

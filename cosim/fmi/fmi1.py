@@ -1,4 +1,4 @@
-"""The functions of an FMI 1.0 library for co-simulation: their names begin with the model's."""
+"""The functions of an FMI 1.0 library: their names begin with the model's."""
 
 from __future__ import annotations
 
@@ -8,12 +8,23 @@ from typing import Any, ClassVar
 
 from cosim.base.errors import FmuError
 from cosim.fmi.fmi2 import Instance2
-from cosim.fmi.library import FATAL, NEVER, Calls, Clocks, NativeCall, Setup
+from cosim.fmi.library import EVENTS_AT_MOST, FATAL, NEVER, Calls, Clocks, NativeCall, Setup
 from cosim.native import fmu_log, structs
 
 
 class _Callbacks1(c.Structure):
     _fields_ = tuple((n, c.c_void_p) for n in ("logger", "allocate", "free", "finished"))
+
+
+class _ModelCallbacks1(c.Structure):
+    _fields_ = tuple((n, c.c_void_p) for n in ("logger", "allocate", "free"))
+
+
+class _EventInfo1(c.Structure):
+    _fields_ = (
+        *((n, c.c_char) for n in ("converged", "references", "values", "terminate", "defined")),
+        ("next", c.c_double),
+    )
 
 
 class Instance1(Instance2):
@@ -78,4 +89,60 @@ class Instance1(Instance2):
             calls.returned(calls.function("TerminateSlave", c.c_void_p)(self.handle))
         if calls.broken < FATAL:
             calls.function("FreeSlaveInstance", c.c_void_p, result=None)(self.handle)
+        self.handle = 0
+
+
+class ModelInstance1(Instance1):
+    """A model of FMI 1.0 for model exchange: there are no modes, and events are one function."""
+
+    def __init__(self, setup: Setup, log: fmu_log.Log) -> None:
+        self._calls = calls = Calls(setup, f"{setup.path.stem}_fmi", log)
+        self.log, self.next_event, self._ended = calls.log, NEVER, False
+        self._tolerance, self._info = setup.tolerance, _EventInfo1()
+        engine, libc = structs.library(), c.CDLL(None)
+        addresses = [structs.address(f) for f in (engine.engine_log1, libc.calloc, libc.free)]
+        arguments = [
+            *(c.c_char_p(text.encode()) for text in (setup.name, setup.token)),
+            _ModelCallbacks1(*addresses), c.c_bool(setup.logging),
+        ]  # fmt: skip
+        instantiate = calls.function("InstantiateModel", *map(type, arguments), result=c.c_void_p)
+        self.handle: int = instantiate(*arguments)
+        if not self.handle:
+            raise FmuError(f"{setup.name}: fmiInstantiateModel failed: {self.log.said()}")
+
+    def enter_initialization(self, t0: float) -> None:
+        """``fmiSetTime`` and ``fmiInitialize`` at `t0`, s."""
+        self._calls.checked("SetTime", c.c_void_p, c.c_double)(self.handle, t0)
+        tolerance = self._tolerance
+        types = (c.c_void_p, c.c_bool, c.c_double, c.c_void_p)
+        self._calls.checked("Initialize", *types)(
+            self.handle, tolerance is not None, tolerance or 0.0, c.byref(self._info)
+        )
+        self._calls.started = True
+
+    def exit_initialization(self, clocks: Clocks | None = None) -> dict[str, list[float]]:
+        """Do the events at the start; no values of clocked variables, in any unit.
+
+        Raises FmuError if they do not end.
+        """
+        update = self._calls.checked("EventUpdate", c.c_void_p, c.c_bool, c.c_void_p)
+        info, rounds = self._info, 0
+        while not ord(info.converged) and not ord(info.terminate):
+            update(self.handle, False, c.byref(info))
+            rounds += 1
+            if rounds == EVENTS_AT_MOST:
+                raise FmuError(f"{self._calls.name}: its discrete states do not converge")
+        self._ended = bool(ord(info.terminate))
+        self.next_event = info.next if ord(info.defined) else NEVER
+        return {}
+
+    def free(self) -> None:
+        """``fmiTerminate`` and ``fmiFreeModelInstance``, as far as they may be called."""
+        if not self.handle:
+            return
+        calls = self._calls
+        if calls.started and not calls.broken:
+            calls.returned(calls.function("Terminate", c.c_void_p)(self.handle))
+        if calls.broken < FATAL:
+            calls.function("FreeModelInstance", c.c_void_p, result=None)(self.handle)
         self.handle = 0

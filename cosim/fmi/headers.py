@@ -5,11 +5,11 @@ from __future__ import annotations
 from importlib.util import find_spec
 from pathlib import Path
 
-#: FMI 1.0 by file (§2.1 of its documents); of later versions FMPy has those of the standard.
-_FMI1 = {
-    "fmiPlatformTypes.h": """#ifndef fmiPlatformTypes_h
+#: Types of FMI 1.0 (§2.1 of its documents); of later versions FMPy has the standard's headers.
+_TYPES = """#ifndef fmiPlatformTypes_h
 #define fmiPlatformTypes_h
 #define fmiPlatform "standard32"
+#define fmiModelTypesPlatform "standard32"
 #define fmiTrue 1
 #define fmiFalse 0
 #define fmiUndefinedValueReference ((fmiValueReference)-1)
@@ -20,8 +20,8 @@ typedef int fmiInteger;
 typedef char fmiBoolean;
 typedef const char *fmiString;
 #endif
-""",
-    "fmiFunctions.h": """#ifndef fmiFunctions_h
+"""
+_FUNCTIONS = """#ifndef fmiFunctions_h
 #define fmiFunctions_h
 #include <stddef.h>
 #include "fmiPlatformTypes.h"
@@ -42,7 +42,7 @@ typedef struct {
     fmiCallbackLogger logger;
     fmiCallbackAllocateMemory allocateMemory;
     fmiCallbackFreeMemory freeMemory;
-#ifdef FMI_COSIMULATION
+#ifndef fmiModelFunctions_h
     fmiStepFinished stepFinished;
 #endif
 } fmiCallbackFunctions;
@@ -51,10 +51,28 @@ typedef struct {
     fmiBoolean terminateSimulation, upcomingTimeEvent;
     fmiReal nextEventTime;
 } fmiEventInfo;
+NAMES
 #endif
-""",
+"""
+#: Functions, whose names in a library begin with the identifier of the model.
+_NAMES = (
+    *("GetModelTypesPlatform", "GetTypesPlatform", "GetVersion", "SetDebugLogging"),
+    *(f"{verb}{kind}" for verb in ("Get", "Set") for kind in ("Real", "Integer", "Boolean")),
+    *("GetString", "SetString", "InstantiateModel", "FreeModelInstance", "SetTime"),
+    *("SetContinuousStates", "CompletedIntegratorStep", "Initialize", "GetDerivatives"),
+    *("GetEventIndicators", "EventUpdate", "GetContinuousStates", "GetNominalContinuousStates"),
+    *("GetStateValueReferences", "Terminate", "InstantiateSlave", "InitializeSlave"),
+    *("TerminateSlave", "ResetSlave", "FreeSlaveInstance", "SetRealInputDerivatives"),
+    *("GetRealOutputDerivatives", "CancelStep", "DoStep", "GetStatus", "GetRealStatus"),
+    *("GetIntegerStatus", "GetBooleanStatus", "GetStringStatus"),
+)
+_DEFINED = "\n".join(f"#define fmi{name} fmiFullName(_fmi{name})" for name in _NAMES)
+_FMI1 = {
+    "fmiPlatformTypes.h": _TYPES,
+    "fmiModelTypes.h": '#include "fmiPlatformTypes.h"\n',
+    "fmiFunctions.h": _FUNCTIONS.replace("NAMES", _DEFINED),
+    "fmiModelFunctions.h": "#define fmiModelFunctions_h\n" + '#include "fmiFunctions.h"\n',
 }
-_FMI1 |= dict.fromkeys(("fmiModelFunctions.h", "fmiModelTypes.h"), '#include "fmiFunctions.h"\n')
 
 
 def header_folder(fmi: str, scratch: Path) -> Path | None:

@@ -17,7 +17,9 @@ def instantiate(setup: Setup, log: fmu_log.Log | None = None) -> Instance:
     if setup.fmi == "2.0":  # few runs have FMUs of several versions
         from cosim.fmi.fmi2 import Instance2 as kind
     elif setup.fmi == "1.0":
-        from cosim.fmi.fmi1 import Instance1 as kind
+        from cosim.fmi.fmi1 import Instance1, ModelInstance1
+
+        kind = ModelInstance1 if setup.interface == "ModelExchange" else Instance1
     else:
         from cosim.fmi.fmi3 import Instance3 as kind
     return kind(setup, fmu_log.log() if log is None else log)

@@ -46,6 +46,12 @@ def read_states(
     root: Element, interface: Element, fmi: str, variables: Sequence[FmuVariable]
 ) -> ContinuousStates:
     """The states that the ModelStructure lists. Raises ValueError for a derivative of no state."""
+    if fmi == "1.0":  # which lists neither states nor derivatives
+        count, indicators = (
+            int(root.get(f"numberOf{what}", "0"))
+            for what in ("ContinuousStates", "EventIndicators")
+        )
+        return ContinuousStates((), (), count, indicators, completed=True, directional=False)
     flags = {name: value in ("true", "1") for name, value in interface.attrib.items()}
     if fmi == "2.0":
         by = {i + 1: v for i, v in enumerate(variables)}

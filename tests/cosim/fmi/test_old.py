@@ -145,7 +145,6 @@ def test_another_token_is_refused_with_what_it_says(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        (old1(""), "found FMI 1.0 for model exchange; expected FMI 1.0 for co-simulation alone"),
         (old1("CoSimulation_Tool"), "found FMI 1.0 for co-simulation by a tool"),
         (old1(more='<ScalarVariable name="z" valueReference="4" causality="output" '
                    'alias="negatedAlias"><Real/></ScalarVariable>'), "'z' is a negated alias"),

@@ -18,6 +18,7 @@ from cosim.native import fmu_log, structs
 from cosim.record import Run
 from cosim.scenario.assemble import assemble
 from fmus.toolchain import compile_object, compile_shared, link_shared
+from tests.cosim.fmi.exporter import strict3
 from tests.cosim.fmi.plain import SOURCE, P, U, Y, counted, described, export, real
 
 
@@ -250,3 +251,16 @@ def test_sources_of_fmi_2(tmp_path: Path, prefix: str, interface: str) -> None:
     run = ran(path, tmp_path, build=True, parameters={"p": 5})
     assert run.column("m.y")[-1] == 7.0
     assert ran(path, tmp_path / "again", build=True).column("m.y")[-1] == 2.0
+
+
+def test_sources_of_fmi_3_that_are_included_by_others(tmp_path: Path) -> None:
+    """With the standard's header; nothing is listed, and one file is part of another."""
+    path = tmp_path / "sources.fmu"
+    header = '#include "fmi3Functions.h"\nfmi3Float64 kept(void) { return 1.0; }\n'
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("modelDescription.xml", strict3())
+        archive.writestr("sources/template.c", (SOURCE.parent / "strict3.c").read_text())
+        archive.writestr("sources/strict3.c", '#include "template.c"\n')
+        archive.writestr("sources/header.c", header)
+    run = ran(path, tmp_path, build=True, parameters={"gain": 5}, start={"x": 7})
+    assert run.column("m.y")[0] == 7.0

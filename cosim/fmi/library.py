@@ -232,7 +232,7 @@ class Calls:
 
     __slots__ = (
         *("library", "_functions", "prefix", "name", "log", "_checked", "broken", "started"),
-        *("_called", "_close", "_stem"),
+        *("_called", "_close", "_at", "_stem"),
     )
 
     def __init__(self, setup: Setup, prefix: str, log: fmu_log.Log) -> None:
@@ -244,7 +244,8 @@ class Calls:
         self._stem = setup.path.stem
         engine = structs.library()
         self._called, self._close = setup.name.encode(), engine.engine_log_close
-        engine.engine_log_open(self._called, c.byref(log))
+        self._at = c.byref(log)
+        engine.engine_log_open(self._called, self._at)
         self._checked: dict[str, Callable[..., None]] = {}
         #: OK, ERROR or FATAL: the worst that was returned.
         self.broken = OK
@@ -254,7 +255,7 @@ class Calls:
     def __del__(self) -> None:
         """Let what the FMU still says be lost."""
         if hasattr(self, "_close"):
-            self._close(c.byref(self.log))
+            self._close(self._at)
 
     def function(self, suffix: str, *types: Any, result: Any = c.c_int) -> Any:
         """A function by its name without the prefix. Raises FmuError where it is missing."""

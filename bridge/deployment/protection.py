@@ -15,7 +15,6 @@ from bridge.drives.model import DEFAULTS, DriveSpec
 from bridge.drives.profiles import load_profile
 from bridge.safety.limits import GuardSpec, to_si
 from cosim.base.errors import ScenarioError
-from cosim.base.names import signal_of
 from cosim.schedule.parts import Slot
 
 
@@ -79,7 +78,8 @@ def drives_by(plan: NodePlan, spec: NodeSpec, message: str) -> bool:
 def age_slot(plan: NodePlan, inlet: Inlet, text: str, place: str) -> int:
     """The signal ``age[0]`` of an inlet's component. Raises ScenarioError."""
     whole = f"{inlet.component}.{text}" in plan.plan.slots()
-    slot = input_of(plan, inlet.component, text if whole else signal_of(text), place)
+    port = text if whole or not text.endswith("]") else text.rpartition("[")[0]
+    slot = input_of(plan, inlet.component, port, place)
     entries = [name.partition(".")[2] for name in slot.scalars()]
     if text not in (*entries, slot.port) or not entries:
         raise ScenarioError(f"{text!r} is not one of the {slot.size} entries of {slot.name}", place)

@@ -1,9 +1,10 @@
 /* end.c: how a node ends on the wall clock, with no torque left on the bus; see end.h. */
 #include "end.h"
 
+#include "bringup.h"
+#include "hear.h"
 #include "outlet.h"
 #include "rest.h"
-#include "sequence.h"
 #include "service.h"
 
 /* The message after the last one of the slots done. */
@@ -34,7 +35,7 @@ void node_send_final(node_t *n)
         scale_torques(n->outlets + i, 0.0);
         outlet_send_sample(n->outlets + i, next_of(n->outlets + i), now);
     }
-    if (n->n_disabling > 0) node_disable(n, now);
+    if (n->n_commanded > 0) bringup_rest(n, now + n->start_ns);
     if (at_once) {
         n->life.state = LIFE_FAULT;
         n->life.reasons |= WHY_COMMAND;
@@ -62,6 +63,10 @@ void node_ramp_down(node_t *n)
         const int64_t deadline = n->start_ns + n->phase_ns + n->slot * n->h_ns;
         const double before = n->life.scale;
         if (pace_now() < deadline) pace_wait(deadline, 0, &n->quit);
+        if (n->n_commanded > 0) {
+            node_hear(n, pace_now() - n->start_ns);
+            bringup_watch(n, pace_now());
+        }
         life_step(&n->life);
         send_scaled_torques(n, before > 0.0 ? n->life.scale / before : 0.0);
         if (n->heartbeat_slots > 0 && n->slot % n->heartbeat_slots == 0)

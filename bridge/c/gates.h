@@ -3,6 +3,7 @@
 #ifndef BRIDGE_GATES_H
 #define BRIDGE_GATES_H
 
+#include "commanded.h"
 #include "delay.h"
 #include "drive.h"
 #include "guard.h"
@@ -41,8 +42,7 @@ typedef struct {
     int64_t sent, saturated;    /* messages; those with values that did not fit */
     forward_t *forwards;    /* replay: what gateways have made of it, each behind what it is made of */
     int64_t n_forwards;
-    int64_t foreign;        /* 1: commands a drive with a protocol of its own: all values are torques,
-                             * and it is not sent while that drive is disabled */
+    commanded_t *commanded; /* the drive with a protocol of its own that it commands: all values are torques; or NULL */
 } outlet_t;
 
 /* A torque that stays inside the node: guarded in place, right after its component has computed it. */
@@ -68,7 +68,7 @@ typedef struct {
     int32_t accept_simulated;
     int32_t awaited;        /* no start before it was received, if its status marks previews */
     int32_t of_fault;       /* 1: torques of a node in FAULT were received; they do not count as samples */
-    int32_t reserved;
+    int32_t drive;          /* positions of this drive, of those the node commands; -1: of none */
     int64_t transit_ns;     /* of the newest: arrival less nominal time, of the stamp or the number */
     history_t *history;     /* its received samples, in a replay; else NULL */
     int32_t sender;         /* number of the node that sends it */

@@ -3,6 +3,7 @@
 
 #include <string.h>
 
+#include "bringup.h"
 #include "forward.h"
 #include "reception.h"
 #include "run_epoch.h"
@@ -143,14 +144,14 @@ static void dispatch(node_t *n, const frame_t *frame)
 {
     const int64_t t = node_started(n) ? frame->t_ns - n->start_ns : 0;
     const services_t *s = n->services + frame->bus;
-    const int32_t asked = node_asked(n, frame);
+    const int32_t asked = node_asked(n, frame), told = bringup_hear(n, frame);
     for (int32_t i = 0; i < n->n_receptions; i++) {
         reception_t *r = n->receptions + i;
         if (r->bus != frame->bus || !message_is(r->message, frame)) continue;
         if (!asked || readable(r, frame)) reception_take(n, r, frame);
         return;
     }
-    if (asked) return;
+    if (asked || told) return;
     if (node_is_estop(n, frame)) take_estop(n, t);
     else if (s->nmt && message_is(s->nmt, frame)) managed(n, frame);
     else if (s->epoch && message_is(s->epoch, frame)) node_epoch_heard(n, frame);

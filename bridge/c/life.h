@@ -37,7 +37,7 @@ static inline int32_t commands_have(uint32_t commands, int32_t command)
 /* Why: bits, latched in `reasons` until COMMAND_RESET. */
 enum { WHY_COMMAND = 1, WHY_ESTOP = 2, WHY_PEER = 4, WHY_STALE = 8, WHY_GUARD = 16, WHY_WATCHDOG = 32,
        WHY_OVERRUN = 64, WHY_COMPONENT = 128, WHY_BUS = 256, WHY_SYNC = 512, WHY_APART = 1024,
-       WHY_JUMP = 2048 };
+       WHY_JUMP = 2048, WHY_DRIVE = 4096 /* a drive that it commands is not enabled */ };
 /* What is normal before all nodes are ready: while a node is INACTIVE and not armed, these bits refuse
  * ARM and START in the tick that raises them, and are not latched. */
 enum { WHY_NOT_YET = WHY_PEER | WHY_STALE | WHY_WATCHDOG | WHY_OVERRUN | WHY_SYNC | WHY_APART };

@@ -56,7 +56,10 @@ API int32_t node_live(node_t *n)
 {
     const int32_t waited = node_wait(n);
     if (waited != LIVE_FINISHED) return waited;
+    if (n->n_commanded > 0) node_stand_by(n, n->start_ns, 1);
     if (begin(n)) return LIVE_NOT_JOINED;
+    if (n->n_commanded > 0) node_stand_by(n, n->start_ns + n->phase_ns + n->slot * n->h_ns, 0);
+    n->host_due_ns = n->slot * n->h_ns; /* from here on by the clock of the run */
     int64_t woke = pace_now();
     while (n->slot < n->slots) {
         const int64_t deadline = n->start_ns + n->phase_ns + n->slot * n->h_ns;

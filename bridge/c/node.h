@@ -8,6 +8,7 @@
 #include <stddef.h>
 
 #include "bus.h"
+#include "commanded.h"
 #include "epoch.h"
 #include "faults.h"
 #include "gates.h"
@@ -86,6 +87,7 @@ typedef struct node {
     const services_t *services; /* one a bus */
     int64_t heartbeat_slots, sync_slots;
     int64_t host_ns, host_due_ns;   /* period of host_heartbeat, and when the next one is due */
+    int64_t host_sync_ns;           /* when the periods of host_sync were looked at before the first slot */
     uint32_t boots, sync_count;
     int64_t syncs_received, syncs_lost;
     int32_t sync_last;
@@ -121,11 +123,12 @@ typedef struct node {
     int64_t patience_ns, lead_ns;   /* maximum wait of a START whose time has passed for missing inputs */
     int32_t (*joined)(int64_t slot);    /* and its life begins lead_ns later, after this; 0: well */
     epoch_t epoch;
-    const frame_t *disabling, *enabling;    /* of all drives with protocols of their own that it
-                             * commands; enabling: each cleared first. `bus`: its number in the node */
-    int32_t n_disabling, n_enabling;
-    int64_t disabled;       /* 1: it has disabled them, and sends them no torque */
-    int64_t disable_ns;     /* when it does so again */
+    commanded_t *commanded; /* drives with protocols of their own that it commands */
+    int32_t n_commanded;
+    int32_t deferred;       /* 1: a START waits for these drives to be ready */
+    int64_t feed_ns, fed_ns;    /* time between two frames that feed them before the first slot; the last */
+    int64_t disable_ns;     /* when they are disabled again */
+    drive_events_t drive_events;
 } node_t;
 
 /* Whether t = 0 is known. */

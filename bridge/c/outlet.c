@@ -37,11 +37,18 @@ static void measured(outlet_t *o)
     drive_measure(o->drive, q, dq, q, dq);
 }
 
+/* Whether its drive, if it commands one, is given torques. */
+static int32_t serves(const outlet_t *o)
+{
+    return !o->commanded || o->commanded->phase == DRIVE_SERVING;
+}
+
 static void gather(outlet_t *o, const double *signals)
 {
     for (int32_t k = 0; k < o->width; k++) o->values[k] = signals[o->sources[k]];
     if (o->drive) measured(o);
     if (o->guard) guarded(o, signals);
+    if (!serves(o)) memset(o->values, 0, (size_t)o->width * sizeof *o->values);
 }
 
 /* What was sent, as its receivers see it. */
@@ -61,7 +68,7 @@ void outlet_send_sample(outlet_t *o, int64_t sequence, int64_t now_ns)
     node_t *n = o->node;
     frame_t frame;
     header_t header;
-    if (o->foreign && n->disabled) return; /* some would take a torque for a request to be enabled */
+    if (!serves(o)) return; /* some would take a torque for a request to be enabled */
     memset(&frame, 0, sizeof frame);
     memset(&header, 0, sizeof header);
     header.counter = (uint32_t)sequence;

@@ -6,7 +6,7 @@
 
 /* Bits of a row. */
 enum { ROW_BURST = 1 /* a missed slot, done late */, ROW_FAILED = 2 /* a component failed in it */,
-       ROW_DISABLED = 4, ROW_ENABLED = 8 /* the drives it commands were, behind the torques of this slot */ };
+       ROW_DISABLED = 4, ROW_ENABLED = 8 /* the drives it commands were told to be disabled, are all ready */ };
 
 /* Begins every row of the journal; then inlets, outlets, signals. */
 typedef struct {
@@ -16,6 +16,7 @@ typedef struct {
     uint32_t now, reasons;
     uint32_t guard, flags;
     double scale;
+    uint64_t serving;       /* bits of the drives it commands that were given torques */
 } row_t;
 
 typedef struct { int64_t held, newest, age_ns, transit_ns, requests; } inlet_row_t;

@@ -8,14 +8,13 @@
 
 enum { BOOTS = 4096 /* what a heartbeat can count to */, PASSED_ON = 10, ALARM_NS = 10000000 };
 
-/* Before the start: previews of this node's first messages for other nodes. A drive with its own protocol
- * is enabled when the node is armed: from then on torque 0 resets its watchdog. */
+/* Before the start: previews of this node's first messages for other nodes. */
 void node_preview(node_t *n, int64_t now_ns)
 {
     for (int32_t i = 0; i < n->n_outlets; i++) {
         outlet_t *o = n->outlets + i;
-        if (!tells_life(o->message) && !(o->foreign && n->life.armed)) continue;
-        for (int32_t k = 0; k < o->width; k++) o->values[k] = o->foreign ? 0.0 : n->signals[o->sources[k]];
+        if (!tells_life(o->message)) continue;
+        for (int32_t k = 0; k < o->width; k++) o->values[k] = n->signals[o->sources[k]];
         if (o->guard) memset(o->values + o->guarded, 0, (size_t)o->joints * sizeof(double));
         outlet_send_sample(o, 0, now_ns);
         o->sent = 0;
@@ -54,13 +53,29 @@ void node_host(node_t *n, int64_t now_ns)
         node_service(n, b, n->services[b].host_heartbeat, &state, header, now_ns);
 }
 
-void node_host_sync(node_t *n, int64_t now_ns)
+static void send_host_sync(node_t *n, int32_t bus, int64_t now_ns)
 {
     const double nothing = 0.0;
     const header_t header = {0, 0, 0, 0};
+    node_service(n, bus, n->services[bus].host_sync, &nothing, header, now_ns);
+}
+
+void node_host_sync(node_t *n, int64_t now_ns)
+{
     for (int32_t b = 0; b < n->n_buses; b++)
         if (n->services[b].host_sync && n->slot % n->services[b].host_sync_slots == 0)
-            node_service(n, b, n->services[b].host_sync, &nothing, header, now_ns);
+            send_host_sync(n, b, now_ns);
+}
+
+void node_host_sync_early(node_t *n, int64_t now_ns)
+{
+    for (int32_t b = 0; b < n->n_buses; b++) {
+        const services_t *s = n->services + b;
+        const int64_t period_ns = s->host_sync_slots * n->h_ns;
+        if (!s->host_sync || now_ns / period_ns == n->host_sync_ns / period_ns) continue;
+        send_host_sync(n, b, now_ns);
+    }
+    n->host_sync_ns = now_ns;
 }
 
 void node_sync(node_t *n, int64_t now_ns)

@@ -3,9 +3,9 @@
 
 #include <string.h>
 
+#include "bringup.h"
 #include "hear.h"
 #include "run_epoch.h"
-#include "sequence.h"
 #include "service.h"
 
 /* At its own end a node ignores the end of its peers. */
@@ -50,21 +50,45 @@ static uint32_t take_commands(node_t *n)
     return found;
 }
 
-static void live(node_t *n, row_t *row)
+/* A START waits until the drives that this node commands are ready. */
+static uint32_t hold_start(node_t *n, uint32_t commands, int64_t now_ns)
+{
+    uint32_t kept = 0;
+    int32_t armed = n->life.armed;
+    if (n->n_commanded == 0) return commands;
+    if (n->life.state != LIFE_INACTIVE && n->life.state != LIFE_FAULT) n->deferred = 0;
+    if (commands_have(commands, COMMAND_STOP) || commands_have(commands, COMMAND_RESET)) n->deferred = 0;
+    for (uint32_t left = commands; left; left >>= 3) {
+        const int32_t what = (int32_t)(left & 7);
+        armed |= what == COMMAND_ARM;
+        if (what == COMMAND_START && armed && !bringup_ready(n, now_ns)) n->deferred = 1;
+        else kept = commands_add(kept, what);
+    }
+    if (n->deferred && n->life.armed && bringup_ready(n, now_ns)) {
+        n->deferred = 0;
+        kept = commands_add(kept, COMMAND_START);
+    }
+    return kept;
+}
+
+static void live(node_t *n, row_t *row, int64_t limit_ns)
 {
     const int32_t before = n->life.state;
     if (n->clock == CLOCK_REPLAY) {
         const row_t *r = (const row_t *)(n->replayed + n->replay_row * n->row_size);
         n->life.now = r->now;
         n->life.commands = r->commands;
+        bringup_replay(n, r->serving);
     } else {
         watch(n);
-        n->life.commands = take_commands(n);
+        bringup_watch(n, limit_ns + n->start_ns);
+        n->life.commands = hold_start(n, take_commands(n), limit_ns + n->start_ns);
         if (commands_have(n->life.commands, COMMAND_STOP)) n->stopping = 1;
     }
     if (row) {
         row->now = n->life.now;
         row->commands = n->life.commands;
+        row->serving = bringup_serving(n);
     }
     life_step(&n->life);
     drives(n, before);
@@ -125,12 +149,12 @@ int32_t node_slot(node_t *n, int64_t limit_ns, int64_t woke_ns, uint32_t flags)
         node_hear(n, limit_ns);
     }
     row = journal_next(n->journal);
-    live(n, row);
+    live(n, row, limit_ns);
     if (row) row->received_ns = n->clock == CLOCK_WALL ? pace_now() - n->start_ns : limit_ns;
     *n->record = row ? (double *)((char *)row + n->signals_offset) : 0;
     *n->record_row = 0;
     n->result = n->run(n->engine, 1);
-    flags |= node_drives(n, limit_ns);
+    flags |= bringup_step(n, limit_ns + n->start_ns, 0);
     n->done_ns = n->clock == CLOCK_WALL ? pace_now() - n->start_ns : limit_ns;
     if (row) {
         write_row(n, row, limit_ns, woke_ns, flags | (n->result ? ROW_FAILED : 0));
@@ -153,6 +177,7 @@ API void node_enable(node_t *n, int64_t now_ns)
         drive_request(n->inlets[i].drive, DRIVE_POWER_ON, now_ns);
         drive_request(n->inlets[i].drive, DRIVE_ENABLE, now_ns);
     }
+    if (n->clock != CLOCK_WALL) bringup_assume(n);
     n->begun = 1;
     n->host_due_ns = now_ns;
     n->alarms = -1;

@@ -1,10 +1,10 @@
 /* start.c: a node before its first slot, on the wall clock: presence of peers, START and ARM. */
 #include "start.h"
 
+#include "bringup.h"
 #include "hear.h"
 #include "rest.h"
 #include "run_epoch.h"
-#include "sequence.h"
 #include "service.h"
 
 enum { IDLE_NS = 5000000, BEAT_NS = 20000000, OBEY_NS = 100000000, REFUSE_NS = 20000000 };
@@ -128,8 +128,10 @@ static void join(node_t *n, pending_t *start, int64_t now)
 /* START, when it is time: what has come until then is what the first slot holds. */
 static void start_if_due(node_t *n, pending_t *start, int64_t now)
 {
-    if (!start->until || now < start->from) return;
-    const uint32_t why = run_is_over(n, now) ? 0 : missing_bits(n, now);
+    if (!start->until) return;
+    if (n->simulated && n->n_commanded > 0 && !n->life.armed && !missing_bits(n, now)) command(n, COMMAND_ARM, 0);
+    if (now < start->from) return;
+    const uint32_t why = run_is_over(n, now) ? 0 : missing_bits(n, now) | (bringup_ready(n, now) ? 0 : WHY_DRIVE);
     if (why && now < start->until) return;
     if (n->simulated && !n->life.armed && !why) command(n, COMMAND_ARM, 0);
     command(n, COMMAND_START, why);
@@ -159,6 +161,30 @@ static void obey(node_t *n, pending_t *start, int64_t now)
     if (n->life.state != LIFE_ACTIVE && !start->until) n->start_ns = 0;
 }
 
+/* Once every IDLE_NS: drives are brought up and fed, and hear the services that they need. */
+static void attend_drives(node_t *n, int64_t now)
+{
+    bringup_step(n, now, 1);
+    node_host(n, now);
+    node_host_sync_early(n, now);
+}
+
+void node_stand_by(node_t *n, int64_t until_ns, int32_t hears)
+{
+    int64_t next = pace_now();
+    while (next < until_ns && !*(volatile int32_t *)&n->quit) {
+        if (hears) {
+            const int64_t t = pace_now() - n->start_ns;
+            node_hear(n, t < 0 ? t : -1);
+            bringup_watch(n, next);
+        }
+        attend_drives(n, next);
+        next += IDLE_NS;
+        node_idle(n, next < until_ns ? next : until_ns);
+        if (pace_now() > next + IDLE_NS) next = pace_now();
+    }
+}
+
 int32_t node_wait(node_t *n)
 {
     pending_t start = {0, 0};
@@ -167,12 +193,13 @@ int32_t node_wait(node_t *n)
     n->alarms = -1;
     for (;;) {
         if (*(volatile int32_t *)&n->quit) {
-            if (n->life.armed) node_disable(n, next);
+            if (n->life.armed) bringup_rest(n, next);
             return LIVE_NEVER_STARTED;
         }
         n->now_ns = 0;
         node_hear(n, n->start_ns ? pace_now() - n->start_ns : INT64_MAX);
         if (n->alarm == ALARM_RAISED) n->life.now |= WHY_ESTOP, n->alarm = ALARM_OURS;
+        bringup_watch(n, next);
         obey(n, &start, next);
         if (n->life.state == LIFE_ACTIVE) return LIVE_FINISHED;
         if (next >= beat) {
@@ -180,8 +207,7 @@ int32_t node_wait(node_t *n)
             node_preview(n, 0);
             beat = next + BEAT_NS;
         }
-        node_drives(n, next);
-        node_host(n, next);
+        attend_drives(n, next);
         node_alarm(n, next);
         next += IDLE_NS;
         node_idle(n, next);

@@ -12,6 +12,9 @@
  * on its own when it receives EPOCH, until STOP. ARM is refused under the same conditions. A rehearsal
  * arms itself; with real drives ARM must come first. LIVE_FINISHED: the node is ACTIVE. */
 int32_t node_wait(node_t *n);
+/* Between node_wait and the first slot, until this time of CLOCK_MONOTONIC: drives are fed. `hears`: what is
+ * received until t = 0 counts as before the start, so that positions are those of now. */
+void node_stand_by(node_t *n, int64_t until_ns, int32_t hears);
 /* Message i is awaited and was not received; peer i is required and not present. */
 API int32_t node_unheard(const node_t *n, int32_t i);
 API int32_t node_absent(const node_t *n, int32_t i, int64_t now);

@@ -70,13 +70,12 @@ def node(
     if the node was stopped before the end.
     """
     import threading
-    from contextlib import ExitStack
 
     from bridge.cli.options import bus_settings, unused_folder
     from bridge.deployment import spec as deployments
     from bridge.deployment.system import load_system
     from bridge.node.control import Control
-    from bridge.node.drive_enable import enabled
+    from bridge.node.drive_enable import disabled_at_the_end, foreign_drives
     from bridge.node.run import NodeOptions, run_node
     from bridge.preflight import deployment
     from bridge.records.lives import Life
@@ -103,7 +102,7 @@ def node(
 
     controls: list[Control] = []
     waited: list[str] = []
-    ready = threading.Event()
+    ready, enabled = threading.Event(), threading.Event()
 
     def say(event: Mapping[str, Any]) -> None:
         if event["event"] == "waiting":
@@ -119,6 +118,14 @@ def node(
             return
         if event["event"] == "unshared":
             typer.echo(f"{name}: {UNSHARED}", err=True)
+            return
+        if event["event"] == "drives":
+            failed = "; ".join(event["failed"])
+            if failed and now and not enabled.is_set():
+                raise RunError(f"{name}: {failed}")
+            typer.echo(f"{name}: {failed or 'all drives are ready'}", err=bool(failed))
+            if not failed:
+                enabled.set()
             return
         if event["event"] == "refused":
             typer.echo(f"{name}: refused to start or to arm: {event['why']}", err=True)
@@ -139,14 +146,15 @@ def node(
                 wanting = ", ".join(waited)
                 raise RunError(f"{name}: not ready: has not received from {wanting}")
             if hardware:
-                drives.enter_context(enabled(system, [name]))
                 control.arm()
+                if foreign_drives(system, [name]) and not enabled.wait(system.deployment.patience):
+                    raise RunError(f"{name}: its drives are not ready")
             control.begin(0.5)
 
     options = NodeOptions(
         Life(name), folder.absolute() / NODES, real=hardware, warm_up=1.0, alone=True
     )
-    with ExitStack() as drives:
+    with disabled_at_the_end(system, [name] if hardware else []):
         report = run_node(system, options, say, listen)
     rows = complete_node(system, folder, report, facts)
     _say(system, folder, report, rows)

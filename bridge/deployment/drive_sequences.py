@@ -1,7 +1,7 @@
-"""Drives with their own protocols: the frames that enable, disable and clear them.
+"""Drives with their own protocols: those that a node commands, and the frames of their sequences.
 
-A node that commands such drives disables them when its torque has ended in FAULT; an emulated drive
-follows the same frames. Both are tables for ``bridge/c/sequence.c``, made here of profiles.
+A node brings such drives up after ARM and disables them at its end (``bridge/c/bringup.c``); an
+emulated drive follows the same frames (``bridge/c/sequence.c``).
 """
 
 from __future__ import annotations
@@ -14,8 +14,9 @@ from bridge.deployment.cut import Inlet, NodePlan, Outlet
 from bridge.deployment.drive_messages import profile_of
 from bridge.deployment.spec import Deployment
 from bridge.drives.profiles import DriveProfile
+from bridge.drives.raw_frames import Raw
 from bridge.native import node as native
-from bridge.native.bus import FORMAT, Accept
+from bridge.native.bus import FORMAT, KIND, Accept
 from bridge.native.frame import Frame
 from bridge.native.safety import DriveRequest
 
@@ -35,6 +36,11 @@ class Foreign:
     profile: DriveProfile
     node: int
 
+    @property
+    def name(self) -> str:
+        """The drive for people: ``drive 3 on bus left``."""
+        return f"drive {self.node} on bus {self.bus}"
+
     def frames(self, *sequences: str) -> list[Frame]:
         """The frames of these sequences, one after the other."""
         raws = [raw for name in sequences for raw in self.profile.frames(name, self.node)]
@@ -43,6 +49,52 @@ class Foreign:
     def frame(self, identifier: int, data: bytes) -> Frame:
         """A frame in the format of the drive's commands."""
         return Frame.of(identifier, data, self.profile.format)
+
+    def torque(self, value: float) -> tuple[int, bytes]:
+        """Identifier and data of a command with this torque for each joint, in the DBC's unit."""
+        codec = self.profile.codec(self.profile.command, self.node)
+        return codec.layout.identifier, codec.encode([value] * self.profile.joints)
+
+    @property
+    def status(self) -> Accept:
+        """The frames in which it tells its state, classic or CAN FD."""
+        return Accept(self.profile.status_layout(self.node).identifier, flag_mask=KIND)
+
+    @property
+    def watchdog_value(self) -> int:
+        """The value of the register of its watchdog; 0: its profile does not set it."""
+        own = self.profile.watchdog
+        return own.raw(self.profile.timeout) if own.write or own.read else 0
+
+    def steps(self) -> list[Raw | tuple[Raw, Raw]]:
+        """The frames that bring it up, in their order; with an answer: two of them."""
+        own, sequences = self.profile.watchdog, self.profile.sequences
+        found: list[Raw | tuple[Raw, Raw]] = []
+        if own.write is not None:
+            found.append(own.write)
+        if own.read is not None and own.reply is not None:
+            found.append((own.read, own.reply))
+        return [*found, *sequences["clear"], *sequences["enable"]]
+
+    def expected(self, step: int) -> tuple[str, ...]:
+        """Names of the states, or the register, that have to follow a step."""
+        one = self.steps()[step]
+        return (self.profile.watchdog.register,) if isinstance(one, tuple) else one.expect
+
+    def wrong_value(self, word: int) -> str:
+        """The sentence on an answer of the watchdog's register that has another time-out."""
+        own = self.profile.watchdog
+        assert own.reply is not None
+        identifier, data = own.reply.at(self.node)[0], word.to_bytes(8, "little")
+        return own.wrong_value(self.profile.timeout, self.node, identifier, data)
+
+    def answers(self) -> tuple[Accept, ...]:
+        """The frames that its node reads of it, besides those of messages."""
+        own = self.profile.watchdog
+        status = (self.status,) if self.profile.status.message else ()
+        if own.reply is None:
+            return status
+        return (*status, Accept(own.reply.at(self.node)[0], flag_mask=KIND))
 
 
 def commands(d: Deployment, outlet: Outlet) -> bool:
@@ -70,7 +122,7 @@ def emulated(d: Deployment, node: str, inlet: Inlet) -> Foreign | None:
 
 
 def accepted_frames(d: Deployment, plan: NodePlan, node: str, bus: str) -> tuple[Accept, ...]:
-    """Frames of sequences that the emulated drives of a node follow on a bus."""
+    """Frames on a bus that the emulated drives of a node follow, and that its real drives tell."""
     drives = [emulated(d, node, inlet) for inlet in plan.inlets]
     found = {
         (f.id, f.flags & FORMAT)
@@ -78,7 +130,9 @@ def accepted_frames(d: Deployment, plan: NodePlan, node: str, bus: str) -> tuple
         if drive and drive.bus == bus
         for f in drive.frames(*REQUESTS)
     }
-    return tuple(Accept(number, flags=kind, flag_mask=FORMAT) for number, kind in sorted(found))
+    answers = [a for x in commanded_drives(d, plan) if x.bus == bus for a in x.answers()]
+    asked = [Accept(number, flags=kind, flag_mask=FORMAT) for number, kind in sorted(found)]
+    return (*asked, *answers)
 
 
 def table(drives: Iterable[Foreign], buses: Sequence[str], *sequences: str) -> c.Array[Frame]:

@@ -22,6 +22,7 @@ from bridge.can.codec import Codec
 from bridge.can.layout import LayoutError, MessageLayout, find
 from bridge.drives.model import DEFAULTS, VALUES, DriveSpec
 from bridge.drives.raw_frames import OwnWatchdog, Raw
+from bridge.drives.status import NO_STATUS, Status, read_status
 from bridge.native.frame import Flags
 from bridge.safety.limits import to_si
 from cosim.base import toml
@@ -31,8 +32,8 @@ from cosim.base.units import conversion
 PORTS = {"tau": "N.m", "q": "rad", "dq": "rad/s"}
 SEQUENCES = ("enable", "disable", "clear")
 _LIMITS = {"tau_max": "N.m", "q_max": "rad", "dq_max": "rad/s"}
-#: s; the shortest watchdog that is set: nodes feed it every 20 ms before the start.
-SHORTEST = 0.05
+#: What feeds the watchdog of a drive.
+FED_BY = ("frame", "torque", "heartbeat", "link")
 T = TypeVar("T")
 
 
@@ -91,6 +92,7 @@ class DriveProfile:
     counts: float = 0.0  # a turn
     refuses_simulated: bool = False
     host: Host = Host()
+    status: Status = NO_STATUS
     protocol: str = ""  # the file that profiles of one protocol share
 
     @property
@@ -110,8 +112,8 @@ class DriveProfile:
 
     @property
     def timeout(self) -> float:
-        """Of the drive's watchdog as it is set, s: what nodes can feed also before the start."""
-        return max(to_si(self.drive.watchdog or 0.0, "s", f"{self.path}: drive.watchdog"), SHORTEST)
+        """The time-out of the drive's watchdog as it is set, s."""
+        return to_si(self.drive.watchdog or 0.0, "s", f"{self.path}: drive.watchdog")
 
     def host_heartbeat(self, number: int) -> Codec | None:
         """Heartbeat of a host with this number, as these drives take it; None: they do not."""
@@ -160,6 +162,12 @@ class DriveProfile:
         gain *= at.direction * (gear if port == "tau" else 1 / gear)
         return gain, at.zero if port == "q" else 0.0
 
+    def status_layout(self, node: int) -> MessageLayout:
+        """The message in which a drive tells its state. Raises ScenarioError."""
+        return _of_node(
+            self.layouts, ProfileMessage(self.status.message, self.status.step), node, self.path
+        )
+
     def frames(self, sequence: str, node: int) -> tuple[tuple[int, bytes], ...]:
         """The frames of ``enable``, ``disable`` or ``clear``; none where the profile needs none."""
         return tuple(raw.at(node) for raw in self.sequences[sequence])
@@ -185,7 +193,7 @@ def load_profile(path: str | Path) -> DriveProfile:
     text = str(path)
     found, protocol = _read(Path(path))
     known = {"title", "dbc", "command", "feedback", "sequences", "watchdog", "limits", "drive"}
-    known |= {"host", "side", "rated_torque", "counts", "refuses_simulated"}
+    known |= {"host", "status", "side", "rated_torque", "counts", "refuses_simulated"}
     _known(found, known, text)
     if not isinstance(found.get("dbc"), str):
         raise ScenarioError(f"is {found.get('dbc')!r}, expected a DBC file", f"{text}: dbc")
@@ -250,6 +258,7 @@ def _profile(found: dict[str, Any], layouts: tuple[MessageLayout, ...], path: st
         counts=to_si(found.get("counts", 0.0), "1", f"{path}: counts"),
         refuses_simulated=bool(found.get("refuses_simulated", False)),
         host=_made(Host, _table(found, "host", path), f"{path}: host"),
+        status=read_status(_table(found, "status", path), f"{path}: status"),
     )
 
 
@@ -267,12 +276,34 @@ def _check(profile: DriveProfile) -> None:
                 f"message {part.message} has no status; expected one with the flag simulated",
                 f"{profile.path}: refuses_simulated",
             )
+    _check_states(profile)
     try:
         profile.host_heartbeat(1)
         profile.host_sync()
     except LayoutError as error:
         raise ScenarioError(str(error), f"{profile.path}: host") from None
     profile.drive.build(profile.joints, 1e-3, f"{profile.path}: drive")
+
+
+def _check_states(profile: DriveProfile) -> None:
+    """Steps expect states that the profile has, and end with an enabled drive."""
+    if profile.watchdog.fed_by not in FED_BY:
+        text = f"is {profile.watchdog.fed_by!r}, expected one of {', '.join(FED_BY)}"
+        raise ScenarioError(text, f"{profile.path}: watchdog.fed_by")
+    status, place = profile.status, f"{profile.path}: sequences"
+    if not status.message:
+        return
+    profile.status_layout(1)
+    known = {name for state in status.states for name in (state.name, state.kind)}
+    for sequence in SEQUENCES:
+        for i, raw in enumerate(profile.sequences[sequence]):
+            if odd := [name for name in raw.expect if name not in known]:
+                text = f"expects {odd[0]!r}, which is no state of [status]"
+                raise ScenarioError(text, f"{place}.{sequence}[{i}]")
+    enable = profile.sequences["enable"]
+    last = status.bits(enable[-1].expect) if enable else 0
+    if not last or last & ~status.bits(("enabled",)):
+        raise ScenarioError("the last frame does not expect an enabled state", f"{place}.enable")
 
 
 def _of_node(
@@ -295,7 +326,9 @@ def _part(table: dict[str, Any], place: str) -> ProfileMessage:
 
 
 def _raw(table: dict[str, Any], place: str) -> Raw:
-    raw = _made(Raw, table, place)
+    expect = table.get("expect", ())
+    expect = (expect,) if isinstance(expect, str) else tuple(expect)
+    raw = _made(Raw, {**table, "expect": expect}, place)
     raw.check(place)
     return raw
 

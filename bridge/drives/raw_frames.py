@@ -13,14 +13,24 @@ _HEX = re.compile(r"[0-9A-Fa-f]{2}|NN|U[124]")
 
 @dataclass(frozen=True, slots=True)
 class Raw:
-    """A frame as hexadecimal bytes; ``NN``: the node, ``U4``: a value of 4 bytes, little endian."""
+    """A frame as hexadecimal bytes; ``NN``: the node, ``U4``: a value of 4 bytes, little endian.
+
+    In a sequence: `expect`: the states (names or kinds of the profile's ``[status]``) of which one
+    has to follow; `within`: the time for it; `again`: the frame is sent again after so long.
+    """
 
     id: int
     data: str
     step: int = 0
+    expect: tuple[str, ...] = ()
+    within: str | float = "0.3 s"
+    again: str | float = "50 ms"
 
     def check(self, place: str) -> None:
         """Raise ScenarioError unless the text describes a frame of up to 8 bytes."""
+        for name in ("within", "again"):
+            if not to_si(getattr(self, name), "s", f"{place}.{name}") >= 0:
+                raise ScenarioError("is below 0, expected a time", f"{place}.{name}")
         wrong = [token for token in self.data.split() if not _HEX.fullmatch(token)]
         if wrong or len(self.at(0)[1]) > 8:
             raise ScenarioError(
@@ -38,6 +48,18 @@ class Raw:
                 data.append(node & 0xFF if token == "NN" else int(token, 16))
         return self.id + self.step * node, bytes(data)
 
+    def value_mask(self, node: int) -> int:
+        """Bits of the value at ``U4`` in the data, taken as one number, little endian."""
+        zero, ones = (
+            self.at(node, (1 << 8 * size) - 1 if size else 0)[1] for size in (0, self._size)
+        )
+        return int.from_bytes(zero, "little") ^ int.from_bytes(ones, "little")
+
+    @property
+    def _size(self) -> int:
+        """Bytes of its value; 0: it has none."""
+        return sum(int(token[1]) for token in self.data.split() if token[0] == "U")
+
     def value(self, node: int, identifier: int, data: bytes) -> int | None:
         """The value at ``U4`` in a frame, or None for another frame."""
         number, at = 0, 0
@@ -54,7 +76,11 @@ class Raw:
 
 @dataclass(frozen=True, slots=True)
 class OwnWatchdog:
-    """The watchdog inside a drive. Without `write` and `read` it is set by other means."""
+    """The watchdog inside a drive. Without `write` and `read` it is set by other means.
+
+    `fed_by`: any ``frame`` to the drive, ``torque``, or the ``heartbeat`` of its host; ``link``:
+    torques and heartbeats of this project's own protocol.
+    """
 
     fed_by: str
     register: str = ""
@@ -70,16 +96,11 @@ class OwnWatchdog:
             raise ScenarioError(f"time-out {timeout:g} s is off, expected at least {self.unit}")
         return value
 
-    def check(self, timeout: float, node: int, identifier: int, data: bytes) -> bool:
-        """Whether a frame is the answer to `read`, with `timeout` (s) in it.
-
-        Raises ScenarioError if it has another time-out: such a drive must not be armed.
-        """
+    def wrong_value(self, timeout: float, node: int, identifier: int, data: bytes) -> str:
+        """The sentence on an answer to `read` that has another time-out than `timeout` (s)."""
         found = None if self.reply is None else self.reply.value(node, identifier, data)
-        if found is None:
-            return False
-        if found != self.raw(timeout):
-            unit = to_si(self.unit, "s", "watchdog.unit")
-            said = f"{found * unit:g} s" if found else "0, off"
-            raise ScenarioError(f"node {node}: {self.register} reads {said}, not {timeout:g} s")
-        return True
+        if found is None or found == self.raw(timeout):
+            return ""
+        unit = to_si(self.unit, "s", "watchdog.unit")
+        said = f"{found * unit:g} s" if found else "0, off"
+        return f"{self.register} reads {said}, not {timeout:g} s"

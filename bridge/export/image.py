@@ -14,6 +14,7 @@ from math import inf, isnan
 from typing import Any, final
 
 from bridge.native import message, node, safety
+from bridge.native.commanded import CommandedStruct, StepStruct, ToldStruct
 from bridge.native.delay import Delay, SampleStruct, WaitingStruct
 from bridge.native.frame import Frame
 from cosim.base.errors import CosimError
@@ -39,6 +40,9 @@ _NAMES: Mapping[type, str] = {
     SampleStruct: "sample_t",
     WaitingStruct: "waiting_t",
     Frame: "frame_t",
+    CommandedStruct: "commanded_t",
+    ToldStruct: "told_t",
+    StepStruct: "step_t",
     c.c_double: "double",
     c.c_int64: "int64_t",
 }
@@ -76,8 +80,7 @@ _POINTERS: Mapping[type, Mapping[str, _Target]] = {
         "insides": _many(node.Inside, "n_insides"),
         "peers": _many(safety.Peer, "n_peers"),
         "services": _many(node.Services, "n_buses"),
-        "disabling": _many(Frame, "n_disabling", kept=True),
-        "enabling": _many(Frame, "n_enabling", kept=True),
+        "commanded": _many(CommandedStruct, "n_commanded"),
     },
     node.Reception: {
         "message": _MESSAGE,
@@ -101,6 +104,12 @@ _POINTERS: Mapping[type, Mapping[str, _Target]] = {
         "values": _many(c.c_double, "width"),
         "guard": _one(safety.Guard),
         "drive": _one(safety.DriveStruct),
+        "commanded": _one(CommandedStruct),
+    },
+    CommandedStruct: {
+        "told": _many(ToldStruct, "n_told", kept=True),
+        "steps": _many(StepStruct, "n_steps", kept=True),
+        "disabling": _many(Frame, "n_disabling", kept=True),
     },
     node.Inside: {"node": _one(node.NodeStruct), "guard": _one(safety.Guard)},
     node.Sequence: {"frames": _many(Frame, "count", kept=True)},
@@ -129,7 +138,7 @@ _POINTERS: Mapping[type, Mapping[str, _Target]] = {
 _OUTSIDE = frozenset(
     {"engine", "run", "signals", "record", "record_row", "buses", "journal", "heard", "pending"}
     | {"has_pending", "played", "n_played", "joined", "aparts", "n_aparts", "faults", "replayed"}
-    | {"lead_ns", "patience_ns", "overrun_ns", "row_size"}
+    | {"lead_ns", "patience_ns", "overrun_ns", "row_size", "drive_events"}
     | {"inlet_offset", "outlet_offset", "signals_offset"}
 )
 _FIRST = "node_first"

@@ -6,6 +6,7 @@ import ctypes as c
 from functools import lru_cache
 
 from bridge.native import faults, message, safety
+from bridge.native.commanded import CommandedStruct, DriveEvents
 from bridge.native.delay import Delay
 from bridge.native.epoch import Epoch
 from bridge.native.frame import Frame
@@ -15,7 +16,7 @@ from bridge.native.network import NetworkStruct, RouteStruct
 from bridge.native.pace import Histogram
 
 WALL, SIMULATED, REPLAY = 1, 2, 3
-#: Flags of a row: a missed slot, done late; a component failed; its drives were disabled, enabled.
+#: Flags of a row: a missed slot, done late; a component failed; drives disabled; all ready.
 BURST, FAILED, DISABLED, ENABLED = 1, 2, 4, 8
 RAISED = 1  # of `alarm`: emergency stop
 UNKNOWN, THERE = 0, 1  # a sample in a replay
@@ -76,7 +77,7 @@ class Reception(c.Structure):
         ("accept_simulated", c.c_int32),
         ("awaited", c.c_int32),
         ("of_fault", c.c_int32),
-        ("reserved", c.c_int32),
+        ("drive", c.c_int32),
         ("transit_ns", c.c_int64),
         ("history", c.POINTER(HistoryStruct)),
         ("sender", c.c_int32),
@@ -178,7 +179,7 @@ class OutletStruct(c.Structure):
         ("saturated", c.c_int64),
         ("forwards", c.POINTER(ForwardStruct)),
         ("n_forwards", c.c_int64),
-        ("foreign", c.c_int64),
+        ("commanded", c.POINTER(CommandedStruct)),
     )
 
 
@@ -261,6 +262,7 @@ class NodeStruct(c.Structure):
         ("sync_slots", c.c_int64),
         ("host_ns", c.c_int64),
         ("host_due_ns", c.c_int64),
+        ("host_sync_ns", c.c_int64),
         ("boots", c.c_uint32),
         ("sync_count", c.c_uint32),
         ("syncs_received", c.c_int64),
@@ -302,12 +304,13 @@ class NodeStruct(c.Structure):
         ("lead_ns", c.c_int64),
         ("joined", Joined),
         ("epoch", Epoch),
-        ("disabling", c.POINTER(Frame)),
-        ("enabling", c.POINTER(Frame)),
-        ("n_disabling", c.c_int32),
-        ("n_enabling", c.c_int32),
-        ("disabled", c.c_int64),
+        ("commanded", c.POINTER(CommandedStruct)),
+        ("n_commanded", c.c_int32),
+        ("deferred", c.c_int32),
+        ("feed_ns", c.c_int64),
+        ("fed_ns", c.c_int64),
         ("disable_ns", c.c_int64),
+        ("drive_events", DriveEvents),
     )
 
 
@@ -329,6 +332,9 @@ def functions() -> c.CDLL:
         *(c.POINTER(RouteStruct), i32, c.c_int64),
     )
     found.nodes_simulate.restype = i32
+    found.bringup_ready.argtypes, found.bringup_ready.restype = (node, c.c_int64), i32
+    found.bringup_feed_until.argtypes = (node, c.POINTER(i32))
+    found.bringup_feed_until.restype = None
     found.node_step.argtypes, found.node_step.restype = (node,), i32
     found.node_follow.argtypes = (node, c.c_void_p, c.c_int64)
     found.node_follow.restype = i32

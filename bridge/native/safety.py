@@ -49,6 +49,7 @@ class Why(IntFlag):
     SYNC = 512
     APART = 1024
     JUMP = 2048
+    DRIVE = 4096
 
 
 class GuardBit(IntFlag):

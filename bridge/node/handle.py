@@ -63,6 +63,7 @@ class NodeHandle(ABC):
         self.refused: list[Mapping[str, Any]] = []  # START or ARM
         self.waiting: tuple[str, ...] = ()  # messages that it must receive before it is ready
         self.deaf: tuple[str, ...] = ()  # messages that no longer arrive
+        self.drives: tuple[str, ...] | None = None  # those that failed; (): all are ready
 
     def keep_event(self, event: Mapping[str, Any]) -> None:
         """Keep the content of an event. Events of unknown kinds are discarded."""
@@ -77,6 +78,8 @@ class NodeHandle(ABC):
                 self.refused.append(event)
             case "waiting":
                 self.waiting = tuple(event["for"])
+            case "drives":
+                self.drives = tuple(event["failed"])
             case "deaf":
                 self.deaf = tuple(event["to"])
 

@@ -18,6 +18,7 @@ from bridge.native.message import REFUSALS, Receiver
 from bridge.native.safety import LifeState
 from bridge.node.control import Control, Helpers, Say
 from bridge.records.records import reason_names, refusal
+from bridge.wiring.commanded import said
 from bridge.wiring.wiring import WiredNode
 from cosim.base.clock import monotonic_ns, stopwatch
 
@@ -66,6 +67,21 @@ def _what_came_instead(wired: WiredNode, message: str) -> str:
     counts["another frame format"] = reception.misfits
     said = ", ".join(name for name, n in counts.items() if n)
     return f" (came and was refused: {said})" if said else ""
+
+
+def _drives_event(wired: WiredNode) -> Mapping[str, Any] | None:
+    """``drives`` when all drives of an armed node are ready, or with those that were given up."""
+    struct = wired.struct
+    failed = [
+        said(drive, s)
+        for drive, s in zip(wired.commanded.drives, wired.commanded.structs, strict=False)
+        if s.failure
+    ]
+    if failed:
+        return {"event": "drives", "failed": failed}
+    if struct.life.armed and native.functions().bringup_ready(c.byref(struct), monotonic_ns()):
+        return {"event": "drives", "failed": []}
+    return None
 
 
 def _wrong_state_text(state: int) -> str:
@@ -163,7 +179,7 @@ def _refusal_event(wired: WiredNode) -> Mapping[str, Any]:
     reasons, armed, missing = (
         reason_names(struct.refused),
         bool(struct.life.armed),
-        missing_before_start(wired),
+        [*missing_before_start(wired), *wired.commanded.failures()],
     )
     why = refusal(reasons, armed, missing)
     return {
@@ -183,8 +199,9 @@ def report_missing_inputs(
 
     ``ready`` once it has received everything it needs (`ready` returns the event), ``waiting`` with
     the missing inputs until then, ``refused`` each time it refuses ARM or START, ``joined`` with
-    the time t (s) if it begins during a run, ``deaf`` when it no longer receives a message. If it
-    receives an EPOCH of a run on a host without a common clock, it calls `measured` after each
+    the time t (s) if it begins during a run, ``deaf`` when it no longer receives a message,
+    ``drives`` when all drives that it commands are ready, or with a sentence for each that failed.
+    If it receives an EPOCH of a run on a host without a common clock, it calls `measured` after each
     EPOCH until that returns True (t = 0 of the run was found), and sends ``unshared`` after
     `FAILURES` other results. An error of the thread stops the node, and `helping` has it.
     """
@@ -193,6 +210,7 @@ def report_missing_inputs(
     def look() -> None:
         refusals, said, deaf, joined = 0, False, False, False
         unshared, failures = 0, 0
+        drives: Mapping[str, Any] = {}
         elapsed, next_ = stopwatch(), REPEAT
         while not ended.wait(LOOK):
             struct = wired.struct
@@ -211,6 +229,9 @@ def report_missing_inputs(
                 joined = True
                 if struct.first > 0:
                     say({"event": "joined", "t": struct.first * struct.h})
+            if (event := _drives_event(wired)) not in (None, drives):
+                drives = event
+                say(drives)
             if struct.epoch.unshared != unshared and not struct.begun:
                 unshared = struct.epoch.unshared
                 failures += not measured()

@@ -61,6 +61,9 @@ class Statement(Record, frozen=True, kw_only=True):
     `run`: the number of the run by EPOCH, 0: started without; `clock`: of the host; `unshared`:
     EPOCHs of hosts without a common clock.
 
+    `drives`: changes of the drives that it commands, with `t` s, `drive`, `phase`, `told`, and
+    `failure`; `lost_drives`: a sentence for each that stopped the node.
+
     `messages`: counters of each message's receiver; `sent`: of each outlet. Times are ns of the
     monotonic clock.
     """
@@ -87,6 +90,8 @@ class Statement(Record, frozen=True, kw_only=True):
     sent: Mapping[str, Counts] = {}
     forwards: Mapping[str, Mapping[str, Any]] = {}
     guards: Mapping[str, Counts] = {}
+    drives: tuple[Mapping[str, Any], ...] = ()
+    lost_drives: tuple[str, ...] = ()
     drive_faults: int = 0
     buses: Mapping[str, Mapping[str, Any]] = {}
     journal_dropped: int = 0
@@ -108,8 +113,8 @@ class Statement(Record, frozen=True, kw_only=True):
 
     @property
     def why(self) -> str:
-        """The latched reasons in words; "": none."""
-        return reason_text(self.reasons)
+        """The latched reasons in words, with what is known of the drives; "": none."""
+        return "; ".join(filter(None, (reason_text(self.reasons), *self.lost_drives)))
 
 
 def reason_text(reasons: Sequence[str]) -> str:

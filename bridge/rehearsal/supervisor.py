@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import final
 
 from bridge.deployment.system import System
-from bridge.node.drive_enable import enabled
+from bridge.node.drive_enable import disabled_at_the_end, foreign_drives
 from bridge.node.handle import NodeHandle, NodeStart, missing_text
 from bridge.node.lockstep import is_lockstep
 from bridge.node.process import Process
@@ -42,6 +42,8 @@ LOOK = 0.05
 LATE = 0.1
 #: s after the end; Zenoh stands by a connection that nobody answers any more for 10 s.
 ENDING = 30.0
+#: s from ARM until all drives are ready.
+DRIVES = 10.0
 #: s from the last node's being ready to t = 0.
 LEAD = 0.5
 
@@ -114,11 +116,7 @@ class Rehearsal:
         self._all_ready()
         for wait in prepared:
             wait()
-        if self.settings.real:
-            sleep(LEAD)  # heartbeats and first positions have been heard
-            self._drives.enter_context(enabled(self.system, self.current))
-            for process in self.current.values():
-                process.send_command("arm")
+        self._arm()
         self.ended.start_ns = monotonic_ns() + round(LEAD * 1e9)
         self._announce()
         for process in self.current.values():
@@ -164,6 +162,39 @@ class Rehearsal:
             "wall_ns": self.ended.start_ns + realtime_offset_ns(),
         }
         replace_file(self.folder / STARTED, f"{json.dumps(facts, indent=2)}\n".encode())
+
+    def _arm(self) -> None:
+        """Arm the nodes that command drives, all with real ones, and wait until these are ready.
+
+        Raises RunError with the drive, the expected and the told state if one does not follow.
+        """
+        real, commanding = self.settings.real, []
+        if self._timed:
+            commanding = [n for n in self.current if foreign_drives(self.system, (n,))]
+        if real:
+            sleep(LEAD)  # heartbeats and first positions have been heard
+            self._drives.enter_context(disabled_at_the_end(self.system, self.current))
+        for name in self.current if real else commanding:
+            self.current[name].send_command("arm")
+        end = monotonic_ns() + round(DRIVES * 1e9)
+        waiting = list(commanding)
+        while waiting:
+            for name in list(waiting):
+                process = self.current[name]
+                process.check()
+                self._refused(process)
+                if process.drives:
+                    self.stop()
+                    raise RunError(f"node {process.start.life}: {'; '.join(process.drives)}")
+                if process.drives is not None:
+                    waiting.remove(name)
+            if monotonic_ns() > end:
+                self.stop()
+                raise RunError(
+                    f"drives of {', '.join(waiting)} are not ready {DRIVES:g} s after ARM: "
+                    "not all have told a position"
+                )
+            sleep(LOOK)
 
     def _all_ready(self) -> None:
         patience = self.system.deployment.patience

@@ -42,6 +42,7 @@ REASONS = {
     Why.SYNC: "SYNC is missing",
     Why.APART: "the arms are too far apart to start",
     Why.JUMP: "an encoder moved further in a tick than it can",
+    Why.DRIVE: "a drive is not enabled",
 }
 #: What a bit of the guard stands for.
 GUARDED = {

@@ -73,9 +73,21 @@ class InletBindings:
         r.limits = (messages.Limit * len(limits))(*limits)
         r.newest = r.arrival_ns = r.previewed_ns = r.promised = -1
         r.accept_simulated = not self._real
+        r.drive = self._drive_of(carried)
         r.sender = self._system.deployment.nodes[carried.node].number
         self.receivers[carried.name] = receiver
         self._alive += [receiver, values]
+
+    def _drive_of(self, carried: Carried) -> int:
+        """The drive whose position a message carries, of those this node commands; -1: none."""
+        d = self._system.deployment
+        spec = d.messages[carried.name]
+        q = any(part.port == "q" for part in carried.outlet.parts)
+        if not spec.profile or not q:
+            return -1
+        drives = drive_sequences.commanded_drives(d, self._plan)
+        found = [i for i, x in enumerate(drives) if (x.bus, x.node) == (spec.bus, spec.drive)]
+        return found[0] if found else -1
 
     def _max_age(self, carried: Carried) -> int:
         """The limit of the message, or that of the drive it moves, if smaller; ns, 0: none."""

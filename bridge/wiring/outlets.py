@@ -16,6 +16,7 @@ from bridge.deployment.system import System
 from bridge.native import node as native
 from bridge.native.safety import JOINTS
 from bridge.safety.limits import GuardSpec, TorqueGuard
+from bridge.wiring.commanded import CommandedDrives
 from cosim.base.errors import ScenarioError
 
 
@@ -33,9 +34,15 @@ class OutletBindings:
         self._alive: list[Any] = []
         self.guards: dict[str, TorqueGuard] = {}
         self.gates: dict[str, tuple[int, int]] = {}
+        d = system.deployment
+        self.commanded = CommandedDrives(
+            drive_sequences.commanded_drives(d, self._plan),
+            system.buses_of(name),
+            struct,
+            d.place("nodes", name),
+        )
         self.outlets = self._outlets()
         self._insides()
-        self._drives()
 
     def keep(self, forwarded: Forwarding) -> None:
         """As long as the outlets it is bound to."""
@@ -72,23 +79,20 @@ class OutletBindings:
             dq=-1,
             measured_q=-1,
             measured_dq=-1,
-            foreign=drive_sequences.commands(self._system.deployment, outlet),
         )
+        self._command(entry, outlet)
         self._guard(entry, outlet)
         self._measured(entry, outlet)
         self._alive += [sources, values, encoding]
         return entry
 
-    def _drives(self) -> None:
-        """The frames that disable and enable the drives this node commands."""
-        system, struct = self._system, self._struct
-        drives = drive_sequences.commanded_drives(system.deployment, self._plan)
-        buses = system.buses_of(self._name)
-        disabling = drive_sequences.table(drives, buses, "disable")
-        enabling = drive_sequences.table(drives, buses, "clear", "enable")
-        struct.disabling, struct.n_disabling = disabling, len(disabling) if drives else 0
-        struct.enabling, struct.n_enabling = enabling, len(enabling) if drives else 0
-        self._alive += [disabling, enabling]
+    def _command(self, entry: native.OutletStruct, outlet: Outlet) -> None:
+        """Bind the drive that a message commands, if it has a protocol of its own."""
+        d = self._system.deployment
+        if drive_sequences.commands(d, outlet):
+            spec = d.messages[outlet.message]
+            index = self.commanded.index(spec.bus, spec.drive)
+            entry.commanded = c.pointer(self.commanded.structs[index])
 
     def _guard(self, entry: native.OutletStruct, outlet: Outlet) -> None:
         spec, d = self._spec.guard, self._system.deployment

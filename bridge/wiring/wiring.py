@@ -7,7 +7,9 @@ The struct does not depend on the clock; the connections of inlets and buses do.
 from __future__ import annotations
 
 import ctypes as c
-from collections.abc import Mapping, Sequence
+import threading
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, final
 
@@ -26,6 +28,7 @@ from bridge.native.journal import Journal
 from bridge.native.message import Receiver
 from bridge.native.safety import Peer
 from bridge.safety import limits
+from bridge.wiring.commanded import CommandedDrives
 from bridge.wiring.inlets import InletBindings
 from bridge.wiring.outlets import OutletBindings, forwardings
 from cosim.base.clock import stopwatch
@@ -54,6 +57,7 @@ def row_dtype(plan: NodePlan) -> np.dtype[np.void]:
     fields += [(name, "<u4") for name in ("now", "reasons", "guard", "flags")]
     fields += [
         ("scale", "<f8"),
+        ("serving", "<u8"),
         ("inlets", inlet, (len(plan.inlets),)),
         ("sent", "<f8", (width,)),
         ("signals", "<f8", (plan.plan.n_signals,)),
@@ -144,11 +148,28 @@ class WiredNode:
     def _join(self, slot: int) -> int:
         """Called from C where a life begins in the middle of a run; 0, or 1 where it cannot."""
         try:
-            self.begin(slot)
+            with self._feeding():
+                self.begin(slot)
         except CosimError as error:
             self.failed = str(error)
             return 1
         return 0
+
+    @contextmanager
+    def _feeding(self) -> Iterator[None]:
+        """Drives that this node commands are fed while Python works in place of its loop."""
+        if not self.struct.n_commanded:
+            yield
+            return
+        stop = c.c_int32(0)
+        feed = native.functions().bringup_feed_until
+        thread = threading.Thread(target=feed, args=(c.byref(self.struct), c.byref(stop)))
+        thread.start()
+        try:
+            yield
+        finally:
+            stop.value = 1
+            thread.join()
 
     def begin(self, slot: int) -> None:
         """Start all components once more, at the time of `slot`: this life begins there, and they
@@ -220,6 +241,11 @@ class WiredNode:
     def drives(self) -> Sequence[drives.Drive]:
         """Emulated, one an inlet of torques."""
         return self.inlet_bindings.drives
+
+    @property
+    def commanded(self) -> CommandedDrives:
+        """Drives with protocols of their own that it commands."""
+        return self.outlet_bindings.commanded
 
     @property
     def guards(self) -> Mapping[str, limits.TorqueGuard]:

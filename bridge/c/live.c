@@ -6,14 +6,15 @@
 #include "slot.h"
 #include "start.h"
 
-enum { SETTLE_NS = 500000000 }; /* peers that received the same START run by then */
+enum { SETTLE_NS = 500000000 /* peers that received the same START run by then */,
+       HEARD_NS = 2000000 /* before t = 0: the last positions from before the start */ };
 
 /* A restarted node, whose start time has passed, begins at a later slot in which all its components are
  * due. They are initialized for it with the time of the run. Nonzero: the initialization failed. */
-static int32_t begin(node_t *n)
+static int32_t begin(node_t *n, int32_t joins)
 {
     const int64_t now = pace_now() - n->start_ns - n->phase_ns;
-    if (now > 0) {
+    if (joins) {
         int64_t align = n->first > 0 ? n->first : 1; /* `first` comes in as what slots are a multiple of */
         n->slot = ((now + n->lead_ns) / n->h_ns / align + 2) * align;
         if (n->joined && n->slot < n->slots && n->joined(n->slot)) return 1;
@@ -56,8 +57,9 @@ API int32_t node_live(node_t *n)
 {
     const int32_t waited = node_wait(n);
     if (waited != LIVE_FINISHED) return waited;
-    if (n->n_commanded > 0) node_stand_by(n, n->start_ns, 1);
-    if (begin(n)) return LIVE_NOT_JOINED;
+    const int32_t joins = pace_now() - n->start_ns - n->phase_ns > 0;
+    if (n->n_commanded > 0) node_stand_by(n, n->start_ns - HEARD_NS, 1);
+    if (begin(n, joins)) return LIVE_NOT_JOINED;
     if (n->n_commanded > 0) node_stand_by(n, n->start_ns + n->phase_ns + n->slot * n->h_ns, 0);
     n->host_due_ns = n->slot * n->h_ns; /* from here on by the clock of the run */
     int64_t woke = pace_now();

@@ -201,8 +201,8 @@ def report_missing_inputs(
     the missing inputs until then, ``refused`` each time it refuses ARM or START, ``joined`` with
     the time t (s) if it begins during a run, ``deaf`` when it no longer receives a message,
     ``drives`` when all drives that it commands are ready, or with a sentence for each that failed.
-    If it receives an EPOCH of a run on a host without a common clock, it calls `measured` after each
-    EPOCH until that returns True (t = 0 of the run was found), and sends ``unshared`` after
+    If it receives an EPOCH of a run on a host without a common clock, it calls `measured` after
+    each EPOCH until that returns True (t = 0 of the run was found), and sends ``unshared`` after
     `FAILURES` other results. An error of the thread stops the node, and `helping` has it.
     """
     ended = threading.Event()

@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 
 from bridge.can.log import merge_node_logs
-from bridge.drives.profiles import load_profile
 from bridge.faults.load import build
 from bridge.monitor import listener as listen
 from bridge.monitor import snapshot
@@ -24,13 +23,11 @@ from bridge.native.journal import Journal
 from bridge.native.message import Header
 from bridge.native.node import NEVER_STARTED
 from bridge.native.safety import LifeState
-from bridge.node import drive_enable
 from bridge.node.lockstep import Lockstep
 from bridge.recording import run_folder
 from bridge.records.lives import Life
 from bridge.replay import bus_log, from_log
 from bridge.results import detection, undetected
-from cosim.base.errors import RunError
 from tests.bridge.deployments import named
 
 #: Differences of format: flags that are inverted. None: the message itself.
@@ -102,25 +99,6 @@ def test_a_listener_hears_messages_and_heartbeats_in_their_format(system, monkey
         assert (listener.heard["LINK_2"].t_ns >= 0) == (flags == 0)
         assert (listener.beats["master"].t_ns >= 0) == (flags == 0)
         assert listener.unknown["left"] == (0 if flags == 0 else 2)
-
-
-@pytest.mark.parametrize("flags", FORMATS)
-def test_the_answer_of_a_drive_has_its_format(flags, monkeypatch):
-    profile = load_profile(Path(__file__).parents[3] / "configs" / "drives" / "damiao.toml")
-    own = profile.watchdog
-    answer = Frame.of(*own.reply.at(3, own.raw(profile.timeout)), flags)
-    monkeypatch.setattr(drive_enable, "PATIENCE", 0.01)
-    bus = SimpleNamespace(drain=lambda: [answer], send=lambda _: 0)
-    drive = drive_enable.Foreign("left", profile, 3)
-    if flags == 0:
-        drive_enable._watchdog(drive, SimpleNamespace(bus=bus))
-        return
-    said = "answers with frames of CAN FD, expected classic CAN"
-    with pytest.raises(RunError, match=said if flags == 1 else "did not answer with its TIMEOUT"):
-        drive_enable._watchdog(drive, SimpleNamespace(bus=bus))
-    assert drive.frame(1, b"").flags == 0
-    other = drive_enable.Foreign("left", profile.with_format(fd=True), 3)
-    assert other.frame(1, b"").flags == Flags.FD | Flags.BRS
 
 
 # ---- logs ---------------------------------------------------------------------------------------

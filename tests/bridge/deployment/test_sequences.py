@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes as c
-
 import numpy as np
 import pytest
 
@@ -11,16 +9,13 @@ from bridge.deployment.drive_sequences import REQUESTS, commanded_drives
 from bridge.drives.profiles import load_profile
 from bridge.native import node as native
 from bridge.native.frame import Flags, Frame
-from bridge.native.safety import Command, DriveState, LifeState, Why
+from bridge.native.safety import DriveState, LifeState
 from bridge.records.lives import Life
 from bridge.replay import replay, twin
-from cosim.base.clock import monotonic_ns
-from tests.bridge.bench import until
 from tests.bridge.deployment.test_foreign import damiao
 from tests.bridge.deployments import CONFIGS, named, system_of
 from tests.bridge.drives.emulated import EmulatedDrive
 from tests.bridge.drives.test_host import cia402
-from tests.bridge.gates import Gate
 from tests.bridge.slots import Slots
 
 DAMIAO = load_profile(CONFIGS / "drives" / "damiao.toml")
@@ -67,27 +62,6 @@ def test_a_node_that_never_stops_disables_nothing(tmp_path):
         assert DISABLE not in {f.payload for _, f in slots.sent}
 
 
-def test_reset_arm_and_start_enable_them_again(tmp_path):
-    with Slots(
-        named("can-damiao", "run.stop=0.6", RAMP, *DEAF), "master_control", tmp_path
-    ) as slots:
-        slots.begin()
-        slots.struct.alarm = native.RAISED
-        while slots.struct.life.state != LifeState.FAULT:
-            slots.step()
-        slots.struct.stopping = 0
-        for command in (Command.RESET, Command.ARM, Command.START):
-            native.functions().node_tell(c.byref(slots.struct), command)
-        slots.run(begin=False)
-        left = [f for bus, f in slots.sent if bus == "left"]
-        enabled = [i for i, f in enumerate(left) if f.payload in (ENABLE, CLEAR)]
-        assert enabled == [0, 1, 2, 3]  # nothing before them
-        assert [f.payload for f in left[:4]] == [CLEAR, ENABLE] * 2
-        assert len(left) > 100 and DISABLE not in {f.payload for f in left}
-        flags = slots.wired.journal.rows["flags"]
-        assert (flags & native.ENABLED != 0).sum() == 1
-
-
 def test_no_torque_follows_that_a_cia_402_drive_would_take_for_enabling(tmp_path):
     """Its command frame carries the controlword 0x0F: operation enabled."""
     _, frames = stopped(cia402(tmp_path, "run.stop=0.5"), tmp_path)
@@ -96,43 +70,6 @@ def test_no_torque_follows_that_a_cia_402_drive_would_take_for_enabling(tmp_path
     first = commands.index(off)
     assert set(commands[first:]) == {off}
     assert commands[first - 1] == bytes.fromhex("0F000A0000")  # torque 0, while enabled
-
-
-# ---- at the end of a process ---------------------------------------------------------------
-
-
-def told(node, bus="left"):
-    """All frames that a live node has sent."""
-    frame, found = Frame(), []
-    while node.rings[bus][1].get(frame):
-        found.append((frame.id, frame.payload))
-    return found
-
-
-def test_the_last_frames_of_a_node_that_is_told_to_quit_disable_its_drives(tmp_path):
-    system = named("can-damiao", "run.stop=30")
-    with Gate(system, "master_control", tmp_path, start=False) as node:
-        node.control.start(monotonic_ns() + 200_000_000)
-        until(lambda: node.wired.struct.slot > 10)
-        node.control.quit()
-        until(lambda: node.result is not None)
-        sent = told(node)
-    assert [data for _, data in sent[-2:]] == [DISABLE, DISABLE]
-
-
-def test_an_armed_node_feeds_its_drives_before_the_start(tmp_path):
-    """They are enabled when it is armed, and their watchdogs run from then on."""
-    system = named("can-damiao", "run.stop=30")
-    with Gate(system, "master_control", tmp_path, start=False) as node:
-        until(lambda: node.wired.struct.beats > 3)
-        assert told(node) == []
-        node.control.arm()
-        found = []
-        until(lambda: len(found.extend(told(node)) or found) > 6)
-        assert all(abs(torque(Frame.of(*f))) < 0.003 for f in found)
-        node.control.quit()
-        until(lambda: node.result is not None)
-        assert [data for _, data in told(node)[-2:]] == [DISABLE, DISABLE]
 
 
 # ---- emulated drives ------------------------------------------------------------------------
@@ -187,26 +124,6 @@ def test_on_can_fd_it_obeys_can_fd_frames_only(tmp_path):
             slots.put("left", Frame.of(1, DISABLE, form), now)
             slots.step()
             assert slots.wired.drives[0].state == expected
-
-
-def test_the_answer_of_a_register_is_no_position_and_not_counted_before_the_start(tmp_path):
-    """It has the identifier of the feedback, and would be read as -12.48 rad."""
-    answer, feedback = (bytes.fromhex(x) for x in ("01003309E8030000", "118A3D8008001919"))
-    with Gate(named("can-damiao", "run.stop=30"), "master_control", tmp_path, start=False) as node:
-        receiver = node.wired.receivers["master_state_1"]
-        plans = enumerate(node.system.nodes["master_control"].inlets)
-        place = next(i for i, x in plans if (x.message, x.target.port) == ("master_state_1", "q"))
-        initial = c.c_double.from_address(node.wired.inlet_bindings.inlets[place].initial)
-        for data in (answer, feedback):
-            node.put("left", Frame.of(0x11, data))
-        until(lambda: abs(initial.value - 1.0) < 2e-4)
-        assert receiver.range == 0 and not node.struct.life.now & Why.JUMP
-        node.control.start(monotonic_ns() + 200_000_000)
-        until(lambda: node.wired.struct.slot > 10)
-        node.put("left", Frame.of(0x11, answer))
-        until(lambda: receiver.range == 1)
-        node.control.quit()
-        until(lambda: node.result is not None)
 
 
 def test_a_frame_that_asks_for_more_than_torque_is_no_torque(system, tmp_path):

@@ -8,7 +8,6 @@ from itertools import pairwise
 import pytest
 
 from bridge.drives.profiles import load_profile
-from bridge.native.frame import Frame
 from bridge.native.safety import DriveState, LifeState
 from cosim.base.clock import monotonic_ns
 from cosim.base.errors import ScenarioError
@@ -16,6 +15,7 @@ from tests.bridge.bench import until
 from tests.bridge.deployments import CONFIGS, document, named, run_twin, signal, system_of
 from tests.bridge.drives.emulated import EmulatedDrive
 from tests.bridge.gates import Gate
+from tests.bridge.node.motors import Motors
 from tests.bridge.rehearsing import (
     COSIM,
     NAMESPACE,
@@ -141,17 +141,16 @@ def test_canopen_s_own_reader_takes_the_heartbeat(tmp_path):
 def test_it_beats_before_the_start_and_says_goodbye(tmp_path):
     """On the wall clock, by a live node: pre-operational, operational, stopped."""
     system = cia402(tmp_path, "run.stop=0.2")
-    with Gate(system, "master_control", tmp_path, start=False) as node:
-        left, frame = [], Frame()
+    gate = Gate(system, "master_control", tmp_path, start=False)
+    with gate as node, Motors(node, HOST, timeout=5.0) as motors:
 
         def told():
-            while node.rings["left"][1].get(frame):
-                left.append((frame.id, frame.payload))
-            return [data[0] for number, data in left if number == BEAT]
+            return [f.payload[0] for f in list(motors.sent["left"]) if f.id == BEAT]
 
         until(lambda: told().count(0x7F) >= 3)
-        node.control.start(monotonic_ns() + 200_000_000)
+        node.control.start(monotonic_ns() + 500_000_000)
         until(lambda: node.result is not None)
+        until(lambda: told()[-1] == 0x04)
         states = told()
     assert states.index(0x05) > 0 and states[-1] == 0x04
     assert [s for s, t in zip(states, [0, *states], strict=False) if s != t] == [0x7F, 0x05, 0x04]

@@ -50,8 +50,9 @@ class NodeReport:
 
     @property
     def why(self) -> str:
-        """Why it stopped, in words; "": it did not."""
-        return reason_text(self.reasons)
+        """Why it stopped, in words, with the drives that stopped it; "": it did not."""
+        lost = self.statement.lost_drives if self.statement else ()
+        return "; ".join(filter(None, (reason_text(self.reasons), *lost)))
 
     def text(self) -> str:
         """Lateness and end."""

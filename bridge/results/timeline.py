@@ -13,6 +13,7 @@ from bridge.native.safety import LifeState
 from bridge.records.lives import Life
 from bridge.results.findings import Evidence
 from bridge.results.rehearsal_outcome import RehearsalOutcome
+from bridge.results.report import NodeReport
 from bridge.wiring.wiring import Rows
 
 #: Sizes of the drawing: names of lanes, lanes, and the whole width; columns in which slots count.
@@ -32,14 +33,21 @@ def lanes(outcome: RehearsalOutcome, end: float) -> str:
     if not reports or end <= 0:
         return ""
     drawn: list[str] = []
-    for k, report in enumerate(reports):
+    y = 0
+    for report in reports:
         rows, period = outcome.rows[report.life], report.lateness.period_ns
-        drawn += _lane(report.life, rows, period, k * _LANE, end)
+        drawn += _lane(report.life, rows, period, y, end)
+        y += _LANE
+        if report.statement and report.statement.drives:
+            drawn += _drive_lane(report, rows, y, end)
+            y += _LANE
     if outcome.faults:
-        drawn += _faults(outcome.faults, len(reports) * _LANE, end)
-    height = (len(reports) + bool(outcome.faults)) * _LANE
+        drawn += _faults(outcome.faults, y, end)
+        y += _LANE
+    height = y
     legend = (
-        "green: active, yellow: ramping down, red: fault, grey: not started; black: missed slots"
+        "green: active, or all drives enabled; yellow: ramping down; red: fault, or a drive "
+        "that is off; grey: not started; black: missed slots"
     )
     inside = "".join(drawn) + _axis(height, end)
     return (
@@ -96,6 +104,10 @@ def marks(outcome: RehearsalOutcome) -> list[dict[str, Any]]:
         for kind, t0, t1 in _states(outcome.rows[report.life], report.lateness.period_ns):
             if kind is LifeState.FAULT:
                 found.append({"t": t0, "label": f"{report.life}: FAULT", "to": t1})
+        for event in report.statement.drives if report.statement else ():
+            if event["phase"] == "failed":
+                label = f"{event['drive']}: {event['told'] or event['failure']}"
+                found.append({"t": event["t"], "label": label, "to": None})
     return found
 
 
@@ -129,6 +141,19 @@ def _lane(life: Life, rows: Rows, period_ns: int, y: int, end: float) -> Iterato
             f'<rect x="{_x(at[k], end):.1f}" y="{y + 2}" width="3" height="22" fill="var(--text)">'
             f"<title>{escape(said)}</title></rect>"
         )
+
+
+def _drive_lane(report: NodeReport, rows: Rows, y: int, end: float) -> Iterator[str]:
+    """The drives that a life commands: when all of them got torque, and when some did not."""
+    yield f'<text class="faint" x="12" y="{y + 17}">its drives</text>'
+    serving, h = np.asarray(rows["serving"]), report.lateness.period_ns * 1e-9
+    everyone = int(np.bitwise_or.reduce(serving)) if len(serving) else 0
+    edges = np.flatnonzero(np.diff(serving)) + 1
+    for first, last in zip([0, *edges], [*edges, len(serving)], strict=True):
+        off = bin(everyone & ~int(serving[first])).count("1")
+        t0, t1 = int(rows["slot"][first]) * h, (int(rows["slot"][last - 1]) + 1) * h
+        said = f"{off} of {bin(everyone).count('1')} drives off" if off else "all drives enabled"
+        yield _bar(t0, t1, y, end, "var(--failed)" if off else "var(--s2)", said)
 
 
 def _bar(t0: float, t1: float, y: int, end: float, colour: str, title: str) -> str:

@@ -18,7 +18,8 @@ from bridge.results.report import bus_reports
 from bridge.results.timeline import frame_lanes, lanes, marks
 
 PERIOD = 5_000_000  # ns
-ROW = np.dtype([("slot", "<i8"), ("deadline_ns", "<i8"), ("woke_ns", "<i8"), ("state", "<i4")])
+FIELDS = [("slot", "<i8"), ("deadline_ns", "<i8"), ("woke_ns", "<i8"), ("state", "<i4")]
+ROW = np.dtype([*FIELDS, ("serving", "<u8")])
 #: Of the drawing: lanes are between these, in its units.
 LEFT, RIGHT = 150, 1090
 
@@ -34,7 +35,7 @@ def outcome(faults: tuple[Evidence, ...] = ()) -> Any:
     rows["state"] = LifeState.ACTIVE
     rows["state"][1200:] = LifeState.FAULT
     life = Life("slave", 1)
-    report = SimpleNamespace(life=life, lateness=SimpleNamespace(period_ns=PERIOD))
+    report = SimpleNamespace(life=life, lateness=SimpleNamespace(period_ns=PERIOD), statement=None)
     return SimpleNamespace(reports=[report], rows={life: rows}, faults=faults)
 
 
@@ -69,6 +70,19 @@ def test_a_fault_that_nothing_shows_is_marked() -> None:
     found = re.findall(r'<text class="faint" x="([\d.]+)" y="31">(.*?)</text>', text)
     assert [label for _, label in found] == ["3", "4 unseen"]
     assert [float(x) for x, _ in found] == pytest.approx([at(1), at(5)], abs=0.1)
+
+
+def test_a_drive_that_is_off_is_drawn_and_marked() -> None:
+    found = outcome()
+    [report], [rows] = found.reports, found.rows.values()
+    rows["serving"] = 3
+    rows["serving"][1000:] = 1
+    event = {"t": 5.0, "drive": "drive 2 on bus left", "phase": "failed", "told": "OVERLOAD"}
+    report.statement = SimpleNamespace(drives=(event,))
+    text = lanes(found, 10.0)
+    assert "all drives enabled from 0.00 s to 5.00 s" in text
+    assert "1 of 2 drives off from 5.00 s to 10.00 s" in text
+    assert marks(found)[-1] == {"t": 5.0, "label": "drive 2 on bus left: OVERLOAD", "to": None}
 
 
 def test_frames_of_a_message_are_where_there_were_any() -> None:

@@ -22,7 +22,8 @@ from tests.bridge.node.motors import MS, Motors
 ENABLE, DISABLE, CLEAR = (bytes([255] * 7 + [last]) for last in (0xFC, 0xFD, 0xFB))
 JUMPS = "deploy.nodes.master_control.guard.q_jump=1000"  # motors are not where the scenario begins
 DEAF = ("deploy.nodes.master_control.stale={}", "deploy.silence=0")
-LONG = ("run.stop=30", JUMPS, *DEAF)
+CALM = "deploy.nodes.master_control.overrun='20 s'"  # a busy machine is no reason to stop
+LONG = ("run.stop=30", JUMPS, CALM, *DEAF)
 #: Deployment, number of its host, and identifiers of what feeds drive n of it.
 DEPLOYMENTS = {
     "can-damiao": (0, lambda n: n),

@@ -18,7 +18,6 @@ from bridge.native.message import REFUSALS, Receiver
 from bridge.native.safety import LifeState
 from bridge.node.control import Control, Helpers, Say
 from bridge.records.records import reason_names, refusal
-from bridge.wiring.commanded import said
 from bridge.wiring.wiring import WiredNode
 from cosim.base.clock import monotonic_ns, stopwatch
 
@@ -72,12 +71,7 @@ def _what_came_instead(wired: WiredNode, message: str) -> str:
 def _drives_event(wired: WiredNode) -> Mapping[str, Any] | None:
     """``drives`` when all drives of an armed node are ready, or with those that were given up."""
     struct = wired.struct
-    failed = [
-        said(drive, s)
-        for drive, s in zip(wired.commanded.drives, wired.commanded.structs, strict=False)
-        if s.failure
-    ]
-    if failed:
+    if failed := wired.commanded.given_up():
         return {"event": "drives", "failed": failed}
     if struct.life.armed and native.functions().bringup_ready(c.byref(struct), monotonic_ns()):
         return {"event": "drives", "failed": []}
@@ -179,7 +173,7 @@ def _refusal_event(wired: WiredNode) -> Mapping[str, Any]:
     reasons, armed, missing = (
         reason_names(struct.refused),
         bool(struct.life.armed),
-        [*missing_before_start(wired), *wired.commanded.failures()],
+        [*missing_before_start(wired), *wired.commanded.not_ready()],
     )
     why = refusal(reasons, armed, missing)
     return {

@@ -23,7 +23,7 @@ from bridge.faults.load import load
 from bridge.faults.script import FaultScript, NodeFaults
 from bridge.native import node as native
 from bridge.native.message import COUNTERS, Receiver
-from bridge.native.safety import LifeState, Why
+from bridge.native.safety import LifeState
 from bridge.node import lockstep
 from bridge.node.buses import announce, answer, join_run, open_buses
 from bridge.node.control import Control, Helpers, Say, listen_to, room_ahead, signals
@@ -243,7 +243,7 @@ def node_statement(
         forwards={name: forwarded_facts(f) for name, f in wired.forwards.items()},
         guards={name: g.trips() for name, g in wired.guards.items()},
         drives=tuple(wired.commanded.events()),
-        lost_drives=tuple(wired.commanded.failures()) if Why.DRIVE in Why(s.life.reasons) else (),
+        lost_drives=tuple(wired.commanded.given_up()),
         drive_faults=sum(int(drive.struct.faults) for drive in wired.drives),
         buses={name: asdict(a.health(monotonic_ns())) for name, a in buses.items()},
         journal_dropped=wired.journal.dropped,

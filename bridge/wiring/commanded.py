@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, final
 
 import numpy as np
@@ -63,11 +63,20 @@ class CommandedDrives:
         found = [i for i, d in enumerate(self.drives) if (d.bus, d.node) == (bus, node)]
         return found[0] if found else -1
 
-    def failures(self) -> list[str]:
-        """A sentence for each drive that was given up, or is not enabled yet."""
-        return [
-            text for d, s in zip(self.drives, self.structs, strict=False) if (text := said(d, s))
-        ]
+    def given_up(self) -> list[str]:
+        """A sentence for the drives that their node gave up, those with the same reason in one."""
+        return self._sentences(lambda s: s.failure != Failure.NOT)
+
+    def not_ready(self) -> list[str]:
+        """The same of all drives that get no torque."""
+        return self._sentences(lambda s: s.phase != Phase.SERVING)
+
+    def _sentences(self, chosen: Callable[[CommandedStruct], bool]) -> list[str]:
+        found: dict[tuple[str, str], list[int]] = {}
+        for drive, s in zip(self.drives, self.structs, strict=False):
+            if chosen(s):
+                found.setdefault((drive.bus, _reason(drive, s)), []).append(drive.node)
+        return [f"{_names(numbers, bus)} {text}" for (bus, text), numbers in found.items()]
 
     def events(self) -> list[dict[str, Any]]:
         """What drives told, and what their node did with them, in the order of time (JSON)."""
@@ -142,31 +151,35 @@ def feed_ns(drives: Sequence[Foreign]) -> int:
     return int(np.clip(round(shortest * 1e9 / 5), *FEED_NS))
 
 
-def said(drive: Foreign, s: CommandedStruct) -> str:
-    """The reason for which a drive gets no torque, as a sentence; "": it gets torque."""
-    if Phase(s.phase) is Phase.SERVING:
-        return ""
+def _names(numbers: Sequence[int], bus: str) -> str:
+    """``drive 1 on bus left``, or ``drive 1 (and 2, 3) on bus left``."""
+    others = ", ".join(map(str, numbers[1:]))
+    return f"drive {numbers[0]}{f' (and {others})' if others else ''} on bus {bus}"
+
+
+def _reason(drive: Foreign, s: CommandedStruct) -> str:
+    """The reason for which a drive gets no torque, as the rest of a sentence about it."""
     failure, status = Failure(s.failure), drive.profile.status
     if failure is Failure.NOT:
-        return f"{drive.name} is not enabled: it tells {_told(drive, s.row, s.word) or 'nothing'}"
+        return f"is not enabled: it tells {_told(drive, s.row, s.word) or 'nothing'}"
     told = status.describe(int(s.failed_word)) if s.heard else "nothing"
     match failure:
         case Failure.ANSWER:
             expected = " or ".join(drive.expected(s.failed_step)) or "an answer"
-            return f"{drive.name} did not follow: expected {expected}, it tells {told}"
+            return f"did not follow: expected {expected}, it tells {told}"
         case Failure.VALUE:
-            return f"{drive.name}: {drive.wrong_value(int(s.failed_word))}: it is not enabled"
+            return f"is not enabled: its {drive.wrong_value(int(s.failed_word))}"
         case Failure.SILENT:
-            return f"{drive.name} has told nothing for {status.within:g} s, at last {told}"
+            return f"has told nothing for {status.within:g} s, at last {told}"
         case Failure.FORMAT:
             kinds = ("classic CAN", "CAN FD")
             found, expected = kinds if Flags.FD in drive.profile.format else reversed(kinds)
             cure = "set its bit rate or take another profile"
-            return f"{drive.name} answers with frames of {found}, expected {expected}: {cure}"
+            return f"answers with frames of {found}, expected {expected}: {cure}"
         case Failure.NUMBER:
             number = f"{int(s.failed_word) & status.number:#x}"
-            return f"{drive.name} answers with the number of another drive ({number})"
-    return f"{drive.name} tells {told}, expected an enabled state"
+            return f"answers with the number of another drive ({number})"
+    return f"tells {told}, expected an enabled state"
 
 
 def _told(drive: Foreign, row: int, word: int) -> str:

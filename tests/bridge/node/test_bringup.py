@@ -47,7 +47,7 @@ def ready(node):
 
 
 def failures(node):
-    return "; ".join(node.wired.commanded.failures())
+    return "; ".join(node.wired.commanded.given_up())
 
 
 def begin(node):
@@ -122,7 +122,10 @@ def test_nothing_is_sent_to_a_drive_whose_watchdog_reads_another_value(tmp_path)
         node.control.arm()
         until(lambda: node.struct.life.state == LifeState.FAULT)
         assert Why.DRIVE in Why(node.struct.life.reasons)
-        assert "drive 1 on bus left: TIMEOUT (9) reads 0.05005 s, not 0.05 s" in failures(node)
+        assert (
+            "drive 1 on bus left is not enabled: its TIMEOUT (9) reads 0.05005 s, not 0.05 s"
+            in failures(node)
+        )
         assert ENABLE not in payloads(motors, 1)
 
 

@@ -9,6 +9,7 @@
 #include "guard.h"
 #include "limit.h"
 #include "message.h"
+#include "motor.h"
 #include "pace.h"
 #include "receiver.h"
 #include "rows.h"
@@ -43,6 +44,8 @@ typedef struct {
     forward_t *forwards;    /* replay: what gateways have made of it, each behind what it is made of */
     int64_t n_forwards;
     commanded_t *commanded; /* the drive with a protocol of its own that it commands: all values are torques; or NULL */
+    motor_t *motor;         /* the emulated drive whose feedback it is, of this kind; or NULL */
+    int64_t part;
 } outlet_t;
 
 /* A torque that stays inside the node: guarded in place, right after its component has computed it. */
@@ -117,6 +120,8 @@ typedef struct {
     uint32_t asked;         /* requests since the last pass, as commands_add packs them: of more than
                              * ten, none is lost that is DRIVE_DISABLE */
     int64_t requests;       /* those of this pass, which are in the journal */
+    motor_t *motor;         /* the drive is that of a vendor, who decides whether torque acts; or NULL */
+    int64_t ignored;        /* motor: torques received until it was enabled last do not act */
 } inlet_t;
 
 /* Whether a message contains the state of its sender: a status of 4 bits (classic CAN) does not. */

@@ -4,6 +4,7 @@
 #include <string.h>
 
 #include "bringup.h"
+#include "emulated.h"
 #include "forward.h"
 #include "reception.h"
 #include "run_epoch.h"
@@ -144,7 +145,7 @@ static void dispatch(node_t *n, const frame_t *frame)
 {
     const int64_t t = node_started(n) ? frame->t_ns - n->start_ns : 0;
     const services_t *s = n->services + frame->bus;
-    const int32_t asked = node_asked(n, frame), told = bringup_hear(n, frame);
+    const int32_t asked = node_asked(n, frame) | emulated_hear(n, frame), told = bringup_hear(n, frame);
     for (int32_t i = 0; i < n->n_receptions; i++) {
         reception_t *r = n->receptions + i;
         if (r->bus != frame->bus || !message_is(r->message, frame)) continue;

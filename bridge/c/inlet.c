@@ -75,18 +75,34 @@ static void obey(inlet_t *in)
         drive_request(in->drive, (int32_t)(left & 7), n->now_ns);
 }
 
+/* The vendor's state machine has decided whether torque acts in this slot; until it does, there is none. */
+static void follow_motor(inlet_t *in)
+{
+    const int64_t power = in->motor->power;
+    drive_t *d = in->drive;
+    const int32_t before = d->state;
+    d->state = power & MOTOR_ACTS ? DRIVE_ENABLED : power & MOTOR_FAULT ? DRIVE_FAULT : DRIVE_READY;
+    d->faults += d->state == DRIVE_FAULT && before != DRIVE_FAULT;
+    watchdog_reset(&d->watchdog, in->node->now_ns); /* the vendor has its own */
+    if (power & MOTOR_ACTS) return;
+    in->ignored = in->newest;
+    memset(in->command, 0, (size_t)in->count * sizeof(double));
+}
+
 /* Torque commands pass through the drive. A command without a valid value also resets its watchdog; a
  * command that is too old (also by the law of its link) neither moves it nor resets the watchdog. */
 static void write_through_drive(inlet_t *in, const double *value, int32_t fresh, double *signals)
 {
     node_t *n = in->node;
-    obey(in);
+    if (in->motor) follow_motor(in);
+    else obey(in);
     const int32_t old = in->max_age_ns > 0 && in->held >= 0 && age_ns(in) > in->max_age_ns;
     if (old && fresh) in->reception->receiver->stale++;
-    if (value && !old) give(in, value, in->command);
+    const int32_t ignored = in->motor && in->held <= in->ignored;
+    if (value && !old && !ignored) give(in, value, in->command);
     drive_step(in->drive, in->command, fresh && in->held >= 0 && !old, signals + in->dq, n->now_ns,
                signals + in->target);
-    if (in->drive->state == DRIVE_FAULT && n->life.state != LIFE_FAULT) n->life.now |= WHY_WATCHDOG;
+    if (!in->motor && in->drive->state == DRIVE_FAULT && n->life.state != LIFE_FAULT) n->life.now |= WHY_WATCHDOG;
 }
 
 /* What is held; a link of the law `signal` may go back to what there was before the first. */

@@ -58,9 +58,10 @@ API int32_t node_live(node_t *n)
     const int32_t waited = node_wait(n);
     if (waited != LIVE_FINISHED) return waited;
     const int32_t joins = pace_now() - n->start_ns - n->phase_ns > 0;
-    if (n->n_commanded > 0) node_stand_by(n, n->start_ns - HEARD_NS, 1);
+    const int32_t drives = n->n_commanded > 0 || n->n_motors > 0;
+    if (drives) node_stand_by(n, n->start_ns - HEARD_NS, 1);
     if (begin(n, joins)) return LIVE_NOT_JOINED;
-    if (n->n_commanded > 0) node_stand_by(n, n->start_ns + n->phase_ns + n->slot * n->h_ns, 0);
+    if (drives) node_stand_by(n, n->start_ns + n->phase_ns + n->slot * n->h_ns, 0);
     n->host_due_ns = n->slot * n->h_ns; /* from here on by the clock of the run */
     int64_t woke = pace_now();
     while (n->slot < n->slots) {

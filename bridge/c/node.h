@@ -129,6 +129,8 @@ typedef struct node {
     int64_t feed_ns, fed_ns;    /* time between two frames that feed them before the first slot; the last */
     int64_t disable_ns;     /* when they are disabled again */
     drive_events_t drive_events;
+    motor_t *motors;        /* emulated drives of vendors, each behind an inlet */
+    int64_t n_motors;
 } node_t;
 
 /* Whether t = 0 is known. */

@@ -3,6 +3,7 @@
 
 #include <string.h>
 
+#include "emulated.h"
 #include "forward.h"
 #include "send.h"
 
@@ -69,6 +70,7 @@ void outlet_send_sample(outlet_t *o, int64_t sequence, int64_t now_ns)
     frame_t frame;
     header_t header;
     if (!serves(o)) return; /* some would take a torque for a request to be enabled */
+    if (o->motor && !emulated_owes(o)) return;
     memset(&frame, 0, sizeof frame);
     memset(&header, 0, sizeof header);
     header.counter = (uint32_t)sequence;
@@ -79,7 +81,17 @@ void outlet_send_sample(outlet_t *o, int64_t sequence, int64_t now_ns)
     o->saturated += header.saturated != 0;
     if (o->history) remember(o, &frame, sequence);
     if (n->clock == CLOCK_WALL && n->start_ns) frame.t_ns = n->start_ns + now_ns;
-    if (n->clock != CLOCK_REPLAY) node_send(n, o->bus, &frame, now_ns);
+    if (n->clock == CLOCK_REPLAY) return;
+    if (o->motor) emulated_say(o, &frame, now_ns);
+    else node_send(n, o->bus, &frame, now_ns);
+}
+
+void outlet_tell(outlet_t *o, int64_t now_ns)
+{
+    for (int32_t k = 0; k < o->width; k++) o->values[k] = o->node->signals[o->sources[k]];
+    if (o->guard) memset(o->values + o->guarded, 0, (size_t)o->joints * sizeof(double));
+    outlet_send_sample(o, 0, now_ns);
+    o->sent = 0;
 }
 
 API int32_t outlet_pass(void *context, int64_t tick, double *signals)

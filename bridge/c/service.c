@@ -13,11 +13,7 @@ void node_preview(node_t *n, int64_t now_ns)
 {
     for (int32_t i = 0; i < n->n_outlets; i++) {
         outlet_t *o = n->outlets + i;
-        if (!tells_life(o->message)) continue;
-        for (int32_t k = 0; k < o->width; k++) o->values[k] = n->signals[o->sources[k]];
-        if (o->guard) memset(o->values + o->guarded, 0, (size_t)o->joints * sizeof(double));
-        outlet_send_sample(o, 0, now_ns);
-        o->sent = 0;
+        if (tells_life(o->message)) outlet_tell(o, now_ns);
     }
 }
 

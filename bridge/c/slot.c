@@ -4,6 +4,7 @@
 #include <string.h>
 
 #include "bringup.h"
+#include "emulated.h"
 #include "hear.h"
 #include "run_epoch.h"
 #include "service.h"
@@ -27,7 +28,7 @@ static void drives(node_t *n, int32_t before)
     /* FAULT -> RESET, ARM, START in one slot: cleared, then enabled */
     for (int32_t i = 0; i < n->n_inlets; i++) {
         drive_t *d = n->inlets[i].drive;
-        if (!d) continue;
+        if (!d || n->inlets[i].motor) continue;
         if (before == LIFE_FAULT) drive_request(d, DRIVE_CLEAR, n->now_ns);
         if (state == LIFE_ACTIVE) drive_request(d, DRIVE_ENABLE, n->now_ns);
         else if (state == LIFE_FAULT && d->state == DRIVE_ENABLED) d->state = DRIVE_FAULT;
@@ -115,7 +116,7 @@ static void write_row(node_t *n, row_t *row, int64_t limit_ns, int64_t woke_ns, 
         in[i].held = x->held;
         in[i].newest = x->newest;
         in[i].transit_ns = x->reception->transit_ns;
-        in[i].requests = x->requests;
+        in[i].requests = x->motor ? x->motor->power : x->requests;
         in[i].age_ns = x->held < 0 ? -1
                                    : limit_ns - x->held * x->reception->period_ns -
                                          x->reception->offset_ns;
@@ -148,6 +149,7 @@ int32_t node_slot(node_t *n, int64_t limit_ns, int64_t woke_ns, uint32_t flags)
         if (n->sync_slots > 0 && n->slot % n->sync_slots == 0) node_sync(n, limit_ns);
         node_hear(n, limit_ns);
     }
+    emulated_step(n, limit_ns + n->start_ns);
     row = journal_next(n->journal);
     live(n, row, limit_ns);
     if (row) row->received_ns = n->clock == CLOCK_WALL ? pace_now() - n->start_ns : limit_ns;
@@ -172,12 +174,15 @@ API void node_enable(node_t *n, int64_t now_ns)
     for (int64_t i = 0; i < n->n_played; i++)
         *n->played[i].row = (n->slot + n->played[i].period - 1) / n->played[i].period;
     for (int32_t i = 0; i < n->n_inlets; i++) {
-        if (!n->inlets[i].drive) continue;
+        if (!n->inlets[i].drive || n->inlets[i].motor) continue;
         n->inlets[i].asked = 0;
         drive_request(n->inlets[i].drive, DRIVE_POWER_ON, now_ns);
         drive_request(n->inlets[i].drive, DRIVE_ENABLE, now_ns);
     }
-    if (n->clock != CLOCK_WALL) bringup_assume(n);
+    if (n->clock != CLOCK_WALL) {
+        bringup_assume(n);
+        emulated_begin(n, now_ns);
+    }
     n->begun = 1;
     n->host_due_ns = now_ns;
     n->alarms = -1;

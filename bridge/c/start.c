@@ -2,6 +2,7 @@
 #include "start.h"
 
 #include "bringup.h"
+#include "emulated.h"
 #include "hear.h"
 #include "rest.h"
 #include "run_epoch.h"
@@ -164,6 +165,7 @@ static void obey(node_t *n, pending_t *start, int64_t now)
 /* Once every IDLE_NS: drives are brought up and fed, and hear the services that they need. */
 static void attend_drives(node_t *n, int64_t now)
 {
+    emulated_attend(n, now);
     bringup_step(n, now, 1);
     node_host(n, now);
     node_host_sync_early(n, now);
@@ -191,6 +193,7 @@ int32_t node_wait(node_t *n)
     int64_t next = pace_now(), beat = 0;
     n->life.state = LIFE_INACTIVE;
     n->alarms = -1;
+    emulated_begin(n, next);
     for (;;) {
         if (*(volatile int32_t *)&n->quit) {
             if (n->life.armed) bringup_rest(n, next);

@@ -147,6 +147,7 @@ API void vendor_brought_up(vendor_t *v, int64_t t_ns)
     vendor_init(v, t_ns);
     kind_of(v)->bring_up(v);
     v->acts = 1;
+    for (int32_t part = 0; part < VENDOR_PARTS; part++) v->owed[part] = 1;  /* of the last command, SYNC */
 }
 
 /* ---- time ---- */
@@ -185,10 +186,11 @@ API void vendor_step(vendor_t *v, int64_t t_ns)
     if (t_ns > v->now_ns) v->now_ns = t_ns;
 }
 
-API void vendor_take(vendor_t *v, const frame_t *frame, int64_t t_ns)
+API int32_t vendor_take(vendor_t *v, const frame_t *frame, int64_t t_ns)
 {
     vendor_step(v, t_ns);
-    if (v->network && v->plugged && !(frame->flags & FRAME_ERROR)) kind_of(v)->take(v, frame, t_ns);
+    if (!v->network || !v->plugged || frame->flags & FRAME_ERROR) return 0;
+    return kind_of(v)->take(v, frame, t_ns);
 }
 
 /* ---- faults ---- */

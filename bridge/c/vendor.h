@@ -64,8 +64,9 @@ typedef struct {
 API void vendor_init(vendor_t *v, int64_t t_ns);
 /* As a bring-up leaves it: enabled, its watchdog fed now. */
 API void vendor_brought_up(vendor_t *v, int64_t t_ns);
-/* A frame of its bus, which it heard at t_ns. Its own answers are in its queue afterwards. */
-API void vendor_take(vendor_t *v, const frame_t *frame, int64_t t_ns);
+/* A frame of its bus, which it heard at t_ns; its own answers are in its queue afterwards. Returns 1 if it
+ * is for this drive and asks for something else than torque. */
+API int32_t vendor_take(vendor_t *v, const frame_t *frame, int64_t t_ns);
 /* All that has happened until t_ns: watchdog, transitions, cyclic frames. */
 API void vendor_step(vendor_t *v, int64_t t_ns);
 /* A feedback frame of kind `part` (0: the one with its state, 1: a second one), with the values of t_ns:

@@ -211,16 +211,17 @@ static void sync(vendor_t *v)
     for (int32_t part = 0; part < VENDOR_PARTS; part++) v->owed[part]++;
 }
 
-static void take(vendor_t *v, const frame_t *f, int64_t t_ns)
+static int32_t take(vendor_t *v, const frame_t *f, int64_t t_ns)
 {
     const int32_t mine = f->id == 0x200u + (uint32_t)v->node, all = f->id == 0 || f->id == 0x80;
     const int32_t host = v->host && f->id == 0x700u + (uint32_t)v->host;
-    if (!mine && !all && !host) return;
+    if (!mine && !all && !host) return 0;
     if (!vendor_plain(f) || f->flags & FRAME_FD) v->unheard++;
     else if (mine) command(v, f, t_ns);
     else if (host) host_heard(v, t_ns);
     else if (f->id == 0) nmt(v, f, t_ns);
     else sync(v);
+    return !mine || f->length != RPDO_BYTES || (f->data[0] & 15) != 15;
 }
 
 /* ---- what it says ---- */

@@ -153,24 +153,25 @@ static void registers(vendor_t *v, const frame_t *f, int64_t t_ns)
     vendor_queue(v, 0x10u + (uint32_t)v->node, v->format, answer, 8, t_ns);
 }
 
-static void take(vendor_t *v, const frame_t *f, int64_t t_ns)
+static int32_t take(vendor_t *v, const frame_t *f, int64_t t_ns)
 {
-    if (f->id != (uint32_t)v->node && f->id != REGISTERS) return;
+    if (f->id != (uint32_t)v->node && f->id != REGISTERS) return 0;
     const int32_t slow = (f->flags & FRAME_FD) && !(f->flags & FRAME_BRS);
     if (!vendor_plain(f) || slow || f->length != 8) {
         v->unheard++;
-        return;
+        return 0;
     }
     if (f->id == REGISTERS) {
         registers(v, f, t_ns);
-        return;
+        return 1;
     }
     const int32_t special = is_special(f);
-    if (!special && v->mode != MIT) return;
+    if (!special && v->mode != MIT) return 0;
     v->fed_ns = t_ns;
     v->owed[0]++;
     if (special) request(v, f->data[7], t_ns);
     else torque(v, f);
+    return special;
 }
 
 /* ---- what it says ---- */

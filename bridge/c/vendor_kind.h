@@ -9,7 +9,7 @@
 typedef struct {
     void (*boot)(vendor_t *v, int64_t t_ns);        /* power-up is over */
     void (*bring_up)(vendor_t *v);                  /* enabled */
-    void (*take)(vendor_t *v, const frame_t *f, int64_t t_ns);
+    int32_t (*take)(vendor_t *v, const frame_t *f, int64_t t_ns);   /* as vendor_take */
     int64_t (*due)(const vendor_t *v);              /* next event of its own, INT64_MAX: none */
     void (*event)(vendor_t *v, int64_t t_ns);
     void (*mark)(const vendor_t *v, int32_t part, frame_t *f);  /* a feedback frame, at its sending */

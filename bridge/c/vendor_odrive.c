@@ -167,14 +167,15 @@ static void obey(vendor_t *v, int32_t command, const frame_t *f, int64_t t_ns)
     }
 }
 
-static void take(vendor_t *v, const frame_t *f, int64_t t_ns)
+static int32_t take(vendor_t *v, const frame_t *f, int64_t t_ns)
 {
     const int32_t command = (int32_t)(f->id & 31);
-    if (f->id >> 5 != (uint32_t)v->node) return;
+    if (f->id >> 5 != (uint32_t)v->node) return 0;
     if (f->flags & (FRAME_FD | FRAME_EXTENDED)) v->unheard++;
     else if (f->flags & FRAME_REMOTE) answer(v, command, t_ns);
     else if (f->length < length_of(command)) v->unheard++;
     else obey(v, command, f, t_ns);
+    return command != SET_TORQUE;
 }
 
 /* ---- what it says ---- */

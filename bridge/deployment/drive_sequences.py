@@ -16,9 +16,10 @@ from bridge.deployment.spec import Deployment
 from bridge.drives.profiles import DriveProfile
 from bridge.drives.raw_frames import Raw
 from bridge.native import node as native
-from bridge.native.bus import FORMAT, KIND, Accept
-from bridge.native.frame import Frame
+from bridge.native.bus import ALL_BITS, FORMAT, KIND, Accept
+from bridge.native.frame import Flags, Frame
 from bridge.native.safety import DriveRequest
+from bridge.native.vendor import VendorKind
 
 #: Sequences of a profile, and what each asks a drive for.
 REQUESTS = {
@@ -121,18 +122,40 @@ def emulated(d: Deployment, node: str, inlet: Inlet) -> Foreign | None:
     return Foreign(spec.bus, profile_of(d, inlet.message), spec.drive)
 
 
+def commanding(d: Deployment, message: str) -> str:
+    """The node that sends a message; "": none does."""
+    component = d.messages[message].carries[0].partition(".")[0]
+    return next((name for name, n in d.nodes.items() if component in n.components), "")
+
+
+def _heard(d: Deployment, drive: Foreign, message: str) -> list[Accept]:
+    """Frames that a drive of a vendor hears besides torques, in any format."""
+    host = commanding(d, message)
+    beats = 0x700 + d.nodes[host].number if host else 0x700
+    found = {
+        VendorKind.DAMIAO: [(drive.node, ALL_BITS), (0x7FF, ALL_BITS)],
+        VendorKind.ODRIVE: [(drive.node << 5, 0x7E0)],
+        VendorKind.CIA402: [(n, ALL_BITS) for n in (0, 0x80, 0x200 + drive.node, beats)],
+    }
+    odd = Flags.EXTENDED | Flags.ERROR
+    kind = VendorKind[drive.profile.vendor.upper()]
+    return [Accept(number, mask, flag_mask=odd) for number, mask in found[kind]]
+
+
 def accepted_frames(d: Deployment, plan: NodePlan, node: str, bus: str) -> tuple[Accept, ...]:
     """Frames on a bus that the emulated drives of a node follow, and that its real drives tell."""
-    drives = [emulated(d, node, inlet) for inlet in plan.inlets]
+    behind = [(emulated(d, node, inlet), inlet.message) for inlet in plan.inlets]
+    here = [(drive, message) for drive, message in behind if drive and drive.bus == bus]
+    heard = [a for x, message in here if x.profile.vendor for a in _heard(d, x, message)]
     found = {
         (f.id, f.flags & FORMAT)
-        for drive in drives
-        if drive and drive.bus == bus
+        for drive, _ in here
+        if not drive.profile.vendor
         for f in drive.frames(*REQUESTS)
     }
     answers = [a for x in commanded_drives(d, plan) if x.bus == bus for a in x.answers()]
     asked = [Accept(number, flags=kind, flag_mask=FORMAT) for number, kind in sorted(found)]
-    return (*asked, *answers)
+    return (*asked, *heard, *answers)
 
 
 def table(drives: Iterable[Foreign], buses: Sequence[str], *sequences: str) -> c.Array[Frame]:

@@ -24,6 +24,7 @@ from bridge.drives.model import DEFAULTS, VALUES, DriveSpec
 from bridge.drives.raw_frames import OwnWatchdog, Raw
 from bridge.drives.status import NO_STATUS, Status, read_status
 from bridge.native.frame import Flags
+from bridge.native.vendor import VendorKind
 from bridge.safety.limits import to_si
 from cosim.base import toml
 from cosim.base.errors import ScenarioError, UnitError
@@ -93,6 +94,7 @@ class DriveProfile:
     refuses_simulated: bool = False
     host: Host = Host()
     status: Status = NO_STATUS
+    vendor: str = ""  # whose state machine the emulated drive is; "": none
     protocol: str = ""  # the file that profiles of one protocol share
 
     @property
@@ -193,7 +195,7 @@ def load_profile(path: str | Path) -> DriveProfile:
     text = str(path)
     found, protocol = _read(Path(path))
     known = {"title", "dbc", "command", "feedback", "sequences", "watchdog", "limits", "drive"}
-    known |= {"host", "status", "side", "rated_torque", "counts", "refuses_simulated"}
+    known |= {"vendor", "host", "status", "side", "rated_torque", "counts", "refuses_simulated"}
     _known(found, known, text)
     if not isinstance(found.get("dbc"), str):
         raise ScenarioError(f"is {found.get('dbc')!r}, expected a DBC file", f"{text}: dbc")
@@ -256,6 +258,7 @@ def _profile(found: dict[str, Any], layouts: tuple[MessageLayout, ...], path: st
         side=side,
         rated_torque=to_si(found.get("rated_torque", 0.0), "N.m", f"{path}: rated_torque"),
         counts=to_si(found.get("counts", 0.0), "1", f"{path}: counts"),
+        vendor=_vendor(found.get("vendor", ""), f"{path}: vendor"),
         refuses_simulated=bool(found.get("refuses_simulated", False)),
         host=_made(Host, _table(found, "host", path), f"{path}: host"),
         status=read_status(_table(found, "status", path), f"{path}: status"),
@@ -323,6 +326,13 @@ def _of_node(
 def _part(table: dict[str, Any], place: str) -> ProfileMessage:
     ports = {name: tuple(table[name]) for name in PORTS if name in table}
     return _made(ProfileMessage, {**table, **ports}, place)
+
+
+def _vendor(name: object, place: str) -> str:
+    names = tuple(kind.name.lower() for kind in VendorKind)
+    if name and name not in names:
+        raise ScenarioError(f"is {name!r}, expected one of {', '.join(names)}", place)
+    return str(name)
 
 
 def _raw(table: dict[str, Any], place: str) -> Raw:

@@ -26,6 +26,7 @@ _NAMES: Mapping[type, str] = {
     node.Reception: "reception_t",
     node.InletStruct: "inlet_t",
     node.OutletStruct: "outlet_t",
+    node.MotorStruct: "motor_t",
     node.Inside: "inside_t",
     node.Services: "services_t",
     node.Sequence: "sequence_t",
@@ -81,6 +82,7 @@ _POINTERS: Mapping[type, Mapping[str, _Target]] = {
         "peers": _many(safety.Peer, "n_peers"),
         "services": _many(node.Services, "n_buses"),
         "commanded": _many(CommandedStruct, "n_commanded"),
+        "motors": _many(node.MotorStruct, "n_motors"),
     },
     node.Reception: {
         "message": _MESSAGE,
@@ -96,6 +98,7 @@ _POINTERS: Mapping[type, Mapping[str, _Target]] = {
         "command": _many(c.c_double, "count"),
         "initial": _many(c.c_double, "count"),
         "sequences": _many(node.Sequence, "n_sequences"),
+        "motor": _one(node.MotorStruct),
     },
     node.OutletStruct: {
         "node": _one(node.NodeStruct),
@@ -105,6 +108,7 @@ _POINTERS: Mapping[type, Mapping[str, _Target]] = {
         "guard": _one(safety.Guard),
         "drive": _one(safety.DriveStruct),
         "commanded": _one(CommandedStruct),
+        "motor": _one(node.MotorStruct),
     },
     CommandedStruct: {
         "told": _many(ToldStruct, "n_told", kept=True),
@@ -243,6 +247,8 @@ class NodeImage:
         if isinstance(value, c.Structure):
             text = self._struct(value, place)
             return "" if text == "{0}" else text
+        if isinstance(value, c.Array) and not any(bytes(value)):
+            return ""
         if isinstance(value, c.Array):
             return braces([number(v) for v in value]) if any(value) else ""
         if kind is c.c_void_p or hasattr(kind, "contents"):

@@ -38,7 +38,8 @@ _C = Path(__file__).parent.parent / "c"
 _UNITS = (
     *("crc", "delay", "drive", "e2e", "epoch", "forward", "guard", "hear", "heard", "inlet"),
     *("life", "limit", "message", "outlet", "receiver", "reception", "run_epoch", "send"),
-    *("sequence", "service", "slot", "watchdog"),
+    *("sequence", "service", "slot", "watchdog", "emulated", "vendor"),
+    *("vendor_damiao", "vendor_odrive", "vendor_cia402"),
 )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes as c
 from functools import lru_cache
+from typing import Any
 
 from bridge.native import faults, message, safety
 from bridge.native.commanded import CommandedStruct, DriveEvents
@@ -14,6 +15,7 @@ from bridge.native.journal import JournalStruct
 from bridge.native.library import library
 from bridge.native.network import NetworkStruct, RouteStruct
 from bridge.native.pace import Histogram
+from bridge.native.vendor import PARTS, VendorStruct
 
 WALL, SIMULATED, REPLAY = 1, 2, 3
 #: Flags of a row: a missed slot, done late; a component failed; drives disabled; all ready.
@@ -118,6 +120,18 @@ class Sequence(c.Structure):
     )
 
 
+class MotorStruct(c.Structure):
+    """``motor_t``."""
+
+    _fields_ = (
+        ("vendor", VendorStruct),
+        ("bus", c.c_int32),
+        ("outlets", c.c_int32 * PARTS),
+        ("reserved", c.c_int32),
+        ("power", c.c_int64),
+    )
+
+
 class InletStruct(c.Structure):
     """``inlet_t``."""
 
@@ -151,6 +165,8 @@ class InletStruct(c.Structure):
         ("n_sequences", c.c_int32),
         ("asked", c.c_uint32),
         ("requests", c.c_int64),
+        ("motor", c.POINTER(MotorStruct)),
+        ("ignored", c.c_int64),
     )
 
 
@@ -180,6 +196,8 @@ class OutletStruct(c.Structure):
         ("forwards", c.POINTER(ForwardStruct)),
         ("n_forwards", c.c_int64),
         ("commanded", c.POINTER(CommandedStruct)),
+        ("motor", c.POINTER(MotorStruct)),
+        ("part", c.c_int64),
     )
 
 
@@ -311,7 +329,14 @@ class NodeStruct(c.Structure):
         ("fed_ns", c.c_int64),
         ("disable_ns", c.c_int64),
         ("drive_events", DriveEvents),
+        ("motors", c.POINTER(MotorStruct)),
+        ("n_motors", c.c_int64),
     )
+
+
+def pointer_to(struct: MotorStruct) -> Any:
+    """A pointer to an element of an array; it does not keep the array alive."""
+    return c.cast(c.addressof(struct), c.POINTER(MotorStruct))
 
 
 @lru_cache(maxsize=1)

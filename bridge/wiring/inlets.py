@@ -19,6 +19,7 @@ from bridge.drives import model
 from bridge.native import message as messages
 from bridge.native import node as native
 from bridge.native.delay import DelayLine
+from bridge.wiring.motors import EmulatedMotors
 from cosim.schedule.parts import Wire
 
 #: A node waits at least so many periods of a message, however short the deployment's `silence`.
@@ -44,6 +45,7 @@ class InletBindings:
         self.gates: dict[str, tuple[int, int]] = {}
         self.receptions = self._receptions()
         self._aparts()
+        self.motors = EmulatedMotors(system, name, struct)
         self.inlets = self._inlets()
 
     def _receptions(self) -> Mapping[str, native.Reception]:
@@ -195,6 +197,9 @@ class InletBindings:
         """The frame sequences of the drive behind an inlet."""
         drive = drive_sequences.emulated(self._system.deployment, self._name, inlet)
         if drive is None:
+            return
+        if drive.profile.vendor:
+            self.motors.follow(entry, drive, entry.drive.contents)
             return
         found, alive = drive_sequences.sequence_struct(drive, self._buses)
         entry.sequences, entry.n_sequences = found, len(found)

@@ -17,6 +17,7 @@ from bridge.native import node as native
 from bridge.native.safety import JOINTS
 from bridge.safety.limits import GuardSpec, TorqueGuard
 from bridge.wiring.commanded import CommandedDrives
+from bridge.wiring.motors import EmulatedMotors
 from cosim.base.errors import ScenarioError
 
 
@@ -28,10 +29,13 @@ class OutletBindings:
     function and context; `outlets` in the plan's order.
     """
 
-    def __init__(self, system: System, name: str, struct: native.NodeStruct) -> None:
+    def __init__(
+        self, system: System, name: str, struct: native.NodeStruct, motors: EmulatedMotors
+    ) -> None:
         self._system, self._name, self._struct = system, name, struct
         self._plan, self._spec = system.nodes[name], system.deployment.nodes[name]
         self._alive: list[Any] = []
+        self._motors = motors
         self.guards: dict[str, TorqueGuard] = {}
         self.gates: dict[str, tuple[int, int]] = {}
         d = system.deployment
@@ -52,6 +56,7 @@ class OutletBindings:
         outlets = (native.OutletStruct * max(1, len(self._plan.outlets)))()
         for i, outlet in enumerate(self._plan.outlets):
             outlets[i] = self._outlet(outlet)
+            self._motors.tell(outlets[i], outlet, i)
             self.gates[outlet.gate] = (
                 native.address("outlet_pass"),
                 c.addressof(outlets) + i * c.sizeof(native.OutletStruct),

@@ -116,7 +116,7 @@ class WiredNode:
         self._time()
         self._bind_buses()
         self.inlet_bindings = InletBindings(system, name, self.struct, real=real)
-        self.outlet_bindings = OutletBindings(system, name, self.struct)
+        self.outlet_bindings = OutletBindings(system, name, self.struct, self.inlet_bindings.motors)
         self.forwarding = forwardings(system, name, self.inlet_bindings.receptions)
         self.struct.gateway = len(self.forwarding) > 0
         self._bind_peers()

@@ -9,7 +9,7 @@ from bridge.deployment.drive_sequences import REQUESTS, commanded_drives
 from bridge.drives.profiles import load_profile
 from bridge.native import node as native
 from bridge.native.frame import Flags, Frame
-from bridge.native.safety import DriveState, LifeState
+from bridge.native.safety import DriveState, LifeState, Why
 from bridge.records.lives import Life
 from bridge.replay import replay, twin
 from tests.bridge.deployment.test_foreign import damiao
@@ -105,25 +105,40 @@ def system():
 def test_an_emulated_drive_obeys_the_frames_of_its_protocol(system, tmp_path):
     states, torques, invalid = drive_states(system, tmp_path, (3, DISABLE), (8, ENABLE))
     on, off = DriveState.ENABLED, DriveState.READY
-    assert states == [on] * 3 + [off] * 5 + [on] * 4
+    assert states == [on] * 3 + [off] * 6 + [on] * 3  # enabled at its next cycle
     assert torques[4:8] == [0.0] * 4 and abs(torques[11] - 1.0) < 0.01
     assert invalid == 0
 
 
-def test_on_can_fd_it_obeys_can_fd_frames_only(tmp_path):
+def test_a_torque_from_before_it_was_enabled_does_not_act(system, tmp_path):
+    with Slots(system, "master", tmp_path) as slots:
+        slots.begin()
+        place, seen = slots.wired.inlet_bindings.inlets[0].target, []
+        told = {0: commands(system, 1), 2: DISABLE, 4: ENABLE, 6: commands(system, 1)}
+        for k in range(8):
+            one = told.get(k)
+            if one is not None:
+                frame = one if isinstance(one, Frame) else Frame.of(1, one)
+                slots.put("left", frame, k * slots.struct.h_ns * 1e-9)
+            seen.append(slots.step()["signals"][place] > 0.5)
+        assert seen == [False, True, False, False, False, False, False, True]
+
+
+def test_a_drive_hears_both_formats_but_no_frame_without_bit_rate_switch(tmp_path):
     fd = named(
         "can-damiao", "run.stop=0.1", "deploy.motors.master.fd=true", "deploy.buses.left.fd=true"
     )
     flags = Flags.FD | Flags.BRS
     sequences = commanded_drives(fd.deployment, fd.nodes["master_control"])[0].frames(*REQUESTS)
     assert [x.flags for x in sequences] == [flags] * 3
-    with Slots(fd, "master", tmp_path) as slots:
-        slots.begin()
-        for form, expected in ((0, DriveState.ENABLED), (flags, DriveState.READY)):
-            now = slots.struct.slot * slots.struct.h_ns * 1e-9
-            slots.put("left", Frame.of(1, DISABLE, form), now)
-            slots.step()
-            assert slots.wired.drives[0].state == expected
+    for form, heard in ((Flags.FD, False), (0, True), (flags, True)):
+        with Slots(fd, "master", tmp_path) as slots:
+            slots.begin()
+            slots.step()  # it answers the last command of its bring-up
+            slots.put("left", Frame.of(1, DISABLE, form), 0.0005)
+            slots.run(begin=False)
+            assert (slots.wired.drives[0].state == DriveState.READY) == heard
+            assert [f.flags for _, f in slots.sent if f.id == 0x11] == [flags] * heard
 
 
 def test_a_frame_that_asks_for_more_than_torque_is_no_torque(system, tmp_path):
@@ -133,16 +148,19 @@ def test_a_frame_that_asks_for_more_than_torque_is_no_torque(system, tmp_path):
     assert max(torques) < 1.1
 
 
-def test_no_request_moves_a_drive_whose_node_is_in_fault(system, tmp_path):
+def test_a_drive_goes_on_when_the_node_of_its_plant_is_in_fault(system, tmp_path):
+    """It has power of its own, and obeys the node that commands it."""
     with Slots(system, "master", tmp_path) as slots:
         slots.begin()
-        slots.struct.life.now |= 32
+        slots.struct.life.now |= Why.PEER
         while slots.struct.life.state != LifeState.FAULT:
+            at = slots.struct.slot * slots.struct.h_ns * 1e-9
+            slots.put("left", commands(system, 1), at)
             slots.step()
-        for data in (CLEAR, ENABLE):
-            slots.put("left", Frame.of(1, data), slots.struct.slot * slots.struct.h_ns * 1e-9)
+        assert slots.wired.drives[0].state == DriveState.ENABLED
+        slots.put("left", Frame.of(1, DISABLE), slots.struct.slot * slots.struct.h_ns * 1e-9)
         slots.step()
-        assert slots.wired.drives[0].state == DriveState.FAULT
+        assert slots.wired.drives[0].state == DriveState.READY
 
 
 def test_a_run_whose_drives_are_disabled_and_enabled_replays_to_the_bit(tmp_path):
@@ -152,7 +170,8 @@ def test_a_run_whose_drives_are_disabled_and_enabled_replays_to_the_bit(tmp_path
         twin.run(system, nodes)
     rows = replay.load(tmp_path)
     asked = rows[Life("master")]["inlets"]["requests"]
-    assert set(np.unique(asked)) == {0, 3}
+    acts = asked & 1
+    assert set(np.unique(acts)) == {0, 1} and acts[0].all()
     (tmp_path / "again").mkdir()
     found = replay.replay(system, rows, replay.received_by_life(tmp_path), tmp_path / "again")
     assert (found.greatest, found.first) == (0.0, None)

@@ -30,6 +30,10 @@ int32_t bus_send(bus_t *bus, frame_t *frame) {
 }
 
 int64_t pace_now(void) { return 0; }
+int64_t pace_wait(int64_t deadline_ns, int64_t spin_ns, const volatile int32_t *stop) {
+    (void)spin_ns, (void)stop;
+    return deadline_ns;
+}
 int64_t pace_date(void) { return 0; }
 void histogram_add(histogram_t *h, int64_t ns) { (void)h, (void)ns; }
 void faults_put(faults_t *f, const frame_t *frame, int64_t start_ns, int32_t started) {

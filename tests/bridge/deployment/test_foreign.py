@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from bridge.drives.profiles import load_profile
 from bridge.native.message import Decoded
-from bridge.native.safety import LifeState
+from bridge.native.safety import LifeState, Why
 from bridge.replay import replay
 from cosim.base.errors import ScenarioError
 from tests.bridge.deployments import CONFIGS, document, named, run_twin, signal, system_of
@@ -97,13 +97,18 @@ def test_the_twin_reaches_q_h_within_the_drives_torque_and_replays(tmp_path):
     assert "master_tau_1" in found.alone and "XI_2" not in found.alone  # no counter: as recorded
 
 
-def test_a_drive_behaves_as_its_profile_says_and_by_the_joint(tmp_path):
-    """Its watchdog is 20 ms; torque to one motor only stops that one's drive."""
+def test_a_drive_that_hears_too_little_is_lost_alone_and_its_node_stops(tmp_path):
+    """Its watchdog is 50 ms; the other drive of the arm goes on until it is disabled."""
     found = damiao(period="100 ms")
-    rows = run_twin(system_of(found, tmp_path, "run.stop=1"), tmp_path / "twin")["master"]
-    first = int(np.flatnonzero(rows["reasons"])[0])
-    assert 20 <= first <= 24
-    assert rows["state"][-1] == LifeState.FAULT
+    rows = run_twin(system_of(found, tmp_path, "run.stop=1"), tmp_path / "twin")
+    power = rows["master"]["inlets"]["requests"]
+    first = int(np.flatnonzero(power[:, 0] & 2)[0])
+    assert 50 <= first <= 54 and not (power[first] & 1)[0] and (power[first] & 1)[1]
+    control = rows["master_control"]
+    assert control["reasons"][-1] & Why.DRIVE and control["state"][-1] == LifeState.FAULT
+    stopped = int(np.flatnonzero(control["reasons"])[0])
+    assert control["slot"][stopped] * 5 <= first + 105  # it tells its state with its next answer
+    assert rows["master"]["state"][-1] != LifeState.FAULT  # the plant is none of its drives
 
 
 @pytest.mark.parametrize(

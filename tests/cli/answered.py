@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import os
-import pty
 
 from cosim.cli.supervise import allow_terminal_input, supervised
+from tests.children import fork_on_terminal
 
 
 def ask() -> None:
@@ -17,9 +17,7 @@ def ask() -> None:
 
 def main() -> None:
     """Start it on a terminal, answer, and pass on what it prints."""
-    child, terminal = pty.fork()
-    if child == 0:
-        os._exit(supervised(ask))
+    child, terminal = fork_on_terminal(lambda: supervised(ask))
     said = b""
     while not said.endswith(b"go on? "):
         said += os.read(terminal, 1000)

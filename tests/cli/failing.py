@@ -25,6 +25,7 @@ from typing import Any
 import bridge.node.process
 import bridge.node.start
 from cosim.cli.commands import command
+from tests.children import FAILED, fork
 from tests.cli.faulted import Case
 from tests.cli.forked import Forked, calls, fails
 from tests.cli.outcomes import judge
@@ -37,9 +38,7 @@ OURS = ("bridge.", "cosim.", "fmus.", "zenoh")
 def attempt(case: Case) -> dict[str, Any]:
     """One command in a child; its exit code and what it said."""
     with tempfile.TemporaryFile() as said, tempfile.TemporaryFile() as out:
-        child = os.fork()
-        if child == 0:
-            _child(case, said.fileno(), out.fileno())
+        child = fork(lambda: _child(case, said.fileno(), out.fileno()))
         _, status = os.waitpid(child, 0)
         texts = []
         for file in (said, out):
@@ -48,33 +47,29 @@ def attempt(case: Case) -> dict[str, Any]:
     return {"code": os.waitstatus_to_exitcode(status), "said": texts[0], "out": texts[1]}
 
 
-def _child(case: Case, said: int, out: int) -> None:
-    code = 99
+def _child(case: Case, said: int, out: int) -> int:
+    code = FAILED
+    signal.alarm(PATIENCE)
+    os.dup2(out, 1)
+    os.dup2(said, 2)
+    sys.argv = ["cosim", *case.arguments]
+    os.environ |= {"FAULT_ERRNO": str(case.errno)} | ({"FAULT_KEEP": "1"} if case.keep else {})
+    os.environ |= {"FAULT_ROOT": f"{case.root}/", "TMPDIR": case.root}
+    tempfile.tempdir = None
+    Forked.at = {case.who: case.at}
+    node = SimpleNamespace(Popen=Forked, PIPE=PIPE, TimeoutExpired=TimeoutExpired)
+    bridge.node.process.subprocess = node  # type: ignore[attr-defined]
+    fails(Forked.at.get("", 0))
     try:
-        signal.alarm(PATIENCE)
-        os.dup2(out, 1)
-        os.dup2(said, 2)
-        sys.argv = ["cosim", *case.arguments]
-        os.environ |= {"FAULT_ERRNO": str(case.errno)} | ({"FAULT_KEEP": "1"} if case.keep else {})
-        os.environ |= {"FAULT_ROOT": f"{case.root}/", "TMPDIR": case.root}
-        tempfile.tempdir = None
-        Forked.at = {case.who: case.at}
-        node = SimpleNamespace(Popen=Forked, PIPE=PIPE, TimeoutExpired=TimeoutExpired)
-        bridge.node.process.subprocess = node  # type: ignore[attr-defined]
-        fails(Forked.at.get("", 0))
-        try:
-            command()
-            code = 0
-        except SystemExit as end:
-            code = int(end.code or 0)
-        except BaseException:
-            sys.excepthook(*sys.exc_info())  # type: ignore[arg-type]
-        if case.at == 0:
-            calls(Path(case.root, ".calls"))
-        sys.stdout.flush()
-        sys.stderr.flush()
-    finally:
-        os._exit(code)
+        command()
+        code = 0
+    except SystemExit as end:
+        code = int(end.code or 0)
+    except BaseException:
+        sys.excepthook(*sys.exc_info())  # type: ignore[arg-type]
+    if case.at == 0:
+        calls(Path(case.root, ".calls"))
+    return code
 
 
 def answer(case: Case) -> dict[str, Any]:

@@ -11,10 +11,11 @@ import traceback
 from collections.abc import Sequence
 from pathlib import Path
 from time import monotonic, sleep
-from typing import IO, Any, ClassVar, NoReturn, final
+from typing import IO, Any, ClassVar, final
 
 from bridge.node.handle import NodeStart
 from bridge.node.run import main
+from tests.children import fork
 
 #: s; a node that lives longer hangs.
 PATIENCE = 60
@@ -46,41 +47,34 @@ class Forked:
         given, stdin = os.pipe()
         stdout, said = os.pipe()
         self.returncode: int | None = None
-        self.pid = os.fork()
-        if self.pid == 0:
-            for end in self._ours:
-                os.close(end.fileno())
-            os.close(stdin)
-            os.close(stdout)
-            self._child(words[-1], given, said, stderr.fileno())
+        self.pid = fork(
+            lambda: self._child(words[-1], (given, said, stderr.fileno()), (stdin, stdout))
+        )
         os.close(given)
         os.close(said)
         self.stdin, self.stdout = os.fdopen(stdin, "w"), os.fdopen(stdout)
         self._ours.extend((self.stdin, self.stdout))
 
-    def _child(self, text: str, given: int, said: int, errors: int) -> NoReturn:
+    def _child(self, text: str, streams: tuple[int, int, int], theirs: tuple[int, int]) -> int:
+        for end in (*(file.fileno() for file in self._ours), *theirs):
+            os.close(end)
+        os.setsid()
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+            signal.signal(number, signal.SIG_DFL)
+        signal.alarm(PATIENCE)
+        for wanted, found in enumerate(streams):
+            os.dup2(found, wanted)
+        sys.stdin, sys.stdout, sys.stderr = os.fdopen(0), os.fdopen(1, "w"), os.fdopen(2, "w")
+        start = NodeStart.parse(text)
+        fails(self.at.get(start.life.node, 0))
         code = 1
         try:
-            os.setsid()
-            for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-                signal.signal(number, signal.SIG_DFL)
-            signal.alarm(PATIENCE)
-            for found, wanted in ((given, 0), (said, 1), (errors, 2)):
-                os.dup2(found, wanted)
-            sys.stdin, sys.stdout, sys.stderr = os.fdopen(0), os.fdopen(1, "w"), os.fdopen(2, "w")
-            start = NodeStart.parse(text)
-            at = self.at.get(start.life.node, 0)
-            fails(at)
-            try:
-                code = main([text])
-            except BaseException:
-                traceback.print_exc()
-            if not any(self.at.values()):
-                calls(Path(os.environ["FAULT_ROOT"]) / f"{start.life}.calls")
-            sys.stdout.flush()
-            sys.stderr.flush()
-        finally:
-            os._exit(code)
+            code = main([text])
+        except BaseException:
+            traceback.print_exc()
+        if not any(self.at.values()):
+            calls(Path(os.environ["FAULT_ROOT"]) / f"{start.life}.calls")
+        return code
 
     def poll(self) -> int | None:
         """The exit code, None: it runs."""

@@ -11,7 +11,6 @@ import json
 import os
 import select
 import signal
-import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -20,6 +19,7 @@ from typing import Any
 
 import pytest
 
+from tests.children import fork
 from tests.mutants.blocks import Marks
 
 #: A test may take this many times what it took in the unchanged program, and this many s more.
@@ -135,10 +135,7 @@ def forked(work: Callable[[int], int], log: Path, limit: float) -> tuple[int, li
     s it is killed, with all that it started.
     """
     reading, writing = os.pipe()
-    sys.stdout.flush()
-    process = os.fork()
-    if not process:
-        _work(work, log, writing)
+    process = fork(lambda: _work(work, log, writing))
     os.close(writing)
     text, end = b"", time.monotonic() + limit
     while select.select([reading], [], [], max(0.0, end - time.monotonic()))[0]:
@@ -154,20 +151,12 @@ def forked(work: Callable[[int], int], log: Path, limit: float) -> tuple[int, li
     return code, text.decode().splitlines()
 
 
-def _work(work: Callable[[int], int], log: Path, pipe: int) -> None:
-    """The child's side: never returns."""
-    code = 1
-    try:
-        os.setsid()
-        handle = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o644)
-        os.dup2(handle, 1)
-        os.dup2(handle, 2)
-        code = work(pipe)
-    except Exception as error:
-        print(f"{type(error).__name__}: {error}", flush=True)
-    finally:
-        sys.stdout.flush()
-        os._exit(code)
+def _work(work: Callable[[int], int], log: Path, pipe: int) -> int:
+    os.setsid()
+    handle = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o644)
+    os.dup2(handle, 1)
+    os.dup2(handle, 2)
+    return work(pipe)
 
 
 def _end(group: int) -> None:

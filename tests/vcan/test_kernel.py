@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import mmap
-import multiprocessing
 import os
 import select
 import signal
@@ -16,6 +15,7 @@ from pathlib import Path
 import can
 import pytest
 
+from tests.children import fork
 from tests.vcan.peers import Frame, call, open_socket, pair, pending, receive, send
 
 FRAMES = [
@@ -117,13 +117,14 @@ def test_real_time_priority_is_granted() -> None:
         os.sched_setscheduler(0, before, os.sched_param(0))
 
 
-def _writes(path: Path, go: socket.socket) -> None:
+def _writes(path: Path, go: socket.socket) -> int:
     with path.open("r+b") as file, mmap.mmap(file.fileno(), 1 << 16) as shared:
         for i in range(1000):
             struct.pack_into("<Q", shared, 64 + 8 * i, i + 1)
             struct.pack_into("<Q", shared, 0, i + 1)
         go.send(b"!")
         signal.pause()
+    return 0
 
 
 def test_what_was_written_to_a_mapped_file_survives_its_writer(tmp_path: Path) -> None:
@@ -131,14 +132,13 @@ def test_what_was_written_to_a_mapped_file_survives_its_writer(tmp_path: Path) -
     path.write_bytes(bytes(1 << 16))
     with contextlib.ExitStack() as stack:
         mine, theirs = map(stack.enter_context, socket.socketpair())
-        writer = multiprocessing.get_context("fork").Process(target=_writes, args=(path, theirs))
-        writer.start()
+        writer = fork(lambda: _writes(path, theirs))
         assert mine.recv(1) == b"!"
         with path.open("rb") as file:
             live = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
             assert struct.unpack_from("<Q", live) == (1000,)
-        writer.kill()
-        writer.join()
-        assert writer.exitcode == -signal.SIGKILL
+        os.kill(writer, signal.SIGKILL)
+        _, status = os.waitpid(writer, 0)
+        assert os.waitstatus_to_exitcode(status) == -signal.SIGKILL
     data = path.read_bytes()
     assert struct.unpack_from("<1000Q", data, 64) == tuple(range(1, 1001))

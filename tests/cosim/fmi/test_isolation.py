@@ -27,6 +27,7 @@ from cosim.fmi.library import Setup
 from cosim.schedule.parts import Slot, Step
 from cosim.schedule.plan import Plan, compile_plan
 from fmus.models import planar2r
+from tests.children import fork
 from tests.cosim.fmi.exporter import export, nasty2, plan_of, run, strict2, strict3
 
 HANG, DISCARD = 2, 5
@@ -128,14 +129,14 @@ def test_a_killed_process_is_a_sentence(nasty: Path, monkeypatch, bytes_wake: bo
 def test_a_process_ends_with_the_run_that_is_killed(nasty, monkeypatch, bytes_wake, tmp_path):
     """Its pipe is closed then, which is all it has to hear."""
     monkeypatch.setattr(remote, "BYTES_WAKE", bytes_wake)
-    child = os.fork()
-    if not child:
-        try:
-            _, engine = run(plan_of(nasty, 1, options=FmuOptions(isolate=True)))
-            (tmp_path / "pid").write_text(str(pid_of(engine)))
-        finally:
-            os.kill(os.getpid(), signal.SIGKILL)
-    os.waitpid(child, 0)
+
+    def killed() -> int:
+        _, engine = run(plan_of(nasty, 1, options=FmuOptions(isolate=True)))
+        (tmp_path / "pid").write_text(str(pid_of(engine)))
+        os.kill(os.getpid(), signal.SIGKILL)
+        return 0
+
+    os.waitpid(fork(killed), 0)
     pid = int((tmp_path / "pid").read_text())
     for _ in range(200):
         try:

@@ -1,0 +1,71 @@
+"""No child of a test comes back into pytest, where it would run its parent's tests again."""
+
+from __future__ import annotations
+
+import ast
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from tests.children import FAILED, fork
+
+TESTS = Path(__file__).resolve().parents[1]
+FORKS = {"fork", "forkpty"}
+
+
+def _forks(file: Path) -> bool:
+    """A call of `os.fork` and the like, or the context of multiprocessing that forks."""
+    for node in ast.walk(ast.parse(file.read_bytes())):
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
+            words = [a.value for a in node.args if isinstance(a, ast.Constant)]
+            owner = node.func.value.id if isinstance(node.func.value, ast.Name) else ""
+            if owner in {"os", "pty"} and node.func.attr in FORKS:
+                return True
+            if node.func.attr == "get_context" and "fork" in words:
+                return True
+    return False
+
+
+def test_one_module_forks() -> None:
+    found = [str(file.relative_to(TESTS)) for file in TESTS.rglob("*.py") if _forks(file)]
+    assert found == ["children.py"]
+
+
+def _raises() -> int:
+    raise KeyboardInterrupt
+
+
+def _exits(code: object) -> int:
+    sys.exit(code)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("work", "code"),
+    [
+        (lambda: 3, 3),
+        (lambda: None, FAILED),
+        (lambda: "3", FAILED),
+        (_raises, FAILED),
+        (lambda: _exits(None), 0),
+        (lambda: _exits(4), 4),
+        (lambda: _exits("a sentence"), FAILED),
+        (lambda: pytest.exit("all tests"), FAILED),
+        (lambda: os.kill(os.getpid(), signal.SIGTERM), -signal.SIGTERM),
+    ],
+)
+def test_a_child_ends_whatever_its_work_does(work: Callable[[], int], code: int) -> None:
+    _, status = os.waitpid(fork(work), 0)
+    assert os.waitstatus_to_exitcode(status) == code
+
+
+def test_a_child_does_not_outlive_its_parent() -> None:
+    """It would hold the pipes of its parent open, at whose end somebody waits."""
+    program = "import time; from tests.children import fork; fork(lambda: time.sleep(60))"
+    call = [sys.executable, "-c", program]
+    done = subprocess.run(call, cwd=TESTS.parent, stdout=subprocess.PIPE, timeout=30)
+    assert done.returncode == 0

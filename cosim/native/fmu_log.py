@@ -25,6 +25,12 @@ class Log(c.Structure):
         """Drop all that was logged."""
         self.count = self.used = self.dropped = 0
 
+    def copy(self, room: int) -> Log:
+        """The same in memory of its own; `room`: bytes for text behind this one."""
+        found = log(room=room)
+        c.memmove(c.addressof(found), c.addressof(self), c.sizeof(Log) + room)
+        return found
+
     def tail(self, n: int = 3) -> list[str]:
         """The last `n` lines, oldest first."""
         first = max(0, self.count - min(n, LOG_LINES))

@@ -67,7 +67,7 @@ class RemoteInstance:
 
         with tempfile.TemporaryFile() as file:
             file.truncate(size)
-            self._memory = mmap.mmap(file.fileno(), size)
+            self._memory = mmap.mmap(file.fileno(), size)  # holds a copy of the descriptor
             self._process = _spawn(file.fileno(), size, offset, int(BYTES_WAKE))
         assert self._process.stdin is not None and self._process.stdout is not None
         self._ask = Connection(os.dup(self._process.stdin.fileno()), readable=False)
@@ -81,10 +81,14 @@ class RemoteInstance:
             patience=options.timeout, bytes=BYTES_WAKE,
             incoming=self._answers.fileno(), outgoing=self._ask.fileno(),
         )  # fmt: skip
-        self._timeout = max(PATIENCE, options.timeout)  # until Python runs there: no FMU's fault
-        self._call("ready")
-        self._timeout = options.timeout
-        self._call("start", setup, room, options.memory)
+        try:
+            self._timeout = max(PATIENCE, options.timeout)  # until Python runs: no FMU's fault
+            self._call("ready")
+            self._timeout = options.timeout
+            self._call("start", setup, room, options.memory)
+        except BaseException:
+            self.end()
+            raise
 
     @property
     def pid(self) -> int:
@@ -94,6 +98,8 @@ class RemoteInstance:
     # ---- messages ----------------------------------------------------------------------------
 
     def _call(self, name: str, *arguments: Any) -> Any:
+        if self._ask.closed:
+            self._fail(f"no {name} after its end")
         engine, end = library(), c.byref(self._end)
         try:
             engine.engine_ask(end)
@@ -347,6 +353,8 @@ class RemoteInstance:
         except subprocess.TimeoutExpired:
             self._kill()
         self._answers.close()
+        self.log = self.log.copy(self._room)
+        del self._memory  # with its file
 
 
 def isolated(

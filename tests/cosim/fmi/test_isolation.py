@@ -5,12 +5,14 @@ What an isolated FMU may do wrong is in ``test_bad_behaviour.py``.
 
 from __future__ import annotations
 
+import gc
 import os
 import signal
 import subprocess
 import sys
 import threading
 from collections.abc import Sequence
+from contextlib import nullcontext
 from pathlib import Path
 from time import sleep
 
@@ -247,3 +249,27 @@ def test_an_fmu_of_fmi_2_that_hears_of_its_own_error_is_not_terminated(tmp_path,
         with pytest.raises(RunError):
             engine.run(1)
     assert path.read_text().splitlines()[-1] == "FreeInstance"
+
+
+def _held() -> int:
+    return len(list(Path("/proc/self/fd").iterdir()))
+
+
+@pytest.mark.parametrize("fails", [False, True])
+def test_nothing_stays_open_after_the_end(nasty, fails: bool) -> None:
+    """Its memory has a descriptor, and so have the two pipes: a study has thousands of them."""
+    kept, before = [], _held()
+    gc.disable()
+    try:
+        for _ in range(3):
+            plan = plan_of(nasty, 3, options=FmuOptions(isolate=True))
+            with Engine(plan) as engine:
+                engine.initialize()
+                if fails:
+                    os.kill(pid_of(engine), signal.SIGKILL)
+                with pytest.raises(RunError) if fails else nullcontext():
+                    engine.run(1)
+            kept.append(engine)  # as the traceback of an error would hold it
+        assert _held() == before
+    finally:
+        gc.enable()

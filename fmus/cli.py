@@ -15,8 +15,9 @@ from typing import Annotated
 
 import typer
 
-from cosim.base.errors import CosimError, ScenarioError, UnitError
+from cosim.base.errors import ScenarioError, UnitError
 from cosim.base.units import quantity
+from cosim.cli.ending import ProgramGroup, run_program
 from fmus.build import ANY_SIZE, SHIPPED, VERSIONS, Version, pack, shipped_models, versions
 from fmus.library import compile_model
 from fmus.model import Model, any_size, clocked, exchanged
@@ -24,6 +25,7 @@ from fmus.toolchain import PLATFORMS
 
 app = typer.Typer(
     name="fmus",
+    cls=ProgramGroup,
     help="List the models, and build FMUs from them.",
     no_args_is_help=True,
     add_completion=False,
@@ -276,11 +278,4 @@ def _sizes(texts: list[str]) -> dict[str, int] | None:
 def main() -> None:
     """Entry point of the console script."""
     sys.path.insert(0, os.getcwd())  # where a user's own models are
-    try:
-        app()
-    except CosimError as error:
-        typer.echo(f"error: {error}", err=True)
-        sys.exit(error.exit_code)
-    except KeyboardInterrupt:
-        typer.echo("interrupted", err=True)
-        sys.exit(130)
+    run_program(app)

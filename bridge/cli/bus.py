@@ -113,14 +113,14 @@ def _serve(shared: Channel, stack: ExitStack, listen: str, socketcand: str, mirr
 def _run(shared: Channel, seconds: float | None) -> None:
     """Let the time of the channel pass, until Ctrl-C or for so many s of it."""
     from cosim.base.clock import sleep
+    from cosim.base.interrupts import act_on_signal, until_signal
 
-    try:
+    with until_signal():
         if seconds is not None:
             shared.sleep(seconds)
         while seconds is None:
+            act_on_signal()
             if shared.options.speed:
                 shared.sleep(_TURN * shared.options.speed)
             else:  # its time passes when the clients wait
                 sleep(_TURN)
-    except KeyboardInterrupt:
-        return

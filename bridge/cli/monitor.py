@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from bridge.cli.rehearse import Bitrate, Channel, DataBitrate, Fd, Interface
+from cosim.base.interrupts import acknowledge, until_signal
 
 if TYPE_CHECKING:
     from rich.text import Text
@@ -127,6 +128,7 @@ def monitor(
 
                 serve(watched, web, lambda address: typer.echo(f"page             {address}"))
         except KeyboardInterrupt:
+            acknowledge()
             typer.echo(
                 "monitor closed; the run continues" if watched.running else "monitor closed",
                 err=True,
@@ -200,7 +202,7 @@ def _listen(system: System, once: bool, connect: list[str], who: str, only: list
     _behind(wakes=True)
     with (
         Listener(system, connect, who, only) as listener,
-        suppress(KeyboardInterrupt),
+        until_signal(),
         ExitStack() as stack,
     ):
         show = None if once else stack.enter_context(_display())

@@ -277,15 +277,14 @@ class _Ends:
 def _echo(system: System, bus: str, node: str, other: str) -> None:
     from bridge.zenoh.ping import Echo
     from cosim.base.clock import sleep
+    from cosim.base.interrupts import until_signal
 
     with _Ends(system, bus, node, other, local=False) as ends:
         Echo(ends.session, ends.names, node, other, ends.reliability)
         typer.echo(f"{node} answers {other}; Ctrl-C ends it", err=True)
-        try:
+        with until_signal():
             while True:
                 sleep(1.0)
-        except KeyboardInterrupt:
-            return
 
 
 def lines(found: PingResult) -> list[str]:

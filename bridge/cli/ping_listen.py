@@ -25,6 +25,7 @@ def ping_listen(
     from bridge.ping.listening import HeardStreams, stream_lines, stream_values
     from cosim.base.clock import monotonic_ns
     from cosim.base.errors import RunError, ScenarioError
+    from cosim.base.interrupts import act_on_signal, until_signal
 
     if len(target) != 2 or target[0] not in ("can", "zenoh"):
         raise ScenarioError(
@@ -36,12 +37,10 @@ def ping_listen(
     opened = (
         _can(where, identifier, end, heard) if kind == "can" else _zenoh(where, connect, end, heard)
     )
-    with opened as listen:
-        try:
-            while monotonic_ns() < stop:
-                listen(min(stop, monotonic_ns() + 200_000_000))
-        except KeyboardInterrupt:
-            pass
+    with opened as listen, until_signal():
+        while monotonic_ns() < stop:
+            act_on_signal()
+            listen(min(stop, monotonic_ns() + 200_000_000))
     figures = heard.figures()
     if not figures:
         counts = sum(heard.counts.values())

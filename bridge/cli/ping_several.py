@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import multiprocessing
-import signal
 import sys
 from collections.abc import Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, wait
@@ -18,6 +17,8 @@ from bridge.cli.ping_path import PathOutcome, PathRequest, end_live_line, measur
 from bridge.ping.exchanges import Exchanges
 from cosim.base.clock import monotonic_ns
 from cosim.base.errors import CosimError, RunError
+from cosim.base.interrupts import acknowledge, act_on_signal
+from cosim.base.processes import leave_signals_to_parent
 
 #: Set in the process of a path: ends the measurement.
 _stop: list[Event] = []
@@ -61,8 +62,10 @@ def _measured(requests: Sequence[PathRequest]) -> dict[str, PathOutcome | Failed
         waiting = {request.name: pool.submit(_one, request) for request in requests}
         try:
             while wait(waiting.values(), timeout=0.5).not_done:
+                act_on_signal()
                 _live(waiting, requests[0].duration, (monotonic_ns() - start) * 1e-9)
         except KeyboardInterrupt:
+            acknowledge()
             stop.set()
         finally:
             end_live_line()
@@ -71,7 +74,7 @@ def _measured(requests: Sequence[PathRequest]) -> dict[str, PathOutcome | Failed
 
 def _prepare(stop: Event) -> None:
     """In the process of a path: Ctrl-C is for the one that waits, which says when to stop."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    leave_signals_to_parent()
     _stop.append(stop)
 
 

@@ -39,6 +39,7 @@ def pong(
     from bridge.ping.measure import PingResponder
     from cosim.base.clock import monotonic_ns
     from cosim.base.errors import ScenarioError
+    from cosim.base.interrupts import act_on_signal, until_signal
 
     if path not in ("udp", "zenoh", "can") or (path == "can" and not where):
         raise ScenarioError(
@@ -53,12 +54,11 @@ def pong(
             opened = _udp(where) if path == "udp" else _zenoh(where, config, connect)
             responder = PingResponder(stack.enter_context(opened))
         stop = None if for_ is None else monotonic_ns() + round(for_ * 1e9)
-        try:
+        with until_signal():
             while stop is None or monotonic_ns() < stop:
+                act_on_signal()
                 turn = monotonic_ns() + 500_000_000
                 responder.serve(turn if stop is None else min(turn, stop))
-        except KeyboardInterrupt:
-            pass
     typer.echo(f"{responder.answered} questions answered")
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import dataclass
 
 from bridge.ping.exchanges import Arrival, Exchanges, PingCodec, PingPath, ReceivedAnswer
@@ -11,6 +10,7 @@ from bridge.ping.packet import PingPacket, decode
 from bridge.realtime.host_clock import HostClock, host_clock
 from cosim.base.clock import monotonic_ns, realtime_offset_ns
 from cosim.base.errors import RunError
+from cosim.base.interrupts import act_on_signal, until_signal
 
 #: How long to wait for the last answers, ns.
 LINGER_NS = 1_000_000_000
@@ -36,12 +36,13 @@ def measure(
     A question that is late is sent at once; if more than one is due, the later ones are put off, so
     that a pause of this process does not become a burst.
     """
-    with suppress(KeyboardInterrupt):
+    with until_signal():
         _ask(path, codec, plan, record, show)
-    with suppress(KeyboardInterrupt):  # the last answers are on their way after Ctrl-C, too
+    with until_signal():  # the last answers are on their way after Ctrl-C, too
         linger = max(LINGER_NS, 3 * record.last_rtt_ns)
         end = monotonic_ns() + linger
         while record.received < record.sent and monotonic_ns() < end:
+            act_on_signal()
             _listen(path, codec, record, end)
 
 
@@ -52,6 +53,7 @@ def _ask(
     due = monotonic_ns() + 1_000_000
     shown = due
     while plan.count is None or record.sent < plan.count:
+        act_on_signal()
         now = monotonic_ns()
         if now < due:
             _listen(path, codec, record, due)

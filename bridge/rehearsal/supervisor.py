@@ -30,7 +30,7 @@ from bridge.rehearsal.settings import Settings as Settings
 from bridge.rehearsal.simulated_buses import served
 from cosim.base.clock import monotonic_ns, realtime_offset_ns, sleep
 from cosim.base.errors import Interrupted, RunError
-from cosim.base.interrupts import signals_as_interrupt
+from cosim.base.interrupts import acknowledge, signals_as_interrupt
 from cosim.record.folder import NODES, replace_file
 
 #: A file in a run folder.
@@ -125,6 +125,7 @@ class Rehearsal:
             with signals_as_interrupt():
                 self._watch(progress)
         except KeyboardInterrupt:
+            acknowledge()
             self.stop()
             self.ended.interrupted = True
             raise Interrupted(self.t, str(self.folder)) from None

@@ -43,6 +43,7 @@ from cosim.analysis import declared_metrics
 from cosim.analysis.metrics import Metric, MetricResult
 from cosim.base.clock import realtime_offset_ns
 from cosim.base.errors import CosimError, Interrupted, RunError, ScenarioError
+from cosim.base.interrupts import acknowledge
 from cosim.engine.simulate import metadata, stop_metadata
 from cosim.record import Run, seal, write_metadata
 from cosim.record.folder import FINISHED, NODES, STOPPED, read_metadata
@@ -171,6 +172,7 @@ def run_twin(
         twin.simulate(system, nodes)
     except (RunError, KeyboardInterrupt) as found:
         error = found
+        acknowledge()
     rows = replay.load(nodes)
     ticks = run_folder.collect(system, rows, nodes, folder, wall_ns=0).ticks if rows else 0
     if error is None:

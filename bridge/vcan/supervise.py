@@ -22,6 +22,7 @@ from pathlib import Path
 from bridge.vcan.errors import VcanError
 from cosim.base.clock import stopwatch
 from cosim.base.errors import CosimError
+from cosim.base.interrupts import hear_of_children
 
 _PR_SET_PDEATHSIG, _PR_SET_CHILD_SUBREAPER = 1, 36
 #: What stops a run. SIGUSR1: the watcher's own, for output that nobody reads any more.
@@ -38,6 +39,7 @@ def supervised(work: Callable[[], int]) -> int:
     """The exit status of `work`, which runs in the watcher."""
     sys.stdout.flush()
     sys.stderr.flush()
+    hear_of_children()
     signal.pthread_sigmask(signal.SIG_BLOCK, _WATCHED)
     _prctl(_PR_SET_CHILD_SUBREAPER, 1)
     front = os.getpid()

@@ -196,7 +196,7 @@ def system(scenario: Scenario, plan: Plan) -> AnalyzedSystem:
         try:
             function = functions(scenario.components[step.name].model)
             found = None if function is None else function(values_of(step))
-        except Exception as error:  # foreign code: that it fails is a finding of its own
+        except (Exception, SystemExit) as error:  # foreign code; that it fails is a finding
             silent[step.name] = f"{type(error).__name__}: {error}"
             continue
         if found is not None:

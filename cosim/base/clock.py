@@ -11,10 +11,14 @@ import sys
 import time
 from collections.abc import Callable
 
+from cosim.base.interrupts import act_on_signal
+
 #: Readings of two clocks of which the closest one counts.
 READINGS = 5
 #: Two readings of a clock at most this far apart are of one moment, ns.
 CLOSE_NS = 2_000
+#: A sleeper looks for signals so often, s.
+NAP = 0.05
 
 
 def stopwatch() -> Callable[[], float]:
@@ -80,8 +84,12 @@ def wall_time() -> float:
 def sleep(seconds: float) -> None:
     """Sleep for at least `seconds` (s); return immediately if they are not positive.
 
-    For waiting outside of ticks (for a process to start, a peer to answer). Ticks wait for absolute
+    Raises KeyboardInterrupt if a signal ends the command (:mod:`cosim.base.interrupts`). For
+    waiting outside of ticks (for a process to start, a peer to answer). Ticks wait for absolute
     deadlines in C.
     """
-    if seconds > 0:
-        time.sleep(seconds)
+    end = time.monotonic() + seconds
+    while seconds > 0:
+        time.sleep(min(seconds, NAP))
+        act_on_signal()
+        seconds = end - time.monotonic()

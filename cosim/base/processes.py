@@ -20,6 +20,7 @@ from typing import TypeVar
 
 from cosim.base.clock import sleep
 from cosim.base.errors import RunError
+from cosim.base.interrupts import ENDING
 
 T = TypeVar("T")
 R = TypeVar("R")
@@ -85,7 +86,13 @@ def spawned(jobs: int) -> ProcessPoolExecutor:
 
 def _begin() -> None:
     """What a worker process does first: leave Ctrl-C to the parent, and watch over its life."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    leave_signals_to_parent({*ENDING} - {signal.SIGTERM})
+
+
+def leave_signals_to_parent(ignored: Iterable[signal.Signals] = ENDING) -> None:
+    """Ignore these signals in a worker process, which always ends with its parent."""
+    for number in ignored:
+        signal.signal(number, signal.SIG_IGN)
     threading.Thread(target=_follow, name="parent", daemon=True).start()
 
 

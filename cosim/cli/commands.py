@@ -1,31 +1,24 @@
-"""All commands as one program. Errors become one sentence and an exit code; nothing else is caught.
-
-Exit codes: 0 done, 1 a run stopped or a comparison failed, 2 bad input; ended by a signal: 130
-(SIGINT), 143 (SIGTERM), 129 (SIGHUP).
-"""
+"""All commands as one program."""
 
 from __future__ import annotations
 
 import importlib
 import os
 import sys
-import warnings
-from typing import Any, TextIO, final
+from typing import Any, final
 
 import typer
-from typer.core import TyperGroup
 from typer.main import get_command
 
-from cosim.base.errors import CosimError, FolderWarning, shortage
-from cosim.base.interrupts import exit_code, signals_as_interrupt
 from cosim.base.names import hint
+from cosim.cli.ending import ProgramGroup, run_program
 from cosim.cli.overview import COMMANDS, overview
 
 _SETTINGS = {"help_option_names": ["-h", "--help"]}
 
 
 @final
-class _Commands(TyperGroup):
+class _Commands(ProgramGroup):
     """Commands that are imported when they are called: a list of them needs none."""
 
     def list_commands(self, ctx: Any) -> list[str]:
@@ -85,41 +78,4 @@ def command() -> None:
     """The command in this process."""
     # The working directory is where a user's own modules are.
     sys.path.insert(0, os.getcwd())
-    try:
-        with warnings.catch_warnings(), signals_as_interrupt():
-            warnings.simplefilter("once", FolderWarning)
-            warnings.showwarning = _warn
-            app()
-    except CosimError as error:
-        typer.echo(f"error: {error}", err=True)
-        saved = vars(error).get("saved")
-        if saved:
-            typer.echo(
-                f"recorded until then, and the last ticks of every signal: {saved}", err=True
-            )
-        sys.exit(error.exit_code)
-    except KeyboardInterrupt:
-        typer.echo("interrupted", err=True)
-        sys.exit(exit_code())
-    except BrokenPipeError:
-        sys.exit(1)
-    except Exception as error:
-        if not (lacking := shortage(error)):
-            raise
-        typer.echo(f"error: {lacking}", err=True)
-        sys.exit(1)
-
-
-def _warn(
-    message: Warning | str,
-    category: type[Warning],
-    filename: str,
-    lineno: int,
-    file: TextIO | None = None,
-    line: str | None = None,
-) -> None:
-    """Print a reader's warning about a folder as one sentence, without the place in the code."""
-    if issubclass(category, FolderWarning):
-        typer.echo(f"note: {message}", err=True)
-    else:
-        typer.echo(warnings.formatwarning(message, category, filename, lineno, line), err=True)
+    run_program(app)

@@ -18,7 +18,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import NoReturn
 
-from cosim.base.interrupts import ENDING
+from cosim.base.interrupts import ENDING, exit_code, hear_of_children, signals_as_interrupt
 
 #: The end of the pipe in a child that is supervised.
 _told: list[int] = []
@@ -64,6 +64,7 @@ def supervised(command: Callable[[], None]) -> int:
     if sys.platform == "win32":
         command()
         return 0
+    hear_of_children()
     reading, writing = os.pipe()
     sys.stdout.flush()
     sys.stderr.flush()
@@ -117,10 +118,14 @@ def _end(codes: list[int]) -> None:
 def _code(command: Callable[[], None]) -> int:
     """The exit code of a command, as the interpreter would have it."""
     try:
-        command()
+        with signals_as_interrupt():
+            command()
         code: int | str | None = 0
     except SystemExit as end:
         code = end.code
+    except KeyboardInterrupt:
+        sys.stderr.write("interrupted\n")
+        code = exit_code()
     except BaseException:
         kind, error, place = sys.exc_info()
         if kind and error:
@@ -151,7 +156,10 @@ def _wait(child: int, signals: set[signal.Signals]) -> int:
 
 def _finish_folder(status: int, folder: str) -> int:
     """Report how the child ended, and complete the folder it has left; return the exit code."""
-    if os.WIFSIGNALED(status):
+    code = 1
+    if os.WIFSIGNALED(status) and os.WTERMSIG(status) in ENDING:  # before it could take note
+        how, code = "interrupted", 128 + os.WTERMSIG(status)
+    elif os.WIFSIGNALED(status):
         name = signal.Signals(os.WTERMSIG(status)).name
         how = f"the process of this command was ended by {name}"
         how += (
@@ -161,13 +169,13 @@ def _finish_folder(status: int, folder: str) -> int:
         )
         how += " (by somebody, or for lack of memory)" if name == "SIGKILL" else ""
     else:
-        code = os.WEXITSTATUS(status)
-        how = f"a component or a library ended the process of this command (exit code {code})"
-    sys.stderr.write(f"error: {how}\n")
+        said = os.WEXITSTATUS(status)
+        how = f"a component or a library ended the process of this command (exit code {said})"
+    sys.stderr.write(f"error: {how}\n" if code == 1 else f"{how}\n")
     sys.stderr.flush()  # what ended the child, as a lack of memory, may end this process as well
     if folder and Path(folder).exists():
         _complete(Path(folder), how)
-    return 1
+    return code
 
 
 def _complete(folder: Path, how: str) -> None:

@@ -261,7 +261,7 @@ class Engine:
 
     def _error(self, result: EngineResult) -> BaseException:
         failure, self._bound.failure = self._bound.failure, None
-        if isinstance(failure, KeyboardInterrupt | SystemExit):
+        if isinstance(failure, KeyboardInterrupt):
             return failure
         tick, index = int(self._state.failed_tick), self._state.failed_index
         time = tick * self.plan.h

@@ -76,7 +76,7 @@ def _part(
             y = step.component.step(t, length, u)
             for slot in step.outputs:
                 signals[slot_slice(slot)] = np.reshape(y[slot.port], -1)
-        except Exception as error:
+        except (Exception, SystemExit) as error:
             said = sentence(error, step.name)
             raise RunError(
                 f"{step.name}: a part of a step ({length:g} s) at t = {t:.6g} s failed: {said}",

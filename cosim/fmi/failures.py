@@ -25,6 +25,8 @@ def sentence(error: BaseException, name: str = "") -> str:
     if isinstance(error, CosimError):
         return str(error).removeprefix(f"{name}: ")
     text = f"{type(error).__name__}: {error}".removesuffix(": ")
+    if isinstance(error, SystemExit):
+        text = f"sys.exit({error.code!r})"
     frames = traceback.extract_tb(error.__traceback__)
     file = Path(frames[-1].filename) if frames else Path("<unknown>")
     if file.name.startswith("<") or file.parent.parent == Path(__file__).parents[1]:
@@ -48,7 +50,7 @@ def starting_one_of(name_at_hand: Callable[[], str]) -> Iterator[None]:
     """
     try:
         yield
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         name = name_at_hand()
         raise ScenarioError(f"{name} does not start: {sentence(error, name)}") from error
 

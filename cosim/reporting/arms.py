@@ -63,7 +63,12 @@ def drawing_of(model: str, options: Mapping[str, Any], folder: Path) -> Drawing 
     try:
         hook = vars(importlib.import_module(model)).get("drawing")
         found = None if hook is None else hook(options, folder)
-    except (CosimError, ImportError, OSError):  # the file of the robot may be elsewhere by now
+    except (
+        CosimError,
+        ImportError,
+        OSError,
+        SystemExit,
+    ):  # the file of the robot may be elsewhere by now
         return None
     return found if isinstance(found, Drawing) else None
 

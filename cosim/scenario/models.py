@@ -73,7 +73,7 @@ def load_component(name: str, spec: ComponentSpec, folder: Path, place: str) -> 
         raise ScenarioError(f"{spec.model}: {sentence(error)}", f"{place}.sizes") from None
     except CosimError as error:
         raise ScenarioError(str(error), place) from None
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         raise ScenarioError(f"{spec.model}: {sentence(error)}", f"{place}.model") from error
     if spec.kind in _WORDS:
         raise ScenarioError(f"found {spec.kind}, expected an FMU for it", f"{place}.kind")
@@ -127,7 +127,7 @@ def _prepared(module: ModuleType, spec: ComponentSpec, folder: Path, place: str)
         prepared: Preparation = prepare(spec.options, folder)
     except CosimError as error:
         raise ScenarioError(str(error), f"{place}.options") from None
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         raise ScenarioError(f"{spec.model}: {sentence(error)}", f"{place}.options") from error
     if not isinstance(prepared, Preparation):
         raise ScenarioError(
@@ -248,7 +248,7 @@ def _beside(name: str) -> list[str]:
         return []
     try:
         places = importlib.import_module(package).__path__
-    except Exception:  # it may do anything
+    except (Exception, SystemExit):  # it may do anything
         return []
     import pkgutil  # only a wrong name needs it
 
@@ -266,7 +266,7 @@ def _module(name: str, place: str) -> ModuleType:
             "in .fmu, a module such as 'fmus.models.planar2r', or 'module:attribute'",
             f"{place}.model",
         ) from None
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         raise ScenarioError(f"importing {name!r}: {sentence(error)}", f"{place}.model") from error
 
 

@@ -24,7 +24,7 @@ def load_module(path: Path) -> ModuleType:
     module = importlib.util.module_from_spec(spec)
     try:
         spec.loader.exec_module(module)
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         raise ScenarioError(f"{type(error).__name__}: {error}", str(path)) from error
     if not callable(vars(module).get("model")):
         raise ScenarioError("has no function model()", str(path))

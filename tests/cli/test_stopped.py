@@ -108,11 +108,38 @@ def test_what_a_component_raises_is_named_with_its_line(cosim: Command) -> None:
     assert "at tick 500 (t = 0.5 s)" in said
 
 
+@pytest.mark.parametrize("code", [0, 3])
+@pytest.mark.parametrize("words", [("run", "--out", "here"), ("linearize", "--at", "0.3")])
+def test_a_component_that_exits_in_a_step_does_not_end_the_command(
+    cosim: Command, monkeypatch: pytest.MonkeyPatch, words: tuple[str, ...], code: int
+) -> None:
+    monkeypatch.delitem(sys.modules, "own", raising=False)
+    Path("own.py").write_text(
+        "import sys\nfrom tests.cosim.blocks import Integrator\n"
+        "class Own(Integrator):\n    def step(self, t, h, u):\n"
+        f"        if t > 0.15: sys.exit({code})\n        return super().step(t, h, u)\n",
+        encoding="utf-8",
+    )
+    Path("own.toml").write_text(
+        '[run]\nstep = 0.1\nstop = 1\n[components.own]\nmodel = "own:Own"\nstart.u = 1\n',
+        encoding="utf-8",
+    )
+    said = cosim.refused(words[0], "own.toml", *words[1:], code=1)
+    assert f"own: sys.exit({code}) (own.py, line 5) at tick 2" in said
+
+
 @pytest.mark.parametrize(
     ("body", "message"),
     [
         ("import nothing_of_this_name", "No module named 'nothing_of_this_name'"),
         ("x = 1 / 0", "ZeroDivisionError: division by zero (own.py, line 1)"),
+        ("import sys; sys.exit(0)", "importing 'own': sys.exit(0) (own.py, line 1)"),
+        ("import sys\ndef Own(): sys.exit()", "own:Own: sys.exit(None) (own.py, line 2)"),
+        (
+            "import sys\nfrom tests.cosim.blocks import Gain\n"
+            "class Own(Gain):\n    def initialize(self, values): sys.exit(3)",
+            "own does not start: sys.exit(3) (own.py, line 4)",
+        ),
         ("def f(:", "SyntaxError: invalid syntax (own.py, line 1)"),
         ("class Own: pass", "Own is not a component: it has no kind, inputs, "),
         ("def Own(): return 1 / 0", "ZeroDivisionError: division by zero (own.py, line 1)"),

@@ -13,6 +13,7 @@ import signal
 from typing import Any
 
 from cosim.base.errors import FmuError
+from cosim.base.interrupts import ENDING
 from cosim.fmi.instances import instantiate
 from cosim.fmi.isolation import protocol
 from cosim.fmi.layout import StepLayout, bind, late_clock_ticks
@@ -88,7 +89,8 @@ def _limit(megabytes: int) -> None:
 
 def main(descriptor: int, size: int, offset: int, bytes_wake: int) -> None:
     """Serve until the other end closes. What the FMU prints goes where errors go."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # whoever steps decides when to stop
+    for number in ENDING:
+        signal.signal(number, signal.SIG_IGN)  # whoever steps decides when to stop
     from multiprocessing.connection import Connection
 
     asked, answers = Connection(os.dup(0), writable=False), Connection(os.dup(1), readable=False)

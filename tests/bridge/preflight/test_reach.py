@@ -87,7 +87,7 @@ def test_a_signal_while_hosts_are_made_leaves_no_namespace(tmp_path, monkeypatch
     monkeypatch.setattr(namespaces, "delete", made.remove)
     monkeypatch.setattr(namespaces, "multicast", lambda name: None)
     hosts = Hosts({"a": ["a"]}, tmp_path / "packets")
-    with signals_as_interrupt(), pytest.raises(KeyboardInterrupt):
+    with pytest.raises(KeyboardInterrupt), signals_as_interrupt():
         hosts.__enter__()
     assert made == []
 
@@ -103,8 +103,8 @@ def test_a_signal_while_hosts_are_removed_removes_them_all(tmp_path, monkeypatch
     monkeypatch.setattr(namespaces, "delete", delete)
     monkeypatch.setattr(namespaces, "multicast", lambda name: None)
     with (
-        signals_as_interrupt(),
         pytest.raises(KeyboardInterrupt),
+        signals_as_interrupt(),
         Hosts({"a": ["a"]}, tmp_path / "packets"),
     ):
         assert made

@@ -7,8 +7,6 @@ from __future__ import annotations
 
 import importlib
 import inspect
-import os
-import sys
 from pathlib import Path
 from types import ModuleType
 from typing import Annotated
@@ -16,6 +14,7 @@ from typing import Annotated
 import typer
 
 from cosim.base.errors import ScenarioError, UnitError
+from cosim.base.python import add_working_directory
 from cosim.base.units import quantity
 from cosim.cli.ending import ProgramGroup, run_program
 from fmus.build import ANY_SIZE, SHIPPED, VERSIONS, Version, pack, shipped_models, versions
@@ -277,5 +276,5 @@ def _sizes(texts: list[str]) -> dict[str, int] | None:
 
 def main() -> None:
     """Entry point of the console script."""
-    sys.path.insert(0, os.getcwd())  # where a user's own models are
+    add_working_directory()
     run_program(app)

@@ -7,13 +7,13 @@ import os
 import queue
 import signal
 import subprocess
-import sys
 import threading
 from collections.abc import Mapping
 from contextlib import suppress
 from typing import Any, final
 
 from bridge.node.handle import NodeHandle, NodeStart
+from cosim.base.python import python_call
 
 
 @final
@@ -26,7 +26,7 @@ class Process(NodeHandle):
         self.events: queue.SimpleQueue[Mapping[str, Any] | None] = queue.SimpleQueue()
         with self.errors.open("wb") as errors:
             self._popen = subprocess.Popen(
-                [sys.executable, "-m", "bridge.node.start", start.text()],
+                python_call("bridge.node.start", start.text()),
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=errors,

@@ -13,8 +13,10 @@ from typing import Any, cast
 cast(dict[str, Any], sys.modules).setdefault("asammdf", None)
 
 from bridge.node.run import main  # noqa: E402
+from cosim.base.python import add_working_directory  # noqa: E402
 
 if __name__ == "__main__":
+    add_working_directory()
     code = main(sys.argv[1:])
     sys.stdout.flush()
     sys.stderr.flush()

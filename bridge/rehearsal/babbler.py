@@ -19,11 +19,12 @@ from bridge.can.repeated_frame import LONGEST_WAIT, flags_of, repeat, stopped_by
 from bridge.faults.script import FaultEvent
 from bridge.native.bus import FORMAT, Accept
 from cosim.base.errors import CosimError
+from cosim.base.python import python_call
 
 
 def command(event: FaultEvent, interface: str, channel: str, *, fd: bool = False) -> list[str]:
     """What starts the peer that an event of a fault script asks for."""
-    said = [sys.executable, "-m", "bridge.rehearsal.babbler", "-i", interface, "-c", channel]
+    said = python_call("bridge.rehearsal.babbler", "-i", interface, "-c", channel)
     said += ["--id", f"{event.id:#x}", "--rate", f"{event.rate:g}", "--length", f"{event.length}"]
     return [*said, "--fd"] if fd else said
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import subprocess
-import sys
 from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager
 from itertools import count
@@ -18,6 +17,7 @@ from numpy.typing import NDArray
 from bridge.native.journal import Journal
 from bridge.relay import namespaces
 from bridge.relay.namespaces import NetworkError
+from cosim.base.python import python_call
 
 _NUMBER = count()
 #: Packets a record has room for.
@@ -71,7 +71,7 @@ class RelayNetwork:
             "links": self._links,
         }  # fmt: skip
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "bridge.relay", json.dumps(given)],
+            python_call("bridge.relay", json.dumps(given)),
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             text=True,

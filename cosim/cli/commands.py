@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import importlib
-import os
-import sys
 from typing import Any, final
 
 import typer
 from typer.main import get_command
 
 from cosim.base.names import hint
+from cosim.base.python import add_working_directory
 from cosim.cli.ending import ProgramGroup, run_program
 from cosim.cli.overview import COMMANDS, overview
 
@@ -76,6 +75,5 @@ def _options(
 
 def command() -> None:
     """The command in this process."""
-    # The working directory is where a user's own modules are.
-    sys.path.insert(0, os.getcwd())
+    add_working_directory()
     run_program(app)

@@ -15,10 +15,10 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any, NoReturn
 
 from cosim.base.errors import FmuError
+from cosim.base.python import python_call
 from cosim.fmi.intervals import Interval, Intervals, NextTick
 from cosim.fmi.isolation.protocol import answered, request
 from cosim.fmi.layout import StepLayout
@@ -28,11 +28,6 @@ from cosim.fmi.values import NumberedTexts
 from cosim.native import fmu_log, structs
 from cosim.native.mailbox import Lost, Mailbox, MailEnd, library
 
-_ROOT = Path(__file__).resolve().parents[3]
-_START = (
-    "import sys; sys.path.insert(0, sys.argv.pop(1)); "
-    "from cosim.fmi.isolation.worker import main; main(*(int(a) for a in sys.argv[1:5]))"
-)
 #: Seconds between two looks whether the run was asked to stop.
 _GLANCE = 0.2
 #: Seconds a call may still take when it was.
@@ -377,7 +372,7 @@ def isolated(
 def _spawn(descriptor: int, size: int, offset: int, bytes_wake: int) -> subprocess.Popen[bytes]:
     numbers = [str(n) for n in (descriptor, size, offset, bytes_wake)]
     return subprocess.Popen(
-        [sys.executable, "-c", _START, str(_ROOT), *numbers],
+        python_call("cosim.fmi.isolation.worker", *numbers),
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         pass_fds=(descriptor,),

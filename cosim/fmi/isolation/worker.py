@@ -10,6 +10,7 @@ import ctypes as c
 import mmap
 import os
 import signal
+import sys
 from typing import Any
 
 from cosim.base.errors import FmuError
@@ -107,3 +108,7 @@ def main(descriptor: int, size: int, offset: int, bytes_wake: int) -> None:
         except (EOFError, OSError):
             break
     os._exit(0)  # an FMU's own clean-up could wait for ever
+
+
+if __name__ == "__main__":
+    main(*(int(a) for a in sys.argv[1:5]))

@@ -207,42 +207,44 @@ def _run(
     from cosim.base.interrupts import exit_code
     from cosim.cli.json_file import write_json
     from cosim.cli.summary import progress_bar, this_command
-    from cosim.record import claim_folder
+    from cosim.record import claim_folder, held_folder
 
     host.check(system, settings.nodes)
     script = load(Path(settings.script)) if settings.script else None
     if script is not None:
         settings = replace(settings, events=injector.events(script, system))
-    if force:
-        clear(folder)
-    announce_run_folder(folder)
-    claim_folder(folder, force=force)
-    if not quiet:
-        typer.echo(header(system))
-    facts = {
-        "settings": list(settings.changes), "faults": settings.script, "real": settings.real,
-        "command": this_command(), "findings": found,
-    }  # fmt: skip
-    begin(system, folder, facts)
-    interrupted = False
-    with Rehearsal(system, settings, folder) as rehearsal:
-        try:
-            with progress_bar(quiet) as progress:
-                rehearsal.run(lambda t, end: progress(round(t * 1e3), round(end * 1e3)))
-        except Interrupted:
-            interrupted = True
-        rehearsal.end()
-        outcome = complete(
-            system, folder, rehearsal.ended, facts, with_twin=twin, formats=formats, script=script
-        )
-    verdict = _say(system, outcome, drawn, quiet)
-    if json is not None:
-        write_json(json, as_data(system, outcome))
-    if interrupted:
-        typer.echo(f"interrupted; recorded until then: {folder}", err=True)
-        raise typer.Exit(exit_code())
-    if verdict.exit_code:
-        raise typer.Exit(verdict.exit_code)
+    with held_folder(folder):
+        if force:
+            clear(folder)
+        announce_run_folder(folder)
+        claim_folder(folder, force=force)
+        if not quiet:
+            typer.echo(header(system))
+        facts = {
+            "settings": list(settings.changes), "faults": settings.script, "real": settings.real,
+            "command": this_command(), "findings": found,
+        }  # fmt: skip
+        begin(system, folder, facts)
+        interrupted = False
+        with Rehearsal(system, settings, folder) as rehearsal:
+            try:
+                with progress_bar(quiet) as progress:
+                    rehearsal.run(lambda t, end: progress(round(t * 1e3), round(end * 1e3)))
+            except Interrupted:
+                interrupted = True
+            rehearsal.end()
+            outcome = complete(
+                system, folder, rehearsal.ended, facts,
+                with_twin=twin, formats=formats, script=script,
+            )  # fmt: skip
+        verdict = _say(system, outcome, drawn, quiet)
+        if json is not None:
+            write_json(json, as_data(system, outcome))
+        if interrupted:
+            typer.echo(f"interrupted; recorded until then: {folder}", err=True)
+            raise typer.Exit(exit_code())
+        if verdict.exit_code:
+            raise typer.Exit(verdict.exit_code)
 
 
 def checked(

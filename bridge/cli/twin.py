@@ -109,7 +109,7 @@ def run(
     from cosim.base.interrupts import exit_code
     from cosim.cli.json_file import write_json
     from cosim.cli.summary import metrics_as_data, pictures, this_command
-    from cosim.record import Run, claim_folder, seal
+    from cosim.record import Run, claim_folder, held_folder, seal
 
     if clock != "simulated":
         raise ScenarioError(
@@ -120,11 +120,12 @@ def run(
     name = f"{system.scenario.name}-{system.deployment.name}-twin-{stamp()}"
     folder = out or unused_folder(Path("runs") / name)
     announce_run_folder(folder)
-    claim_folder(folder, force=force)
     watch = stopwatch()
     try:
         further = {"command": this_command(), "findings": findings}
-        run_twin(system, folder, settings, further)
+        with held_folder(folder):
+            claim_folder(folder, force=force)
+            run_twin(system, folder, settings, further)
     except Interrupted as stop:
         typer.echo(f"{stop}; recorded until then: {stop.saved}", err=True)
         raise typer.Exit(exit_code()) from None

@@ -31,6 +31,8 @@ from cosim.record.live import unlock
 MAGIC, VERSION, HEADER = b"cosimjnl", 1, 64
 #: Bytes of rows for which there is room ahead of the writer.
 AHEAD = 1 << 24
+#: Added to the name of a file that is being made.
+UNFINISHED = ".new"
 Rows = NDArray[np.void]
 
 
@@ -77,7 +79,8 @@ class Journal:
             raise JournalError(f"{path}: {found}; expected at least one row of one byte")
         text = repr(np.lib.format.dtype_to_descr(row)).encode()
         end = HEADER + capacity * row.itemsize
-        file = _new_file(path, end + len(text))
+        aside = path.with_name(f"{path.name}{UNFINISHED}")  # nobody finds half of one
+        file = _new_file(aside, end + len(text))
         try:
             memory, grows = _mapped(file, end + len(text))
             _write(file, text, end)
@@ -88,10 +91,12 @@ class Journal:
             c.memmove(c.addressof(c.c_char.from_buffer(memory)), bytes(header), HEADER)
             made = cls(path, memory, row, text, file)
             made.make_room()
+            made.struct.magic = MAGIC  # last: a file without it is not one
+            os.replace(aside, path)
         except OSError as error:
             os.close(file)
+            aside.unlink(missing_ok=True)
             raise _failure(path, end + len(text), error) from error
-        made.struct.magic = MAGIC  # last: a file without it is not one
         return made
 
     @staticmethod
@@ -193,13 +198,14 @@ def _new_file(path: Path, size: int) -> int:
     except OSError as error:
         if file >= 0:
             os.close(file)
-        raise _failure(path, size, error) from error
+        if error.errno == errno.ENOSPC:
+            path.unlink(missing_ok=True)
+        place = path.with_name(path.name.removesuffix(UNFINISHED))
+        raise _failure(place, size, error) from error
     return file
 
 
 def _failure(path: Path, size: int, error: OSError) -> JournalError:
-    if error.errno == errno.ENOSPC:
-        path.unlink(missing_ok=True)
     failure = JournalError(f"{path}: cannot create {size} bytes: {error.strerror}")
     failure.exit_code = 1  # nothing is wrong with what was asked for
     return failure

@@ -47,6 +47,7 @@ from cosim.base.interrupts import acknowledge
 from cosim.engine.simulate import metadata, stop_metadata
 from cosim.record import Run, seal, write_metadata
 from cosim.record.folder import FINISHED, NODES, STOPPED, read_metadata
+from cosim.record.recover import journals
 
 TWIN = "twin"
 #: Entries of ``run.json`` that every run has: the command that was typed, what the check found.
@@ -173,7 +174,7 @@ def run_twin(
     except (RunError, KeyboardInterrupt) as found:
         error = found
         acknowledge()
-    rows = replay.load(nodes)
+    rows = replay.load(nodes) if journals(folder) else {}
     ticks = run_folder.collect(system, rows, nodes, folder, wall_ns=0).ticks if rows else 0
     if error is None:
         shutil.rmtree(nodes)

@@ -24,7 +24,15 @@ from cosim.engine.tables import Aside, LinkRows
 from cosim.fmi import components
 from cosim.links.statistics import Ages, LinkStatistics
 from cosim.links.writer import TableWriter
-from cosim.record import Column, Recorder, claim_folder, link_file, seal, write_metadata
+from cosim.record import (
+    Column,
+    Recorder,
+    claim_folder,
+    held_folder,
+    link_file,
+    seal,
+    write_metadata,
+)
 from cosim.record.folder import FINISHED, FMU_LOG, LAST, RUNNING, STOPPED
 from cosim.record.link_tables import MANY, TablesWriter
 from cosim.record.recover import is_unfinished
@@ -165,6 +173,7 @@ def simulate(
         )
         engine.initialize()
         stack.enter_context(stop_on_signal(engine.stop))  # what is opened from here on is closed
+        stack.enter_context(held_folder(folder))
         claim_folder(folder, force=force)
         facts = {**metadata(scenario, plan), **(further or {})}
         events = None

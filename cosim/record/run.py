@@ -63,7 +63,10 @@ class Run:
         if is_unfinished(place):
             return cls._recovered(path)
         if not path.exists():
-            raise ScenarioError(f"no {TRAJECTORIES} in this folder; not a run folder", str(place))
+            facts = read_metadata(place)
+            why = facts.get("error") or "the run was cut short"
+            text = f"nothing was recorded in this run ({why})" if facts else "not a run folder"
+            raise ScenarioError(f"no {TRAJECTORIES} in this folder; {text}", str(place))
         import pyarrow.parquet as pq
 
         try:

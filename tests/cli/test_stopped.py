@@ -11,7 +11,7 @@ from time import sleep
 import numpy as np
 import pytest
 
-from cosim.record import Run
+from cosim.record import Run, held_folder
 from tests.cli.command import CONFIG, Command, Done, started
 from tests.tiers import first_fast
 
@@ -256,3 +256,25 @@ def test_a_signal_ends_a_sweep_after_the_runs_under_way(
 def _sizes(folder: Path) -> list[int]:
     """Of what a sweep has stored."""
     return [path.stat().st_size for path in folder.glob("*.jsonl")]
+
+
+@pytest.mark.parametrize(
+    "words",
+    [("run",), ("run", "--deploy", "can"),
+     ("rehearse", "--deploy", "can", "-i", "cosim", "--clock", "simulated")],
+)  # fmt: skip
+def test_no_command_touches_the_folder_of_a_run_that_goes_on(
+    cosim: Command, tmp_path: Path, words: tuple[str, ...]
+) -> None:
+    (tmp_path / "here" / "nodes").mkdir(parents=True)
+    files = {tmp_path / "here" / name for name in ("run.json", "trajectories.parquet.part")}
+    files |= {tmp_path / "here" / "nodes" / "master-1.journal"}
+    for file in files:
+        file.write_text("{}")
+    with held_folder(tmp_path / "here"):
+        done = cosim(words[0], CONFIG, *words[1:], "--out", "here", "--force", "--quiet")
+    assert done.code == 2
+    assert done.err.splitlines()[-1] == (
+        "error: here: another run records into this folder; choose another one, or wait for its end"
+    )
+    assert {path for path in (tmp_path / "here").rglob("*") if path.is_file()} == files

@@ -192,3 +192,17 @@ def test_what_is_no_journal_is_refused(tmp_path: Path, damage, message: str):
     (tmp_path / "k").write_bytes(damage((tmp_path / "j").read_bytes()))
     with pytest.raises(JournalError, match=message):
         Journal.open(tmp_path / "k")
+
+
+def test_nobody_finds_half_a_journal(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whoever makes it may be killed at any moment; readers look for the name."""
+    seen = []
+
+    def look(aside: Path, path: Path) -> None:
+        seen.append(path.exists())
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(os, "replace", look)
+    with pytest.raises(KeyboardInterrupt):
+        Journal.create(tmp_path / "a.journal", np.dtype([("x", "<f8")]), 4)
+    assert seen == [False] and not list(tmp_path.glob("*.journal"))

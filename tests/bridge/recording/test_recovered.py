@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from bridge.deployment.system import System
+from bridge.native import journal
 from bridge.native.journal import Journal
 from bridge.recording import recovered
 from bridge.replay import twin
@@ -131,6 +132,26 @@ def test_ctrl_c_of_a_twin_keeps_what_was_simulated(
     assert run.metadata["status"] == "stopped"
     assert run.metadata["deployment"]["settings"] == list(SETTINGS)
     verify(tmp_path / "here")
+
+
+@pytest.mark.parametrize("made", [0, 2, 4])
+def test_a_twin_interrupted_while_its_journals_are_made_says_so(
+    system: System, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, made: int
+) -> None:
+    left, mapped = [made], journal._mapped
+
+    def some(descriptor: int, size: int) -> object:
+        if not left[0]:
+            raise KeyboardInterrupt
+        left[0] -= 1
+        return mapped(descriptor, size)
+
+    monkeypatch.setattr(journal, "_mapped", some)
+    with pytest.raises(Interrupted, match="interrupted at t = 0 s"):
+        run_twin(system, tmp_path / "here", SETTINGS)
+    verify(tmp_path / "here")
+    with pytest.raises(ScenarioError, match="nothing was recorded"):
+        Run.open(tmp_path / "here")
 
 
 def test_a_twin_is_the_same_however_often_it_is_looked_at(

@@ -13,7 +13,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cosim.base.errors import RunError, ScenarioError
-from cosim.record import Recorder, claim_folder, link_file, read_metadata, write_metadata
+from cosim.record import (
+    Recorder,
+    claim_folder,
+    held_folder,
+    link_file,
+    read_metadata,
+    write_metadata,
+)
 from cosim.record.folder import link_files, replace_file
 
 
@@ -53,6 +60,13 @@ def test_force_does_not_touch_a_folder_that_is_no_run(tmp_path: Path) -> None:
     with pytest.raises(ScenarioError, match=r"contains thesis\.tex but no earlier run"):
         claim_folder(tmp_path, force=True)
     assert (tmp_path / "thesis.tex").read_text() == "x"
+
+
+def test_a_folder_is_of_one_run_until_this_ends(tmp_path: Path) -> None:
+    with held_folder(tmp_path / "a"), pytest.raises(ScenarioError, match="another run records"):
+        held_folder(tmp_path / "a").__enter__()
+    with held_folder(tmp_path / "a"):
+        assert not list((tmp_path / "a").iterdir())
 
 
 def test_a_folder_that_cannot_be_made(tmp_path: Path) -> None:

@@ -17,7 +17,7 @@ from bridge.faults.script import Action, FaultEvent
 from bridge.native.safety import Why
 from bridge.records.lives import Life
 from bridge.safety.limits import explain, names
-from cosim.record.folder import replace_file
+from cosim.base.aside import write_file
 
 Counts: TypeAlias = Mapping[str, int]
 
@@ -101,7 +101,7 @@ class Statement(Record, frozen=True, kw_only=True):
     def write(self, folder: Path) -> None:
         """Into ``FOLDER/LIFE.json``, in one step. Raises RunError."""
         data = msgspec.json.format(msgspec.json.encode(self, enc_hook=str), indent=2)
-        replace_file(folder / self.life.file("json"), data + b"\n")
+        write_file(folder / self.life.file("json"), data + b"\n")
 
     @classmethod
     def read(cls, folder: Path, life: Life) -> Self | None:

@@ -28,10 +28,11 @@ from bridge.rehearsal.settings import RehearsalRecord as RehearsalRecord
 from bridge.rehearsal.settings import ScheduledEvent
 from bridge.rehearsal.settings import Settings as Settings
 from bridge.rehearsal.simulated_buses import served
+from cosim.base.aside import write_file
 from cosim.base.clock import monotonic_ns, realtime_offset_ns, sleep
 from cosim.base.errors import Interrupted, RunError
 from cosim.base.interrupts import acknowledge, signals_as_interrupt
-from cosim.record.folder import NODES, replace_file
+from cosim.record.folder import NODES
 
 #: A file in a run folder.
 STARTED = "rehearsal.json"  # for who looks on: what runs, and since when
@@ -162,7 +163,7 @@ class Rehearsal:
             "start_ns": self.ended.start_ns,
             "wall_ns": self.ended.start_ns + realtime_offset_ns(),
         }
-        replace_file(self.folder / STARTED, f"{json.dumps(facts, indent=2)}\n".encode())
+        write_file(self.folder / STARTED, f"{json.dumps(facts, indent=2)}\n".encode())
 
     def _arm(self) -> None:
         """Arm the nodes that command drives, all with real ones, and wait until these are ready.

@@ -52,10 +52,11 @@ def _advice(found: Estimate) -> str:
 
 def write(found: Estimate, folder: Path) -> Path:
     """Everything, as JSON; numbers that are not finite become null."""
+    from cosim.base.aside import write_file
     from cosim.record.folder import ESTIMATE
 
     path = folder / ESTIMATE
-    path.write_text(json.dumps(_finite(asdict(found)), indent=1) + "\n", encoding="utf-8")
+    write_file(path, json.dumps(_finite(asdict(found)), indent=1) + "\n")
     return path
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Mapping, Sequence
 from math import isfinite
 from pathlib import Path
@@ -15,13 +14,10 @@ def write_json(path: Path, data: Mapping[str, Any] | Sequence[Any]) -> None:
 
     Raises RunError with the path if it cannot be written.
     """
-    from cosim.base.errors import RunError
+    from cosim.base.aside import write_file
 
     text = json.dumps(_plain(data), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
-    try:
-        path.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise RunError(f"cannot write {path}: {os.strerror(error.errno or 0)}") from error
+    write_file(path, text)
 
 
 def _plain(data: Any) -> Any:

@@ -158,11 +158,6 @@ def _matlab(found: LinearModel) -> bytes:
 
 
 def _save(path: Path, data: bytes) -> None:
-    import os
+    from cosim.base.aside import write_file
 
-    from cosim.base.errors import RunError
-
-    try:
-        path.write_bytes(data)
-    except OSError as error:
-        raise RunError(f"cannot write {path}: {os.strerror(error.errno or 0)}") from error
+    write_file(path, data)

@@ -162,14 +162,11 @@ def bus_account(
 
 def _write_log(h: BusHistory, name: str, path: Path, first: int, last: int) -> str:
     """Write the frames that ended from `first` to `last` (ps); what was written."""
-    from cosim.base.errors import RunError
+    from cosim.base.aside import write_file
     from cosim.bus.candump import candump_lines
 
     frames = [x for x in h.sent() if first <= x[0] <= last]
-    try:
-        path.write_text(candump_lines(frames, name, 9), encoding="utf-8")
-    except OSError as error:
-        raise RunError(f"{path}: {error.strerror}; expected a file that can be written") from None
+    write_file(path, candump_lines(frames, name, 9))
     return f"{path}: {len(frames)} frames"
 
 

@@ -9,7 +9,6 @@ the first is drawn.
 from __future__ import annotations
 
 import io
-import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cosim.base.errors import RunError
+from cosim.base.aside import write_file
 from cosim.comparison.comparison import Comparison
 from cosim.comparison.measure import CaseOutcome, Curve
 from cosim.comparison.rows import columns, format_number
@@ -47,10 +46,7 @@ def draw(comparison: Comparison, path: Path) -> Path:
         matplotlib.rcdefaults()
         matplotlib.rcParams.update({"font.family": "DejaVu Sans", "font.size": 7.5})
         image = _render(comparison)
-    try:
-        path.write_bytes(image)
-    except OSError as error:
-        raise RunError(f"cannot write {path}: {os.strerror(error.errno or 0)}") from error
+    write_file(path, image)
     return path
 
 

@@ -14,13 +14,13 @@ from __future__ import annotations
 import csv
 import io
 import json
-import os
 from collections.abc import Iterator, Sequence
 from itertools import groupby
 from pathlib import Path
 from typing import Any
 
-from cosim.base.errors import RunError, ScenarioError
+from cosim.base.aside import write_file
+from cosim.base.errors import ScenarioError
 from cosim.comparison.comparison import Comparison
 from cosim.comparison.page import PAGE
 from cosim.comparison.rows import ComparisonRow, columns, header, notes, rows, runs_as_data
@@ -160,10 +160,7 @@ def write(comparison: Comparison, folder: Path, command: str) -> Iterator[Path]:
         (RESULT, json.dumps(data, indent=1, ensure_ascii=False, allow_nan=False) + "\n"),
     ):
         path = folder / name
-        try:
-            path.write_text(content, encoding="utf-8")
-        except OSError as error:
-            raise RunError(f"cannot write {path}: {os.strerror(error.errno or 0)}") from error
+        write_file(path, content)
         yield path
     comparison.tables.save(folder / "links")
     yield folder / "links"

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from cosim.base.aside import write_file
 from cosim.base.errors import RunError, ScenarioError
 from cosim.links.laws import Delays, FloatArray
 from cosim.record.arrow import numpy
@@ -164,7 +165,7 @@ def write_trace(path: Path, sent: FloatArray, delay: FloatArray) -> None:
         f"{t:.9f},{'' if np.isnan(d) else f'{max(d, 1e-6):.9f}'}"
         for t, d in zip(sent, delay, strict=True)
     ]
-    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    write_file(path, "\n".join(lines) + "\n")
 
 
 def _csv(path: Path) -> tuple[FloatArray, FloatArray, list[int]]:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote, unquote
 
+from cosim.base.aside import write_file
 from cosim.base.errors import RunError, ScenarioError
 
 TRAJECTORIES = "trajectories.parquet"
@@ -138,26 +139,8 @@ def write_metadata(
     except (TypeError, ValueError, RecursionError):  # keys that are numbers
         texts = to_builtins(mapping, enc_hook=_plain, str_keys=True)
         data = json.encode(texts, enc_hook=_plain, order="sorted")
-    replace_file(path, (json.format(data, indent=2) if indented else data) + b"\n")
+    write_file(path, (json.format(data, indent=2) if indented else data) + b"\n")
     return path
-
-
-def replace_file(path: Path, data: bytes | Iterable[bytes]) -> None:
-    """Write a file in one step: a reader finds the old or the new file, never a part of it.
-
-    `data`: its content, or pieces of it one after the other. Raises RunError with the path; the old
-    file then remains.
-    """
-    part = path.with_name(f"{path.name}.{os.getpid()}.part")
-    try:
-        with part.open("wb") as file:
-            file.writelines((data,) if isinstance(data, bytes) else data)
-        os.replace(part, path)
-    except OSError as error:
-        raise RunError(f"cannot write {path}: {reason(error)}") from error
-    finally:
-        with suppress(OSError):
-            part.unlink(missing_ok=True)
 
 
 def read_metadata(folder: str | Path) -> dict[str, Any]:

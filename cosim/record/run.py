@@ -12,7 +12,8 @@ from warnings import warn
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.base.errors import CutShort, RunError, ScenarioError
+from cosim.base.aside import written_aside
+from cosim.base.errors import CutShort, ScenarioError
 from cosim.record.arrow import numpy
 from cosim.record.folder import METADATA, TRAJECTORIES, read_metadata, reason
 from cosim.record.recover import in_memory, is_recording, is_unfinished, stored_tables
@@ -221,13 +222,10 @@ class Run:
 
         chosen = ["t", *(names or self.names)]
         schema = self._file.schema_arrow
-        try:
-            kept = pa.schema([schema.field(name) for name in chosen], schema.metadata)
-            with writer(str(path), kept) as file:
-                for i in range(self._file.num_row_groups):
-                    file.write_table(self._file.read_row_group(i, columns=chosen).select(chosen))
-        except OSError as error:
-            raise RunError(f"cannot write {path}: {reason(error)}") from error
+        kept = pa.schema([schema.field(name) for name in chosen], schema.metadata)
+        with written_aside(path) as part, writer(str(part), kept) as file:
+            for i in range(self._file.num_row_groups):
+                file.write_table(self._file.read_row_group(i, columns=chosen).select(chosen))
         return path
 
 

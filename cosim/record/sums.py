@@ -13,8 +13,9 @@ from collections.abc import Iterable
 from pathlib import Path
 from warnings import warn
 
+from cosim.base.aside import write_file
 from cosim.base.errors import RunError, ScenarioError, Unverified
-from cosim.record.folder import METADATA, SUMS, reason, replace_file
+from cosim.record.folder import METADATA, SUMS, reason
 
 _LINE = re.compile(r"([0-9a-f]{64})  ([^\n]+)\n")
 
@@ -36,7 +37,7 @@ def seal(folder: str | Path, *, anew: bool = False, changed: Iterable[str] = ())
     except OSError as error:
         raise RunError(f"cannot write {folder / SUMS}: {reason(error)}") from error
     text = "".join(f"{sums[name]}  {name}\n" for name in sorted(sums))
-    replace_file(folder / SUMS, text.encode())
+    write_file(folder / SUMS, text.encode())
 
 
 def verify(folder: str | Path) -> None:

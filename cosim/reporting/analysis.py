@@ -6,7 +6,6 @@ Drawn with matplotlib's Agg canvas, without pyplot; matplotlib is imported by th
 from __future__ import annotations
 
 import io
-import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,7 +15,7 @@ import numpy as np
 from cosim.analysis.analysis import Analysis
 from cosim.analysis.facts import Array
 from cosim.analysis.manipulability import local_growth
-from cosim.base.errors import RunError
+from cosim.base.aside import write_file
 from cosim.reporting.figures import load
 from cosim.reporting.thinning import thin
 
@@ -75,13 +74,7 @@ def _save(found: Analysis, paint: Any, panels: int, path: Path) -> Path:
     figure.suptitle(f"{found.title}: port {found.port.arm}", fontsize=10)
     image = io.BytesIO()
     canvas.print_png(image, metadata={"Software": None})
-    part = path.with_name(f"{path.name}.{os.getpid()}.part")
-    try:
-        part.write_bytes(image.getvalue())
-        os.replace(part, path)
-    except OSError as error:
-        part.unlink(missing_ok=True)
-        raise RunError(f"cannot write {path}: {os.strerror(error.errno or 0)}") from error
+    write_file(path, image.getvalue())
     return path
 
 

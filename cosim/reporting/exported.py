@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cosim.base.aside import written_aside
 from cosim.base.component import Drawing
 from cosim.base.errors import RunError, ScenarioError
 from cosim.base.names import signal_of
@@ -35,10 +36,8 @@ def export_run(run: Run, path: Path, patterns: Sequence[str] = ()) -> Path:
     if write is None:
         raise ScenarioError(f"found {path.name!r}, expected a file ending in {', '.join(FORMATS)}")
     names = _chosen(run, patterns)
-    try:
-        write(run, path, names)
-    except OSError as error:
-        raise RunError(f"cannot write {path}: {error.strerror or error}") from error
+    with written_aside(path) as part:
+        write(run, part, names)
     return path
 
 
@@ -121,18 +120,20 @@ def _mcap(run: Run, path: Path, names: Sequence[str]) -> None:
     context = foxglove.Context()
     t_ns = np.rint(run.t * 1e9).astype(np.int64)
     arms = list(drawn_arms(run))
-    with foxglove.open_mcap(path, allow_overwrite=True, context=context) as file:
-        for text, data in _attached(run, arms):
-            file.attach(log_time=0, create_time=0, name=text, media_type="text/plain", data=data)
-        moving = [_moving(run, arm, context) for arm in arms]
-        topics = [*_topics(run, names, foxglove, context)]
-        every = max(1, round(1.0 / (RATE * _step(run.t))))
-        for k, at in enumerate(t_ns.tolist()):
-            for log in topics:
-                log(k, at)
-            if k % every == 0:
-                for log in moving:
+    moving = [_moving(run, arm, context) for arm in arms]
+    topics = [*_topics(run, names, foxglove, context)]
+    every = max(1, round(1.0 / (RATE * _step(run.t))))
+    try:
+        with foxglove.open_mcap(path, allow_overwrite=True, context=context) as file:
+            for text, data in _attached(run, arms):
+                file.attach(
+                    log_time=0, create_time=0, name=text, media_type="text/plain", data=data
+                )
+            for k, at in enumerate(t_ns.tolist()):
+                for log in (*topics, *(moving if k % every == 0 else ())):
                     log(k, at)
+    except RuntimeError as error:  # its own errors, with those of the system in them
+        raise RunError(f"cannot write {path}: {error}") from error
 
 
 def _step(t: Array) -> float:

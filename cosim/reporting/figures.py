@@ -8,7 +8,6 @@ for the first figure.
 from __future__ import annotations
 
 import io
-import os
 import re
 import sys
 from collections.abc import Callable, Iterator, Sequence
@@ -19,7 +18,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cosim.analysis.signals import Array, Signals
-from cosim.base.errors import CosimError, RunError, ScenarioError
+from cosim.base.aside import write_file
+from cosim.base.errors import CosimError, ScenarioError
 from cosim.reporting import many
 from cosim.reporting.html import TimedEvent
 from cosim.reporting.thinning import thin
@@ -363,11 +363,5 @@ def _cut(failure: str, width: float) -> str:
 
 
 def _write(image: bytes, path: Path) -> Path:
-    part = path.with_name(f"{path.name}.{os.getpid()}.part")
-    try:
-        part.write_bytes(image)
-        os.replace(part, path)
-    except OSError as error:
-        part.unlink(missing_ok=True)
-        raise RunError(f"cannot write {path}: {os.strerror(error.errno or 0)}") from error
+    write_file(path, image)
     return path

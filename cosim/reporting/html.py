@@ -20,6 +20,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from cosim.base.aside import write_file
 from cosim.base.errors import CosimError, RunError
 from cosim.reporting.thinning import thin
 
@@ -301,10 +302,7 @@ def write_page(
     Raises RunError if it cannot be written, CosimError where uPlot is not installed.
     """
     page = page_text(title, subtitle, verdict, summary, data, rest, points)
-    try:
-        path.write_text(page, encoding="utf-8")
-    except OSError as error:
-        raise RunError(f"{path}: cannot be written: {error}") from None
+    write_file(path, page)
     return path
 
 

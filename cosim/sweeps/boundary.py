@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim.analysis.signals import Array
-from cosim.record.folder import replace_file
+from cosim.base.aside import write_file
 from cosim.sweeps.axes import Drawn, Listed
 from cosim.sweeps.search import record_side
 from cosim.sweeps.study import SEED, Study
@@ -124,7 +124,7 @@ def write(study: Study, table: SweepTable, folder: Path) -> Path | None:
         for place, width in zip(region.values(at).tolist(), off.tolist(), strict=True):
             widths = [_width(axis, w) for axis, w in zip(region.axes, width, strict=True)]
             rows.writerow([*region.chosen.values(), *(f"{x:.9g}" for x in (*place, *widths))])
-    replace_file(folder / FILE, out.getvalue().encode())
+    write_file(folder / FILE, out.getvalue().encode())
     return folder / FILE
 
 

@@ -11,6 +11,7 @@ from hashlib import sha256
 from itertools import islice
 from pathlib import Path
 
+from cosim.base.aside import write_file
 from cosim.base.errors import CosimError, ScenarioError
 from cosim.base.interrupts import stop_on_signal
 from cosim.base.names import unknown
@@ -18,7 +19,7 @@ from cosim.base.processes import Opened, Pool, spread
 from cosim.engine.simulate import versions
 from cosim.fmi import components
 from cosim.native import structs
-from cosim.record.folder import SUMS, replace_file
+from cosim.record.folder import SUMS
 from cosim.schedule.plan import Plan
 from cosim.sweeps import figures
 from cosim.sweeps import store as stores
@@ -264,7 +265,7 @@ def _claim(study: Study, folder: Path, fingerprint: str, *, resume: bool, force:
         )
     changed = bool(state) and _text(folder / STUDY) != study.text
     (folder / SUMS).unlink(missing_ok=True)  # of the files as they were
-    replace_file(folder / STUDY, study.text.encode())
+    write_file(folder / STUDY, study.text.encode())
     stores.write_state(
         folder,
         {

@@ -14,7 +14,6 @@ of a run that failed is no number and is left out.
 from __future__ import annotations
 
 import io
-import os
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -22,9 +21,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cosim.analysis.signals import Array
-from cosim.base.errors import RunError, ScenarioError
+from cosim.base.aside import write_file
+from cosim.base.errors import ScenarioError
 from cosim.base.names import unknown
-from cosim.record.folder import reason
 from cosim.reporting.figures import DPI, load
 from cosim.sweeps.spec import SweepFigureSpec
 from cosim.sweeps.study import Study
@@ -99,13 +98,7 @@ def draw(content: Callable[[Axes], None], path: Path) -> Path:
         content(ax)
         image = io.BytesIO()
         canvas.print_png(image)
-    scratch = path.with_name(f".{path.name}.{os.getpid()}")
-    try:
-        scratch.write_bytes(image.getvalue())
-        os.replace(scratch, path)
-    except OSError as error:
-        scratch.unlink(missing_ok=True)
-        raise RunError(f"cannot write {path}: {reason(error)}") from error
+    write_file(path, image.getvalue())
     return path
 
 

@@ -22,8 +22,9 @@ from typing import Any, final
 
 import numpy as np
 
+from cosim.base.aside import write_file
 from cosim.base.errors import RunError, ScenarioError
-from cosim.record.folder import reason, replace_file
+from cosim.record.folder import reason
 from cosim.sweeps.design import Point
 from cosim.sweeps.run_point import StudyRow
 from cosim.sweeps.table import Records
@@ -118,7 +119,7 @@ class Store:
     def _rewrite(self) -> None:
         """Leave in the journal what belongs there, and open it."""
         lines = "".join(json.dumps(row, ensure_ascii=False) + "\n" for row in self._rows.values())
-        replace_file(self._journal, lines.encode())
+        write_file(self._journal, lines.encode())
         self._file = os.open(self._journal, os.O_WRONLY | os.O_APPEND)
 
 
@@ -289,7 +290,7 @@ def read_state(folder: Path) -> Record:
 def write_state(folder: Path, state: Mapping[str, Any]) -> None:
     """Write ``sweep.json``, replaced in one step."""
     text = json.dumps(state, indent=2, ensure_ascii=False)
-    replace_file(folder / STATE, f"{text}\n".encode())
+    write_file(folder / STATE, f"{text}\n".encode())
 
 
 @contextmanager

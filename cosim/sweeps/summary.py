@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 
 from cosim.analysis.signals import Array
+from cosim.base.aside import write_file
 from cosim.base.errors import RunError
-from cosim.record.folder import replace_file
 from cosim.sweeps.store import write_records
 from cosim.sweeps.table import Records, SweepTable, column, entries, grouped
 
@@ -128,7 +128,7 @@ def write(table: SweepTable, folder: Path) -> list[Path]:
     if repeats_the_table(table):
         (folder / SUMMARY).unlink(missing_ok=True)
         return [folder / TABLE]
-    replace_file(folder / SUMMARY, _csv(table))
+    write_file(folder / SUMMARY, _csv(table))
     return [folder / TABLE, folder / SUMMARY]
 
 

@@ -19,6 +19,7 @@ from typing import Any
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
 
+from cosim.base.aside import written_aside
 from cosim.base.component import Component, Parameter, Port
 from cosim.base.errors import CosimError, FmuError, ScenarioError
 from cosim.base.units import BASE, parse
@@ -160,7 +161,11 @@ def _completed(made: Path, component: Component, out: Path) -> Path:
     """The same FMU with units, initial unknowns and the kind of the component."""
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
-        with zipfile.ZipFile(made) as old, zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED) as new:
+        with (
+            zipfile.ZipFile(made) as old,
+            written_aside(out) as part,
+            zipfile.ZipFile(part, "w", zipfile.ZIP_DEFLATED) as new,
+        ):
             for name in old.namelist():
                 data = old.read(name)
                 if name == "modelDescription.xml":

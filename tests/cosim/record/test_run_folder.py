@@ -12,6 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from cosim.base.aside import write_file
 from cosim.base.errors import RunError, ScenarioError
 from cosim.record import (
     Recorder,
@@ -21,7 +22,7 @@ from cosim.record import (
     read_metadata,
     write_metadata,
 )
-from cosim.record.folder import link_files, replace_file
+from cosim.record.folder import link_files
 
 
 def test_a_new_folder_is_made_and_an_empty_one_taken(tmp_path: Path) -> None:
@@ -133,15 +134,15 @@ def test_a_link_may_be_called_anything(tmp_path_factory: pytest.TempPathFactory,
 
 def test_a_file_is_replaced_whole_or_not_at_all(tmp_path: Path) -> None:
     path = tmp_path / "a.json"
-    replace_file(path, b"old")
+    write_file(path, b"old")
 
     def fills_up() -> Iterator[bytes]:
         yield b"ne"
         raise OSError(errno.ENOSPC, "No space left on device")
 
     with pytest.raises(RunError, match=r"cannot write .*a\.json: No space left on device"):
-        replace_file(path, fills_up())
+        write_file(path, fills_up())
     assert [p.name for p in tmp_path.iterdir()] == ["a.json"]
     assert path.read_bytes() == b"old"
-    replace_file(path, iter([b"ne", b"w"]))
+    write_file(path, iter([b"ne", b"w"]))
     assert path.read_bytes() == b"new"

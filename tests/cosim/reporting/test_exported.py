@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
+import resource
 from pathlib import Path
 from typing import Any
 
@@ -12,12 +14,13 @@ import pytest
 from mcap.reader import make_reader
 from scipy.io import loadmat
 
-from cosim.base.errors import ScenarioError
+from cosim.base.errors import RunError, ScenarioError
 from cosim.record import Run
 from cosim.reporting.arms import drawn_arms, link_frames
-from cosim.reporting.exported import export_run, quaternion
+from cosim.reporting.exported import FORMATS, export_run, quaternion
 from cosim.reporting.moving import RATE, SIZE, pixels, points
 from fmus.robots.serial import serial
+from tests.children import fork
 from tests.cli.command import Command
 from tests.cli.conftest import cosim as cosim  # the command as a fixture
 from tests.system.runs import run as simulated
@@ -152,3 +155,24 @@ def tracks(run: Run) -> np.ndarray:
     return np.stack(
         [points(a.drawing, run.array(f"{a.name}.q")[k])[:, :2] for a in arms for k in rows]
     )
+
+
+@pytest.mark.parametrize("suffix", FORMATS)
+def test_a_disk_that_is_full_leaves_the_old_file_and_a_sentence(
+    run: Run, tmp_path: Path, suffix: str
+) -> None:
+    path = tmp_path / f"a{suffix}"
+    path.write_text("old")
+
+    def full() -> int:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (10_000, 10_000))
+        with pytest.raises(RunError, match=rf"^cannot write {path}: ") as refused:
+            export_run(run, path)
+        (tmp_path / "said").write_text(str(refused.value))
+        return 0
+
+    _, status = os.waitpid(fork(full), 0)
+    assert os.waitstatus_to_exitcode(status) == 0
+    assert "part" not in (tmp_path / "said").read_text()
+    assert {x.name for x in tmp_path.iterdir()} == {path.name, "said"}
+    assert path.read_text() == "old"

@@ -22,6 +22,7 @@ from cantools.database.errors import Error
 from bridge.can.layout import LayoutError, MessageLayout, Signal
 from bridge.native.frame import Flags
 from bridge.native.message import E2EProfile, FieldKind
+from cosim.base.files import regular
 
 #: Where a profile has its CRC and its counter: start bit and length, Intel.
 _PLACES = {
@@ -50,7 +51,7 @@ def load(path: str | Path) -> tuple[MessageLayout, ...]:
 def read(path: str) -> Database:
     """The file as cantools sees it. Raises LayoutError."""
     try:
-        found = database.load_file(path, database_format="dbc")
+        found = database.load_file(regular(Path(path)), database_format="dbc")
     except (OSError, UnicodeDecodeError, Error, ValueError) as error:
         raise LayoutError(f"{path}: not a DBC file that can be used: {error}") from error
     assert isinstance(found, Database)

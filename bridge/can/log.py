@@ -21,6 +21,7 @@ from bridge.can.threaded import to_frame, to_message
 from bridge.native.bus import FORMAT
 from bridge.native.frame import Flags, Frame, frame_dtype
 from cosim.base.errors import CosimError
+from cosim.base.files import regular
 
 ERROR_FLAG = 0x20000000
 """CAN_ERR_FLAG of linux/can.h, as candump text has it."""
@@ -128,7 +129,7 @@ def read_log(path: Path | str, wall_ns: int = 0) -> FrameLog:
     names: dict[str, int] = {}
     frames: list[Frame] = []
     try:
-        lines = path.read_text().splitlines()
+        lines = regular(path).read_text().splitlines()
     except (OSError, UnicodeDecodeError) as error:
         raise LogError(f"{path}: {error}; expected candump text") from error
     for number, line in enumerate(lines, 1):

@@ -22,6 +22,8 @@ from contextlib import suppress
 from functools import lru_cache
 from pathlib import Path, PurePosixPath
 
+from cosim.base.files import regular
+
 #: Bytes an archive may unpack to, and its description may have; entries it may have.
 LARGEST, LARGEST_DESCRIPTION, MOST_ENTRIES = 8 << 30, 256 << 20, 100_000
 #: The file with the SHA-256 of each file of an unpacked archive, as ``sha256sum`` writes it.
@@ -113,7 +115,7 @@ def _line(folder: Path, path: Path) -> str:
 
 def _state(path: Path) -> os.stat_result:
     try:
-        return path.stat()
+        return regular(path).stat()
     except (OSError, ValueError):
         if not path.exists():
             raise ArchiveError("no such file") from None

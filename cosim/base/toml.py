@@ -12,9 +12,12 @@ from pathlib import Path
 from typing import Any
 
 from cosim.base.errors import ScenarioError
+from cosim.base.files import regular
 
 #: Magnitudes of numbers other than 0: their products with others still are float64.
 LEAST, MOST = 1e-150, 1e150
+#: Tables in each other; no document of ours has ten.
+DEEPEST = 50
 EXPECTED = f"a finite number, 0 or of a magnitude from {LEAST:g} to {MOST:g}"
 
 
@@ -26,7 +29,7 @@ def read(path: Path, what: str = "a file (.toml)") -> dict[str, Any]:
 def read_text(path: Path, what: str = "a file (.toml)") -> str:
     """The text of a file. Raises ScenarioError."""
     try:
-        return path.read_text(encoding="utf-8")
+        return regular(path).read_text(encoding="utf-8")
     except FileNotFoundError:
         raise ScenarioError(f"{path}: no such file; expected {what}") from None
     except IsADirectoryError:
@@ -45,8 +48,20 @@ def parse(text: str, place: str) -> dict[str, Any]:
         found = tomllib.loads(text)
     except (ValueError, RecursionError) as error:  # ValueError: also a number of 5000 digits
         raise ScenarioError(f"{place}: not valid TOML: {error}") from None
+    check_depth(found, place)
     check_numbers(found, place)
     return found
+
+
+def check_depth(data: Any, place: str) -> None:
+    """Refuse plain data of more than :data:`DEEPEST` levels. Raises ScenarioError."""
+    level = [data]
+    for _ in range(DEEPEST):
+        within = [x.values() if isinstance(x, dict) else x for x in level]
+        level = [v for some in within for v in some if isinstance(v, dict | list)]
+        if not level:
+            return
+    raise ScenarioError(f"found more than {DEEPEST} tables in each other", place)
 
 
 def check_numbers(data: Any, place: str, path: str = "") -> None:

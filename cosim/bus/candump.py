@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from cosim.base.files import regular
 from cosim.bus.frames import FRAME, BusFrame
 from cosim.bus.timing import FrameFormat, TimingError
 from cosim.bus.traffic import LONGEST_PS, TrafficError
@@ -33,7 +34,7 @@ def read_candump(path: Path | str) -> tuple[NDArray[np.int64], NDArray[np.void]]
     50 days, or an invalid line.
     """
     try:
-        lines = Path(path).read_text("utf-8").splitlines()
+        lines = regular(Path(path)).read_text("utf-8").splitlines()
     except (OSError, UnicodeDecodeError) as error:
         raise TrafficError(f"{path}: {error}; expected a log of candump -l") from error
     times, rows, buses = [], [], dict[str, int]()

@@ -12,6 +12,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from cosim.base.files import regular
 from cosim.bus.frames import BusFrame
 from cosim.bus.timing import FrameFormat, TimingError, padded
 from cosim.bus.traffic import PeriodicSource, TrafficError
@@ -43,7 +44,7 @@ def read_messages(path: Path | str) -> tuple[TrafficMessage, ...]:
     that CAN has not.
     """
     try:
-        text = Path(path).read_text(encoding="cp1252")
+        text = regular(Path(path)).read_text(encoding="cp1252")
     except (OSError, UnicodeDecodeError) as error:
         raise TrafficError(f"{path}: {error}; expected a DBC file") from error
     defaults = dict(_DEFAULT.findall(text))

@@ -106,6 +106,9 @@ def adaptation(system: AnalyzedSystem) -> Iterator[Finding]:
     for net, found in held_networks(system):
         for i, (name, law) in enumerate(zip(net.names, net.laws, strict=True)):
             T, Y = system.period(name), law.regressor * found.dz[i]
+            if not min(law.K) > 0:
+                yield _undamped(name, min(law.K))
+                continue
             ratio = T * max(law.Gamma) * Y**2 / min(law.K)
             severity: Severity = "warning" if ratio > 1 else "note"
             if ratio < 0.25:
@@ -121,6 +124,19 @@ def adaptation(system: AnalyzedSystem) -> Iterator[Finding]:
                 advice="" if severity == "note"
                 else f"lower {law.adaptation} to {max(law.Gamma) / ratio / 2:.2g} or sample faster",
             )  # fmt: skip
+
+
+def _undamped(name: str, least: float) -> Finding:
+    """The finding for a law without damping of s, which the estimate outruns at any step."""
+    return Finding(
+        rule="adaptation",
+        severity="warning",
+        where=name,
+        number=float(least),
+        unit="N.m.s/rad",
+        reason=f"λ_min(K) = {least:g}, so nothing damps s while the estimate adapts",
+        advice="raise K in every joint",
+    )
 
 
 def contact(system: AnalyzedSystem) -> Iterator[Finding]:

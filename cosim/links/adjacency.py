@@ -25,6 +25,7 @@ import numpy as np
 
 from cosim.base import toml
 from cosim.base.errors import CosimError, ScenarioError
+from cosim.base.files import regular
 from cosim.links.graphs import Graph
 
 KEYS = ({"name", "weights"}, {"name", "robots", "edges"})
@@ -37,7 +38,7 @@ def read_graphs(path: str | Path) -> tuple[Graph, ...]:
     """
     path = Path(path)
     try:
-        text = path.read_text(encoding="utf-8-sig")
+        text = regular(path).read_text(encoding="utf-8-sig")
     except FileNotFoundError:
         raise ScenarioError("no such file; expected weighted graphs", str(path)) from None
     except (OSError, UnicodeDecodeError) as error:

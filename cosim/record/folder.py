@@ -146,19 +146,22 @@ def write_metadata(
 def read_metadata(folder: str | Path) -> dict[str, Any]:
     """The content of ``run.json`` of `folder`; empty if it does not exist (an interrupted run).
 
-    Raises ScenarioError naming the file if it is not a JSON object.
+    Raises ScenarioError naming the file if it is not a JSON object, or the entry of another type.
     """
     from msgspec import DecodeError, json
+
+    from cosim.record.facts import check_facts  # as slow to load
 
     path = Path(folder) / METADATA
     try:
         content = json.decode(path.read_bytes())
     except FileNotFoundError:
         return {}
-    except (OSError, ValueError, DecodeError) as error:
+    except (OSError, ValueError, DecodeError, RecursionError) as error:
         raise ScenarioError(f"cannot be read: {reason(error)}", str(path)) from error
     if not isinstance(content, dict):
         raise ScenarioError(f"found a {type(content).__name__}, expected an object", str(path))
+    check_facts(content, str(path))
     return content
 
 

@@ -8,13 +8,15 @@ from cosim.base.errors import ScenarioError
 from cosim.record import Run
 from cosim.scenario.spec import Scenario, build
 
+_KEPT = ("title", "run", "metrics", "figures")
+
 
 def recorded_scenario(run: Run) -> Scenario:
     """Of the scenario of a run what declares metrics and figures. Raises ScenarioError."""
     folder, document = run.path.parent, run.metadata.get("scenario")
     if not document:
         raise ScenarioError("the folder does not say which scenario it ran", str(folder))
-    kept = {key: _given(document[key]) for key in ("title", "run", "metrics", "figures")}
+    kept = {key: _given(document[key]) for key in _KEPT if key in document}
     return build(kept | {"components": {}}, folder / "run.json")
 
 

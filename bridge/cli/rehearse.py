@@ -262,7 +262,7 @@ def checked(
     from cosim.scenario.assemble import assemble
 
     alone = load(path, [s for s in settings if not s.startswith("deploy.")])
-    found = print_warnings(alone, assemble(alone), strict=strict, quiet=quiet)
+    found = print_warnings(alone, assemble(alone), strict=strict, quiet=quiet)["findings"]
     more = [f for f in deployment.check(system) if f.as_data() not in found]
     return [*found, *report_findings(more, strict=strict, quiet=quiet)]
 

@@ -66,7 +66,9 @@ class Arm:
 
     `workspace`: M in `postures`, which stand for the workspace, (k, m, m) kg.m2 and (k, m) rad. A
     model whose joints differ gives them: the least eigenvalue of M belongs to one joint, and the
-    greatest gain perhaps to another.
+    greatest gain perhaps to another. `lower`, `upper`: limits of the joints at which no stop acts,
+    rad, infinite where there is none, () for none at all; `doubts`: sentences about numbers of its
+    links that are hardly right.
 
     The strings are names of ports: control torque in, external torque in, position, velocity,
     torque of the operator and torque on the environment out.
@@ -85,6 +87,9 @@ class Arm:
     workspace: Array | None = field(default=None, compare=False)
     postures: Array | None = field(default=None, compare=False)
     h_max: float = 1.0
+    lower: Vector = ()
+    upper: Vector = ()
+    doubts: tuple[str, ...] = ()
     torque: str = "tau"
     external: str = "tau_ext"
     position: str = "q"

@@ -10,6 +10,7 @@
 ``buses``      links on simulated CAN buses
 ``couplings``  springs between robots: damping for the delay, constant delays
 ``channels``   links: bounded delays, losses, order, buffers
+``limits``     joints outside of their limits, links with doubtful numbers
 ``wiring``     unconnected inputs, saturation, size of what is recorded
 =============  ====================================================================
 

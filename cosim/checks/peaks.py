@@ -30,7 +30,7 @@ MANY = 50
 
 @dataclass(frozen=True, slots=True)
 class Peaks:
-    """Of each robot, (n,): largest |dz| over time, rad/s², and |tau_i| of a joint, N.m."""
+    """Of each robot: largest |dz| over time, (n,) rad/s², and |tau_i| of each joint, (n, m) N.m."""
 
     dz: Array
     tau: Array
@@ -50,7 +50,7 @@ def held_networks(system: AnalyzedSystem) -> Iterator[tuple[RobotNetwork, Peaks]
 def peaks(net: RobotNetwork) -> Peaks:
     """Peak values of the robots of `net` when their grips pull them from their start positions."""
     n, M = len(net.laws), _inertia(net)
-    dz, tau = np.zeros(n), np.zeros(n)
+    dz, tau = np.zeros(n), np.zeros(M.shape)
     for j in range(M.shape[1]):
         K = np.array([law.K[j % len(law.K)] for law in net.laws])
         fastest, strongest = np.zeros(n), np.zeros(n)
@@ -59,7 +59,7 @@ def peaks(net: RobotNetwork) -> Peaks:
             np.maximum(fastest, np.abs(rates[..., 2 * n :]).max(axis=0), out=fastest)
             np.maximum(strongest, np.abs(K * s).max(axis=0), out=strongest)
         dz += fastest**2
-        tau = np.maximum(tau, strongest)
+        tau[:, j] = strongest
     return Peaks(np.sqrt(dz), tau)
 
 

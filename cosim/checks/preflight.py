@@ -13,6 +13,7 @@ from cosim.checks import (
     channels,
     couplings,
     laws,
+    limits,
     reachability,
     sampling,
     wiring,
@@ -77,6 +78,8 @@ RULES: tuple[Rule, ...] = (
     lambda known: wiring.unconnected_inputs(known.plan),
     lambda known: wiring.unitless_connections(known.plan),
     lambda known: wiring.remarks(known.plan),
+    limits.start,
+    limits.links,
     wiring.ignored_values,
     lambda known: wiring.ignored_descriptions(known.plan),
     wiring.start_time,
@@ -100,7 +103,11 @@ def check(scenario: Scenario, plan: Plan, *, notes: bool = True) -> tuple[Findin
 
     An error in the facts of a model is not raised; it becomes a note.
     """
-    known = system(scenario, plan)
+    return findings(system(scenario, plan), notes=notes)
+
+
+def findings(known: AnalyzedSystem, *, notes: bool = True) -> tuple[Finding, ...]:
+    """The same of a scenario whose roles are known."""
     found = [f for rule in RULES for f in rule(known)]
     if notes:
         found += [f for rule in NOTES for f in rule(known)]

@@ -16,6 +16,8 @@ from cosim.schedule.plan import Plan
 
 #: A recording of more bytes is worth a warning.
 LARGE = 2e9
+#: A limit of a torque that a ratio can be formed with, N.m.
+_NO_TORQUE = 1e-12
 
 
 def unconnected_inputs(plan: Plan) -> Iterator[Finding]:
@@ -149,20 +151,21 @@ def _connected_inputs(plan: Plan) -> list[Slot]:
 
 
 def saturation(system: AnalyzedSystem) -> Iterator[Finding]:
-    """tau_max against the torque that the linear behaviour from the start will want."""
+    """tau_max of each joint against the torque that the linear behaviour from the start wants."""
     for net, found in held_networks(system):
         for name, law, tau in zip(net.names, net.laws, found.tau, strict=True):
-            limit = min(law.tau_max)
-            if tau <= limit:
+            limits = np.resize(law.tau_max, tau.shape)
+            j = int(np.argmax(tau / np.maximum(limits, _NO_TORQUE)))
+            if tau[j] <= limits[j]:
                 continue
             yield Finding(
                 rule="saturation",
                 severity="warning",
                 where=name,
-                number=float(tau),
+                number=float(tau[j]),
                 unit="N.m",
-                reason=f"a joint needs about {tau:.2g} N.m, but tau_max is {limit:g}: the torque"
-                " saturates, and adaptation stops meanwhile",
+                reason=f"joint {j} needs about {tau[j]:.2g} N.m, but tau_max is {limits[j]:g}: the"
+                " torque saturates, and adaptation stops meanwhile",
                 advice="raise tau_max, or use smaller forces",
             )
 

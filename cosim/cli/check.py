@@ -12,7 +12,7 @@ from cosim.cli.numbers import finite
 from cosim.cli.options import Json, Set
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
 
     from cosim.checks import Finding
     from cosim.scenario.spec import Scenario
@@ -110,25 +110,29 @@ def paragraph(finding: Finding) -> list[str]:
     return [*lines, f"    -> {finding.advice}"] if finding.advice else lines
 
 
-def print_warnings(
-    scenario: Scenario, plan: Plan, *, strict: bool, quiet: bool
-) -> list[dict[str, Any]]:
+def print_warnings(scenario: Scenario, plan: Plan, *, strict: bool, quiet: bool) -> dict[str, Any]:
     """Print errors and warnings of the check before a run to standard error, one line each.
 
-    Return them as data, for ``run.json``. A check that fails is also a line: it does not prevent a
-    run. Raises ScenarioError for all of these if `strict`.
+    Return what ``run.json`` keeps: these `findings`, and `limits` of joints, where there are some.
+    A check that fails is also a line: it does not prevent a run. Raises ScenarioError for all of
+    these if `strict`.
     """
-    from cosim.checks import check as findings
+    from cosim.analysis.joint_limits import joint_limits
+    from cosim.analysis.system import system
+    from cosim.checks.preflight import findings
     from cosim.cli.summary import announced
 
+    limits: Mapping[str, Sequence[float]] = {}
     try:
         with announced(quiet, "checking the scenario"):
-            found = findings(scenario, plan, notes=False)
+            known = system(scenario, plan)
+            found, limits = findings(known, notes=False), joint_limits(known.arms)
     except Exception as error:  # whatever a check comes across, the run goes on
         found = (_failed(error),)
     lines = [f.line for f in found]
     _print_findings(lines, strict=strict, quiet=quiet)
-    return [f.as_data() for f in found]
+    kept = {"findings": [f.as_data() for f in found]}
+    return {**kept, "limits": limits} if limits else kept
 
 
 def _failed(error: Exception) -> Finding:

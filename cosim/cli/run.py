@@ -100,6 +100,7 @@ def run(
     quiet: Quiet = False,
 ) -> None:
     """Run a scenario; write trajectories, metadata, link tables and a report to a folder."""
+    from cosim.analysis.joint_limits import beyond
     from cosim.base.clock import stamp
     from cosim.base.errors import Interrupted, RunError, ScenarioError
     from cosim.base.interrupts import exit_code
@@ -160,7 +161,7 @@ def run(
     announce_run_folder(folder)
     say(header(loaded, plan))
     found = print_warnings(loaded, plan, strict=strict, quiet=quiet)
-    further = {"command": this_command(), "findings": found}
+    further = {"command": this_command(), **found}
     try:
         with progress_bar(quiet) as progress:
             outcome = simulate(
@@ -185,6 +186,8 @@ def run(
     result = Run.open(folder)
     for line in summary(loaded, result, outcome):
         say(line)
+    for line in beyond(found.get("limits", {}), result):
+        typer.echo(f"warning: {line}", err=True)
     if csv:
         result.to_csv(folder / CSV)
     for line in _errors(loaded, tolerance, folder) if estimate_error else ():

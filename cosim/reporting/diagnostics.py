@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from html import escape
 from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cosim.analysis.joint_limits import beyond
 from cosim.record import Run
 from cosim.reporting import many
 from cosim.reporting.html import folded, table
@@ -28,6 +30,12 @@ def findings(facts: Mapping[str, Any]) -> str:
         return "<h2>Check before the run</h2><p>It found no error and no warning.</p>"
     head = ["severity", "where", "what was found", "what to change", "rule"]
     return f"<h2>Check before the run</h2>{table(head, rows)}"
+
+
+def limits(run: Run, facts: Mapping[str, Any]) -> str:
+    """Joints that left their limits in a run, as HTML; "" for none. `facts`: ``run.json``."""
+    said = beyond(facts.get("limits", {}), run)
+    return "".join(f"<p>{escape(sentence)}.</p>" for sentence in said)
 
 
 def controllers(run: Run, facts: Mapping[str, Any]) -> str:

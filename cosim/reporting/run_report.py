@@ -22,7 +22,7 @@ from cosim.record import Run
 from cosim.record.folder import REPORT
 from cosim.reporting import many
 from cosim.reporting.arms import DrawnArm, first_arms, recorded
-from cosim.reporting.diagnostics import configured_delay, controllers, findings, transit
+from cosim.reporting.diagnostics import configured_delay, controllers, findings, limits, transit
 from cosim.reporting.html import (
     Array,
     Badge,
@@ -73,8 +73,8 @@ def write_report(
         folder / REPORT, title, subtitle, judged or verdict(facts, scenario, results),
         cards(_numbers(facts, results)), data,
         "".join([
-            findings(facts), extend(data), _links(run, facts, data), macro_section(facts),
-            _details(run, facts, results),
+            findings(facts), limits(run, facts), extend(data), _links(run, facts, data),
+            macro_section(facts), _details(run, facts, results),
         ]),
     )  # fmt: skip
 

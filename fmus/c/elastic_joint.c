@@ -11,6 +11,7 @@
 #include "hyperbolic.h"
 #include "limit.h"
 #include "model.h"
+#include "stiff.h"
 
 enum { JOINTS = ENTRIES(q), Q = 0, DQ, E, DE, PHI, DPHI, STATE };
 
@@ -101,13 +102,23 @@ const char *model_initial(Model *x) {
     return arrive(x, y);
 }
 
+/* The inertia that the friction of joint i moves. */
+static double rubbed(const Model *x, int i) {
+    if (x->k_g[i] > 0.0) return x->J[i];
+    return x->J[i] + x->M[i] - (x->k_s[i] > 0.0 ? x->M[i] * x->M[i] / (x->M_s[i] + x->M[i]) : 0.0);
+}
+
 const char *model_step(Model *x, double t, double h) {
-    const int substeps = (int)x->substeps;
     double y[JOINTS][STATE];
     (void)t; /* the joint does not depend on time */
     for (int i = 0; i < COUNT(x, JOINTS); i++) {
+        const double rate = (x->damping[i] + x->friction[i] / x->v_f[i]) / rubbed(x, i);
+        const double steps = whole(rate * h / BEARABLE, x->substeps);
+        if (steps < 0.0)
+            return "damping or friction / v_f of a joint is too great for its inertia: more than 1000 steps"
+                   " of the integrator in a step; a greater v_f or inertia, or a shorter step is needed";
         state(x, i, y[i]);
-        for (int n = 0; n < substeps; n++) runge_kutta(x, i, h / substeps, y[i]);
+        for (int n = 0; n < (int)steps; n++) runge_kutta(x, i, h / steps, y[i]);
     }
     return arrive(x, y);
 }

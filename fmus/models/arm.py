@@ -8,7 +8,7 @@ it in from a URDF file with ``options.urdf`` (docs/arm.md). The equation of moti
     J       armature: inertia of the rotors at the joints
     tau_f   damping dq + friction tanh(dq / v_f)           viscous and smooth Coulomb friction
     tau_s   max(0,  k_s (q_min - q) - b_s dq)  for q < q_min      soft stops of the joints
-           -max(0,  k_s (q - q_max) + b_s dq)  for q > q_max
+           -max(0,  k_s (q - q_max) + b_s dq)  for q > q_max      where k_s > 0
 
 All entries of a prismatic joint are in m, m/s, N, N/m and N.s/m where the table says rad, rad/s,
 N.m, N.m/rad and N.m.s/rad. Without rotors and friction, a very light last link makes a stiff
@@ -28,8 +28,14 @@ beyond the wall. The parameter `contact` selects the law::
     2   tau_e = max(0, x^1.5 (k_w + b_w dq))        Hunt and Crossley, exponent 1.5
 
 The classical Runge-Kutta method of order 4 integrates the equation with `substeps` equal substeps
-in a communication step, with the inputs held. Each stage solves the equation by the articulated
-body algorithm, in a time that grows in proportion to the number of joints.
+in a communication step h, with the inputs held. It makes more of them where friction and stops are
+so stiff that the method would be unstable: n of them, so that::
+
+    h (d + sqrt(d^2 + 4 k)) / 2 <= 2.5 n       d = trace M^-1 diag(damping + friction / v_f + b_s)
+                                               k = trace M^-1 diag(k_s),   M with rotors, at t_k
+
+If these are more than 1000 and than `substeps`, the step is refused. Each stage solves the equation
+by the articulated body algorithm, in a time that grows in proportion to the number of joints.
 
 Source: R. Featherstone, Rigid Body Dynamics Algorithms, Springer, 2008; the environment as in
 ``planar2r``.
@@ -38,6 +44,7 @@ Source: R. Featherstone, Rigid Body Dynamics Algorithms, Springer, 2008; the env
 from __future__ import annotations
 
 from collections.abc import Mapping
+from math import sqrt
 from pathlib import Path
 from typing import Any
 
@@ -48,6 +55,7 @@ from fmus.models import chain, environment
 from fmus.models.environment import grip_torque, wall_torque
 from fmus.models.joints import DAMPING, RATE, STIFFNESS, TORQUE, Joints
 from fmus.models.robot import of_robot
+from fmus.models.stiff import steps_in
 from fmus.numeric import Array, np
 from fmus.reference import Values, derive
 
@@ -68,7 +76,7 @@ def _stops(arm: Joints) -> tuple[Variable, ...]:
         arm.vector("q_min", "parameter", "rad", "Lower limit of the joint", -FREE),
         arm.vector("q_max", "parameter", "rad", "Upper limit of the joint", FREE),
         arm.gain("k_s", STIFFNESS, 0.0, "Stiffness of the stops at the limits, 0 = no stops"),
-        arm.gain("b_s", DAMPING, 0.0, "Damping of the stops"),
+        arm.gain("b_s", DAMPING, 0.0, "Damping of the stops, where k_s is more than 0"),
     )
 
 
@@ -84,7 +92,7 @@ def model(joints: int = 7) -> Model:
         "Serial arm of any revolute and prismatic joints",
         arm,
         (*chain.variables(arm), *_friction(arm), *_stops(arm)),
-        ("arm.c", *chains, "hyperbolic.c", "hyperbolic.h"),
+        ("arm.c", *chains, "hyperbolic.c", "hyperbolic.h", "stiff.h"),
         __doc__,
         lanes=True,
     )
@@ -105,7 +113,8 @@ def law(
         return chain.forward(table, q, dq, pushed - _losses(x, q, dq))
 
     try:
-        q, dq = environment.integrate(x, acceleration, h)
+        steps = _steps(x, chain.mass_matrix(table, x["q"]), h)
+        q, dq = environment.integrate(x, acceleration, h, steps)
     except np.linalg.LinAlgError as error:
         raise RunError(f"arm: {error}", time=t) from None
     return environment.outputs_at(x, q, dq, q_h, grip)
@@ -132,12 +141,21 @@ def start(x: Values, tau: Array, tau_ext: Array, q_h: Array, grip: Array) -> Val
     return environment.outputs_at(x, x["q"], x["dq"], q_h, grip)
 
 
+def _steps(x: Values, M: Array, h: float) -> int:
+    """Steps of the integrator in h in which friction and stops are stable. Raises RunError."""
+    gain = x["damping"] + x["friction"] / x["v_f"] + np.where(x["k_s"] > 0, x["b_s"], 0.0)
+    moved = np.diag(np.linalg.inv(M))
+    d, k = float(gain @ moved), float(x["k_s"] @ moved)
+    return steps_in(h, (d + sqrt(d**2 + 4.0 * k)) / 2.0, int(x["substeps"]), "arm")
+
+
 def _losses(x: Values, q: Array, dq: Array) -> Array:
     """tau_f - tau_s, N.m."""
     friction = x["damping"] * dq + x["friction"] * np.tanh(dq / x["v_f"])
     below, above = x["q_min"] - q, q - x["q_max"]
-    up = np.where(below > 0, np.maximum(0.0, x["k_s"] * below - x["b_s"] * dq), 0.0)
-    down = np.where(above > 0, np.maximum(0.0, x["k_s"] * above + x["b_s"] * dq), 0.0)
+    b_s = np.where(x["k_s"] > 0, x["b_s"], 0.0)
+    up = np.where(below > 0, np.maximum(0.0, x["k_s"] * below - b_s * dq), 0.0)
+    down = np.where(above > 0, np.maximum(0.0, x["k_s"] * above + b_s * dq), 0.0)
     return np.asarray(friction + down - up)
 
 

@@ -186,6 +186,13 @@ def spatial_inertia(theta: Array) -> Array:
     return np.block([[tensor(theta), mc], [-mc, m * np.eye(3)]])
 
 
+def about_centre(theta: Array) -> Array:
+    """I about the centre of mass, (3, 3) kg.m2, of ten parameters `theta` (10,) with a mass."""
+    m, mc = theta[0], theta[1:4]
+    shift = (mc @ mc * np.eye(3) - np.outer(mc, mc)) / m
+    return np.asarray(tensor(theta) - shift, dtype=np.float64)
+
+
 def unphysical(theta: Array) -> str | None:
     """Why no body has the ten parameters `theta` (10,), or None where one has.
 
@@ -193,13 +200,12 @@ def unphysical(theta: Array) -> str | None:
     Σ = ½ tr(I) - I is positive semidefinite. For a mass m > 0 this is the triangle inequality of
     the principal moments about the centre of mass. A link without mass has no inertia at all.
     """
-    m, mc, I = theta[0], theta[1:4], tensor(theta)  # noqa: E741
+    m, I = theta[0], tensor(theta)  # noqa: E741
     if m < 0.0:
         return f"the mass is {m:g} kg, expected at least 0"
     if m == 0.0:
         return "without mass, expected all ten parameters 0" if theta.any() else None
-    about_centre = I - (mc @ mc * np.eye(3) - np.outer(mc, mc)) / m
-    moments = np.linalg.eigvalsh(about_centre)
+    moments = np.linalg.eigvalsh(about_centre(theta))
     allowed = ROUNDING * abs(np.trace(I))
     found = ", ".join(f"{moment:.4g}" for moment in moments)
     if moments[0] < -allowed:

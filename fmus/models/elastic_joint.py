@@ -21,7 +21,9 @@ Source: own construction; the elastic joint is that of M. W. Spong, "Modeling an
 joint robots", J. Dynamic Systems, Measurement, and Control 109(4), 1987.
 
 Continuous, integrated by the classical Runge-Kutta method of order 4 with `substeps` equal
-substeps; inputs are held over the step.
+substeps of each joint, or with more, n, where friction would make the method unstable:
+h (damping + friction / v_f) <= 2.5 n times the inertia that it moves. More than 1000 are refused.
+Inputs are held over the step.
 """
 
 from __future__ import annotations
@@ -32,6 +34,7 @@ from dataclasses import replace
 from cosim.base.errors import ScenarioError
 from fmus.model import Model, Terminal, Variable
 from fmus.models.joints import DAMPING, RATE, STIFFNESS, TORQUE, Joints
+from fmus.models.stiff import steps_in
 from fmus.numeric import Array, np
 from fmus.reference import Values, derive
 
@@ -53,6 +56,7 @@ def model(joints: int = 2) -> Model:
             "limit.h",
             "hyperbolic.c",
             "hyperbolic.h",
+            "stiff.h",
         ),
         step=1e-4,
         terminals=(Terminal("joints", ("q_d", "dq_d", "q", "dq"), "Command in, motion out"),),
@@ -116,18 +120,28 @@ def law(
 ) -> Values:
     """The motion over [t, t + h), s, with the inputs held, (n,) in the units of the ports."""
     y = np.array([x[name] for name in _STATE])  # (6, n)
-    substeps = int(x["substeps"])
-    step = h / substeps
 
     def slope(y: Array) -> Array:
         return rate(x, y, motor(x, y[0], y[1], q_d, dq_d, dq_c), tau_ext)
 
-    for _ in range(substeps):
+    steps = _steps(x, h)  # (n,)
+    for n in range(int(steps.max())):
+        step = h / steps
         k1 = slope(y)
         k2 = slope(y + step / 2 * k1)
         k3 = slope(y + step / 2 * k2)
-        y = y + step / 6 * (k1 + 2 * k2 + 2 * k3 + slope(y + step * k3))
+        later = y + step / 6 * (k1 + 2 * k2 + 2 * k3 + slope(y + step * k3))
+        y = np.where(n < steps, later, y)
     return {**dict(zip(_STATE, y, strict=True)), "tau": motor(x, y[0], y[1], q_d, dq_d, dq_c)}
+
+
+def _steps(x: Values, h: float) -> Array:
+    """Steps of the integrator in h of each joint, (n,), in which friction is stable."""
+    common = np.where(x["k_s"] > 0.0, x["M"] ** 2 / (x["M_s"] + x["M"]), 0.0)
+    inertia = np.where(x["k_g"] > 0.0, x["J"], x["J"] + x["M"] - common)
+    rates = (x["damping"] + x["friction"] / x["v_f"]) / inertia
+    least = int(x["substeps"])
+    return np.array([steps_in(h, float(rate), least, "elastic_joint") for rate in rates])
 
 
 def motor(x: Values, q: Array, dq: Array, q_d: Array, dq_d: Array, dq_c: Array) -> Array:

@@ -132,16 +132,16 @@ def outputs_at(x: Values, q: Array, dq: Array, q_h: Array, grip: Array) -> Value
 
 
 def integrate(
-    x: Values, acceleration: Callable[[Array, Array], Array], h: float
+    x: Values, acceleration: Callable[[Array, Array], Array], h: float, steps: int = 0
 ) -> tuple[Array, Array]:
-    """(q, dq), (n,) rad and rad/s, a time h (s) after x's, in ``substeps`` Runge-Kutta steps.
+    """(q, dq), (n,) rad and rad/s, a time h (s) after x's, in `steps` Runge-Kutta steps.
 
-    `acceleration` gives ddq (n,), rad/s2, of q and dq.
+    `acceleration` gives ddq (n,), rad/s2, of q and dq; 0 steps stand for the parameter `substeps`.
     """
-    substeps = int(x["substeps"])
+    steps = steps or int(x["substeps"])
     q, dq = x["q"], x["dq"]
-    for _ in range(substeps):
-        q, dq = _runge_kutta(acceleration, q, dq, h / substeps)
+    for _ in range(steps):
+        q, dq = _runge_kutta(acceleration, q, dq, h / steps)
     return q, dq
 
 

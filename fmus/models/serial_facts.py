@@ -7,10 +7,10 @@ extremes over them are close to those of the workspace, but no bounds.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import lru_cache
-from math import pi
+from math import inf, pi
 
 from cosim.analysis.facts import (
     GRAVITY,
@@ -31,6 +31,8 @@ from fmus.numeric import Array, np
 
 #: Random postures that stand for the workspace, and for the mean size of a regressor.
 _POSTURES, _FEW = 256, 16
+#: A radius of gyration and a distance that raise no doubt, m, and in lengths of the arm.
+_SMALL, _LENGTHS = 1.0, 2.0
 
 
 def table_of(values: Values, inertia: Sequence[float] | None = None) -> Table:
@@ -92,7 +94,37 @@ def arm(values: Values) -> Arm:
         workspace=workspace,
         postures=postures,
         h_max=1.0 / values["substeps"][0],
+        lower=_limits(values, "q_min", -inf),
+        upper=_limits(values, "q_max", inf),
+        doubts=tuple(_doubts(table)),
     )
+
+
+def _limits(values: Values, name: str, none: float) -> Vector:
+    """The limits that have no stop; `none` where a joint has a stop or no limit."""
+    pairs = zip(values[name], values["k_s"], strict=True)
+    return tuple(none if k_s > 0.0 or abs(limit) >= FREE else limit for limit, k_s in pairs)
+
+
+def _doubts(table: Table) -> Iterator[str]:
+    """Links with the inertia of a body that is much greater than the arm, a sentence each.
+
+    The radius of gyration sqrt(I / m), m, of what has the mass and the greatest principal moment.
+    """
+    lengths = np.linalg.norm(table.origin, axis=1)
+    limit = max(_SMALL, _LENGTHS * float(lengths.sum()))
+    for i, theta in enumerate(table.inertia):
+        m, mc = theta[0], theta[1:4]
+        if m <= 0.0:
+            continue
+        moment = float(np.linalg.eigvalsh(chain.about_centre(theta))[-1])
+        radius, away = max(0.0, moment / m) ** 0.5, float(np.linalg.norm(mc) / m)
+        if max(radius, away) > limit:
+            yield (
+                f"link {i} has {m:.4g} kg, {moment:.4g} kg.m2 (a radius of gyration of"
+                f" {radius:.3g} m) and its centre of mass {away:.3g} m away, but the joints of the"
+                f" arm are {lengths.sum():.3g} m apart"
+            )
 
 
 def _weight(table: Table, gravity: Sequence[float], q: Array) -> Array:

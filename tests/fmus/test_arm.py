@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 from math import log2
 
@@ -41,7 +42,8 @@ def single(inertia: list[float] | None = None, **of_first: float) -> Component:
     rod = [1.0, 0.15, 0.0, 0.0, 0.0005, 0.0, 0.03025, 0.0, 0.0, 0.03025]
     values = {name: np.array([value, 0.0]) for name, value in of_first.items()}
     values |= {"inertia": np.array([inertia or rod, [0.0] * 10]), "armature": np.array([0.0, 1.0])}
-    values |= {"v_f": np.full(2, 1e-3), "substeps": np.array(20.0)}
+    substeps = np.array(of_first.get("substeps", 20.0))
+    values |= {"v_f": np.full(2, 1e-3), "substeps": substeps}
     if "q_min" in of_first:
         values["q_min"][1] = -1.0
     kernel.initialize(values)
@@ -146,6 +148,59 @@ def test_friction_stops_the_arm_and_a_stop_holds_it() -> None:
         assert last["q"][0] == pytest.approx(end, abs=1e-6)
 
 
+def test_steep_dry_friction_takes_energy_and_stops_a_light_arm() -> None:
+    """1 N.m with v_f = 1e-3 rad/s at 1 ms: a decay of 100 and more in a step of the integrator."""
+    table = replace(fr3(), g=np.zeros(3), armature=np.full(7, 0.01))
+    kernel = arm.kernel(joints=7)
+    friction = {"friction": np.ones(7), "v_f": np.full(7, 1e-3), "dq": np.full(7, 0.1)}
+    kernel.initialize({**table.values(), **START, **friction})
+    seen = run(kernel, {}, 1e-3, 250)
+    energy = [chain.energy(table, y["q"], y["dq"])[0] for y in seen]
+    assert all(later <= before for before, later in pairwise(energy)), energy
+    assert energy[0] > 0.01 and energy[-1] < 1e-4 * energy[0]
+
+
+def test_steep_dry_friction_stops_a_joint_where_coulomb_friction_does() -> None:
+    """F = 1 N.m on J: a slide of 1 rad/s ends after J / F and J / (2 F) rad."""
+    last = run(single(friction=1.0, dq=1.0, substeps=1.0), {}, 1e-3, 40)[-1]
+    assert last["q"][0] == pytest.approx(0.5 * 0.03025, rel=0.01)
+    assert abs(last["dq"][0]) < 1e-6
+
+
+def test_numpy_makes_as_many_steps_for_friction() -> None:
+    values = {**fr3().values(), **START, "friction": np.ones(7), "v_f": np.full(7, 0.02)}
+    values |= {"dq": np.full(7, 0.5), "armature": np.full(7, 0.01)}
+    ends = []
+    for one in (arm.kernel(joints=7), Arm(joints=7)):
+        one.initialize(values)
+        ends.append(run(one, {}, 1e-3, 2)[-1]["dq"])
+    assert np.allclose(*ends, rtol=0.0, atol=1e-12)
+
+
+def test_a_steep_stop_takes_energy() -> None:
+    """A rod of 0.03 kg.m2 at 1 rad/s against 1e6 N.m/rad: 5.7 rad of its oscillation in a step."""
+    stop = single(dq=1.0, k_s=1e6, b_s=20.0, q_min=-0.2, q_max=0.01, substeps=1.0)
+    seen = run(stop, {}, 1e-3, 60)
+    speeds = [abs(y["dq"][0]) for y in seen]
+    assert max(speeds) <= 1.0 and seen[-1]["dq"][0] < 0.0 and seen[-1]["q"][0] < 0.01
+
+
+def test_a_stop_without_stiffness_has_no_damping_either() -> None:
+    limits = {"q_min": -0.2, "q_max": 0.05, "dq": 1.0}
+    ends = [run(single(**limits, b_s=b), {}, 1e-2, 10)[-1]["dq"][0] for b in (0.0, 5.0)]
+    assert ends == [1.0, 1.0]
+
+
+def test_friction_that_no_step_bears_is_refused() -> None:
+    values = {"friction": np.ones(2), "v_f": np.full(2, 1e-6)}
+    kernel, reference = arm.kernel(joints=2), Arm(joints=2)
+    for one, words in ((kernel, "damping, friction / v_f"), (reference, "friction and stops need")):
+        one.initialize(values)
+        one.initial({})
+        with pytest.raises(RunError, match=f"{words}.*a shorter step"):
+            one.step(0.0, 1e-3, {})
+
+
 def test_a_lift_carries_its_weight() -> None:
     """A vertical prismatic joint: m g / k below the grip, with a period of 2 pi sqrt(m / k)."""
     seen = [y["q"][0] for y in run(single(joint_type=1.0, k_p=100.0), {}, 1e-3, 350)]
@@ -199,7 +254,7 @@ def test_limits_without_stops_do_not_bind_the_start() -> None:
 
 
 def test_a_diverging_motion_is_said_and_changes_nothing() -> None:
-    kernel = fr3_arm({"damping": np.full(7, 50.0)})
+    kernel = fr3_arm({"k_d": np.full(7, 50.0)})
     before = kernel.get_state()
     with pytest.raises(RunError, match="the motion left the range of numbers"):
         for k in range(50):

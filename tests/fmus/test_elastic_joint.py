@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cosim.base.component import Component
-from cosim.base.errors import CosimError
+from cosim.base.errors import CosimError, RunError
 from fmus.models import elastic_joint
 from fmus.models.elastic_joint import ElasticJoint
 from fmus.reference import Values
@@ -97,3 +97,31 @@ def test_an_inertia_of_nothing_is_refused(values: dict[str, float]) -> None:
         with pytest.raises(CosimError, match="more than 0"):
             joint.initialize({name: np.full(2, value) for name, value in values.items()})
             joint.initial({name: np.zeros(2) for name in ("q_d", "dq_d", "dq_c", "tau_ext")})
+
+
+@pytest.mark.parametrize("gear", [0.0, 1e4])
+def test_steep_dry_friction_stops_a_joint_where_coulomb_friction_does(gear: float) -> None:
+    """F = 1 N.m with v_f = 1e-3 rad/s at 1 ms: a slide of 1 rad/s ends after J / (2 F) rad."""
+    ends = []
+    for joint in (elastic_joint.kernel(1), ElasticJoint(1)):
+        values = {"J": 0.01, "M": 0.02, "friction": 1.0, "v_f": 1e-3, "K_p": 0.0, "K_d": 0.0}
+        values |= {"k_g": gear, "d_g": 1.0 if gear else 0.0, "dq": 1.0}
+        joint.initialize({name: np.array([value]) for name, value in values.items()})
+        still = {name: np.zeros(1) for name in ("q_d", "dq_d", "dq_c", "tau_ext")}
+        joint.initial(still)
+        for k in range(60):
+            y = joint.step(k * 1e-3, 1e-3, still)
+        ends.append(float(np.ravel(y["q"])[0]))
+        assert abs(np.ravel(y["dq"])[0]) < 1e-3
+    assert ends[0] == pytest.approx(ends[1], abs=1e-12)
+    if not gear:
+        assert ends[0] == pytest.approx(0.5 * 0.03, rel=0.01)
+
+
+def test_friction_that_no_step_bears_is_refused() -> None:
+    for joint in (elastic_joint.kernel(1), ElasticJoint(1)):
+        joint.initialize({"friction": np.ones(1), "v_f": np.full(1, 1e-6), "M": np.full(1, 0.01)})
+        still = {name: np.zeros(1) for name in ("q_d", "dq_d", "dq_c", "tau_ext")}
+        joint.initial(still)
+        with pytest.raises(RunError, match=r"friction.*steps\s+of the integrator in a step"):
+            joint.step(0.0, 1e-3, still)

@@ -7,8 +7,8 @@ import pytest
 
 from bridge.cli.rehearse import checked
 from bridge.deployment.system import load_system
-from cosim import checks
 from cosim.base.errors import ScenarioError
+from cosim.checks import preflight
 from cosim.cli.check import print_warnings
 from tests.bridge.zenoh.rehearsed import CONFIGS
 from tests.cli.command import Command
@@ -52,7 +52,7 @@ def test_a_check_that_fails_is_a_finding_not_its_absence(monkeypatch: pytest.Mon
     def fails(*_: object, **__: object) -> None:
         raise ZeroDivisionError("within")
 
-    monkeypatch.setattr(checks, "check", fails)
-    [found] = print_warnings(system.scenario, system.plan, strict=False, quiet=True)
+    monkeypatch.setattr(preflight, "findings", fails)
+    [found] = print_warnings(system.scenario, system.plan, strict=False, quiet=True)["findings"]
     assert (found["severity"], found["rule"]) == ("warning", "check")
     assert "ZeroDivisionError: within" in found["reason"]

@@ -88,6 +88,8 @@ CASES: list[tuple[str, str, Severity, float, Document, Document]] = [
                               {"q": "master.q", "dq[0]": "master.dq[0]"})), teleoperator()),
     ("saturation", "master_control", "warning", 22.0,
      teleoperator(tau_max=5.0), teleoperator(tau_max=60.0)),
+    ("saturation", "master_control", "warning", 16.8,
+     teleoperator(tau_max=[10.0, 60.0]), teleoperator(tau_max=[18.0, 60.0])),
     ("jacobi", "run.algorithm", "note", 0.005,
      changed(single(), ("run.algorithm", "jacobi")), single()),
 ]  # fmt: skip
@@ -118,7 +120,7 @@ def test_every_rule_is_among_the_cases() -> None:
     # those of buses: tests/cosim/scenario/test_buses.py; of FMUs without units: test_unitless.py;
     # of SSPs: tests/ssp/test_published.py; of tips: test_tasks.py;
     # of servos: test_servos.py; of files of robots: tests/fmus/robots/test_urdf.py, cosim/mujoco
-    assert len(RULES) + len(NOTES) == 43
+    assert len(RULES) + len(NOTES) == 45
 
 
 # ---- predictions and the rest -------------------------------------------------------------------
@@ -197,7 +199,8 @@ def test_many_robots_move_as_those_that_are_taken_together(
         monkeypatch.setattr(peaks, "MANY", 0)
         apart = peaks.peaks(net)
         assert apart.dz == pytest.approx(together.dz, rel=1e-2)
-        assert apart.tau == pytest.approx(together.tau, rel=1e-2)
+        assert apart.tau.max(axis=1) == pytest.approx(together.tau.max(axis=1), rel=1e-2)
+        assert apart.tau == pytest.approx(together.tau, rel=5e-2)
         assert peaks.settling(net, 0.05) == pytest.approx(time, rel=1e-2)
 
 

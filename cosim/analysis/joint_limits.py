@@ -1,0 +1,42 @@
+"""Limits of joints without a stop: a motion beyond them is possible here, and not on the robot."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+
+import numpy as np
+
+from cosim.analysis.facts import Arm
+from cosim.record import Run
+
+#: Stands for no limit on one side, rad or m: JSON has no infinity.
+_NONE = 1e9
+#: The least and the greatest position of each joint, rad or m, by the name of its signal.
+Limits = Mapping[str, Sequence[float]]
+
+
+def joint_limits(arms: Mapping[str, Arm]) -> Limits:
+    """The limits of all joints of `arms` at which no stop acts, rad or m."""
+    return {
+        f"{name}.{arm.position}[{j}]": [max(low, -_NONE), min(high, _NONE)]
+        for name, arm in arms.items()
+        for j, (low, high) in enumerate(zip(arm.lower, arm.upper, strict=True))
+        if np.isfinite(low) or np.isfinite(high)
+    }
+
+
+def beyond(limits: Limits, run: Run) -> Iterator[str]:
+    """A sentence for each recorded joint that left its limits (rad or m) in a run."""
+    t = run.t
+    for signal, (low, high) in limits.items():
+        if signal not in run.names or not len(run):
+            continue
+        q = run.column(signal)
+        outside = np.flatnonzero((q < low) | (q > high))
+        if len(outside):
+            worst = outside[np.argmax(np.maximum(low - q, q - high)[outside])]
+            yield (
+                f"{signal} leaves its limits {low:.4g} to {high:.4g} {run.units[signal]} at"
+                f" {t[outside[0]]:.4g} s and reaches {q[worst]:.4g}: no stop acts (k_s = 0), a"
+                " robot would not move there"
+            )

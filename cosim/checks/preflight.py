@@ -52,6 +52,13 @@ def _commands(known: AnalyzedSystem) -> bool:
     return bool(known.commands)
 
 
+def _plants(known: AnalyzedSystem) -> bool:
+    """Whether a wire connects two plants."""
+    plants = {s.name for s in known.plan.components if s.component.kind == "continuous"}
+    wires = known.plan.wires
+    return any(w.source.component in plants and w.target.component in plants for w in wires)
+
+
 #: Rules that can find an error or a warning; they take milliseconds together.
 RULES: tuple[Rule, ...] = (
     reachability.unreached_robots,
@@ -71,6 +78,7 @@ RULES: tuple[Rule, ...] = (
     *_rules("tasks", _tips, "sampled_contact"),
     couplings.ground_damping,
     couplings.constant_delay,
+    *_rules("plants", _plants, "coupled"),
     *_rules("servos", _commands, "gains", "inertia", "torque", "bandwidth", "holding"),
     channels.unbounded_delay,
     channels.buffer,

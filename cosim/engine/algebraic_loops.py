@@ -37,7 +37,8 @@ Edge = Wire | Link
 class AlgebraicLoops:
     """The inputs and outputs of a plan whose components are in their initial states.
 
-    `signals` (n_signals,); `inputs`: those of each component, as views; `edges`: what feeds inputs.
+    `signals` (n_signals,); `inputs`: those of each component, as views; `edges`: what feeds inputs;
+    `start`: which dependencies of FMUs hold, those of the start or those of a run.
     `loops`: the ports of each loop of the last solution, along its wires.
     """
 
@@ -45,6 +46,7 @@ class AlgebraicLoops:
     signals: Vector
     inputs: Sequence[Views]
     edges: Sequence[Edge]
+    start: bool = True
     loops: list[tuple[str, ...]] = field(default_factory=list)
     _numbers: dict[str, int] = field(default_factory=dict)
     _edges: dict[str, list[Edge]] = field(default_factory=dict)
@@ -66,13 +68,17 @@ class AlgebraicLoops:
         slots = self.plan.slots()
         for block in blocks:
             if len(block) > 1:
-                _Loop(self, block).solve()
+                Loop(self, block).solve()
                 continue
             self.gather(self.edges_to(block[0]))
             number = self.number(slots[block[0]])
             if number in unsettled:
                 self.put(number, self.outputs_of(number), block)
         return bool(self.loops)
+
+    def blocks(self, numbers: Collection[int]) -> list[Loop]:
+        """The loops through the components of these `numbers`, at their present values."""
+        return [Loop(self, block) for block in self._blocks(numbers) if len(block) > 1]
 
     def _blocks(self, unsettled: Collection[int]) -> list[tuple[str, ...]]:
         """Ports in topological order, those of a loop together."""
@@ -87,7 +93,7 @@ class AlgebraicLoops:
     def _feedthrough(self, number: int) -> list[tuple[str, str]]:
         """Pairs (input, output) of a component of which the second depends on the first at once."""
         step = self.plan.components[number]
-        declared = components.feedthrough(step.component, start=True)
+        declared = components.feedthrough(step.component, start=self.start)
         fed = {e.target.port for e in self.edges if e.target.component == step.name}
         fed -= step.discrete  # what jumps is not solved for
         found = [
@@ -143,7 +149,7 @@ class AlgebraicLoops:
                 part(self.signals, slot)[:] = values[at : at + slot.size]
 
 
-class _Loop:
+class Loop:
     """One loop: its ports, and the edges inside it, whose targets are the unknowns."""
 
     def __init__(self, system: AlgebraicLoops, ports: Sequence[str]) -> None:
@@ -172,6 +178,22 @@ class _Loop:
                 break
         if not (np.abs(r) <= ROUNDING * np.maximum(1.0, np.abs(u))).all():
             raise ScenarioError(self._refusal(u, r))
+
+    def wires(self) -> Sequence[Edge]:
+        """What feeds the unknowns, from inside the loop."""
+        return self._edges
+
+    def ends(self) -> tuple[list[str], list[str]]:
+        """The component from which each unknown comes, and the one that takes it."""
+        each = [e for e in self._edges for _ in range(e.target.size)]
+        return [e.source.component for e in each], [e.target.component for e in each]
+
+    def derivatives(self) -> Vector:
+        """How what wires bring depends on the unknowns, (unknowns, unknowns), here."""
+        u = self._system.signals[self._places].copy()
+        found = np.eye(len(u)) - self._jacobian(u, self._residual(u))
+        self._residual(u)
+        return found
 
     def _shorter(self, u: Vector, r: Vector, direction: Vector) -> tuple[Vector, Vector, bool]:
         """The first step along a direction that makes the residual smaller, and if there is one."""
@@ -207,6 +229,10 @@ class _Loop:
 
     def _direction(self, u: Vector, r: Vector) -> Vector:
         """Newton's step, (unknowns,): the least one where the derivatives are singular."""
+        return np.linalg.lstsq(self._jacobian(u, r), -r, rcond=None)[0].astype(np.float64)
+
+    def _jacobian(self, u: Vector, r: Vector) -> Vector:
+        """Derivatives of the residual by the unknowns, (unknowns, unknowns)."""
         jacobian = np.empty((len(u), len(u)))
         owners = [self._system.number(e.target) for e in self._edges for _ in range(e.target.size)]
         for k, owner in enumerate(owners):
@@ -224,7 +250,7 @@ class _Loop:
                 found = self._changed(changed, owner)
             jacobian[:, k] = 0.0 if found is None else (found - r) / change
             self._residual(u, owner)
-        return np.linalg.lstsq(jacobian, -r, rcond=None)[0].astype(np.float64)
+        return jacobian
 
     def _given_column(self, k: int, owner: int) -> Vector | None:
         """Derivatives of the residual by unknown `k`, (unknowns,), if its FMU has them."""

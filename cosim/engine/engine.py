@@ -32,13 +32,15 @@ from cosim.schedule.plan import Plan
 if TYPE_CHECKING:
     from cosim.engine.macro_loops import Feedthrough
     from cosim.engine.macro_steps import MacroBinding
+    from cosim.engine.plant_loops import PlantLoop
     from cosim.engine.team import Team
 
 
 class Engine:
     """One execution of a plan, from :meth:`initialize` on. Use as a context manager.
 
-    `signals` is the signal vector; `tick` the next tick to run. `keep_tables` is called with the
+    `signals` is the signal vector; `tick` the next tick to run; `loops` those among plants that its
+    steps iterate, and `late` the outputs that are half a step old. `keep_tables` is called with the
     next rows of all links' tables as they are used.
     `gates`: (address of the function, of its context) of each gate of the plan, by its name; those
     of the plan's buses come with them. `threads`: how many share the components; the results are
@@ -67,6 +69,8 @@ class Engine:
         self._team: Team | None = None
         self._macros: MacroBinding | None = None
         self._direct: Feedthrough = {}
+        self.loops: Sequence[PlantLoop] = ()
+        self.late: Sequence[str] = ()
         self._tables: RowTables | None = None
         self._drawn = _no_rows(0)
         self._buses: dict[str, RunningBus] = {}  # of links whose table the run fills in
@@ -145,15 +149,24 @@ class Engine:
         self._begin_tables(0)
         if signals is None:
             self.signals[:] = 0.0
-            self.ended = initialize(plan, self.signals, self._inputs, self._outputs)
+            self.ended = initialize(plan, self.signals, self._inputs, self._outputs, self._look)
         else:
             self.signals[:] = signals
         from cosim.engine.rewind import rewind
 
         rewind(self._bound, plan)
 
+    def _look(self) -> None:
+        """Find loops among plants, while all are in their initial states; refuse what diverges."""
+        from cosim.engine.plant_loops import late_outputs, plant_loops
+
+        self.loops = plant_loops(self.plan, self.signals, self._inputs)
+        if any(step.extrapolate for step in self.plan.components):
+            self.late = late_outputs(self.plan, self._inputs)
+
     def _measure(self) -> None:
-        """Find the direct feed-through of groups, while all are in their initial states."""
+        """Find what must be known of outputs with direct feed-through, at the start."""
+        self._look()
         if self.plan.groups:
             from cosim.engine.macro_steps import measure
 

@@ -108,8 +108,8 @@ def ring(*specs, start=None, **more):
 
 
 def started(components, links=(), **run):
-    """The signals by name of components at the start, in a plan that is all continuous."""
-    p = plan(components, links, **run)
+    """The signals by name of components at the start, which a run with macro steps goes on from."""
+    p = plan(components, links, **{"algorithm": "adaptive", **run})
     with Engine(p) as engine:
         engine.initialize()
         return {name: engine.signals[s.start : s.start + s.size].tolist()

@@ -182,8 +182,9 @@ def manipulability_bound(net: RobotNetwork, t: Array, K: float) -> Array:
 
 
 def passive_limit(law: DynamicFeedback, M: Array, K: Sequence[float]) -> float:
-    """O9, the lambda_M up to which a robot is passive to its operator, theta known, 1/s.
+    """O9, the lambda_M up to which a robot alone is passive to its operator, theta known, 1/s.
 
+    Of coupled robots see :func:`cosim.analysis.passivity.passive_range`.
     alpha + lambda_min(K M⁻¹); with Remark 3 alpha + lambda_c, whatever the inertia. `M` (m, m)
     kg.m2; `K` N.m.s/rad, one value or m, with the viscous friction of the joints.
     """
@@ -194,7 +195,7 @@ def passive_limit(law: DynamicFeedback, M: Array, K: Sequence[float]) -> float:
 
 
 def worst_passive_limit(law: DynamicFeedback, arm: Arm) -> tuple[float, int]:
-    """The passive limit in the posture of the workspace where it is least, 1/s, and its joint."""
+    """The passive limit of a robot alone where it is least in the workspace, 1/s, and its joint."""
     if law.lambda_c:
         return law.alpha + law.lambda_c, 0
     least, joint, _ = arm.slowest(damped(law.K, arm))

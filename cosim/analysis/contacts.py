@@ -11,6 +11,8 @@ from cosim.analysis import closed_form as closed
 from cosim.analysis.conditions import constant
 from cosim.analysis.experiments import APART, RESOLVED, Bench, stiffest
 from cosim.analysis.force_tests import each_feedback, title_of
+from cosim.analysis.network import RobotNetwork
+from cosim.analysis.passivity import passive_range, worst_posture
 from cosim.analysis.quantity import Quantity, absent, quantity
 from cosim.base.errors import CosimError
 
@@ -23,24 +25,27 @@ RESOLVES = f"at least: the arm's step does not resolve stiffer ones (hω = {RESO
 
 
 def margin(bench: Bench) -> Iterator[Quantity]:
-    """O9: how far lambda_M is below the passive limit, here and in the worst posture."""
+    """O9: how far lambda_M is inside the passive range, here and in the worst posture."""
     net = bench.network
     if net is None or bench.arm is None or not net.law.lambda_M:
         return
-    arm, law = bench.arm, net.law
-    M = arm.inertia(arm.parameters, bench.q)
-    here = closed.passive_limit(law, M, closed.damped(law.K, arm))
-    worst, _ = closed.worst_passive_limit(law, arm)
-    formula = (
-        "α + λ_min(K M⁻¹) - λ_M, K with the friction"
-        if any(arm.damping)
-        else ("α + λ_c - λ_M (Remark 3)" if law.lambda_c else "α + λ_min(K M⁻¹) - λ_M")
-    )
-    for name, where, limit in (("margin", "here", here), ("margin_worst", "worst posture", worst)):
+    here, worst = (passive_range(net, q) for q in (bench.q, worst_posture(net)[0]))
+    for name, where, known in (("margin", "here", here), ("margin_worst", "worst posture", worst)):
+        value = known.margin(net.law.lambda_M)
         yield quantity(
-            name, f"passivity margin, {where}", limit - law.lambda_M, "1/s", f"O9: {formula}",
-            note="passive" if limit >= law.lambda_M else "below 0: not passive once M_hat = M",
+            name, f"passivity margin, {where}", value, "1/s", f"O9: {_limit_formula(net)}",
+            note="passive" if value >= 0 else "below 0: not passive once M_hat = M",
         )  # fmt: skip
+
+
+def _limit_formula(net: RobotNetwork) -> str:
+    """The formula of the passive limit less lambda_M."""
+    friction = ", K with the friction" if any(net.arms[net.port].damping) else ""
+    alone = "α + λ_c" if net.law.lambda_c else "α + λ_min(K M⁻¹)"
+    remark = " (Remark 3)" if net.law.lambda_c else ""
+    if not net.around[net.port]:
+        return f"{alone} - λ_M{friction}{remark}"
+    return f"{alone} + λΣw less what echoes take - λ_M{friction}{remark}"
 
 
 def grip_error(bench: Bench) -> float:

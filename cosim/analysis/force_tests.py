@@ -118,7 +118,7 @@ def by_frequency(swept: PortSweep, bench: Bench) -> Iterator[Quantity]:
         expected=form.least()[2] if form else (),
         formula=sampling_note(bench) if form else "",
         error=error,
-        note=f"{_VERDICT[gain.passive()]}; {said}",
+        note=f"{_VERDICT[gain.passive()]} from {lowest:.3g} to {gain.omega[-1]:.3g} rad/s; {said}",
     )  # fmt: skip
     yield from _bands(gain, form, tag, bench)
 

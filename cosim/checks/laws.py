@@ -10,6 +10,7 @@ import numpy as np
 from cosim.analysis import closed_form as closed
 from cosim.analysis.facts import Arm, DynamicFeedback
 from cosim.analysis.network import RobotNetwork, network, spread
+from cosim.analysis.passivity import PassiveRange, is_passive, passive_range, worst_posture
 from cosim.analysis.system import AnalyzedSystem
 from cosim.base.errors import ScenarioError
 from cosim.checks.finding import Finding, Severity
@@ -28,30 +29,52 @@ def dynamic(system: AnalyzedSystem) -> Iterator[tuple[str, DynamicFeedback, Arm]
 
 
 def passivity(system: AnalyzedSystem) -> Iterator[Finding]:
-    """O9: lambda_M <= alpha + lambda_min(K M⁻¹), in the heaviest posture; alpha + lambda_c."""
+    """O9: lambda_M <= alpha + lambda_min(K M⁻¹), or alpha + lambda_c, in the heaviest posture.
+
+    Of coupled robots it is the limit of the whole network at this port.
+    """
     for name, law, arm in dynamic(system):
         if law.task is not None and not law.lambda_c:
             continue  # its gain depends on the posture: checks.tasks
         if law.beyond or not law.feeds_forward:
             continue  # without M_hat it is passive
-        limit, joint = closed.worst_passive_limit(law, arm)
-        margin = limit - law.lambda_M
-        if margin >= 0:
+        found = _not_passive(system, name, law, arm)
+        if found is None:
             continue
+        known, joint = found
         many = arm.workspace is not None and not law.lambda_c
         least = f", least for joint {joint + 1}" if many else ""
+        above = known.limit < law.lambda_M
+        limit = known.limit if above else known.least
+        cures = ", raise K, or use lambda_c (Remark 3)" if not law.lambda_c and above else ""
         yield Finding(
             rule="passivity",
             severity="warning",
             where=name,
-            number=margin,
+            number=known.margin(law.lambda_M),
             unit="1/s",
-            reason=f"lambda_M = {law.lambda_M:g} 1/s is above the passive limit {limit:.3g} 1/s"
-            f" (exact estimates, heaviest posture{least}): oscillations with a stiff grip or"
-            " contact can grow",
-            advice=f"lower lambda_M to {limit:.3g}, raise K, or use lambda_c (Remark 3)"
-            if not law.lambda_c else f"lower lambda_M to alpha + lambda_c = {limit:.3g}",
-        )  # fmt: skip
+            reason=f"lambda_M = {law.lambda_M:g} 1/s is {'above' if above else 'below'} the passive"
+            f" limit {limit:.3g} 1/s (exact estimates, heaviest posture{least}): oscillations with"
+            " a stiff grip or contact can grow",
+            advice=f"{'lower' if above else 'raise'} lambda_M to {limit:.3g}{cures}",
+        )
+
+
+def _not_passive(
+    system: AnalyzedSystem, name: str, law: DynamicFeedback, arm: Arm
+) -> tuple[PassiveRange, int] | None:
+    """The passive range of a law outside it, in the worst posture, and the joint that limits it.
+
+    Of laws that are coupled in a way that no network describes, the limit for a fast hand.
+    """
+    port = next(each for each, control in system.controls.items() if control == name)
+    net = network(system, port)
+    if net is not None and net.around[net.port]:
+        posture, joint = worst_posture(net)
+        return None if is_passive(net, posture) else (passive_range(net, posture), joint)
+    alone, joint = closed.worst_passive_limit(law, arm)
+    limit = alone + law.lambda_ * system.received_weight(name)
+    return None if law.lambda_M <= limit else (PassiveRange(0.0, limit), joint)
 
 
 def grip(system: AnalyzedSystem) -> Iterator[Finding]:

@@ -41,6 +41,17 @@ def _rows(tip: _Tip) -> Array:
     return tip.task.jacobian(tip.arm.q)[own]
 
 
+def _coupled(system: AnalyzedSystem, tip: _Tip) -> Array:
+    """What neighbours couple each coordinate by that the arm has, (k,), 1/s."""
+    own = [c for c in range(len(tip.task.lacks)) if tip.task.has(c)]
+    found = np.zeros(len(own))
+    for e in system.edges_to.get(tip.name, ()):
+        if e.recurrent:
+            heard = np.array([tip.task.hears(e.row, c) for c in own])
+            found += tip.law.lambda_ * e.weight * heard
+    return found
+
+
 def feedback(system: AnalyzedSystem) -> Iterator[Finding]:
     """T_s lambda_max(M⁻¹ (K + J' K_x J)) < 2 over the workspace, as ``sampling.feedback``."""
     share = 1.0 if system.plan.algorithm == "jacobi" else 2.0
@@ -77,7 +88,8 @@ def passivity(system: AnalyzedSystem) -> Iterator[Finding]:
 
     From f on the tip to its velocity: (p + lambda_M)/(p + alpha) J (M p + B)⁻¹ J', B the feedback
     and friction. Its real part for p = jω, times ω², goes to D - (lambda_M - alpha) G, with
-    G = J M⁻¹ J' and D = J M⁻¹ B M⁻¹ J'. It must not be negative.
+    G = J M⁻¹ J' and D = J M⁻¹ B M⁻¹ J'. It must not be negative. Neighbours add (W G + G W)/2,
+    with W = diag(lambda Σ w) of what the tip listens to.
     """
     for tip in _tips(system):
         law, q = tip.law, tip.arm.q
@@ -85,7 +97,9 @@ def passivity(system: AnalyzedSystem) -> Iterator[Finding]:
             continue
         J = _rows(tip)
         moved = np.linalg.solve(tip.arm.inertia(tip.arm.parameters, q), J.T)
-        ratio = np.linalg.eigvals(np.linalg.solve(J @ moved, moved.T @ _gain(tip, q) @ moved))
+        G, W = J @ moved, np.diag(_coupled(system, tip))
+        damping = moved.T @ _gain(tip, q) @ moved + (W @ G + G @ W) / 2
+        ratio = np.linalg.eigvals(np.linalg.solve(G, damping))
         limit = law.alpha + float(ratio.real.min())
         if law.lambda_M > limit:
             yield Finding(

@@ -20,7 +20,7 @@ def test_warnings_are_told_with_what_to_change(cosim: Command) -> None:
     done = cosim("check", CONFIG)
     assert (done.code, done.err) == (0, "")
     assert "warning  master_control, slave_control  [passivity]" in done.out
-    assert "-> lower lambda_M to 2.93" in done.out
+    assert "-> lower lambda_M to 4.79" in done.out
     assert done.out.splitlines()[-1].startswith("0 errors, 1 warning, ")
 
 

@@ -271,9 +271,13 @@ def test_its_directional_derivatives_solve_a_loop_at_the_start(
         "model": str(find(exchanged(planar2r.model()), version)),
         "parameters": {"q": [0.4, -0.8], "k_p": [4.0, 3.0]},
         "inputs": {"q_h": {"from": "gain.y", "gain": 1.0}},
+        "solver": "rk4",
     }
     gain = {"model": f"{__name__}:Doubled", "inputs": {"u": "arm.tau_h"}}
-    document = {"run": {"step": 1e-3, "stop": 1e-3}, "components": {"arm": arm_, "gain": gain}}
+    document = {
+        "run": {"step": 1e-3, "stop": 1e-3, "algorithm": "adaptive"},
+        "components": {"arm": arm_, "gain": gain},
+    }
     plan = assemble(scenario(document, Path("exchange.toml").absolute()))
     with Engine(plan) as engine:
         engine.initialize()

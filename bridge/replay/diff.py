@@ -208,7 +208,9 @@ def _difference(
     d[(x == y) | (np.isnan(x) & np.isnan(y))] = 0.0
     d[np.isnan(d)] = inf
     worst = int(np.argmax(d))
-    rms, most = (tolerance, tolerance) if tolerance is not None else _change(t, (x, y), period)
+    rms, most = (
+        (tolerance, tolerance) if tolerance is not None else within_a_period(t, (x, y), period)
+    )
     extra = quantum if tolerance is None else 0.0
     return SignalDifference(
         name, a.units[name], _rms(d), float(d[worst]), float(t[worst]), rms + extra, most + extra
@@ -219,8 +221,8 @@ def _rms(d: Array) -> float:
     return float(np.sqrt(np.mean(d * d))) if np.isfinite(d).all() else inf
 
 
-def _change(t: Array, signals: Iterable[Array], period: float) -> tuple[float, float]:
-    """RMS and maximum of what a signal changes by within a period."""
+def within_a_period(t: Array, signals: Iterable[Array], period: float) -> tuple[float, float]:
+    """RMS and maximum of what signals (n,) at the times `t` (n,) change by within a period, s."""
     step = (t[-1] - t[0]) / (len(t) - 1) if len(t) > 1 else inf
     n = max(1, round(period / step)) if isfinite(step) else 1
     changes = [np.abs(x[n:] - x[:-n]) for x in signals]

@@ -12,6 +12,7 @@ import pytest
 from cosim.analysis import closed_form as closed
 from cosim.analysis.analysis import analyse
 from cosim.analysis.experiments import Bench
+from cosim.analysis.facts import DynamicFeedback
 from cosim.analysis.force_tests import by_push, sweep
 from cosim.analysis.frequency import PortGain
 from cosim.analysis.memory_run import trace
@@ -177,6 +178,15 @@ def test_the_passive_limit_is_that_of_the_joint_that_is_worst() -> None:
     fast = 0.5 + min(limits) + 2.0  # lambda w of the other arm, whose echo takes a little away
     assert fast - 0.5 < said.number + 40.0 <= fast
     assert "least for joint 1" in said.reason
+
+
+@pytest.mark.parametrize(("natural", "adaptation"), [(0.0, "Gamma"), (0.5, "natural")])
+def test_gamma_counts_unless_adaptation_is_natural(natural: float, adaptation: str) -> None:
+    scenario = scenario_of(Gamma=0.25, natural=natural)
+    law = find_port(scenario, assemble(scenario))[0].facts["master_control"]
+    assert isinstance(law, DynamicFeedback)
+    assert law.adaptation == adaptation
+    assert set(law.Gamma) == ({0.25} if adaptation == "Gamma" else {0.0})
 
 
 # ---- sampling -----------------------------------------------------------------------------------

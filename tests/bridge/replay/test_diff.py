@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from typer.testing import CliRunner
 
 from bridge.cli.diff import diff, lines
-from bridge.replay.diff import compare_runs
+from bridge.replay.diff import compare_runs, within_a_period
 from bridge.results.outcome import run_twin
 from cosim.base.errors import ScenarioError
 from cosim.record import Column, Recorder, Run, write_metadata
@@ -28,11 +28,12 @@ def made(folder, signals, h=0.1, every=1, metadata=None):
     columns = [Column(name, "rad", i) for i, name in enumerate(signals)]
     rows = np.column_stack(list(signals.values()))
     with Recorder(
-        folder, columns, h=h, every=every, rows_per_chunk=len(rows), n_signals=len(signals)
+        folder, columns, h=h, every=every, rows_per_chunk=max(1, len(rows)), n_signals=len(signals)
     ) as recorder:
         buffer = recorder.buffer()
         buffer[: len(rows)] = rows
-        recorder.submit(buffer, 0, len(rows))
+        if len(rows):
+            recorder.submit(buffer, 0, len(rows))
     if metadata is not None:
         write_metadata(folder, metadata)
     return folder
@@ -102,6 +103,21 @@ def test_runs_of_different_length_are_compared_over_what_both_have(tmp_path):
     a, b = made(tmp_path / "a", {"x": WAVE}), made(tmp_path / "b", {"x": WAVE[:60]})
     found = compare_runs(a, b)
     assert (found.rows, found.t_end) == (60, pytest.approx(5.9))
+
+
+@pytest.mark.parametrize("empty", ["a", "b", "ab"])
+def test_a_run_without_rows_is_named_whichever_it_is(empty, tmp_path):
+    paths = [made(tmp_path / n, {"x": WAVE[: 0 if n in empty else 100]}) for n in "ab"]
+    with pytest.raises(ScenarioError, match="a run without rows"):
+        compare_runs(*paths)
+
+
+@pytest.mark.parametrize(("step", "rows"), [(0.1, 5), (0.2, 2), (1.0, 1)])
+def test_a_ramp_changes_within_a_period_by_the_rows_in_it(step, rows):
+    """Of a ramp of 1/s: a period of 0.5 s has this many whole rows, and one at least."""
+    t = step * np.arange(50)
+    assert within_a_period(t, (t,), 0.5) == pytest.approx((rows * step, rows * step))
+    assert within_a_period(t[:1], (t[:1],), 0.5) == (0.0, 0.0)
 
 
 def test_numbers_that_are_none_are_equal_to_each_other_only(tmp_path):

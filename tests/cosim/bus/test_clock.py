@@ -47,6 +47,12 @@ def test_the_limit_is_that_of_the_bit_timing():
     assert errors(26_000, frame=run, sjw=0.3, sample_point=0.7) == 0
 
 
+def test_a_late_sample_point_tolerates_less_than_the_correction_of_an_edge():
+    """13 bits after the last edge are longer than what is behind the sample point."""
+    assert errors(-20_000, sjw=0.3, sample_point=0.7) == 0
+    assert errors(-20_000, sjw=0.3, sample_point=0.9) > 0
+
+
 def test_a_data_phase_tolerates_less():
     fast = BusFrame(0x2A5, bytes(32), FrameFormat(fd=True, brs=True))
     assert errors(1_000, frame=fast) == 0

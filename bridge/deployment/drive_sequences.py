@@ -27,6 +27,8 @@ REQUESTS = {
     "disable": DriveRequest.DISABLE,
     "clear": DriveRequest.CLEAR,
 }
+#: ns; torque 0 is sent five times in the shortest watchdog, between these limits.
+FEED_NS = (5_000_000, 20_000_000)
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,6 +114,13 @@ def commanded_drives(d: Deployment, plan: NodePlan) -> tuple[Foreign, ...]:
             drive = Foreign(spec.bus, profile_of(d, outlet.message), spec.drive)
             found[spec.bus, spec.drive] = drive
     return tuple(found.values())
+
+
+def feed_ns(drives: Sequence[Foreign]) -> int:
+    """The time between two frames that feed these drives before the first slot, ns."""
+    shortest = min((d.profile.timeout for d in drives if d.profile.timeout > 0), default=1.0)
+    least, most = FEED_NS
+    return min(max(round(shortest * 1e9 / 5), least), most)
 
 
 def emulated(d: Deployment, node: str, inlet: Inlet) -> Foreign | None:

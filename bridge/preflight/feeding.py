@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 from math import ceil
 
-from bridge.deployment.drive_sequences import Foreign, commanded_drives
+from bridge.deployment.drive_sequences import Foreign, commanded_drives, feed_ns
 from bridge.deployment.services import BEATS
 from bridge.deployment.system import System
-from bridge.wiring.commanded import feed_ns
 from cosim.checks.finding import Finding
 
 #: s between two looks of a node at its drives before its first slot.

@@ -5,9 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any, final
 
-import numpy as np
-
-from bridge.deployment.drive_sequences import Foreign
+from bridge.deployment.drive_sequences import Foreign, feed_ns
 from bridge.drives.raw_frames import Raw
 from bridge.native.bus import KIND, Accept
 from bridge.native.commanded import (
@@ -28,8 +26,6 @@ from cosim.base.errors import ScenarioError
 DRIVES = 64
 #: Changes of drives that are kept of a run.
 EVENTS = 4096
-#: ns; torque 0 is sent five times in the shortest watchdog, between these limits.
-FEED_NS = (5_000_000, 20_000_000)
 
 
 @final
@@ -143,12 +139,6 @@ class CommandedDrives:
             found.kind = StepKind.STATE
             found.states = drive.profile.status.bits(raw.expect)
         return found
-
-
-def feed_ns(drives: Sequence[Foreign]) -> int:
-    """The time between two frames that feed these drives before the first slot, ns."""
-    shortest = min((d.profile.timeout for d in drives if d.profile.timeout > 0), default=1.0)
-    return int(np.clip(round(shortest * 1e9 / 5), *FEED_NS))
 
 
 def _names(numbers: Sequence[int], bus: str) -> str:

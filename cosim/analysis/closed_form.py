@@ -29,6 +29,8 @@ def felt_damping(net: RobotNetwork, K: float, friction: float = 0.0) -> float:
     One robot: K alpha/lambda_M + D, where D is the viscous `friction` of the joint. Two:
     K alpha (2 + lambda (T_12 + T_21))/lambda_M + 2 D.
     """
+    if not K:  # nothing couples the robots
+        return friction
     damping = 1 / (_ZERO * net.quasi_static(_ZERO, K, friction)).real
     return inf if damping > 1e-3 / _ZERO and _is_spring(net, K, friction, damping) else damping
 

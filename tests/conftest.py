@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from hypothesis import HealthCheck, Phase, settings
 
-from tests.garbage import freeze_tests
+from tests.garbage import Tidier, freeze_tests
 
 # A loaded machine is slow, and slowness is measured elsewhere.
 _ALL: dict[str, Any] = {
@@ -35,9 +35,23 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 gc.set_threshold(50_000)
 
 
+_TIDIER: list[Tidier] = []
+
+
 def pytest_collection_finish() -> None:
     """No search for garbage looks at the thousands of collected tests."""
     freeze_tests()
+    _TIDIER[:] = [Tidier()]
+
+
+@pytest.hookimpl(wrapper=True, trylast=True)
+def pytest_runtest_protocol(item: pytest.Item, nextitem: pytest.Item | None) -> Any:
+    """What the tests of a file have left goes with them."""
+    done = yield
+    modules = [x.module if isinstance(x, pytest.Function) else None for x in (item, nextitem)]
+    if modules[0] is not None and _TIDIER:
+        _TIDIER[0].after(modules[0], modules[1])
+    return done
 
 
 @pytest.fixture(scope="session")

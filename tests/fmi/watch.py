@@ -48,12 +48,16 @@ static void *library(void)
     if (!opened) fprintf(stderr, "%s\\n", dlerror()), abort();
     return opened;
 }}
+static FILE *file;
+static void finish(void)
+{{
+    if (file) fclose(file), file = NULL;
+}}
 static FILE *begin(const char *name, const void *instance, int depth)
 {{
-    static FILE *file;
     static char open[4096];
     const char *path = getenv("FMI_CALLS");
-    if (file && (!path || strcmp(path, open))) fclose(file), file = NULL;
+    if (!path || strcmp(path, open)) finish();
     if (!path) return NULL;
     if (!file) {{
         file = fopen(path, "a");
@@ -152,7 +156,7 @@ def _function(name: str, kind: str, arguments: tuple[Argument, ...]) -> str:
     first = arguments[0].name if has_instance else "NULL"
     short = re.sub(r"fmi\d", "", name)
     lines = [f"FMI_EXPORT {kind} {name}({shown or 'void'})", "{",
-             f"    static {name}TYPE *real;", "    FILE *file;"]  # fmt: skip
+             f"    static {name}TYPE *real;"]  # fmt: skip
     if kind != "void":
         lines.append(f"    {kind} result;")
     lines.append(f'    if (!real) real = ({name}TYPE *)dlsym(library(), "{name}");')
@@ -182,6 +186,8 @@ def _function(name: str, kind: str, arguments: tuple[Argument, ...]) -> str:
                           "nextEventTimeDefined", "nextEventTime"):  # fmt: skip
                 lines.append(f'    number(file, "{field}", (double){a.name}->{field});')
     lines.append('    if (file) fprintf(file, "}\\n");')
+    if short.startswith("Free") and short.endswith("Instance"):
+        lines.append("    finish();")  # another one opens it again
     if kind != "void":
         lines.append("    return result;")
     return "\n".join([*lines, "}", ""])

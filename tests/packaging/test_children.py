@@ -9,9 +9,11 @@ import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 
+from tests import garbage
 from tests.children import FAILED, fork
 
 TESTS = Path(__file__).resolve().parents[1]
@@ -69,3 +71,19 @@ def test_a_child_does_not_outlive_its_parent() -> None:
     call = [sys.executable, "-c", program]
     done = subprocess.run(call, cwd=TESTS.parent, stdout=subprocess.PIPE, timeout=30)
     assert done.returncode == 0
+
+
+def test_a_process_of_tests_forgets_what_the_tests_of_a_file_have_left(monkeypatch) -> None:
+    made, other = ModuleType("made"), ModuleType("other")
+    exec(
+        "from functools import cache\n@cache\ndef runs():\n    return bytearray(1 << 26)",
+        vars(made),
+    )
+    monkeypatch.setattr(garbage, "MEMORY", 32)
+    tidier = garbage.Tidier()
+    vars(made)["runs"]()
+    assert not tidier.after(made, made)
+    assert vars(made)["runs"].cache_info().currsize == 1
+    assert tidier.after(made, other)
+    assert vars(made)["runs"].cache_info().currsize == 0
+    assert not tidier.after(other, made)

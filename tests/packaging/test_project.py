@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import os
 import re
 import subprocess
 import sys
 import tomllib
 from importlib import import_module
 from pathlib import Path
+from time import sleep
 
 import pytest
 
@@ -88,3 +90,18 @@ def test_the_parts_of_every_week_are_parts_of_the_long_tests():
     named = re.search(r"\|\| set -- (.+)", weekly)
     known = re.findall(r"^part_(\w+)\(\)", (ROOT / ".ci" / "long").read_text(), re.M)
     assert named is not None and named[1].split() and set(named[1].split()) <= set(known)
+
+
+def test_ci_beside_busy_processes_leaves_none_behind() -> None:
+    call = ["bash", "-c", f". {ROOT / '.ci' / 'run'}; make_busy; echo ${{busy[@]}}"]
+    done = subprocess.run(
+        call, env=os.environ | {"LOAD": "1"}, capture_output=True, text=True, timeout=60, check=True
+    )
+    pids = done.stdout.splitlines()[-1].split()
+    assert len(pids) == 2
+    left = pids
+    for _ in range(1000):
+        if not (left := [pid for pid in pids if Path(f"/proc/{pid}").exists()]):
+            break
+        sleep(0.01)
+    assert not left

@@ -189,7 +189,7 @@ class Loop:
         return [e.source.component for e in each], [e.target.component for e in each]
 
     def derivatives(self) -> Vector:
-        """How what wires bring depends on the unknowns, (unknowns, unknowns), here."""
+        """Derivatives of what wires bring by the unknowns, (unknowns, unknowns), in their units."""
         u = self._system.signals[self._places].copy()
         found = np.eye(len(u)) - self._jacobian(u, self._residual(u))
         self._residual(u)

@@ -53,7 +53,8 @@ def plant_loops(plan: Plan, signals: Vector, inputs: Sequence[Views]) -> list[Pl
     """The loops among plants, while all components are in their initial states, to which they go
     back.
 
-    Raises ScenarioError for a loop whose iteration does not come closer to the solution.
+    `signals` (n_signals,), in their units; `inputs`: those of each component, as views. Raises
+    ScenarioError for a loop whose iteration does not come closer to the solution.
     """
     names = possible_loops(plan)
     if not names:
@@ -147,7 +148,8 @@ def late_outputs(plan: Plan, inputs: Sequence[Views]) -> list[str]:
     """The outputs that wires carry on to plants and that belong to the middle of a step, by name.
 
     These depend directly on an input that takes the mean of a line. At the end of the step they are
-    half a step old. The components are in their initial states, to which they go back.
+    half a step old. The components are in their initial states, to which they go back. `inputs`:
+    views (n,) of those of each component, in their units.
     """
     carried = [w for w in plan.wires if plan.component(w.source.component).kind == "continuous"]
     found = set()

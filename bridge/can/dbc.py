@@ -132,6 +132,7 @@ def _layout(message: Message, path: str) -> MessageLayout:
         counter=header.get("counter"),
         period=message.cycle_time / 1000 if message.cycle_time else None,
         source=path,
+        multiplexed=tuple(s.name for s in message.signals if s.multiplexer_ids),
     )
 
 

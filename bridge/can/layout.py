@@ -64,7 +64,10 @@ class Signal:
 
 @dataclass(frozen=True)
 class MessageLayout:
-    """One message. `signals` may carry values; status, time, crc and counter are its header."""
+    """One message. `signals` may carry values; status, time, crc and counter are its header.
+
+    `multiplexed`: names of signals that are in some of its frames only, and carry no values here.
+    """
 
     name: str
     identifier: int
@@ -79,6 +82,7 @@ class MessageLayout:
     counter: Signal | None = None
     period: float | None = None  # s, nominal (GenMsgCycleTime)
     source: str = ""  # the file it is from
+    multiplexed: tuple[str, ...] = ()
 
     @property
     def place(self) -> str:
@@ -102,6 +106,10 @@ class MessageLayout:
         for signal in self.signals:
             if signal.name == name:
                 return signal
+        if name in self.multiplexed:
+            raise LayoutError(
+                f"{self.place}: signal {name} is multiplexed; expected one that is in every frame"
+            )
         raise LayoutError(
             f"{self.place} {_unknown('signal', name, [s.name for s in self.signals])}"
         )

@@ -53,6 +53,7 @@ GROUPS = {
         ),
         ("cosim", "fmus"),
     ),
+    "replay": Group(("bridge/replay/*.py",), ("tests/bridge/replay",), ("cosim", "fmus")),
     "links": Group(("cosim/links/*.py", "cosim/links/*/*.py"), ("tests/cosim/links",)),
     "kernels": Group(
         ("fmus/c/*.c", "fmus/c/*.h"),

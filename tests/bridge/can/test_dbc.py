@@ -176,6 +176,19 @@ def test_a_foreign_file_needs_no_attribute(tmp_path):
     assert Codec(one).encode([7, 3]).hex() == "0703000000000000"
 
 
+@pytest.mark.parametrize("behind", [False, True])
+def test_a_multiplexed_signal_is_refused_by_its_name(behind, tmp_path):
+    """Also where the selector stands behind its signals, or is one of several (extended)."""
+    path = tmp_path / "mux.dbc"
+    lines = [' SG_ m M : 0|8@1+ (1,0) [0|0] "" A\n', ' SG_ a m0 : 8|8@1- (1,0) [0|0] "" A\n']
+    path.write_text(HEAD + bo(7, "M", "".join(lines[::-1] if behind else lines)))
+    (layout,) = dbc.load(path)
+    with pytest.raises(LayoutError, match=r"mux\.dbc: message M: signal a is multiplexed"):
+        Codec(layout, ["a"])
+    with pytest.raises(LayoutError, match="b"):
+        Codec(layout, ["b"])
+
+
 def test_what_drives_make_of_zero():
     """An MIT drive's own code of 0 N.m is 2047: it truncates. We round: 2048, half an LSB up."""
     codec = Codec(layout("drives.dbc", "MIT_COMMAND_1"), ["tau1"])

@@ -9,11 +9,13 @@ from bridge.deployment.system import load_system
 from bridge.native.frame import Frame
 from bridge.native.journal import Journal
 from bridge.native.message import Header
+from bridge.native.node import THERE
 from bridge.native.safety import LifeState
 from bridge.recording.run_folder import write_tables, write_trajectories
 from bridge.records.lives import Life
 from bridge.replay import replay
 from bridge.replay.diff import compare_runs
+from bridge.replay.received_and_sent import History
 from bridge.results.offline import run_offline
 from bridge.results.outcome import deployment_facts
 from bridge.results.report import fault_lines
@@ -163,6 +165,14 @@ def test_a_gateway_run_with_a_tripped_watchdog_is_identical_also_as_one_offline_
 
 
 # ---- the journal of what was heard --------------------------------------------------------------
+
+
+def test_a_history_that_begins_late_has_its_samples_by_their_numbers():
+    history = History(1, 4, first=100)
+    history.values[:, 0], history.there[:] = [1.0, 2.0, 3.0, 4.0], THERE
+    numbers = np.array([99, 100, 103, 104])
+    assert history.known(numbers).tolist() == [False, True, True, False]
+    assert history.at(numbers[1:3]).ravel().tolist() == [1.0, 4.0]
 
 
 def test_its_room_is_that_of_the_plan_with_a_margin():

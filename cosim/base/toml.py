@@ -64,6 +64,25 @@ def check_depth(data: Any, place: str) -> None:
     raise ScenarioError(f"found more than {DEEPEST} tables in each other", place)
 
 
+def plain(data: Any) -> Any:
+    """Data with the numbers and lists of Python where `data` has those of NumPy; else the same."""
+    from numpy import generic, ndarray  # a file has none of these
+
+    return _plain(data, (generic, ndarray))
+
+
+def _plain(data: Any, foreign: tuple[Any, ...]) -> Any:
+    if isinstance(data, foreign):
+        return data.tolist()
+    if isinstance(data, dict):
+        found = {key: _plain(value, foreign) for key, value in data.items()}
+        return data if all(found[key] is value for key, value in data.items()) else found
+    if isinstance(data, list | tuple):
+        entries = [_plain(value, foreign) for value in data]
+        return data if all(a is b for a, b in zip(entries, data, strict=True)) else entries
+    return data
+
+
 def check_numbers(data: Any, place: str, path: str = "") -> None:
     """Refuse numbers in plain data that are none to compute with. Raises ScenarioError."""
     if isinstance(data, dict):

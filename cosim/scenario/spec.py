@@ -296,9 +296,12 @@ _TABLES = (
 
 
 def build(document: Mapping[str, Any], path: str | Path) -> Scenario:
-    """A scenario from an already parsed document. Raises ScenarioError."""
+    """A scenario from an already parsed document, which may have numbers and arrays of NumPy.
+
+    Raises ScenarioError.
+    """
     with without_collections():
-        return _build(document, Path(path))
+        return _build(toml.plain(document), Path(path))
 
 
 def _build(document: Mapping[str, Any], path: Path) -> Scenario:

@@ -118,7 +118,9 @@ static inline double damping_of(const Model *x, Square A, Square dA, double *sig
     inverse_of(A, 1e-6 * limit, B);
     for (int c = 0; c < STATES; c++)
         if (has(x, c)) sum += B[c][c];
-    const double squared = sum > 0.0 ? 1.0 / sum : 0.0;
+    /* without what made the inverse exist: at most the square of the smallest, and 0 where that is */
+    const double shifted = sum > 0.0 ? 1.0 / sum : 0.0, beyond = shifted - 1e-6 * limit;
+    const double squared = beyond > 0.0 ? beyond : 0.0;
     const double missing = 1.0 - squared / limit;
     *sigma = squared > 0.0 ? square_root(squared) : 0.0;
     *rate = 0.0;
@@ -126,7 +128,7 @@ static inline double damping_of(const Model *x, Square A, Square dA, double *sig
     for (int c = 0; c < STATES; c++)
         for (int d = 0; d < STATES; d++)
             for (int e = 0; e < STATES; e++) sum_rate -= B[c][d] * dA[d][e] * B[e][c];
-    *rate = 0.5 * missing * squared * squared * sum_rate;
+    *rate = beyond > 0.0 ? 0.5 * missing * shifted * shifted * sum_rate : 0.0;
     return 0.25 * limit * missing * missing;
 }
 

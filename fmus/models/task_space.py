@@ -21,7 +21,8 @@ the tip does not notice, is with J before scaling by `scale`, and w accordingly:
 The damping is 0 away from singularities, so that J J# = 1 there, and grows smoothly as sigma, an
 estimate of the smallest singular value from below, falls under `sigma_0`::
 
-    sigma^2 = 1 / Σ_k 1/sigma_k^2  (sigma_min / sqrt(m) <= sigma <= sigma_min of m coordinates)
+    sigma^2 = 1 / Σ_k 1/(sigma_k^2 + e) - e,  e = 1e-6 sigma_0^2, and 0 where that is negative
+              (sigma <= sigma_min, and about sigma_min / sqrt(m) or more of m coordinates)
     mu^2    = (sigma_0 / 2)^2 (1 - (sigma / sigma_0)^2)^2   for sigma < sigma_0, else 0
 
 so that |J#| <= 3 sqrt(3) / (4 sigma_0) everywhere. Functions here follow the definitions, for real
@@ -127,7 +128,9 @@ def inverse(x: Values, J: Array) -> tuple[Array, Array]:
     """((J J' + mu^2)^-1 (m, m), sigma), of the rows J (m, n); missing coordinates are apart."""
     A = J @ J.T + np.diag(np.where(has(x), 0.0, 1.0))
     unit, limit = np.eye(len(A)), x["sigma_0"] ** 2
-    squared = 1.0 / np.diag(np.linalg.inv(A + 1e-6 * limit * unit))[has(x)].sum()
+    shift = 1e-6 * limit  # the inverse exists; sigma is then 0 at a singularity all the same
+    squared = 1.0 / np.diag(np.linalg.inv(A + shift * unit))[has(x)].sum() - shift
+    squared = squared if squared.real > 0.0 else 0.0 * squared
     missing = 1.0 - squared / limit
     mu_squared = limit / 4.0 * missing**2 if missing.real > 0.0 else 0.0
     return np.linalg.inv(A + mu_squared * unit), np.sqrt(squared)

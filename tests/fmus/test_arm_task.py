@@ -203,7 +203,10 @@ def test_sigma_is_just_below_the_smallest_singular_value() -> None:
         values, u = task_values(4, 3, seed=seed, frame=np.eye(3)), state(4, 3, seed)
         y, _ = reference_velocity(values, 4, 3, u)
         least = np.linalg.svd(task_space.rows(values, u["q"]), compute_uv=False)[-1]
-        assert least / np.sqrt(3) * (1 - 1e-3) <= y["sigma"] <= least + 1e-4
+        assert least / np.sqrt(3) * (1 - 1e-3) <= y["sigma"] <= least
+    for angle in (0.0, 1e-5, 1e-3):  # two links of 1 m: sigma_min is angle / sqrt(5) there
+        y, _ = reference_velocity({**PLANE, "sigma_0": np.array(0.2)}, 2, 2, stretched(angle))
+        assert y["sigma"] == pytest.approx(angle / np.sqrt(5.0), rel=1e-3, abs=1e-9)
 
 
 def test_of_three_orthogonal_slides_it_is_the_law_of_the_joints() -> None:

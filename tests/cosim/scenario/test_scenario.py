@@ -3,6 +3,7 @@
 import tomllib
 from pathlib import Path
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -10,6 +11,7 @@ from hypothesis import strategies as st
 from cosim.base.convert import numbers
 from cosim.base.errors import CosimError, ScenarioError
 from cosim.loading.files import load
+from cosim.scenario.assemble import assemble
 from cosim.scenario.spec import build
 
 TEXT = """
@@ -163,3 +165,21 @@ def test_any_mutation_of_a_document_is_read_or_refused_with_a_sentence(data):
         build(document, Path("mutated.toml"))
     except CosimError as error:
         assert "mutated.toml" in str(error)
+
+
+def test_a_document_may_have_numbers_and_arrays_of_numpy() -> None:
+    document = {
+        "run": {"step": np.float64(1e-3), "stop": np.float32(0.5), "seed": np.int64(7)},
+        "components": {
+            "arm": {
+                "model": "fmus.models.planar2r",
+                "parameters": {"k_p": np.array([3.0, 4.0])},
+                "start": {"q": (np.float64(0.1), 0.2), "tau": np.zeros(2)},
+            }
+        },
+    }
+    made = build(document, Path("numpy.toml"))
+    (step,) = assemble(made).components
+    assert (made.run.seed, step.values["q"], step.values["k_p"]) == (7, (0.1, 0.2), (3.0, 4.0))
+    with pytest.raises(ScenarioError, match="finite"):
+        build({**document, "run": {"step": np.float64("nan"), "stop": 1}}, Path("numpy.toml"))

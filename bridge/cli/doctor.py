@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import typer
 
@@ -51,22 +51,52 @@ def doctor(
     as_json: Annotated[
         bool, typer.Option("--json", help="Print the result as JSON instead of text.")
     ] = False,
+    deploy: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Check the buses and real drives of this deployment instead, step by step.",
+        ),
+    ] = None,
+    interface: Annotated[
+        str | None,
+        typer.Option("--interface", "-i", help="With --deploy: python-can interface of its buses."),
+    ] = None,
+    channel: Annotated[
+        list[str] | None,
+        typer.Option("--channel", "-c", metavar="BUS=CHANNEL", help="With --deploy; repeatable."),
+    ] = None,
+    yes: Annotated[
+        bool,
+        typer.Option("--yes", help="With --deploy: do not ask; the emergency stop is not proven."),
+    ] = False,
 ) -> None:
     """Check this machine: Python, engine, compiler, networks, CAN, real time; with cures.
 
-    Exit status 1 if something that `cosim run` needs is missing.
+    With --deploy: interfaces, drives, registers, watchdogs, directions and emergency stop of a
+    deployment with real drives, which move with 1 % of their torque. Exit status 1 if something
+    that is needed is missing.
     """
-    found = list(checks())
+    if deploy is not None:
+        from bridge.cli.doctor_deploy import check_deployment
+
+        found: list[Any] = list(check_deployment(deploy, interface, channel or [], yes, as_json))
+    else:
+        found = list(checks())
+        if not as_json:
+            _print(found)
     if as_json:
         typer.echo(json.dumps({"schema": "cosim.doctor/1", "checks": [asdict(c) for c in found]}))
-    else:
-        width = max(len(c.name) for c in found)
-        for c in found:
-            typer.echo(f"{_MARKS[c.state]} {c.name:<{width}}  {c.found}")
-            if c.state != "good":
-                typer.echo(f"  {'':<{width}}  for {c.purpose}; cure: {c.cure}")
     if any(c.state == "missing" for c in found):
         raise typer.Exit(1)
+
+
+def _print(found: list[MachineCheck]) -> None:
+    width = max(len(c.name) for c in found)
+    for c in found:
+        typer.echo(f"{_MARKS[c.state]} {c.name:<{width}}  {c.found}")
+        if c.state != "good":
+            typer.echo(f"  {'':<{width}}  for {c.purpose}; cure: {c.cure}")
 
 
 def checks() -> Iterator[MachineCheck]:

@@ -46,6 +46,17 @@ def feedback_codec(d: Deployment, message: str, port: str) -> Codec | None:
     return None
 
 
+def command_codec(d: Deployment, message: str) -> Codec:
+    """The codec of the torques of a message that names a profile, N.m at the joint.
+
+    Raises ScenarioError, LayoutError.
+    """
+    profile, spec = profile_of(d, message), d.messages[message]
+    part = profile.command
+    made = _si_signals(profile.layout(part, spec.drive), profile, part, _joint(spec))
+    return Codec(made, part.tau, exact=True)
+
+
 def _joint(spec: MessageSpec) -> Joint:
     """What lies between the drive of a message and the joint."""
     zero = spec.zero if isinstance(spec.zero, int | float) else quantity(spec.zero, "rad")

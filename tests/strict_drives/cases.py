@@ -128,17 +128,33 @@ def run(
     folder: Path,
     *,
     faults: Sequence[str] = (),
-    both: Sequence[str] = (),
     stop: float = 3.0,
-    settings: Sequence[str] = (),
     channels: Sequence[str] = (),
-    more: Sequence[str] = (),
 ) -> Ended:
     """``cosim rehearse --hardware`` with the case's drives.
 
-    `faults`: of the left bus's; `both`: further arguments of the drives; `channels`: SocketCAN
-    interfaces of left, right and link, () for multicast in a namespace of its own.
+    `faults`: of the left bus's; `channels`: SocketCAN interfaces of left, right and link, () for
+    multicast in a namespace of its own.
     """
+    return beside(case, folder, _command(case, folder, stop, channels), faults, channels)
+
+
+def doctor(case: Case, folder: Path, faults: Sequence[str] = ()) -> Ended:
+    """``cosim doctor --deploy`` with the case's drives."""
+    path = Path(case.deploy)
+    path = path if path.is_file() else CONFIGS / "deploy" / f"{case.deploy}.toml"
+    words = ["doctor", "--deploy", str(path), "-i", "udp_multicast", "--yes"]
+    return beside(case, folder, [*COSIM, *words], faults)
+
+
+def beside(
+    case: Case,
+    folder: Path,
+    command: Sequence[str],
+    faults: Sequence[str] = (),
+    channels: Sequence[str] = (),
+) -> Ended:
+    """A command beside the drives of a case."""
     folder.mkdir(parents=True, exist_ok=True)
     logs = [folder / f"{side}.jsonl" for side in ("left", "right")]
     interface = "socketcan" if channels else "udp_multicast"
@@ -147,11 +163,10 @@ def run(
         channel = channels[k] if channels else f"239.74.163.{2 + k}"
         numbers = ",".join(map(str, case.drives[k]))
         words = [case.kind, "--interface", interface, "--channel", channel, "--drives", numbers]
-        words += ["--log", str(log), *case.words, *own, *both]
+        words += ["--log", str(log), *case.words, *own]
         drives.append([*words, *(w for f in faults if k == 0 for w in ("--fault", f))])
-    command = _command(case, folder, stop, [*case.settings, *settings], channels, more)
     spec = folder / "bench.json"
-    spec.write_text(json.dumps({"drives": drives, "command": command}), "utf-8")
+    spec.write_text(json.dumps({"drives": drives, "command": list(command)}), "utf-8")
     bench = [sys.executable, "-m", "tests.strict_drives.bench", str(spec)]
     done = subprocess.run(
         bench if channels else [*NAMESPACE, *bench], cwd=ROOT, capture_output=True, text=True,
@@ -160,18 +175,15 @@ def run(
     return Ended(done.returncode, done.stdout + done.stderr, read(logs), folder / "run")
 
 
-def _command(
-    case: Case, folder: Path, stop: float, settings: Sequence[str], channels: Sequence[str],
-    more: Sequence[str],
-) -> list[str]:  # fmt: skip
+def _command(case: Case, folder: Path, stop: float, channels: Sequence[str]) -> list[str]:
     scenario = str(CONFIGS / f"{case.scenario}.toml")
     words = ["rehearse", scenario, "--deploy", case.deploy, "--nodes", ",".join(CONTROLLERS)]
     words += ["--hardware", "--yes", "--no-plot", "--no-twin", "--out", str(folder / "run")]
-    for setting in (f'run.stop="{stop} s"', *settings):
+    for setting in (f'run.stop="{stop} s"', *case.settings):
         words += ["--set", setting]
     if channels:
         pairs = zip(("left", "right", "link"), channels, strict=False)
         words += [w for bus, name in pairs for w in ("-c", f"{bus}={name}")]
     else:
         words += ["-i", "udp_multicast"]
-    return [*COSIM, *words, *more]
+    return [*COSIM, *words]

@@ -1,0 +1,83 @@
+"""``cosim doctor --deploy``: the steps from a deployment to a first run with real drives."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import typer
+
+from bridge.commission.drive_line import DriveLine, LineDrive, line_drives
+from bridge.commission.interfaces import StepFinding, check_interfaces
+from bridge.commission.steps import Question, drive_steps
+from bridge.deployment import spec as deployments
+from bridge.deployment.spec import Deployment
+from cosim.base.errors import ScenarioError
+
+_MARKS = {"good": "✓", "limited": "!", "missing": "✗"}
+#: Share of the torque in a first run.
+FIRST = 0.05
+
+
+def check_deployment(
+    path: Path, interface: str | None, channels: Sequence[str], yes: bool, quiet: bool
+) -> Iterator[StepFinding]:
+    """The findings of all steps; each is printed as it comes, unless `quiet`.
+
+    `yes`: nobody is asked. Raises ScenarioError for a deployment without drives of a profile.
+    """
+    from bridge.cli.options import bus_settings
+
+    bare = deployments.load(path)
+    changes = bus_settings(bare, interface, channels, None, None, None)
+    d = deployments.load(path, [text.removeprefix("deploy.") for text in changes])
+    drives = line_drives(d)
+    if not drives:
+        text = "no message carries torque to a drive with a profile; nothing to check"
+        raise ScenarioError(text, str(path))
+    good = True
+    for found in _steps(d, drives, yes):
+        good &= found.state != "missing"
+        if not quiet:
+            _print(found)
+        yield found
+    if good and not quiet:
+        typer.echo(first_run(d, drives))
+
+
+def _steps(d: Deployment, drives: list[LineDrive], yes: bool) -> Iterator[StepFinding]:
+    interfaces = list(check_interfaces(d, tuple({drive.foreign.bus: 0 for drive in drives})))
+    yield from interfaces
+    if any(found.state == "missing" for found in interfaces):
+        return
+    with DriveLine(d, drives) as line:
+        yield from drive_steps(line, drives, _asker(yes), alone=yes)
+
+
+def _asker(yes: bool) -> Question:
+    """A person is asked, unless `yes`."""
+    return lambda question: yes or typer.confirm(question)
+
+
+def _print(found: StepFinding) -> None:
+    typer.echo(f"{_MARKS[found.state]} {found.name}: {found.found}")
+    if found.state != "good" and found.cure:
+        typer.echo(f"    cure: {found.cure}")
+
+
+def first_run(d: Deployment, drives: Sequence[LineDrive]) -> str:
+    """What to run next: the controllers with 5 % of the torque of each drive."""
+    by_node: dict[str, list[float]] = {}
+    for drive in drives:
+        component = drive.joint.partition(".")[0]
+        node = next(n for n, s in d.nodes.items() if component in s.components)
+        by_node.setdefault(node, []).append(round(FIRST * drive.limit, 4))
+    sets = " ".join(
+        f"--set 'deploy.nodes.{node}.guard.tau_max={list(values)}'"
+        for node, values in by_node.items()
+    )
+    nodes = ",".join(by_node)
+    return (
+        "next: a first run with 5 % of the torque, cosim monitor in another terminal:\n"
+        f"  cosim rehearse SCENARIO --deploy {d.path} --nodes {nodes} --hardware {sets}"
+    )

@@ -84,6 +84,7 @@ typedef struct {
     int64_t early;          /* and samples of a run whose t = 0 is not known here, */
     int32_t early_life;     /* the last of them from a sender in this state */
     int32_t reserved2;
+    int64_t early_ns;       /* and arrived so long after its time stamp */
 } reception_t;
 
 /* Sequence of frames that requests a change of state from a drive with its own protocol; other frames

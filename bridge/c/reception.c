@@ -115,6 +115,7 @@ void reception_take(node_t *n, reception_t *r, const frame_t *frame)
     if (!node_started(n)) {
         r->early++;
         r->early_life = (int32_t)(header.status & STATUS_LIFE);
+        r->early_ns = frame->t_ns - (int64_t)header.t_us * 1000;
         return;
     }
     if (too_fast(r, values, t)) {

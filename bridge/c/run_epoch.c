@@ -6,7 +6,9 @@
 #include "forward.h"
 #include "send.h"
 
-enum { APART_NS = 100000000 /* between two of them on a bus */ };
+enum { APART_NS = 100000000 /* between two of them on a bus */, LONG_STAMP = 32 /* bits */ };
+static const int64_t STAMP_TURN_NS = ((int64_t)1 << 32) * 1000;
+static const int64_t BELIEVED_NS = 2000000000;  /* a date may differ so much from what samples say */
 static const int64_t FRESH_NS = 1000000000;     /* START belongs to the EPOCH that came so long before */
 
 void node_epoch(node_t *n)
@@ -28,6 +30,21 @@ void node_epoch_answer(node_t *n)
     if (n->life.state == LIFE_ACTIVE && pace_now() >= e->due_ns) node_epoch(n);
 }
 
+/* Whether samples of the run that have come say another t = 0 by their time stamps: then the date is that of
+ * another clock, although its host has our number (one in 255 has). Only long stamps tell seconds. */
+static int32_t contradicted(const node_t *n, int64_t origin)
+{
+    for (int32_t i = 0; i < n->n_receptions; i++) {
+        const reception_t *r = n->receptions + i;
+        if (!r->early || r->receiver->time_bits < LONG_STAMP) continue;
+        int64_t late = (r->early_ns - origin) % STAMP_TURN_NS;
+        if (late > STAMP_TURN_NS / 2) late -= STAMP_TURN_NS;
+        if (late < -STAMP_TURN_NS / 2) late += STAMP_TURN_NS;
+        if (late < -BELIEVED_NS || late > BELIEVED_NS + r->max_age_ns) return 1;
+    }
+    return 0;
+}
+
 void node_epoch_heard(node_t *n, const frame_t *frame)
 {
     double v[EPOCH_VALUES];
@@ -45,6 +62,10 @@ void node_epoch_heard(node_t *n, const frame_t *frame)
     const int64_t origin = epoch_origin_ns(v[EPOCH_ORIGIN], frame->t_ns);
     const int32_t running = origin <= frame->t_ns;
     if (running && !n->simulated && header.status & STATUS_SIMULATED) return;
+    if (running && contradicted(n, origin)) {
+        e->unshared++;
+        return;
+    }
     e->origin_ns = origin;
     e->heard_ns = frame->t_ns;
     e->told = (int32_t)v[EPOCH_RUN];

@@ -91,6 +91,7 @@ class Reception(c.Structure):
         ("early", c.c_int64),
         ("early_life", c.c_int32),
         ("reserved2", c.c_int32),
+        ("early_ns", c.c_int64),
     )
 
 

@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 import ctypes as c
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 
 import pytest
 
 from bridge.deployment.system import load_system
 from bridge.native import epoch as native
-from bridge.native.frame import Flags
+from bridge.native.bus import Bus
+from bridge.native.frame import Flags, Ring
 from bridge.native.library import library
 from bridge.native.message import Decoded, Header
-from bridge.native.node import NodeStruct, functions
+from bridge.native.node import WALL, NodeStruct, functions
 from bridge.native.pace import now
 from bridge.native.safety import Status
 from bridge.node.missing_inputs import report_missing_inputs
 from bridge.realtime.host_clock import HostClock, host_clock
+from bridge.wiring.wiring import WiredNode
 from cosim.base.clock import realtime_ns, realtime_offset_ns
 from tests.bridge.bench import Bench, until
 from tests.bridge.deployments import TELEOPERATION
@@ -129,6 +133,45 @@ def test_another_hosts_date_counts_where_both_are_kept(tmp_path, ours, theirs, s
         else:
             until(lambda: bench.struct.epoch.unshared == 1)
         assert bool(bench.struct.epoch.origin_ns) == shared
+
+
+@contextmanager
+def waiting_master(folder):
+    """The master's node over Zenoh, waiting; its wired node, and how to send it a frame."""
+    system = load_system(TELEOPERATION, "zenoh", ["run.stop=60", "deploy.silence=0"])
+    rx = Ring(4096)
+    bus = Bus.from_rings(rx, Ring(4096), 0)
+    wired = WiredNode(system, "master", {"net": bus}, folder / "journal", WALL)
+    wired.struct.epoch.host, wired.struct.epoch.follows = HOST, 1
+    with wired, ThreadPoolExecutor(1) as pool:
+        pool.submit(functions().node_live, c.byref(wired.struct))
+        try:
+            yield wired, rx.put
+        finally:
+            wired.struct.quit = 1
+
+
+def test_a_date_that_samples_contradict_is_not_believed(tmp_path):
+    """Numbers of hosts have 8 bits: a stranger may have ours, and a date 10 s from ours."""
+    with waiting_master(tmp_path) as (wired, put):
+        services, codec = wired.system.services["net"], wired.system.messages["xi_slave"].encoding
+        epoch, status = wired.struct.epoch, ACTIVE | Status.SIMULATED
+        began = now() - seconds(20)
+
+        def announce(origin):
+            date = native.values(RUN, HOST, False, origin + realtime_offset_ns())
+            put(services.epoch.frame(date, Header(status=int(Status.SIMULATED)), now()))
+
+        put(codec.frame([0.0, 0.0], Header(status=status, t_us=20_000_000), now()))
+        until(lambda: wired.inlet_bindings.receptions["xi_slave"].early == 1)
+        for wrong in (-10, 10):
+            before = epoch.unshared
+            announce(began + seconds(wrong))
+            until(lambda before=before: epoch.unshared == before + 1)
+            assert epoch.origin_ns == 0 and not wired.struct.begun
+        announce(began)
+        until(lambda: wired.struct.begun)
+        assert abs(wired.struct.start_ns - began) < 2_000_000
 
 
 def test_a_clock_that_is_not_known_well_enough_is_measured_again(tmp_path):

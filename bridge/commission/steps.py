@@ -29,6 +29,9 @@ def find(line: DriveLine, drive: LineDrive) -> StepFinding:
         )
     line.ask(drive)
     why = line.raise_drive(drive, "clear")
+    end = monotonic_ns() + round(max(0.5, 2 * status.within) * 1e9)
+    while drive.word is None and monotonic_ns() < end:
+        line.serve(0.02)  # some drives tell their state by themselves, now and then
     if drive.word is None:
         return StepFinding(
             drive.name, "missing", "does not answer", "power, number, bit rate, wiring"

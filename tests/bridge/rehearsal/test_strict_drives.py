@@ -35,12 +35,20 @@ def stood_still(case: Case, ended: Ended) -> bool:
 
 
 def sent_gap(case: Case, ended: Ended, drive: DriveLog) -> float:
-    """The longest time without a frame that feeds a drive, as its node logged what it sent, ns."""
+    """The longest time without a frame that feeds a drive, as its node logged what it sent, ns.
+
+    A drive of our own protocol is fed from t = 0 on.
+    """
     bus, number = drive.name.split()
     side = BUSES.index(bus)
-    log = Journal.open(ended.folder / "nodes" / f"{CONTROLLERS[side]}.{bus}.frames")
+    nodes = ended.folder / "nodes"
+    log = Journal.open(nodes / f"{CONTROLLERS[side]}.{bus}.frames")
     own = log[(log["flags"] & Flags.SENT != 0) & (log["id"] == case.feeding(side, int(number)))]
-    return float(np.diff(own["t_ns"].astype(np.int64)).max(initial=0))
+    t = own["t_ns"].astype(np.int64)
+    if case.kind == "ours":
+        said = json.loads((nodes / f"{CONTROLLERS[side]}.json").read_text("utf-8"))
+        t = t[t >= said["start_ns"]]
+    return float(np.diff(t).max(initial=0))
 
 
 def judged(name: str, folder: Path, *faults: str) -> Ended:
@@ -51,9 +59,10 @@ def judged(name: str, folder: Path, *faults: str) -> Ended:
         case = CASES[name] if k < AGAIN - 1 else relaxed(CASES[name], folder, RELAXED)
         ended = run(case, folder / str(k), faults=faults)
         found = misdeeds(ended.drives)
-        sent = [sent_gap(case, ended, drive) * 1e-9 for drive in ended.drives]
-        most = [drive.end["watchdog"] / 2 for drive in ended.drives]
-        assert all(s < m for s, m in zip(sent, most, strict=True)), (sent, most, ended.said)
+        for drive in ended.drives:
+            gap, watchdog = sent_gap(case, ended, drive) * 1e-9, drive.end["watchdog"]
+            if gap > watchdog / 2:
+                found.append(f"{drive.name}: nothing was sent for {gap:.4f} s")
         if not found or not stood_still(case, ended):
             break
     assert not found, "\n".join(found) + ended.said

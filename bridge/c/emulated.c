@@ -14,12 +14,25 @@ void emulated_begin(node_t *n, int64_t t_ns)
     }
 }
 
+/* Faults whose time has come, before what is heard later. */
+static void happen(const node_t *n, motor_t *m, int64_t t_ns)
+{
+    while (node_started(n) && m->happened < m->n_faults) {
+        const motor_fault_t *f = m->faults + m->happened;
+        if (f->t_ns + n->start_ns > t_ns) return;
+        m->happened++;
+        vendor_fault(&m->vendor, f->fault, f->code, f->t_ns + n->start_ns);
+    }
+}
+
 int32_t emulated_hear(node_t *n, const frame_t *frame)
 {
     int32_t asked = 0;
     for (int32_t i = 0; i < n->n_motors; i++) {
         motor_t *m = n->motors + i;
-        if (m->bus == frame->bus) asked |= vendor_take(&m->vendor, frame, frame->t_ns);
+        if (m->bus != frame->bus) continue;
+        happen(n, m, frame->t_ns);
+        asked |= vendor_take(&m->vendor, frame, frame->t_ns);
     }
     return asked;
 }
@@ -54,6 +67,7 @@ void emulated_step(node_t *n, int64_t t_ns)
             m->power = ((const inlet_row_t *)(row + n->inlet_offset))[i].requests;
             continue;
         }
+        happen(n, m, t_ns);
         vendor_step(&m->vendor, t_ns);
         flush(n, m, t_ns);
         m->power = power_of(&m->vendor);

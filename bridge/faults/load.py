@@ -11,7 +11,7 @@ from math import inf, isfinite
 from pathlib import Path
 from typing import Any
 
-from bridge.faults.script import Action, FaultEvent, FaultScript, FrameFault
+from bridge.faults.script import Action, DriveFault, FaultEvent, FaultScript, FrameFault
 from bridge.faults.spec import (
     SPECS,
     AbsurdSpec,
@@ -19,6 +19,7 @@ from bridge.faults.spec import (
     BusDownSpec,
     ClockJumpSpec,
     CountSpec,
+    DriveSpec,
     DropSpec,
     DuplicateSpec,
     FloodSpec,
@@ -37,6 +38,7 @@ from bridge.faults.spec import (
     Spec,
     SyncLossSpec,
 )
+from bridge.native.vendor import VendorFault
 from cosim.base import toml
 from cosim.base.convert import Number, convert, number
 from cosim.base.errors import ScenarioError
@@ -61,10 +63,13 @@ def build(document: Mapping[str, Any], path: Path) -> FaultScript:
         raise ScenarioError("expected an array of tables, [[fault]]", f"{path} at fault")
     frames: list[FrameFault] = []
     events: list[FaultEvent] = []
+    drives: list[DriveFault] = []
     for index, table in enumerate(tables):
         place = _Place(path, index)
         spec = _spec(table, place)
-        if isinstance(spec, SyncLossSpec):
+        if isinstance(spec, DriveSpec):
+            drives += _drive_faults(spec, place)
+        elif isinstance(spec, SyncLossSpec):
             frames.append(_frame_fault(spec, place))
         else:
             events += _events(spec, place)
@@ -74,6 +79,7 @@ def build(document: Mapping[str, Any], path: Path) -> FaultScript:
         seed=convert(document.get("seed", 0), int, path, "seed"),
         frames=tuple(frames),
         events=tuple(sorted(events, key=lambda e: (e.t, e.index))),
+        drives=tuple(sorted(drives, key=lambda e: (e.t, e.index))),
     )
 
 
@@ -145,6 +151,27 @@ def _frame_fault(spec: SyncLossSpec, place: _Place) -> FrameFault:
         a=a,
         b=b,
     )
+
+
+def _drive_faults(spec: DriveSpec, place: _Place) -> list[DriveFault]:
+    """The fault of each drive of a table, and its end where it has one."""
+    t, fault = place.value("at", spec.at), VendorFault[spec.does.upper().replace("-", "_")]
+    code = round(place.value("by", spec.by, "s", 0, 2) * 1e9) if spec.does == "late" else spec.code
+    code = code - (1 << 32) if code >= 1 << 31 else code
+    after = VendorFault.PLUG if fault is VendorFault.UNPLUG else fault
+    ends = spec.lasts is not None and spec.does not in ("trip", "reboot")
+    if spec.lasts is not None and not ends:
+        raise ScenarioError(
+            f"{spec.does!r} has no end of its own; expected no for", place.of("for")
+        )
+    end = t + place.value("for", spec.lasts) if spec.lasts is not None else inf
+    found = []
+    for bus in _tuple(spec.bus):
+        for drive in (spec.drive,) if isinstance(spec.drive, int) else spec.drive:
+            found.append(DriveFault(place.index, t, bus, drive, fault, code))
+            if ends:
+                found.append(DriveFault(place.index, end, bus, drive, after, 0))
+    return found
 
 
 def _tuple(names: Names) -> tuple[str, ...]:

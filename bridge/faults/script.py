@@ -23,6 +23,7 @@ from bridge.native.bus import Accept
 from bridge.native.faults import Fault, Injector
 from bridge.native.frame import Flags
 from bridge.native.message import Message
+from bridge.native.vendor import VendorFault
 from cosim.base.errors import ScenarioError
 from cosim.base.names import unknown
 
@@ -107,6 +108,18 @@ class FaultEvent:
 
 
 @dataclass(frozen=True, slots=True)
+class DriveFault:
+    """Something that happens to an emulated drive `t` s after the start; `index`: of its table."""
+
+    index: int
+    t: float
+    bus: str
+    drive: int
+    fault: VendorFault
+    code: int
+
+
+@dataclass(frozen=True, slots=True)
 class NodeFaults:
     """The rules of one node, ready for C: `indices[i]` is the table that rule i comes from."""
 
@@ -130,6 +143,7 @@ class FaultScript:
     seed: int
     frames: tuple[FrameFault, ...]
     events: tuple[FaultEvent, ...]
+    drives: tuple[DriveFault, ...] = ()
 
     def place(self, index: int, key: str) -> str:
         """The place of a value in the file: ``FILE at fault.0.node``."""
@@ -193,6 +207,8 @@ class FaultScript:
                     _known(message, messages, "message", self.place(fault.index, "message"))
             if fault.bus:
                 _known(fault.bus, buses, "bus", self.place(fault.index, "bus"))
+        for one in self.drives:
+            _known(one.bus, buses, "bus", self.place(one.index, "bus"))
         for event in (e for e in self.events if e.action not in OF_LINKS):
             what, names = ("bus", buses) if event.action in OF_BUSES else ("node", nodes)
             _known(event.target, names, what, self.place(event.index, what))

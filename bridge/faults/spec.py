@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Literal
 
 import msgspec
 
@@ -17,6 +17,23 @@ class Spec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True
     """One table ``[[fault]]``; its fields are the keys allowed for its kind."""
 
     kind: str
+
+
+class DriveSpec(Spec, frozen=True, kw_only=True, rename={"lasts": "for"}):
+    """Something happens to the emulated drives with these numbers on `bus`, which `does` names.
+
+    `code`: the vendor's error (trip), what is added to its identifiers (other-id), the part that is
+    hot (1: electronics, 2: motor); `by`: how much later it answers (late); `lasts`: until it is
+    over, where it can be; default: never.
+    """
+
+    bus: Names
+    drive: int | tuple[int, ...]
+    does: Literal["trip", "reboot", "unplug", "late", "other-id", "old", "hot", "drop"]
+    at: Number
+    code: Annotated[int, msgspec.Meta(ge=-(2**31), lt=2**32)] = 1
+    by: Number = 0
+    lasts: Number | None = None
 
 
 class SyncLossSpec(Spec, frozen=True, kw_only=True, rename={"start": "from", "end": "to"}):
@@ -172,4 +189,5 @@ SPECS: dict[str, type[Spec]] = {
     "net-delay": NetDelaySpec,
     "net-loss": NetLossSpec,
     "net-rate": NetRateSpec,
+    "drive": DriveSpec,
 }

@@ -121,6 +121,12 @@ class Sequence(c.Structure):
     )
 
 
+class MotorFault(c.Structure):
+    """``motor_fault_t``."""
+
+    _fields_ = (("t_ns", c.c_int64), ("fault", c.c_int32), ("code", c.c_int32))
+
+
 class MotorStruct(c.Structure):
     """``motor_t``."""
 
@@ -130,6 +136,9 @@ class MotorStruct(c.Structure):
         ("outlets", c.c_int32 * PARTS),
         ("reserved", c.c_int32),
         ("power", c.c_int64),
+        ("faults", c.POINTER(MotorFault)),
+        ("n_faults", c.c_int32),
+        ("happened", c.c_int32),
     )
 
 

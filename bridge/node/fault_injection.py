@@ -9,6 +9,7 @@ from bridge.faults.script import FaultScript, NodeFaults
 from bridge.native.faults import INJECTED
 from bridge.native.journal import Journal
 from bridge.wiring.wiring import WiredNode
+from cosim.base.errors import ScenarioError
 
 #: Rows of the record of what was done to frames.
 ROWS = 100_000
@@ -20,6 +21,7 @@ def inject(wired: WiredNode, script: FaultScript, path: Path) -> NodeFaults | No
     The injected faults are recorded in `path`, a journal of INJECTED rows that is closed with the
     node.
     """
+    _let_drives_suffer(wired, script)
     journal = Journal.create(path, INJECTED, ROWS)
     wired.keep(journal)
     system, name = wired.system, wired.name
@@ -33,3 +35,17 @@ def inject(wired: WiredNode, script: FaultScript, path: Path) -> NodeFaults | No
     if faults is not None:
         wired.struct.faults = c.pointer(faults.injector.struct)
     return faults
+
+
+def _let_drives_suffer(wired: WiredNode, script: FaultScript) -> None:
+    """Faults of the emulated drives of this node. Raises ScenarioError for an unknown number."""
+    motors = wired.inlet_bindings.motors
+    known = [(drive.bus, drive.node) for drive in motors.drives]
+    for one in script.drives:
+        numbers = [str(node) for bus, node in known if bus == one.bus]
+        if numbers and str(one.drive) not in numbers:
+            text = f"is {one.drive}; expected one of {', '.join(numbers)} on bus {one.bus}"
+            raise ScenarioError(text, script.place(one.index, "drive"))
+    for bus, node in known:
+        mine = [f for f in script.drives if (f.bus, f.drive) == (bus, node)]
+        motors.suffer(bus, node, [(f.t, int(f.fault), f.code) for f in mine])

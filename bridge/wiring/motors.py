@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import zlib
+from collections.abc import Sequence
 from typing import Any, final
 
 from bridge.deployment import drive_sequences
@@ -44,6 +45,7 @@ class EmulatedMotors:
             if drive is not None and drive.profile.vendor:
                 found[drive.bus, drive.node] = drive, inlet
         self.drives = tuple(drive for drive, _ in found.values())
+        self._alive: list[Any] = []
         self._places = {place: i for i, place in enumerate(found)}
         self.structs = (native.MotorStruct * max(1, len(found)))()
         for entry, (drive, inlet) in zip(self.structs, found.values(), strict=False):
@@ -57,6 +59,15 @@ class EmulatedMotors:
         motor = self.structs[self._places[drive.bus, drive.node]]
         motor.vendor.timeout_ns = model.watchdog.timeout_ns
         entry.motor, entry.ignored = native.pointer_to(motor), -1
+
+    def suffer(self, bus: str, node: int, faults: Sequence[tuple[float, int, int]]) -> None:
+        """Let faults (t in s, VENDOR_..., code) happen to a drive, in the order of time."""
+        motor = self.structs[self._places[bus, node]]
+        table = (native.MotorFault * max(1, len(faults)))(
+            *(native.MotorFault(round(t * 1e9), fault, code) for t, fault, code in faults)
+        )
+        motor.faults, motor.n_faults, motor.happened = table, len(faults), 0
+        self._alive.append(table)
 
     def tell(self, entry: native.OutletStruct, outlet: Outlet, number: int) -> None:
         """Bind a message of the node, if it is the feedback of one of these drives."""

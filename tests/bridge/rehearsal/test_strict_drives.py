@@ -98,7 +98,8 @@ FAULTS = {
 @pytest.mark.parametrize(("name", "fault"), FAULTS)
 def test_a_fault_stops_the_run_and_is_named(name: str, fault: str, tmp_path: Path) -> None:
     ended = run(CASES[name], tmp_path, faults=(fault,))
-    assert ended.code == 1, ended.said
+    # 3: inconclusive, where the machine starved drives as well
+    assert ended.code == 1 or (ended.code == 3 and "inconclusive" in ended.said), ended.said
     assert re.search(FAULTS[name, fault], ended.said, re.IGNORECASE | re.DOTALL), ended.said
     off = {drive.name: drive.end["off"] for drive in ended.drives}
     assert not any(off.values()), (off, ended.said)

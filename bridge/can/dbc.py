@@ -8,6 +8,7 @@ header, too. The attribute ``InvalidRaw`` of a signal defines the raw value that
 
 from __future__ import annotations
 
+import re
 import struct
 from functools import lru_cache
 from pathlib import Path
@@ -30,6 +31,10 @@ _PLACES = {
     E2EProfile.P05: {"crc": (0, 16), "counter": (16, 8)},
 }
 _PROFILES = {"None": E2EProfile.NONE, "P02": E2EProfile.P02, "P05": E2EProfile.P05}
+#: Longest message of a DBC file, bytes: one of J1939 in several frames.
+LONGEST = 1785
+_BYTES = re.compile(rb"^\s*BO_\s+\d+\s+(\w+)\s*:\s*(\d+)", re.MULTILINE)
+_BITS = re.compile(rb"^\s*SG_\s+(\w+)[^:\n]*:\s*(\d+)\|(\d+)", re.MULTILINE)
 _HEADER = ("crc", "counter", "status", "t_us")
 
 
@@ -50,12 +55,30 @@ def load(path: str | Path) -> tuple[MessageLayout, ...]:
 @lru_cache(maxsize=8)
 def read(path: str) -> Database:
     """The file as cantools sees it. Raises LayoutError."""
+    _check_sizes(path)
     try:
         found = database.load_file(regular(Path(path)), database_format="dbc")
     except (OSError, UnicodeDecodeError, Error, ValueError) as error:
         raise LayoutError(f"{path}: not a DBC file that can be used: {error}") from error
     assert isinstance(found, Database)
     return found
+
+
+def _check_sizes(path: str) -> None:
+    """Refuse sizes for which cantools would make masks of as many bits. Raises LayoutError."""
+    try:
+        text = Path(path).read_bytes()
+    except OSError as error:
+        raise LayoutError(f"{path}: not a DBC file that can be used: {error}") from error
+    for pattern, most, unit in ((_BYTES, LONGEST, "bytes"), (_BITS, 8 * LONGEST, "bits")):
+        for found in pattern.finditer(text):
+            sizes = [int(size) for size in found.groups()[1:] if len(size) < 10]
+            if len(sizes) < found.re.groups - 1 or max(sizes) > most:
+                name = found[1].decode(errors="replace")
+                raise LayoutError(
+                    f"{path}: {name}: found {found[0][-60:].decode(errors='replace')!r}; expected "
+                    f"at most {most} {unit}"
+                )
 
 
 @final

@@ -39,10 +39,10 @@ class Run:
         schema = file.schema_arrow
         self._cache: dict[str, Array] = {}
         self.units: Mapping[str, str] = {
-            field.name: (field.metadata or {}).get(b"unit", b"1").decode() for field in schema
+            field.name: _text((field.metadata or {}).get(b"unit", b"1"), path) for field in schema
         }
         self.properties: Mapping[str, str] = {
-            key.decode(): value.decode()
+            _text(key, path): _text(value, path)
             for key, value in (schema.metadata or {}).items()
             if key != b"ARROW:schema"
         }
@@ -227,6 +227,14 @@ class Run:
             for i in range(self._file.num_row_groups):
                 file.write_table(self._file.read_row_group(i, columns=chosen).select(chosen))
         return path
+
+
+def _text(data: bytes, path: Path) -> str:
+    """A unit or property of a trajectory file. Raises ScenarioError."""
+    try:
+        return data.decode()
+    except UnicodeDecodeError as error:
+        raise ScenarioError(f"found {data[:40]!r}; expected UTF-8: {error}", str(path)) from None
 
 
 def _group(names: Mapping[str, str]) -> dict[str, tuple[str, ...]]:

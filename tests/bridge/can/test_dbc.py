@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.util
 import io
 import logging
+import re
 from dataclasses import replace
 
 import cantools
@@ -220,3 +221,21 @@ def test_a_length_that_no_frame_of_can_fd_has_is_refused():
     found = replace(layout("link_fd2.dbc", "LINK_1"), length=25)
     with pytest.raises(LayoutError, match=r"LINK_1 has 25 bytes; expected 0 to 8, 12, .* or 64"):
         Codec(found)
+
+
+@pytest.mark.parametrize(
+    ("sizes", "found"),
+    [
+        (("2147483648", "0|8"), "BO_ 1 A: 2147483648"),
+        (("8", "0|2147483648"), "SG_ x : 0|2147483648"),
+        (("8", "99999999999999999999|8"), "99999999999999999999"),
+    ],
+)
+def test_sizes_that_fill_the_memory_are_refused_at_once(sizes, found, tmp_path):
+    """The reader behind makes a mask of as many bits."""
+    path = tmp_path / "large.dbc"
+    text = f'VERSION ""\nBU_: N\nBO_ 1 A: {sizes[0]} N\n SG_ x : {sizes[1]}@1+ (1,0) [0|0] "" N\n'
+    path.write_text(text)
+    with pytest.raises(LayoutError, match=re.escape(found)) as error:
+        dbc.load(path)
+    assert "expected at most" in str(error.value)

@@ -9,6 +9,8 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -162,3 +164,17 @@ def test_a_file_that_was_cut_short(run: Run, tmp_path: Path) -> None:
         run.path.write_bytes(data[:size])
         with pytest.raises(ScenarioError, match=r"trajectories\.parquet: not a complete Parquet"):
             Run.open(tmp_path)
+
+
+@pytest.mark.parametrize("where", ["unit", "property"])
+def test_a_file_whose_texts_are_no_texts_is_refused(where: str, run: Run, tmp_path: Path) -> None:
+    table = pq.read_table(run.path)
+    if where == "unit":
+        fields = [field.with_metadata({b"unit": b"\xff rad"}) for field in table.schema]
+        table = table.cast(pa.schema(fields))
+    else:
+        table = table.replace_schema_metadata({b"made by": b"\xfe\xff"})
+    place = tmp_path / "other.parquet"
+    pq.write_table(table, place)
+    with pytest.raises(ScenarioError, match=r"other\.parquet: found .*; expected UTF-8"):
+        Run.open(place)

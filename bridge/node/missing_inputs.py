@@ -23,6 +23,8 @@ from cosim.base.clock import monotonic_ns, stopwatch
 
 #: s between two looks, and between two times a node says what it still waits for.
 LOOK, REPEAT = 0.02, 0.5
+#: Looks at samples of a run that nobody announces before a node that could start says so.
+UNANNOUNCED = 100
 #: Failed measurements of other hosts' clocks before a node says so; it goes on measuring.
 FAILURES = 3
 #: Periods of a message in which a life that runs hears at least one.
@@ -76,6 +78,15 @@ def _drives_event(wired: WiredNode) -> Mapping[str, Any] | None:
     if struct.life.armed and native.functions().bringup_ready(c.byref(struct), monotonic_ns()):
         return {"event": "drives", "failed": []}
     return None
+
+
+def _runs_unannounced(wired: WiredNode) -> list[str]:
+    """Messages of a run that is on, of which no t = 0 is known here, a phrase each."""
+    return [
+        f"{message} from {wired.system.messages[message].node}{_what_came_instead(wired, message)}"
+        for message, reception in wired.inlet_bindings.receptions.items()
+        if reception.early
+    ]
 
 
 def _wrong_state_text(state: int) -> str:
@@ -203,7 +214,7 @@ def report_missing_inputs(
 
     def look() -> None:
         refusals, said, deaf, joined = 0, False, False, False
-        unshared, failures = 0, 0
+        unshared, failures, foreign = 0, 0, 0
         drives: Mapping[str, Any] = {}
         elapsed, next_ = stopwatch(), REPEAT
         while not ended.wait(LOOK):
@@ -216,6 +227,10 @@ def report_missing_inputs(
                 elif elapsed() > next_:
                     next_ = elapsed() + REPEAT
                     say({"event": "waiting", "for": missing})
+            if struct.epoch.follows and not struct.begun and (found := _runs_unannounced(wired)):
+                foreign += 1
+                if foreign == UNANNOUNCED:
+                    say({"event": "waiting", "for": found})
             if struct.refusals != refusals:
                 refusals = struct.refusals
                 say(_refusal_event(wired))

@@ -282,3 +282,20 @@ def test_frames_that_came_and_do_not_count_are_named_before_a_start(tmp_path, wh
         assert came_instead(bench, **what) == f"STATE_1 from master {said}"
         bench.there = True
         within(lambda: "STATE_1" not in str(missing_inputs.missing_before_start(bench.wired)))
+
+
+def test_a_node_that_needs_to_hear_nothing_says_that_a_run_is_on_which_nobody_announces(tmp_path):
+    """With ``silence = 0`` it was ready at once, and waited without a word for a START."""
+    said = []
+    alone = ("deploy.nodes.master_control.requires=[]", "deploy.nodes.master_control.stale={}")
+    with Bench(tmp_path, *alone, there=False) as bench:
+        bench.struct.epoch.follows = 1
+        with missing_inputs.report_missing_inputs(
+            bench.wired, said.append, lambda: {"event": "ready"}
+        ):
+            codec = bench.system.messages["STATE_1"].encoding
+            header = Header(status=LifeState.FAULT | Status.SIMULATED)
+            bench.put("left", codec.frame([0.0] * 4, header, monotonic_ns()))
+            within(lambda: len(said) == 2)
+    assert [event["event"] for event in said] == ["ready", "waiting"]
+    assert "STATE_1 from master" in said[1]["for"][0] and "is in FAULT" in said[1]["for"][0]

@@ -3,7 +3,6 @@
 
 #include <string.h>
 
-#include "outlet.h"
 #include "send.h"
 
 void emulated_begin(node_t *n, int64_t t_ns)
@@ -80,10 +79,12 @@ void emulated_attend(node_t *n, int64_t t_ns)
         motor_t *m = n->motors + i;
         vendor_step(&m->vendor, t_ns);
         m->power = power_of(&m->vendor);
-        for (int32_t part = 0; part < VENDOR_PARTS; part++)
-            if (m->outlets[part] >= 0) outlet_tell(n->outlets + m->outlets[part], t_ns - n->start_ns);
-        flush(n, m, t_ns);
     }
+}
+
+void emulated_flush(node_t *n, int64_t t_ns)
+{
+    for (int32_t i = 0; i < n->n_motors; i++) flush(n, n->motors + i, t_ns);
 }
 
 int32_t emulated_owes(const outlet_t *o)

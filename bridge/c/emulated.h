@@ -12,8 +12,9 @@ void emulated_begin(node_t *n, int64_t t_ns);
 int32_t emulated_hear(node_t *n, const frame_t *frame);
 /* Before the run of a slot: what has become of them until t_ns, or was recorded; frames of their own. */
 void emulated_step(node_t *n, int64_t t_ns);
-/* Before the first slot, once in a while: they answer with the positions that the node starts from. */
+/* Before the first slot, once in a while: what has become of them; then, behind their feedback, what they send. */
 void emulated_attend(node_t *n, int64_t t_ns);
+void emulated_flush(node_t *n, int64_t t_ns);
 /* Whether the drive of an outlet sends this feedback in this slot. */
 int32_t emulated_owes(const outlet_t *o);
 /* Its feedback, as the drive makes a frame of it; `now_ns`: of the run. */

@@ -4,6 +4,7 @@
 #include "bringup.h"
 #include "emulated.h"
 #include "hear.h"
+#include "outlet.h"
 #include "rest.h"
 #include "run_epoch.h"
 #include "service.h"
@@ -166,6 +167,9 @@ static void obey(node_t *n, pending_t *start, int64_t now)
 static void attend_drives(node_t *n, int64_t now)
 {
     emulated_attend(n, now);
+    for (int32_t i = 0; i < n->n_outlets; i++)
+        if (n->outlets[i].motor) outlet_tell(n->outlets + i, now - n->start_ns);
+    emulated_flush(n, now);
     bringup_step(n, now, 1);
     node_host(n, now);
     node_host_sync_early(n, now);

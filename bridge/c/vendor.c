@@ -1,7 +1,9 @@
 /* vendor.c: what the drives of all vendors have in common: power, cable, queue, faults; see vendor.h. */
 #include "vendor.h"
 
-#include "vendor_kind.h"
+#include "vendor_cia402.h"
+#include "vendor_damiao.h"
+#include "vendor_odrive.h"
 
 enum { TRUE_PART = 0x80 };  /* in `bus` of a queued frame: a feedback frame, of the part in the low bits */
 

@@ -77,4 +77,10 @@ API void vendor_say(vendor_t *v, int32_t part, const frame_t *frame, int64_t t_n
 API int32_t vendor_next(vendor_t *v, int64_t t_ns, frame_t *frame);
 API void vendor_fault(vendor_t *v, int32_t fault, int32_t code, int64_t t_ns);
 
+/* For its kind: a frame of its own into the queue, `part` -1: nothing is written into it at its sending. */
+void vendor_queue(vendor_t *v, uint32_t id, int32_t format, const uint8_t *data, int32_t length,
+                  int64_t t_ns);
+/* The power is switched off and on. */
+void vendor_reboot(vendor_t *v, int64_t t_ns);
+
 #endif

@@ -5,7 +5,7 @@
  * them. PDOs are mapped as bridge/drives/cia402.py configures them. Assumed: lost heartbeats end in a fault
  * (0x6007 = 1) and in pre-operational (0x1029:1 = 0), and so does NMT when it ends operational under power;
  * quick stop and fault reaction take 20 ms and 5 ms. */
-#include "vendor_kind.h"
+#include "vendor_cia402.h"
 
 enum { NOT_READY, SWITCH_ON_DISABLED, READY_TO_SWITCH_ON, SWITCHED_ON, OPERATION_ENABLED, QUICK_STOP,
        FAULT_REACTION, FAULT };

@@ -5,7 +5,7 @@
  * drive with can_br 4 answers FD frames by classic ones from openarm_teleop issue 8, that FD frames without
  * bit rate switch are not heard from lerobot issue 3178. Assumed: registers feed no watchdog, only FB
  * leaves a fault, other control modes than MIT do not answer (openarm_can issue 64). */
-#include "vendor_kind.h"
+#include "vendor_damiao.h"
 
 enum { DISABLED = 0, ENABLED = 1, HOT_MOS = 0xB, HOT_COIL = 0xC, LOST_COMM = 0xD };
 enum { REGISTERS = 0x7FF, READ = 0x33, WRITE = 0x55, SAVE = 0xAA, REFRESH = 0xCC };

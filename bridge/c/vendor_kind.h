@@ -18,14 +18,6 @@ typedef struct {
     uint32_t hot[2];        /* codes of over-temperature: of the electronics, of the motor */
 } vendor_kind_t;
 
-extern const vendor_kind_t vendor_damiao, vendor_odrive, vendor_cia402;
-
-/* A frame of its own into the queue, `part` -1: nothing is written into it at its sending. */
-void vendor_queue(vendor_t *v, uint32_t id, int32_t format, const uint8_t *data, int32_t length,
-                  int64_t t_ns);
-/* The power is switched off and on. */
-void vendor_reboot(vendor_t *v, int64_t t_ns);
-
 /* A data frame of 11-bit identifiers. */
 static inline int32_t vendor_plain(const frame_t *f)
 {

@@ -5,7 +5,7 @@
  * its result from odrive_can_node.cpp there; that set-points feed the watchdog from
  * examples/can_simple.py of ODriveResources. Assumed: a request for closed loop with active errors ends in
  * DISARMED, the watchdog runs in closed loop only, a changed heartbeat waits for its time. */
-#include "vendor_kind.h"
+#include "vendor_odrive.h"
 
 enum { IDLE = 1, CLOSED_LOOP = 8 };
 enum { SUCCESS = 0, BUSY = 1, CANCELLED = 2, DISARMED = 3, INVALID_STATE = 13 };

@@ -182,7 +182,7 @@ class DriveLine:
         return state is not None and bool(bits >> states.index(state) & 1)
 
     def serve(self, seconds: float) -> None:
-        """Feed the drives that are served, send SYNC, and take what they tell, for this time."""
+        """Feed the drives that are served, send SYNC, and take what they tell, for `seconds`, s."""
         end = monotonic_ns() + round(seconds * 1e9)
         while True:
             now = monotonic_ns()

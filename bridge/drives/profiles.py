@@ -22,7 +22,7 @@ from bridge.can.codec import Codec
 from bridge.can.layout import LayoutError, MessageLayout, find
 from bridge.drives.model import DEFAULTS, VALUES, DriveSpec
 from bridge.drives.raw_frames import OwnWatchdog, Raw
-from bridge.drives.status import NO_STATUS, Status, read_status
+from bridge.drives.status import NO_STATUS, DriveStatus, read_status
 from bridge.native.frame import Flags
 from bridge.native.vendor import VendorKind
 from bridge.safety.limits import to_si
@@ -93,7 +93,7 @@ class DriveProfile:
     counts: float = 0.0  # a turn
     refuses_simulated: bool = False
     host: Host = Host()
-    status: Status = NO_STATUS
+    status: DriveStatus = NO_STATUS
     vendor: str = ""  # whose state machine the emulated drive is; "": none
     protocol: str = ""  # the file that profiles of one protocol share
 

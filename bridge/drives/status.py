@@ -44,7 +44,7 @@ class DriveTold:
 
 
 @dataclass(frozen=True, slots=True)
-class Status:
+class DriveStatus:
     """The frame in which a drive tells its state; no `message`: it tells none.
 
     `message`, `step`: as in a feedback message of the profile; `within`: the time after which a
@@ -84,10 +84,10 @@ class Status:
 
 
 #: A drive that tells no state.
-NO_STATUS = Status()
+NO_STATUS = DriveStatus()
 
 
-def read_status(table: dict[str, Any], place: str) -> Status:
+def read_status(table: dict[str, Any], place: str) -> DriveStatus:
     """The table ``[status]`` of a profile. Raises ScenarioError."""
     if not table:
         return NO_STATUS
@@ -106,7 +106,7 @@ def read_status(table: dict[str, Any], place: str) -> Status:
     within = to_si(table.get("within", 0.0), "s", f"{place}.within")
     if not within > 0:
         raise ScenarioError("within is missing, expected a time above 0", place)
-    return Status(
+    return DriveStatus(
         table["message"], int(table.get("step", 0)), within, int(table.get("number", 0)), found
     )
 

@@ -19,7 +19,7 @@ from bridge.faults.spec import (
     BusDownSpec,
     ClockJumpSpec,
     CountSpec,
-    DriveSpec,
+    DriveFaultSpec,
     DropSpec,
     DuplicateSpec,
     FloodSpec,
@@ -67,7 +67,7 @@ def build(document: Mapping[str, Any], path: Path) -> FaultScript:
     for index, table in enumerate(tables):
         place = _Place(path, index)
         spec = _spec(table, place)
-        if isinstance(spec, DriveSpec):
+        if isinstance(spec, DriveFaultSpec):
             drives += _drive_faults(spec, place)
         elif isinstance(spec, SyncLossSpec):
             frames.append(_frame_fault(spec, place))
@@ -153,7 +153,7 @@ def _frame_fault(spec: SyncLossSpec, place: _Place) -> FrameFault:
     )
 
 
-def _drive_faults(spec: DriveSpec, place: _Place) -> list[DriveFault]:
+def _drive_faults(spec: DriveFaultSpec, place: _Place) -> list[DriveFault]:
     """The fault of each drive of a table, and its end where it has one."""
     t, fault = place.value("at", spec.at), VendorFault[spec.does.upper().replace("-", "_")]
     code = round(place.value("by", spec.by, "s", 0, 2) * 1e9) if spec.does == "late" else spec.code

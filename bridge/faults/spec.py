@@ -19,7 +19,7 @@ class Spec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True
     kind: str
 
 
-class DriveSpec(Spec, frozen=True, kw_only=True, rename={"lasts": "for"}):
+class DriveFaultSpec(Spec, frozen=True, kw_only=True, rename={"lasts": "for"}):
     """Something happens to the emulated drives with these numbers on `bus`, which `does` names.
 
     `code`: the vendor's error (trip), what is added to its identifiers (other-id), the part that is
@@ -189,5 +189,5 @@ SPECS: dict[str, type[Spec]] = {
     "net-delay": NetDelaySpec,
     "net-loss": NetLossSpec,
     "net-rate": NetRateSpec,
-    "drive": DriveSpec,
+    "drive": DriveFaultSpec,
 }

@@ -21,7 +21,7 @@ ORDER = 8
 
 
 @dataclass(frozen=True, slots=True)
-class Errors:
+class CorrelatedErrors:
     """`covariance` (m,): of errors so many values apart, in the square of their unit."""
 
     covariance: Array
@@ -51,7 +51,7 @@ class Errors:
         return np.asarray(0.5 * (found + found.T))
 
 
-def errors_of(r: Array) -> Errors:
+def errors_of(r: Array) -> CorrelatedErrors:
     """The errors that left the residuals `r` (m,), in their unit."""
     m = r.size
     n = 1 << (2 * m - 1).bit_length()
@@ -59,7 +59,7 @@ def errors_of(r: Array) -> Errors:
     found = np.zeros(m)
     found[0] = c[0]
     if c[0] <= 0.0 or m < 4 * ORDER:
-        return Errors(found)
+        return CorrelatedErrors(found)
     phi, best = np.zeros(0), (m * float(np.log(c[0])), np.zeros(0))
     left = float(c[0])
     for order in range(1, c.size):  # Levinson and Durbin
@@ -74,4 +74,4 @@ def errors_of(r: Array) -> Errors:
         found[lag] = phi @ found[lag - 1 : lag - p - 1 : -1] if p else 0.0
         if abs(found[lag]) < 1e-9 * c[0]:
             break
-    return Errors(found)
+    return CorrelatedErrors(found)

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim.base.errors import CosimError, RunError, ScenarioError
-from cosim.fitting.errors import Errors, errors_of
+from cosim.fitting.errors import CorrelatedErrors, errors_of
 from cosim.fitting.varied import Varied, with_values
 from cosim.record import Column
 from cosim.record.recording import Recording
@@ -229,7 +229,7 @@ def _rms(x: Array) -> float:
     return float(np.sqrt(np.mean(x**2)))
 
 
-def _uncertainty(jacobian: Array, errors: Sequence[Errors]) -> tuple[Array, Array]:
+def _uncertainty(jacobian: Array, errors: Sequence[CorrelatedErrors]) -> tuple[Array, Array]:
     """(half-widths (n,) of 95 % intervals, correlation (n, n)); NaN what is not determined.
 
     `errors`: of each signal, in the order of the rows of `jacobian` (m, n).

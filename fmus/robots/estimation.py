@@ -81,7 +81,7 @@ class Trace:
 
 @final
 @dataclass(frozen=True, slots=True)
-class Estimate:
+class ArmEstimate:
     """Values (p,) and half-widths of 95 % intervals (p,) in the units of the parameters; `rest`
     (k, n): torque not explained, N.m or N; `traces`: estimated with them; `memory` (n,): how long
     errors of a joint are correlated, s, 0 if hardly.
@@ -94,7 +94,7 @@ class Estimate:
     memory: Array
 
 
-def estimate(data: MeasuredTorques) -> Estimate:
+def estimate(data: MeasuredTorques) -> ArmEstimate:
     """The parameters of W that explain the torques best, with the traces that stand out."""
     _, n, p = data.W.shape
     open_traces = [(kind, j) for kind in ("gain", "late", "slow") for j in range(n)]
@@ -124,7 +124,7 @@ def estimate(data: MeasuredTorques) -> Estimate:
     unsure = max((abs(trace.value) for trace in traces if trace.kind == "gain"), default=0.0)
     interval = interval[:p] + unsure * np.abs(value[:p])
     memory = np.where(rho > _TOLD, -data.spacing / np.log(np.clip(rho, 1e-9, 0.999)), 0.0)
-    return Estimate(value[:p], interval, y - X @ value, traces, memory)
+    return ArmEstimate(value[:p], interval, y - X @ value, traces, memory)
 
 
 def _linear(

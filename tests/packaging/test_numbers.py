@@ -16,6 +16,7 @@ import msgspec
 import pytest
 
 from bridge.deployment import spec as deployment
+from bridge.deployment.drive_sequences import FEED_NS
 from bridge.faults.script import FaultScript
 from bridge.faults.spec import SPECS
 from bridge.monitor.sinks import LIVE_RATE
@@ -84,7 +85,8 @@ NUMBERS: list[tuple[str, str, Callable[[], float]]] = [
     ("rehearsal.md", r"slot later than (\d+) ms", lambda: default(NODE, "overrun") * 1e3),
     ("safety.md", r"`ramp` \((\S+) s by default\)", lambda: default(NODE, "ramp")),
     ("safety.md", r"it every (\d+) ms until", lambda: in_c("service.c", "ALARM_NS") / 1e6),
-    ("safety.md", r"torque 0 every (\d+) ms", lambda: in_c("start.c", "BEAT_NS") / 1e6),
+    ("safety.md", r"\(every (\d+) to 20 ms\)", lambda: FEED_NS[0] / 1e6),
+    ("safety.md", r"\(every 5 to (\d+) ms\)", lambda: FEED_NS[1] / 1e6),
     ("monitor.md", r"at most (\d+) slots a second", lambda: LIVE_RATE),
     ("network.md", r"`options.wait` \((\d+) s\)", lambda: default(ZenohOptions, "wait")),
     ("real-time.md", r"bins of 1 µs up to (\d+) µs", lambda: _LINEAR),

@@ -10,7 +10,7 @@ import time
 import traceback
 import warnings
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager, nullcontext
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -61,7 +61,7 @@ def fuzz(name: str, seed: int, count: int = 0, seconds: float = 0.0) -> Fuzzed:
     random, end = np.random.default_rng(seed), time.monotonic() + seconds
     found: list[Finding] = []
     tried, known = 0, set[str]()
-    with _quiet(), _shared_cache(target):
+    with _quiet():
         seeds = target.seeds()
         while len(found) < MOST and (time.monotonic() < end if seconds > 0 else tried < count):
             suffix, data = seeds[int(random.integers(0, len(seeds)))]
@@ -77,6 +77,7 @@ def fuzz(name: str, seed: int, count: int = 0, seconds: float = 0.0) -> Fuzzed:
 
 def attempt(target: Target, data: bytes, suffix: str) -> str:
     """Read one input: "" where it was read or refused, else the traceback."""
+    # models that a text names are compiled once, into the cache of the user
     cache = _cache_in if target.fills_cache else nullcontext
     with tempfile.TemporaryDirectory(prefix="fuzz-") as scratch, cache(scratch):
         try:
@@ -122,17 +123,6 @@ def _limited() -> Iterator[None]:
         for (number, timer, _), handler in zip(timers, before, strict=True):
             signal.setitimer(timer, 0.0)
             signal.signal(number, handler)
-
-
-@contextmanager
-def _shared_cache(target: Target) -> Iterator[None]:
-    """One cache for all mutants of a target, so that their models are compiled once; none where
-    each mutant is unpacked into it.
-    """
-    with tempfile.TemporaryDirectory(prefix="fuzz-cache-") as folder, ExitStack() as stack:
-        if not target.fills_cache:
-            stack.enter_context(_cache_in(folder))
-        yield
 
 
 @contextmanager

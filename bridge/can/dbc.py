@@ -33,8 +33,8 @@ _PLACES = {
 _PROFILES = {"None": E2EProfile.NONE, "P02": E2EProfile.P02, "P05": E2EProfile.P05}
 #: Longest message of a DBC file, bytes: one of J1939 in several frames.
 LONGEST = 1785
-_BYTES = re.compile(rb"^\s*BO_\s+\d+\s+(\w+)\s*:\s*(\d+)", re.MULTILINE)
-_BITS = re.compile(rb"^\s*SG_\s+(\w+)[^:\n]*:\s*(\d+)\|(\d+)", re.MULTILINE)
+_BYTES = re.compile(rb"^\s*BO_\s+\d+\s+(\w+)\s*:\s*(-?\d+)", re.MULTILINE)
+_BITS = re.compile(rb"^\s*SG_\s+(\w+)[^:\n]*:\s*(-?\d+)\|(-?\d+)", re.MULTILINE)
 _HEADER = ("crc", "counter", "status", "t_us")
 
 
@@ -73,11 +73,11 @@ def _check_sizes(path: str) -> None:
     for pattern, most, unit in ((_BYTES, LONGEST, "bytes"), (_BITS, 8 * LONGEST, "bits")):
         for found in pattern.finditer(text):
             sizes = [int(size) for size in found.groups()[1:] if len(size) < 10]
-            if len(sizes) < found.re.groups - 1 or max(sizes) > most:
+            if len(sizes) < found.re.groups - 1 or not 0 <= min(sizes) <= max(sizes) <= most:
                 name = found[1].decode(errors="replace")
                 raise LayoutError(
                     f"{path}: {name}: found {found[0][-60:].decode(errors='replace')!r}; expected "
-                    f"at most {most} {unit}"
+                    f"0 to {most} {unit}"
                 )
 
 
@@ -153,10 +153,20 @@ def _layout(message: Message, path: str) -> MessageLayout:
         time=header.get("t_us"),
         crc=header.get("crc"),
         counter=header.get("counter"),
-        period=message.cycle_time / 1000 if message.cycle_time else None,
+        period=_period(message, place),
         source=path,
         multiplexed=tuple(s.name for s in message.signals if s.multiplexer_ids),
     )
+
+
+def _period(message: Message, place: str) -> float | None:
+    """The cycle time, s; None without one. Raises LayoutError for what is no time."""
+    found: object = message.cycle_time
+    if not found:
+        return None
+    if not isinstance(found, int | float) or not 0 < found < 1e12:
+        raise LayoutError(f"{place}: found the cycle time {found!r}; expected ms above 0")
+    return found / 1000
 
 
 def _attributes(owner: Message | CanSignal) -> dict[str, Any]:

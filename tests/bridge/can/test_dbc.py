@@ -229,6 +229,8 @@ def test_a_length_that_no_frame_of_can_fd_has_is_refused():
         (("2147483648", "0|8"), "BO_ 1 A: 2147483648"),
         (("8", "0|2147483648"), "SG_ x : 0|2147483648"),
         (("8", "99999999999999999999|8"), "99999999999999999999"),
+        (("-8", "0|8"), "BO_ 1 A: -8"),
+        (("8", "-1|8"), "SG_ x : -1|8"),
     ],
 )
 def test_sizes_that_fill_the_memory_are_refused_at_once(sizes, found, tmp_path):
@@ -238,4 +240,15 @@ def test_sizes_that_fill_the_memory_are_refused_at_once(sizes, found, tmp_path):
     path.write_text(text)
     with pytest.raises(LayoutError, match=re.escape(found)) as error:
         dbc.load(path)
-    assert "expected at most" in str(error.value)
+    assert "expected 0 to" in str(error.value)
+
+
+@pytest.mark.parametrize("time", ["-5", "1" + 400 * "0", '"soon"'])
+def test_a_cycle_time_that_is_none_is_refused(time, tmp_path):
+    path = tmp_path / "cycle.dbc"
+    kind = "STRING " if time.startswith('"') else "INT 0 0"
+    text = f'BA_DEF_ BO_ "GenMsgCycleTime" {kind};\nBA_DEF_DEF_ "GenMsgCycleTime" '
+    text += '"";\n' if kind == "STRING " else "0;\n"
+    path.write_text(HEAD + bo(5, "X") + text + f'BA_ "GenMsgCycleTime" BO_ 5 {time};\n')
+    with pytest.raises(LayoutError, match=r"found the cycle time .*; expected ms above 0"):
+        dbc.load(path)

@@ -145,10 +145,22 @@ def _before(
 def _between(life: Integers, heard: Integers, back: Marks) -> None:
     """Mark those of the unanswered questions between `life` (m,) that were heard and counted.
 
-    Questions overtake each other: the counts are put in order, so that their sum is right.
+    Questions overtake each other: the counts are put in order, and what was counted where there is
+    no gap belongs to the next one, or at the end to the last ones.
     """
-    gaps = np.diff(life) - 1
-    arrived = np.clip(np.diff(np.sort(heard)) - 1, 0, gaps)
+    gaps, counted = np.diff(life) - 1, np.diff(np.sort(heard)) - 1
+    rows = np.flatnonzero((gaps > 0) | (counted > 0))
+    arrived = np.zeros_like(gaps)
+    for order in (rows, rows[::-1]):
+        open_ = 0
+        for i in order.tolist():
+            open_ += int(counted[i])
+            taken = min(open_, int(gaps[i] - arrived[i]))
+            arrived[i] += taken
+            open_ -= taken
+        counted = np.zeros_like(counted)
+        if rows.size:
+            counted[rows[-1]] = open_
     for i in np.flatnonzero(arrived):
         end = int(life[i + 1])
         back[end - int(arrived[i]) : end] = True

@@ -189,3 +189,28 @@ def test_numbers_far_apart_cost_neither_time_nor_memory() -> None:
         mail.questions.append(Arrival(PingPacket(False, 7, k, 1).encode(), 1, 0, "x"))
     responder.serve(0)
     assert [answer.heard for answer in mail.answers] == [1, 2, 3, 3, 4, 4, 5]
+
+
+@pytest.mark.parametrize("late", [0, 3, 40])
+def test_questions_and_answers_that_overtake_each_other_are_counted(late: int) -> None:
+    """Each is up to `late` questions behind, as where a delay varies by many periods."""
+    rng = np.random.default_rng(11)
+    n = 1000
+    sent, answered = drawn(n, 0.05, rng), drawn(n, 0.1, rng)
+    record = Exchanges("overtaking", n, 128, PERIOD)
+    codec, mail = PacketCodec(128), Mail()
+    responder = PingResponder(mail)
+    for k in range(n):
+        record.asked(k * PERIOD, k * PERIOD, 0)
+    for k in np.argsort(np.arange(n) + late * rng.random(n), kind="stable").tolist():
+        mail.questions = [Arrival(codec.question(k, k * PERIOD), 0, 0, "us")] * int(sent[k])
+        responder.serve(0)
+    order = np.argsort(np.arange(len(mail.answers)) + late * rng.random(len(mail.answers)))
+    for i in order.tolist():
+        answer = codec.answer(mail.answers[i].encode(), n)
+        assert answer is not None
+        if answered[answer.k]:
+            record.answered(answer, Arrival(b"", (answer.k + late) * PERIOD + DELAY))
+    loss = evaluate(record).loss
+    truth = (sent == 0).mean(), (answered[sent > 0] == 0).mean()
+    assert (loss.there, loss.back) == pytest.approx(truth, abs=5 / n)

@@ -100,9 +100,10 @@ void bringup_watch(node_t *n, int64_t now_ns)
 {
     for (int32_t i = 0; i < n->n_commanded; i++) {
         commanded_t *d = n->commanded + i;
-        if (d->phase != DRIVE_SERVING || d->n_told == 0 || d->told_ns < 0) continue;
-        if (d->row < 0 || d->told[d->row].kind != TOLD_ENABLED) fail(n, d, FAILED_STATE, now_ns);
-        else if (now_ns - d->told_ns > d->within_ns) fail(n, d, FAILED_SILENT, now_ns);
+        if (d->phase != DRIVE_SERVING || d->n_told == 0) continue;
+        const int32_t enabled = d->row >= 0 && d->told[d->row].kind == TOLD_ENABLED;
+        if (d->heard > 0 && !enabled) fail(n, d, FAILED_STATE, now_ns);
+        else if (d->within_ns > 0 && now_ns - d->told_ns > d->within_ns) fail(n, d, FAILED_SILENT, now_ns);
     }
 }
 
@@ -272,12 +273,14 @@ void bringup_replay(node_t *n, uint64_t serving)
         n->commanded[i].phase = serving >> i & 1 ? DRIVE_SERVING : DRIVE_RESTING;
 }
 
-void bringup_assume(node_t *n)
+void bringup_assume(node_t *n, int64_t now_ns)
 {
     for (int32_t i = 0; i < n->n_commanded; i++) {
         commanded_t *d = n->commanded + i;
         d->phase = DRIVE_SERVING;
-        d->row = d->told_ns = -1;
+        d->row = -1;
+        d->heard = 0;
+        d->told_ns = now_ns;
     }
 }
 

@@ -21,8 +21,8 @@ API int32_t bringup_ready(const node_t *n, int64_t now_ns);
 /* Bits of the drives that torques are sent to; and the same in a replay. */
 uint64_t bringup_serving(const node_t *n);
 void bringup_replay(node_t *n, uint64_t serving);
-/* Where time begins with the first slot, drives begin as a bring-up leaves them. */
-void bringup_assume(node_t *n);
+/* Where time begins with the first slot, drives begin as a bring-up leaves them: they told so now. */
+void bringup_assume(node_t *n, int64_t now_ns);
 /* Feeds ready drives until *stop: while a life that joins a run starts its components. */
 API void bringup_feed_until(node_t *n, const int32_t *stop);
 

@@ -53,7 +53,7 @@ typedef struct {
     uint64_t own_mask, own; /* bits of the word that carry its number, and their value */
     uint32_t format;        /* flags of its frames: FRAME_FD or 0 */
     int32_t feeds;          /* 1: torque 0 feeds its watchdog also while it is brought up */
-    int64_t within_ns;      /* a state that is older is none; 0: it tells no state */
+    int64_t within_ns;      /* a state that is older is none; 0: of any age */
 
     int32_t phase, step;    /* of the bring-up */
     int32_t row;            /* told last; -1: none of the table, or nothing yet */

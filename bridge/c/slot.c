@@ -180,7 +180,7 @@ API void node_enable(node_t *n, int64_t now_ns)
         drive_request(n->inlets[i].drive, DRIVE_ENABLE, now_ns);
     }
     if (n->clock != CLOCK_WALL) {
-        bringup_assume(n);
+        bringup_assume(n, now_ns);
         emulated_begin(n, now_ns);
     }
     n->begun = 1;

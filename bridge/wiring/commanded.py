@@ -18,7 +18,7 @@ from bridge.native.commanded import (
     ToldStruct,
 )
 from bridge.native.frame import Flags, Frame
-from bridge.native.node import NodeStruct
+from bridge.native.node import WALL, NodeStruct
 from bridge.safety.limits import to_si
 from cosim.base.errors import ScenarioError
 
@@ -42,11 +42,11 @@ class CommandedDrives:
             raise ScenarioError(f"commands {len(drives)} drives, expected at most {DRIVES}", place)
         self.drives, self._buses = tuple(drives), buses
         self._alive: list[Any] = []
+        self._struct = struct
         self.structs = (CommandedStruct * max(1, len(drives)))()
         for drive, entry in zip(drives, self.structs, strict=False):
             self._bind(drive, entry)
         self._events = (DriveEvent * EVENTS)() if drives else None
-        self._struct = struct
         struct.commanded, struct.n_commanded = self.structs, len(drives)
         struct.feed_ns = feed_ns(drives)
         struct.fed_ns = -(1 << 62)
@@ -100,7 +100,9 @@ class CommandedDrives:
         entry.format = int(profile.format & Flags.FD)
         entry.feeds = profile.watchdog.fed_by in ("frame", "torque")
         entry.feed = self._frame(drive, *drive.torque(0.0))
-        entry.within_ns = round(status.within * 1e9)
+        # in simulated time the drives of vendors tell their state; others are mirrors that may not
+        told = self._struct.clock == WALL or drive.profile.vendor
+        entry.within_ns = round(status.within * 1e9) if told else 0
         if status.message:
             entry.status = drive.status
             entry.own_mask, entry.own = status.number, status.own(drive.node)

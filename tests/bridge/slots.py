@@ -30,6 +30,8 @@ class Slots:
         }
         self.wired = WiredNode(system, name, self.buses, folder / "journal", clock)
         self.struct = self.wired.struct
+        for drive in self.wired.commanded.structs:
+            drive.within_ns = 0  # drives are not there, and not missed
 
     def __enter__(self):
         self.wired.__enter__()

@@ -103,3 +103,12 @@ def test_a_number_that_no_drive_has_is_refused(tmp_path):
     system = named("can-damiao", "run.stop=0.1")
     with twin.wired_nodes(system, tmp_path) as nodes, pytest.raises(ScenarioError, match="1, 2"):
         inject(nodes["master"], script({"drive": 7, "does": "reboot"}), tmp_path / "faults")
+
+
+@pytest.mark.parametrize("deployment", ["can-damiao", "can-cia402", "six_axis"])
+def test_a_drive_that_is_lost_before_it_has_told_anything_is_missed(deployment, tmp_path):
+    rows, found = run(deployment, [{"does": "unplug", "at": 0.002}], tmp_path, "run.stop=0.7")
+    control = rows["master_control"]
+    assert control["reasons"][-1] & (Why.DRIVE | Why.STALE)
+    assert control["state"][-1] == LifeState.FAULT
+    assert (found.greatest, found.first) == (0.0, None)

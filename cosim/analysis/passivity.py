@@ -114,7 +114,8 @@ class _Response:
         omega = np.geomspace(*SPAN, COUNT)
         longest = 2 * max((age.mean for age in ages), default=0.0)
         if longest:
-            omega = np.union1d(omega, np.arange(1, EVEN + 1) * (2 * pi * TURNS / longest / EVEN))
+            even = np.arange(1, EVEN + 1) * (2 * pi * TURNS / longest / EVEN)
+            omega = np.sort(np.concatenate([omega, even]))
         p = 1j * omega
         Z = np.linalg.inv(p[:, None, None] * still.at(q, still.true_estimates()).gain(p))
         D = np.diag(net.arms[net.port].friction)

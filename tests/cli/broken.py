@@ -105,7 +105,7 @@ def _is_binary(name: str) -> bool:
 BROKEN: tuple[tuple[Callable[[], Files], str], ...] = (
     (without_description, "contains no modelDescription.xml"),
     (damaged_xml, "modelDescription.xml is not well-formed: "),
-    (fmi1, "found FMI 1.0 for model exchange; expected FMI 1.0 for co-simulation alone"),
+    (fmi1, "modelIdentifier is ''; expected a C identifier"),
     (scheduled, "found the interfaces none; expected an FMU exported for co-simulation, model"),
     (other_platform, "platforms in the FMU: riscv32-plan9"),
     (sources_only, "it holds sources, which could be built"),

@@ -36,7 +36,7 @@ def test_frames_pass_between_the_simulated_bus_and_the_interface(vcan: tuple[str
         assert [m and m.arbitration_id for m in seen] == [0x200 + i for i in range(50)]
     server.send_signal(signal.SIGINT)
     server.communicate(timeout=60)
-    assert server.returncode == 0
+    assert server.returncode == 130
 
 
 def test_a_mirror_goes_on_when_its_interface_was_down(vcan: tuple[str, str]) -> None:
@@ -61,4 +61,4 @@ def test_a_mirror_goes_on_when_its_interface_was_down(vcan: tuple[str, str]) -> 
             assert passed
     server.send_signal(signal.SIGINT)
     server.communicate(timeout=60)
-    assert server.returncode == 0
+    assert server.returncode == 130

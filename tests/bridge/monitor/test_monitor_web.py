@@ -72,7 +72,7 @@ def address(folder: Path) -> Iterator[str]:
         assert process.stdout is not None
         yield process.stdout.readline().split()[-1]
         process.send_signal(signal.SIGINT)
-        assert process.wait(30) == 0
+        assert process.wait(30) == 130
 
 
 def test_only_who_has_the_address_is_answered(address: str, folder: Path) -> None:

@@ -123,9 +123,9 @@ def by_variable(pairs: Iterable[tuple[str, str]]) -> Pairs:
     return {(a.partition("[")[0], b.partition("[")[0]) for a, b in pairs}
 
 
-#: Ends of a line, differences of positions, and the least singular value (0 in places):
-#: what they give depends on inputs through what earlier steps moved and counted, or elsewhere, so not
-#: all of it shows at the start; ``test_rivals_parity``, ``test_encoder`` and ``test_arm_task`` find it.
+#: Ends of a line, differences of positions, and the least singular value (0 in places): what they
+#: give depends on inputs through what earlier steps moved and counted, or elsewhere, so not all of
+#: it shows at the start; ``test_rivals_parity``, ``test_encoder`` and ``test_arm_task`` find it.
 LATER = {
     "wave_admittance", "wave_integral_impedance", "wave_integral_admittance", "tdpa_impedance",
     "tdpa_admittance", "encoder", "servo", "servo_command", "kinematic",

@@ -66,7 +66,7 @@ def _print(found: StepFinding) -> None:
 
 
 def first_run(d: Deployment, drives: Sequence[LineDrive]) -> str:
-    """What to run next: the controllers with 5 % of the torque of each drive."""
+    """The command to run next: the controllers with 5 % of the torque of each drive."""
     by_node: dict[str, list[float]] = {}
     for drive in drives:
         component = drive.joint.partition(".")[0]

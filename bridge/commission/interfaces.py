@@ -71,7 +71,7 @@ def interface_finding(name: str, spec: BusSpec, link: Mapping[str, Any] | str) -
 
 
 def _wrong(spec: BusSpec, facts: Mapping[str, Any]) -> Iterator[str]:
-    """What differs from the deployment, or hurts."""
+    """Settings that differ from the deployment, or hurt."""
     rate = facts.get("bittiming", {}).get("bitrate")
     if rate != spec.bitrate:
         yield f"bit rate {rate}, expected {spec.bitrate}"

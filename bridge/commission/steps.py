@@ -138,7 +138,7 @@ def emergency_stop(line: DriveLine, drives: Sequence[LineDrive], ask: Question) 
 
 
 def _alive(drive: LineDrive) -> bool:
-    """Whether a drive still tells that it is enabled."""
+    """Tell if a drive still says that it is enabled."""
     old = monotonic_ns() - drive.told_ns > 2e9 * max(0.1, drive.foreign.profile.status.within)
     return not old and drive.state is not None and drive.state.kind == "enabled"
 

@@ -58,7 +58,7 @@ def command_codec(d: Deployment, message: str) -> Codec:
 
 
 def _joint(spec: MessageSpec) -> Joint:
-    """What lies between the drive of a message and the joint."""
+    """The gear, direction and zero between the drive of a message and its joint."""
     zero = spec.zero if isinstance(spec.zero, int | float) else quantity(spec.zero, "rad")
     return Joint(spec.gear, spec.direction, float(zero))
 

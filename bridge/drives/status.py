@@ -39,7 +39,7 @@ class DriveTold:
         return Told[self.kind.upper()]
 
     def fits(self, word: int) -> bool:
-        """Whether a drive that tells `word` is in this state."""
+        """True if a drive that tells `word` is in this state."""
         return ((word & self.mask) != self.value) == self.differs
 
 

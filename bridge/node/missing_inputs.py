@@ -97,7 +97,7 @@ def _wrong_state_text(state: int) -> str:
 
 
 def _state_name(state: int) -> str:
-    """Of a state on a bus, which has room for more states than there are."""
+    """The name of a state on a bus, or its number if there is no such state."""
     return LifeState(state).name if state in LifeState.__members__.values() else str(state)
 
 

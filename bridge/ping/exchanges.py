@@ -100,7 +100,7 @@ class Exchanges:
 
     @property
     def whole(self) -> bool:
-        """Whether the very first question of the measurement is kept."""
+        """True if the very first question of the measurement is kept."""
         return self.first == 0 and self._before == 0
 
     def asked(self, due_ns: int, t1_ns: int, call_ns: int) -> None:

@@ -58,7 +58,7 @@ def way_figures(delay: Floats, below: float = 0.0, above: float = 0.0) -> WayFig
 
 
 def autocorrelation(x: Floats) -> float:
-    """Of neighbours in `x` (n,), dimensionless, from -1 to 1; 0 where nothing varies."""
+    """Correlation of neighbours in `x` (n,), dimensionless, -1 to 1; 0 if nothing varies."""
     if x.size < 3:
         return 0.0
     rest = x - x.mean()

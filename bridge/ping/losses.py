@@ -1,4 +1,4 @@
-"""Which way questions were lost, from the counts of the other end; runs and outages.
+"""The ways on which questions were lost, from the counts of the other end; runs and outages.
 
 Every answer has the number of different questions that the other end has heard so far, and which
 count this is: another one begins where the other end is started again, or has forgotten us. Between
@@ -91,7 +91,7 @@ def outages(sent: Floats, answered: Marks, period_ns: int) -> Floats:
 
 
 def lost_ways(record: Exchanges) -> LostWays | None:
-    """Which way each question was lost; None where the other end does not count, or where several
+    """The way each question was lost; None if the other end does not count, or where several
     other ends answer at once.
     """
     heard, count = record.stamp("heard"), record.stamp("count")

@@ -1,4 +1,4 @@
-"""Whether real drives were enabled, and answered the torques that they were sent.
+"""Checks that real drives were enabled, and answered the torques that they were sent.
 
 A drive that is not enabled for all of a run, that reports another torque than it was sent, or whose
 joint does not move as its torque asks, does not pass. Torques are compared as means of windows, so
@@ -81,7 +81,7 @@ def unanswered(
 def _said(
     one: JointTorque, told: TorqueAnswer | None, moved: JointMotion | None, limit: float
 ) -> str:
-    """What is wrong with a drive, its own report first; "": nothing."""
+    """The fault of a drive, its own report first; "": nothing."""
     if told is not None and told.reversed:
         return f"turns the wrong way: it reports a torque of {told}"
     if told is not None and told.absent:

@@ -1,4 +1,4 @@
-"""Whether the joints of an arm move as the torques of their drives ask, by the model of the arm.
+"""Check that the joints of an arm move as the torques of their drives ask, by the model of the arm.
 
 The torque that moved joint i in a window is that of the change of its momentum M(q) dq, with what
 gravity and friction of the model took. Other forces, and the model's errors, change little from one
@@ -55,17 +55,17 @@ class TorqueAnswer:
 
     @property
     def judged(self) -> bool:
-        """Whether the torques were large enough to tell."""
+        """True if the torques were large enough to tell."""
         return self.error * CLEAR <= 1.0
 
     @property
     def reversed(self) -> bool:
-        """Whether it goes the wrong way."""
+        """True if it goes the wrong way."""
         return self.judged and self.slope + 3 * self.error < -SLOPE
 
     @property
     def absent(self) -> bool:
-        """Whether it is not there, or too small."""
+        """True if it is not there, or too small."""
         return self.judged and not self.reversed and self.slope + 3 * self.error < SLOPE
 
     def __str__(self) -> str:

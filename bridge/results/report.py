@@ -50,7 +50,7 @@ class NodeReport:
 
     @property
     def why(self) -> str:
-        """Why it stopped, in words, with the drives that stopped it; "": it did not."""
+        """The reasons for its stop in words, with the drives that stopped it; "": it did not."""
         lost = self.statement.lost_drives if self.statement else ()
         return "; ".join(filter(None, (reason_text(self.reasons), *lost)))
 

@@ -51,7 +51,7 @@ class PeriodicTask(
 
     @property
     def stopped(self) -> bool:
-        """Whether it sends nothing more, as python-can's own tasks have it."""
+        """True if it sends nothing more, as python-can's own tasks have it."""
         return self._run is None
 
     def start(self) -> None:

@@ -186,7 +186,7 @@ class RemotePeriodicTask(
 
     @property
     def stopped(self) -> bool:
-        """Whether it sends nothing more, as python-can's own tasks have it."""
+        """True if it sends nothing more, as python-can's own tasks have it."""
         return bool(self._channel.call("stopped", self._number))
 
     def start(self) -> None:

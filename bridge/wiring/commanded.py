@@ -75,7 +75,7 @@ class CommandedDrives:
         return [f"{_names(numbers, bus)} {text}" for (bus, text), numbers in found.items()]
 
     def events(self) -> list[dict[str, Any]]:
-        """What drives told, and what their node did with them, in the order of time (JSON)."""
+        """Reports of drives, and actions of their node, in the order of time (JSON)."""
         kept = min(int(self._struct.drive_events.n), EVENTS)
         found = []
         for event in (self._events or ())[:kept]:

@@ -110,7 +110,7 @@ def exit_code() -> int:
 
 
 def has_come() -> bool:
-    """Whether an ending signal has come since :func:`signals_as_interrupt`."""
+    """True if an ending signal has come since :func:`signals_as_interrupt`."""
     return _received[0].stage is not _Stage.NONE
 
 

@@ -53,7 +53,7 @@ def _commands(known: AnalyzedSystem) -> bool:
 
 
 def _plants(known: AnalyzedSystem) -> bool:
-    """Whether a wire connects two plants."""
+    """True if a wire connects two plants."""
     plants = {s.name for s in known.plan.components if s.component.kind == "continuous"}
     wires = known.plan.wires
     return any(w.source.component in plants and w.target.component in plants for w in wires)

@@ -93,7 +93,7 @@ def ignored_values(system: AnalyzedSystem) -> Iterator[Finding]:
 
 
 def remarks(plan: Plan) -> Iterator[Finding]:
-    """What files of robots say and a component does not do."""
+    """Statements in files of robots that a component does not follow."""
     for step in plan.components:
         for sentence in (*step.remarks, *simulator_remarks(step.component, step.values)):
             yield Finding(

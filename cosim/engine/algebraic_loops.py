@@ -180,7 +180,7 @@ class Loop:
             raise ScenarioError(self._refusal(u, r))
 
     def wires(self) -> Sequence[Edge]:
-        """What feeds the unknowns, from inside the loop."""
+        """The wires that feed the unknowns, from inside the loop."""
         return self._edges
 
     def ends(self) -> tuple[list[str], list[str]]:

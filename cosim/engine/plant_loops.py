@@ -40,7 +40,7 @@ class PlantLoop:
 
     @property
     def sentence(self) -> str:
-        """What the loop is, and what becomes of a difference."""
+        """The loop in words, and the growth of a difference in it."""
         wires = ", ".join(f"{w.source.name} -> {w.target.name}" for w in self.wires)
         return (
             f"outputs of plants depend on each other at once, by {wires}: an algebraic loop. These"
@@ -112,7 +112,7 @@ def _through(step: Step, fed: frozenset[str]) -> Iterator[tuple[str, str]]:
 
 
 def _factor(plan: Plan, loop: Loop) -> float:
-    """How much a difference of a loop grows in one base step.
+    """The growth of a difference of a loop in one base step.
 
     A run of its linear equations over the least common period, from every difference: `v` is on the
     wires, `held` in the inputs, `before` there one step of the receiver earlier.

@@ -87,14 +87,6 @@ typedef struct {
     int64_t early_ns;       /* and arrived so long after its time stamp */
 } reception_t;
 
-/* Sequence of frames that requests a change of state from a drive with its own protocol; other frames
- * may come between them. */
-typedef struct {
-    const frame_t *frames;  /* `bus`: its number in the node */
-    int32_t count, reached; /* reached: so many have come */
-    int32_t request, reserved;  /* DRIVE_ENABLE, DRIVE_DISABLE, DRIVE_CLEAR */
-} sequence_t;
-
 typedef struct {
     struct node *node;
     reception_t *reception;
@@ -116,11 +108,6 @@ typedef struct {
     int32_t begun, reserved;
     int64_t link_age;       /* signal that gets the age of the sample held, s; -1: none */
     int64_t later;          /* 1: a row is written before this is passed (plants), else 0 */
-    sequence_t *sequences;  /* of the drive, if it has its own protocol */
-    int32_t n_sequences;
-    uint32_t asked;         /* requests since the last pass, as commands_add packs them: of more than
-                             * ten, none is lost that is DRIVE_DISABLE */
-    int64_t requests;       /* those of this pass, which are in the journal */
     motor_t *motor;         /* the drive is that of a vendor, who decides whether torque acts; or NULL */
     int64_t ignored;        /* motor: torques received until it was enabled last do not act */
 } inlet_t;

@@ -8,7 +8,6 @@
 #include "forward.h"
 #include "reception.h"
 #include "run_epoch.h"
-#include "sequence.h"
 #include "service.h"
 
 /* On a bus without protection every data frame with its identifier is an emergency stop, classic or
@@ -145,7 +144,7 @@ static void dispatch(node_t *n, const frame_t *frame)
 {
     const int64_t t = node_started(n) ? frame->t_ns - n->start_ns : 0;
     const services_t *s = n->services + frame->bus;
-    const int32_t asked = node_asked(n, frame) | emulated_hear(n, frame), told = bringup_hear(n, frame);
+    const int32_t asked = emulated_hear(n, frame), told = bringup_hear(n, frame);
     for (int32_t i = 0; i < n->n_receptions; i++) {
         reception_t *r = n->receptions + i;
         if (r->bus != frame->bus || !message_is(r->message, frame)) continue;

@@ -65,16 +65,6 @@ static int64_t age_ns(const inlet_t *in)
     return in->node->now_ns + in->node->phase_ns - sent;
 }
 
-/* Requests to the drive by frames of its own protocol. In FAULT it follows its node. */
-static void obey(inlet_t *in)
-{
-    const node_t *n = in->node;
-    in->requests = n->clock == CLOCK_REPLAY ? recorded(in)->requests : (int64_t)in->asked;
-    in->asked = 0;
-    for (int64_t left = in->requests; left && n->life.state != LIFE_FAULT; left >>= 3)
-        drive_request(in->drive, (int32_t)(left & 7), n->now_ns);
-}
-
 /* The vendor's state machine has decided whether torque acts in this slot; until it does, there is none. */
 static void follow_motor(inlet_t *in)
 {
@@ -95,7 +85,6 @@ static void write_through_drive(inlet_t *in, const double *value, int32_t fresh,
 {
     node_t *n = in->node;
     if (in->motor) follow_motor(in);
-    else obey(in);
     const int32_t old = in->max_age_ns > 0 && in->held >= 0 && age_ns(in) > in->max_age_ns;
     if (old && fresh) in->reception->receiver->stale++;
     const int32_t ignored = in->motor && in->held <= in->ignored;

@@ -116,7 +116,7 @@ static void write_row(node_t *n, row_t *row, int64_t limit_ns, int64_t woke_ns, 
         in[i].held = x->held;
         in[i].newest = x->newest;
         in[i].transit_ns = x->reception->transit_ns;
-        in[i].requests = x->motor ? x->motor->power : x->requests;
+        in[i].requests = x->motor ? x->motor->power : 0;
         in[i].age_ns = x->held < 0 ? -1
                                    : limit_ns - x->held * x->reception->period_ns -
                                          x->reception->offset_ns;
@@ -175,7 +175,6 @@ API void node_enable(node_t *n, int64_t now_ns)
         *n->played[i].row = (n->slot + n->played[i].period - 1) / n->played[i].period;
     for (int32_t i = 0; i < n->n_inlets; i++) {
         if (!n->inlets[i].drive || n->inlets[i].motor) continue;
-        n->inlets[i].asked = 0;
         drive_request(n->inlets[i].drive, DRIVE_POWER_ON, now_ns);
         drive_request(n->inlets[i].drive, DRIVE_ENABLE, now_ns);
     }

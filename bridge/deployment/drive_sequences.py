@@ -1,13 +1,11 @@
 """Drives with their own protocols: those that a node commands, and the frames of their sequences.
 
-A node brings such drives up after ARM and disables them at its end (``bridge/c/bringup.c``); an
-emulated drive follows the same frames (``bridge/c/sequence.c``).
+A node brings such drives up after ARM and disables them at its end (``bridge/c/bringup.c``).
 """
 
 from __future__ import annotations
 
-import ctypes as c
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from bridge.deployment.cut import Inlet, NodePlan, Outlet
@@ -15,18 +13,10 @@ from bridge.deployment.drive_messages import profile_of
 from bridge.deployment.spec import Deployment
 from bridge.drives.profiles import DriveProfile
 from bridge.drives.raw_frames import Raw
-from bridge.native import node as native
-from bridge.native.bus import ALL_BITS, FORMAT, KIND, Accept
+from bridge.native.bus import ALL_BITS, KIND, Accept
 from bridge.native.frame import Flags, Frame
-from bridge.native.safety import DriveRequest
 from bridge.native.vendor import VendorKind
 
-#: Sequences of a profile, and what each asks a drive for.
-REQUESTS = {
-    "enable": DriveRequest.ENABLE,
-    "disable": DriveRequest.DISABLE,
-    "clear": DriveRequest.CLEAR,
-}
 #: ns; torque 0 is sent five times in the shortest watchdog, between these limits.
 FEED_NS = (5_000_000, 20_000_000)
 
@@ -156,37 +146,5 @@ def accepted_frames(d: Deployment, plan: NodePlan, node: str, bus: str) -> tuple
     behind = [(emulated(d, node, inlet), inlet.message) for inlet in plan.inlets]
     here = [(drive, message) for drive, message in behind if drive and drive.bus == bus]
     heard = [a for x, message in here if x.profile.vendor for a in _heard(d, x, message)]
-    found = {
-        (f.id, f.flags & FORMAT)
-        for drive, _ in here
-        if not drive.profile.vendor
-        for f in drive.frames(*REQUESTS)
-    }
     answers = [a for x in commanded_drives(d, plan) if x.bus == bus for a in x.answers()]
-    asked = [Accept(number, flags=kind, flag_mask=FORMAT) for number, kind in sorted(found)]
-    return (*asked, *heard, *answers)
-
-
-def table(drives: Iterable[Foreign], buses: Sequence[str], *sequences: str) -> c.Array[Frame]:
-    """The frames of these sequences of all drives, each with the number of its bus, for C."""
-    found = []
-    for drive in drives:
-        for frame in drive.frames(*sequences):
-            frame.bus = buses.index(drive.bus)
-            found.append(frame)
-    return (Frame * max(1, len(found)))(*found)
-
-
-def sequence_struct(
-    drive: Foreign, buses: Sequence[str]
-) -> tuple[c.Array[native.Sequence], list[object]]:
-    """The frame sequence of an emulated drive as a C struct, and the memory that it needs."""
-    names = [name for name in REQUESTS if drive.profile.sequences[name]]
-    frames = [table([drive], buses, name) for name in names]
-    sequences = (native.Sequence * max(1, len(names)))(
-        *(
-            native.Sequence(frames=f, count=len(f), request=REQUESTS[name])
-            for name, f in zip(names, frames, strict=True)
-        )
-    )
-    return sequences, [sequences, *frames]
+    return (*heard, *answers)

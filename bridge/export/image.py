@@ -29,7 +29,6 @@ _NAMES: Mapping[type, str] = {
     node.MotorStruct: "motor_t",
     node.Inside: "inside_t",
     node.Services: "services_t",
-    node.Sequence: "sequence_t",
     message.Message: "message_t",
     message.Field: "field_t",
     message.Limit: "limit_t",
@@ -97,7 +96,6 @@ _POINTERS: Mapping[type, Mapping[str, _Target]] = {
         "drive": _one(safety.DriveStruct),
         "command": _many(c.c_double, "count"),
         "initial": _many(c.c_double, "count"),
-        "sequences": _many(node.Sequence, "n_sequences"),
         "motor": _one(node.MotorStruct),
     },
     node.OutletStruct: {
@@ -116,7 +114,6 @@ _POINTERS: Mapping[type, Mapping[str, _Target]] = {
         "disabling": _many(Frame, "n_disabling", kept=True),
     },
     node.Inside: {"node": _one(node.NodeStruct), "guard": _one(safety.Guard)},
-    node.Sequence: {"frames": _many(Frame, "count", kept=True)},
     node.Services: {
         name: _MESSAGE
         for name in ("heartbeat", "sync", "nmt", "estop", "epoch", "host_heartbeat", "host_sync")

@@ -38,7 +38,7 @@ _C = Path(__file__).parent.parent / "c"
 _UNITS = (
     *("bringup", "crc", "delay", "drive", "e2e", "emulated", "epoch", "forward", "guard", "hear"),
     *("heard", "inlet", "life", "limit", "message", "outlet", "receiver", "reception", "run_epoch"),
-    *("send", "sequence", "service", "slot", "vendor", "vendor_damiao", "vendor_odrive"),
+    *("send", "service", "slot", "vendor", "vendor_damiao", "vendor_odrive"),
     *("vendor_cia402", "watchdog"),
 )
 

@@ -109,18 +109,6 @@ class Apart(c.Structure):
     )
 
 
-class Sequence(c.Structure):
-    """``sequence_t``."""
-
-    _fields_ = (
-        ("frames", c.POINTER(Frame)),
-        ("count", c.c_int32),
-        ("reached", c.c_int32),
-        ("request", c.c_int32),
-        ("reserved", c.c_int32),
-    )
-
-
 class MotorFault(c.Structure):
     """``motor_fault_t``."""
 
@@ -171,10 +159,6 @@ class InletStruct(c.Structure):
         ("reserved", c.c_int32),
         ("link_age", c.c_int64),
         ("later", c.c_int64),
-        ("sequences", c.POINTER(Sequence)),
-        ("n_sequences", c.c_int32),
-        ("asked", c.c_uint32),
-        ("requests", c.c_int64),
         ("motor", c.POINTER(MotorStruct)),
         ("ignored", c.c_int64),
     )

@@ -39,6 +39,7 @@ class InletBindings:
         self._plan, self._spec = system.nodes[name], system.deployment.nodes[name]
         self._buses = system.buses_of(name)
         self._alive: list[Any] = []
+        self._commanded = drive_sequences.commanded_drives(system.deployment, self._plan)
         self.receivers: dict[str, messages.Receiver] = {}
         self.lines: dict[str, DelayLine] = {}
         self.drives: list[model.Drive] = []
@@ -82,13 +83,13 @@ class InletBindings:
 
     def _drive_of(self, carried: Carried) -> int:
         """The drive whose position a message carries, of those this node commands; -1: none."""
-        d = self._system.deployment
-        spec = d.messages[carried.name]
+        spec = self._system.deployment.messages[carried.name]
         q = any(part.port == "q" for part in carried.outlet.parts)
         if not spec.profile or not q:
             return -1
-        drives = drive_sequences.commanded_drives(d, self._plan)
-        found = [i for i, x in enumerate(drives) if (x.bus, x.node) == (spec.bus, spec.drive)]
+        found = [
+            i for i, x in enumerate(self._commanded) if (x.bus, x.node) == (spec.bus, spec.drive)
+        ]
         return found[0] if found else -1
 
     def _max_age(self, carried: Carried) -> int:
@@ -194,13 +195,7 @@ class InletBindings:
         self._follow(entry, inlet)
 
     def _follow(self, entry: native.InletStruct, inlet: Inlet) -> None:
-        """The frame sequences of the drive behind an inlet."""
+        """The vendor's state machine of the drive behind an inlet, if it has one."""
         drive = drive_sequences.emulated(self._system.deployment, self._name, inlet)
-        if drive is None:
-            return
-        if drive.profile.vendor:
+        if drive is not None and drive.profile.vendor:
             self.motors.follow(entry, drive, entry.drive.contents)
-            return
-        found, alive = drive_sequences.sequence_struct(drive, self._buses)
-        entry.sequences, entry.n_sequences = found, len(found)
-        self._alive += alive

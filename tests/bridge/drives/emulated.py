@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from bridge.can.codec import Codec
-from bridge.deployment.drive_sequences import REQUESTS
 from bridge.drives.model import Drive
 from bridge.drives.profiles import DriveProfile, Joint, ProfileMessage
 from bridge.native.message import Decoded
@@ -19,6 +18,12 @@ from cosim.base.errors import ScenarioError
 
 Array = NDArray[np.float64]
 Raws = list[tuple[int, bytes]]
+#: Sequences of a profile, and what each asks a drive for.
+REQUESTS = {
+    "enable": DriveRequest.ENABLE,
+    "disable": DriveRequest.DISABLE,
+    "clear": DriveRequest.CLEAR,
+}
 
 
 @final

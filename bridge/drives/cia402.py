@@ -1,4 +1,4 @@
-"""CiA 402 drives over SDO: PDO mapping, mode, heartbeat watchdog, state machine.
+"""CiA 402 drives over SDO: PDO mapping, mode, heartbeat watchdog.
 
 Works on the SDO client of the package `canopen` (``network.add_node(n, ObjectDictionary()).sdo``),
 which is an extra. Everything written is read back. Objects are those of CiA 301 and CiA 402-2.
@@ -10,7 +10,7 @@ from collections.abc import Iterable
 from typing import Protocol
 
 from bridge.drives.profiles import DriveProfile
-from cosim.base.errors import CosimError, RunError
+from cosim.base.errors import CosimError
 
 CONTROLWORD, STATUSWORD, MODE, RATED_TORQUE = 0x6040, 0x6041, 0x6060, 0x6076
 CONSUMER_HEARTBEAT = 0x1016
@@ -24,18 +24,6 @@ PDOS = (
 _INVALID = 1 << 31  # of a COB-ID: the PDO is off
 #: When PDOs are taken and sent: commands at once (also those that enable), feedback at each SYNC.
 _AT_ONCE, _EVERY_SYNC, _FIRST_SENT = 0xFF, 1, 0x1800
-#: Controlword that asks for the next state, and the status word's bits 0x6F there.
-_STEPS = ((0x06, 0x21), (0x07, 0x23), (0x0F, 0x27))
-_STATES = {
-    (0x4F, 0x00): "not ready to switch on",
-    (0x4F, 0x40): "switch on disabled",
-    (0x6F, 0x21): "ready to switch on",
-    (0x6F, 0x23): "switched on",
-    (0x6F, 0x27): "operation enabled",
-    (0x6F, 0x07): "quick stop active",
-    (0x4F, 0x0F): "fault reaction active",
-    (0x4F, 0x08): "fault",
-}
 
 
 class Sdo(Protocol):
@@ -68,30 +56,6 @@ def configure(sdo: Sdo, profile: DriveProfile, node: int, host: int, timeout: fl
     _write(sdo, node, CONSUMER_HEARTBEAT, 1, host << 16 | watchdog, 4)
     for communication, mapping, cob_id, objects in PDOS:
         _map(sdo, node, communication, mapping, cob_id + node, objects)
-
-
-def enable(sdo: Sdo, node: int, polls: int = 20) -> None:
-    """Go to *operation enabled*, state by state. Raises RunError with the state it stays in."""
-    for word, expected in _STEPS:
-        _put(sdo, CONTROLWORD, 0, word, 2)
-        for _ in range(polls):
-            status = _read(sdo, STATUSWORD)
-            if status & 0x6F == expected:
-                break
-        else:
-            raise RunError(
-                f"node {node}: {state(status)} after controlword {word:#04x}, expected "
-                f"{state(expected)}",
-                component=f"node {node}",
-            )
-
-
-def state(statusword: int) -> str:
-    """The name of the state in a status word (0x6041)."""
-    return next(
-        (name for (mask, bits), name in _STATES.items() if statusword & mask == bits),
-        f"unknown ({statusword:#06x})",
-    )
 
 
 def _map(

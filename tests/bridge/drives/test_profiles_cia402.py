@@ -1,4 +1,4 @@
-"""A CiA 402 drive configured, enabled and moved over a bus, against a node of `canopen`."""
+"""A CiA 402 drive configured and commanded over a bus, against a node of `canopen`."""
 
 from __future__ import annotations
 
@@ -10,8 +10,9 @@ import can
 import pytest
 
 from bridge.drives import cia402
-from bridge.drives.profiles import DriveProfile, load_profile
-from cosim.base.errors import CosimError, RunError, ScenarioError
+from bridge.drives.profile_files import load_profile
+from bridge.drives.profiles import DriveProfile
+from cosim.base.errors import CosimError, ScenarioError
 
 canopen = pytest.importorskip("canopen")
 from canopen import objectdictionary as od  # noqa: E402
@@ -56,20 +57,12 @@ def connected(channel: str) -> Any:
 
 
 class DriveNode:
-    """The drive's end: a local node with a state machine behind 0x6040."""
+    """The drive's end: a local node with the objects of a drive."""
 
     def __init__(self, channel: str) -> None:
         self.network = connected(channel)
         self.node = self.network.create_node(NODE, dictionary())
-        self.stuck = False
         self.node.sdo[0x6076].raw = 1000  # mN.m
-        self.node.sdo[0x6041].raw = 0x40
-        self.node.add_write_callback(self._written)
-
-    def _written(self, *, index: int, data: bytes, **_: Any) -> None:
-        if index == cia402.CONTROLWORD and not self.stuck:
-            word = int.from_bytes(data, "little")
-            self.node.sdo[0x6041].raw = {0x06: 0x21, 0x07: 0x23, 0x0F: 0x27}[word]
 
     def held(self, index: int, sub: int = 0) -> int:
         return int.from_bytes(self.node.get_data(index, sub), "little")
@@ -89,16 +82,12 @@ def sdo_(request: pytest.FixtureRequest, drive: DriveNode) -> Iterator[Any]:
     network.disconnect()
 
 
-def test_a_drive_is_configured_and_enabled(
-    drive: DriveNode, sdo: Any, profile: DriveProfile
-) -> None:
+def test_a_drive_is_configured(drive: DriveNode, sdo: Any, profile: DriveProfile) -> None:
     cia402.configure(sdo, profile, NODE, HOST, 0.05)
     assert drive.held(0x6060) == 10
     assert drive.held(0x1016, 1) == HOST << 16 | 50
     assert drive.held(0x1600, 3) == 0x6071_00_10
     assert [drive.held(record, 1) for record in (0x1400, 0x1800, 0x1801)] == [0x205, 0x185, 0x285]
-    cia402.enable(sdo, NODE)
-    assert cia402.state(drive.held(0x6041)) == "operation enabled"
 
 
 def test_the_pdos_mapped_are_those_of_the_dbc(profile: DriveProfile) -> None:
@@ -131,12 +120,6 @@ def test_a_pdo_of_ours_arrives_in_the_drive_s_objects(
     assert [variable.raw for variable in received.map] == [0x0F, 10, 123]
 
 
-def test_a_drive_that_stays_where_it_is_is_named(drive: DriveNode, sdo: Any) -> None:
-    drive.stuck = True
-    with pytest.raises(RunError, match=r"node 5: switch on disabled after .*0x06, expected ready"):
-        cia402.enable(sdo, NODE, polls=2)
-
-
 def test_another_rated_torque_is_refused(drive: DriveNode, sdo: Any, profile: DriveProfile) -> None:
     drive.node.sdo[0x6076].raw = 2000
     with pytest.raises(CosimError, match=r"rated torque \(0x6076\) is 2 N.m, expected 1 N.m"):
@@ -155,10 +138,3 @@ def test_what_does_not_hold_what_was_written_is_refused(profile: DriveProfile) -
         cia402.configure(Forgetful(), profile, NODE, HOST, 0.05)
     with pytest.raises(ScenarioError, match="is off"):
         cia402.configure(Forgetful(), profile, NODE, HOST, 0.0)
-
-
-def test_states_have_names() -> None:
-    assert cia402.state(0x0237) == "operation enabled"
-    assert cia402.state(0x0218) == "fault"
-    assert cia402.state(0x0250) == "switch on disabled"
-    assert cia402.state(0x0001).startswith("unknown")

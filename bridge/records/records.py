@@ -114,15 +114,15 @@ class Statement(Record, frozen=True, kw_only=True):
     @property
     def why(self) -> str:
         """The latched reasons in words, with what is known of the drives; "": none."""
-        return "; ".join(filter(None, (reason_text(self.reasons), *self.lost_drives)))
+        return reason_text(self.reasons, self.lost_drives)
 
 
-def reason_text(reasons: Sequence[str]) -> str:
-    """Names of bits of ``Why`` as a sentence; "": none."""
+def reason_text(reasons: Sequence[str], lost_drives: Sequence[str] = ()) -> str:
+    """Names of bits of ``Why``, and sentences on drives, as one sentence; "": none."""
     bits = Why(0)
     for name in reasons:
         bits |= Why[name.upper()]
-    return explain(int(bits)) if bits else ""
+    return "; ".join(([explain(int(bits))] if bits else []) + list(lost_drives))
 
 
 # ---- what a supervisor notes ---------------------------------------------------------------------

@@ -51,8 +51,7 @@ class NodeReport:
     @property
     def why(self) -> str:
         """The reasons for its stop in words, with the drives that stopped it; "": it did not."""
-        lost = self.statement.lost_drives if self.statement else ()
-        return "; ".join(filter(None, (reason_text(self.reasons), *lost)))
+        return reason_text(self.reasons, self.statement.lost_drives if self.statement else ())
 
     def text(self) -> str:
         """Lateness and end."""

@@ -13,7 +13,8 @@ from bridge.can.codec_check import verify
 from bridge.can.layout import MessageLayout, Signal
 from bridge.deployment.cut import Outlet
 from bridge.deployment.spec import Deployment, MessageSpec
-from bridge.drives.profiles import PORTS, DriveProfile, Joint, ProfileMessage, load_profile
+from bridge.drives.profile_files import load_profile
+from bridge.drives.profiles import PORTS, DriveProfile, Joint, ProfileMessage
 from cosim.base.errors import ScenarioError
 from cosim.base.units import quantity
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from bridge.deployment.cut import Inlet, NodePlan, Outlet
 from bridge.deployment.spec import Deployment, NodeSpec
 from bridge.drives.model import DEFAULTS, DriveSpec
-from bridge.drives.profiles import load_profile
+from bridge.drives.profile_files import load_profile
 from bridge.safety.limits import GuardSpec, to_si
 from cosim.base.errors import ScenarioError
 from cosim.schedule.parts import Slot

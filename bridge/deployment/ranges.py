@@ -27,7 +27,7 @@ from bridge.deployment.protection import emulated
 from bridge.deployment.signal_spec import SignalSpec
 from bridge.deployment.spec import NodeSpec
 from bridge.deployment.system import System
-from bridge.drives.profiles import load_profile
+from bridge.drives.profile_files import load_profile
 from bridge.native.message import Limit
 from bridge.safety.limits import PerJoint, to_si
 from cosim.base.component import Port

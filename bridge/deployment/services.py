@@ -16,7 +16,8 @@ from bridge.can.codec import Codec
 from bridge.can.layout import MessageLayout, find
 from bridge.deployment import zenoh_keys
 from bridge.deployment.spec import SERVICES, Deployment, ServiceName
-from bridge.drives.profiles import DriveProfile, load_profile
+from bridge.drives.profile_files import load_profile
+from bridge.drives.profiles import DriveProfile
 from bridge.native.epoch import SIGNALS as EPOCH_SIGNALS
 from bridge.native.message import Message
 from cosim.base.errors import ScenarioError

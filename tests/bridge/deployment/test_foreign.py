@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bridge.drives.profiles import load_profile
+from bridge.drives.profile_files import load_profile
 from bridge.native.message import Decoded
 from bridge.native.safety import LifeState, Why
 from bridge.replay import replay

@@ -10,7 +10,7 @@ import pytest
 
 from bridge.deployment.motors import expand
 from bridge.deployment.spec import find
-from bridge.drives.profiles import load_profile
+from bridge.drives.profile_files import load_profile
 from bridge.native.frame import Flags
 from bridge.replay import replay
 from cosim.base.errors import ScenarioError

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bridge.deployment.drive_sequences import REQUESTS, commanded_drives
-from bridge.drives.profiles import load_profile
+from bridge.deployment.drive_sequences import commanded_drives
+from bridge.drives.profile_files import load_profile
 from bridge.native import node as native
 from bridge.native.frame import Flags, Frame
 from bridge.native.safety import DriveState, LifeState, Why
@@ -14,7 +14,7 @@ from bridge.records.lives import Life
 from bridge.replay import replay, twin
 from tests.bridge.deployment.test_foreign import damiao
 from tests.bridge.deployments import CONFIGS, named, system_of
-from tests.bridge.drives.emulated import EmulatedDrive
+from tests.bridge.drives.emulated import REQUESTS, EmulatedDrive
 from tests.bridge.drives.test_host import cia402
 from tests.bridge.slots import Slots
 

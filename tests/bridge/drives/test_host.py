@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import pytest
 
-from bridge.drives.profiles import load_profile
+from bridge.drives.profile_files import load_profile
 from bridge.native.safety import DriveState, LifeState
 from cosim.base.clock import monotonic_ns
 from cosim.base.errors import ScenarioError

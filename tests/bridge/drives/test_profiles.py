@@ -11,7 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bridge.can.codec_check import verify
-from bridge.drives.profiles import DriveProfile, Joint, load_profile
+from bridge.drives.profile_files import load_profile
+from bridge.drives.profiles import DriveProfile, Joint
 from bridge.native.safety import DriveState, Status
 from cosim.base.errors import ScenarioError
 from tests.bridge.drives.emulated import EmulatedDrive
@@ -265,3 +266,14 @@ def test_errors_say_file_and_place(tmp_path: Path, old: str, new: str, message: 
 def test_a_missing_file_is_an_error(tmp_path: Path) -> None:
     with pytest.raises(ScenarioError, match=r"none\.toml: no such file; expected the profile"):
         load_profile(tmp_path / "none.toml")
+
+
+def test_a_profile_is_read_again_only_where_it_or_its_base_has_changed(tmp_path: Path) -> None:
+    for file in ("damiao.toml", "damiao.dbc", "damiao_4340.toml", "damiao_4340.dbc"):
+        (tmp_path / file).write_bytes((FOLDER / file).read_bytes())
+    path = tmp_path / "damiao_4340.toml"
+    first = load_profile(path)
+    assert load_profile(path) is first
+    base = tmp_path / "damiao.toml"
+    base.write_text(base.read_text("utf-8").replace('register = "TIMEOUT (9)"', 'register = "T"'))
+    assert load_profile(path).watchdog.register == "T"

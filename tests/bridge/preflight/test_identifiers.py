@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from bridge.drives.profiles import load_profile
+from bridge.drives.profile_files import load_profile
 from bridge.preflight import deployment
 from bridge.preflight.identifiers import claims, collisions
 from tests.bridge.deployment.test_foreign import damiao

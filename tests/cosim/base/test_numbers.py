@@ -43,7 +43,7 @@ def test_every_file_is_read_by_the_same_rule(tmp_path: Path, number: str) -> Non
     from bridge.campaign.soak_spec import load_soak
     from bridge.campaign.spec import load_campaign
     from bridge.deployment.spec import load as load_deployment
-    from bridge.drives.profiles import load_profile
+    from bridge.drives.profile_files import load_profile
     from bridge.faults.load import load as load_faults
     from cosim.comparison.variants_file import read as read_variants
     from cosim.links.adjacency import read_graphs

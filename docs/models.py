@@ -1,4 +1,4 @@
-"""Write ``docs/models.md`` from the declarations: ``python docs/models.py`` in the checkout."""
+"""The page of all models, from their declarations: ``python docs/models.py`` prints it."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ from pathlib import Path
 from types import ModuleType
 
 ROOT = Path(__file__).resolve().parents[1]
-PAGE = ROOT / "docs" / "models.md"
 if str(ROOT) not in sys.path:
     sys.path.insert(0, str(ROOT))
 
@@ -33,12 +32,12 @@ PAPER = {
 HEAD = """\
 # Models
 
-Ports, parameters, defaults and equations of every model that comes with an installation, written
-from the declarations by `python docs/models.py`. A scenario names a model as
-`model = "fmus.models.NAME"` (the FMU), `"fmus.models.NAME:kernel"` (its C code without FMI) or
-`"fmus.models.NAME:CLASS"` (the readable reference in NumPy). The first two give the same bytes, the
-third the same numbers to 1e-12. Values are SI. *start* marks outputs whose start value can be set;
-inputs that nothing feeds keep their default.
+Ports, parameters, defaults and equations of every model that comes with an installation.
+A scenario names a model as `model = "fmus.models.NAME"` (the FMU),
+`"fmus.models.NAME:kernel"` (its C code without FMI) or `"fmus.models.NAME:CLASS"` (the readable
+reference in NumPy). The first two give the same bytes, the third the same numbers to 1e-12.
+Values are SI. *start* marks outputs whose start value can be set; inputs that nothing feeds keep
+their default.
 """
 
 
@@ -167,5 +166,4 @@ def each(value: object) -> str:
 
 
 if __name__ == "__main__":
-    PAGE.write_text(page(), encoding="utf-8")
-    print(PAGE.relative_to(ROOT))
+    print(page())

@@ -9,6 +9,7 @@ which are made by the commands that it shows. Sphinx treats warnings as errors. 
 from __future__ import annotations
 
 import inspect
+import os
 import re
 import shlex
 import shutil
@@ -18,6 +19,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from importlib import import_module
 from itertools import chain
 from pathlib import Path
+from runpy import run_path
 from tempfile import TemporaryDirectory
 
 import msgspec
@@ -32,13 +34,21 @@ GROUPS: Mapping[str, tuple[str, ...]] = {
     "Simulate": ("arm", "mujoco", "fmi", "ssp", "scale", "sweep", "fit", "analysis", "benchmark"),
     "Rehearse": ("rehearsal", "can", "vcan", "bus", "ls-bus", "hardware", "monitor", "faults"),
     "Networks": ("network", "ping"),
-    "Studies": ("bus-load", "bus-cases", "openarm-reports", "peers"),
     "Concepts": ("design", "algorithms", "real-time", "safety", "controllers", "paper", "glossary"),
-    "Reference": ("commands", "keys", "api", "models", "benchmarks", "tests", "golden"),
+    "Reference": ("commands", "keys", "api", "models"),
+    "Evidence": (
+        "evidence/bus-load",
+        "evidence/bus-cases",
+        "evidence/openarm-reports",
+        "evidence/peers",
+        "evidence/tests",
+        "benchmarks",
+        "golden",
+    ),
     "中文": ("zh/index", "zh/tutorial"),
 }
 #: Pages that are made here, and pages of the checkout outside docs/.
-GENERATED = ("commands", "keys", "api")
+GENERATED = ("commands", "keys", "api", "models")
 OUTSIDE = {"benchmarks": "benchmarks/README.md", "golden": "tests/golden/README.md"}
 
 #: Modules with the structs that files are read into, by kind of file.
@@ -124,10 +134,12 @@ def write_sources(source: Path) -> None:
     for name, path in pages.items():
         place = source / f"{name}.md"
         place.parent.mkdir(parents=True, exist_ok=True)
-        place.write_text(_linked(path.read_text(encoding="utf-8")), encoding="utf-8")
-    for picture in DOCS.glob("*.png"):
-        shutil.copy(picture, source)
-    generated = {"commands": commands(), "keys": keys(), "api": api()}
+        place.write_text(_linked(path, name), encoding="utf-8")
+    for picture in chain(DOCS.rglob("*.png"), DOCS.rglob("*.gif"), DOCS.rglob("*.svg")):
+        copy = source / picture.relative_to(DOCS)
+        copy.parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy(picture, copy)
+    generated = {"commands": commands(), "keys": keys(), "api": api(), "models": models()}
     for name, text in generated.items():
         (source / f"{name}.md").write_text(text, encoding="utf-8")
     index = (DOCS / "index.md").read_text(encoding="utf-8")
@@ -135,12 +147,24 @@ def write_sources(source: Path) -> None:
     (source / "conf.py").write_text(CONF, encoding="utf-8")
 
 
-def _linked(text: str) -> str:
-    """A page with links to other pages of the site instead of to files of the checkout."""
-    for name, path in OUTSIDE.items():
-        text = text.replace(f"](../{path}", f"]({name}.md")
-    text = re.sub(r"\]\(\.\./README\.md(#[^)]*)?\)", "](index.md)", text)
-    return re.sub(r"\[([^\]]+)\]\(\.\./(?!zh/)[^)]*\)", r"\1", text)
+def _linked(path: Path, name: str) -> str:
+    """The text of a page; links to files of the checkout that are no pages become text."""
+    pages = {place.resolve(): page for page, place in written_pages().items()}
+    pages[ROOT / "README.md"] = "index"
+    pages |= {DOCS / f"{page}.md": page for page in GENERATED}
+
+    def link(found: re.Match[str]) -> str:
+        mark, text, target, part = found.groups()
+        place = (path.parent / target).resolve()
+        if place == ROOT / "README.md":
+            part = ""
+        if place in pages:
+            to = os.path.relpath(f"{pages[place]}.md", Path(name).parent)
+            return f"{mark}[{text}]({to}{part or ''})"
+        return found[0] if place.is_relative_to(DOCS) else text
+
+    pattern = r"(!?)\[((?:[^\]\[]|\[[^\]]*\])+)\]\((?!\w+:)([^)#\s]+)(#[^)]*)?\)"
+    return re.sub(pattern, link, path.read_text(encoding="utf-8"))
 
 
 def _trees() -> str:
@@ -217,6 +241,11 @@ def _default(field: msgspec.structs.FieldInfo) -> str:
     if field.default is msgspec.NODEFAULT:
         return "empty"
     return f"`{field.default!r}`" if field.default not in (None, "", ()) else ""
+
+
+def models() -> str:
+    """Every model with its ports, parameters and equations."""
+    return str(run_path(str(DOCS / "models.py"))["page"]())
 
 
 def api() -> str:

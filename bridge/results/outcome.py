@@ -105,7 +105,8 @@ def complete(
         faults = detection.find(script, shown, network)
     outcome = RehearsalOutcome(
         folder, found.ticks, rows, reports, replayed, error, rms,
-        report.bus_reports(system, found.logs, ended.start_ns), ended.notes, faults,
+        report.bus_reports(system, found.logs, _start_of_logs(system, ended.start_ns)),
+        ended.notes, faults,
         tuple(unanswered(system, rows, reports, nodes)) if facts.get("real") else (),
     )  # fmt: skip
     write_metadata(folder, _metadata(system, outcome, facts))
@@ -130,10 +131,17 @@ def reopen(system: System, folder: Path) -> RehearsalOutcome:
     return RehearsalOutcome(
         folder, len(Run.open(folder)), rows, reports, replayed, error,
         nan if facts["twin_rms"] is None else facts["twin_rms"],
-        report.bus_reports(system, run_folder.bus_logs(system, nodes), start_ns),
+        report.bus_reports(
+            system, run_folder.bus_logs(system, nodes), _start_of_logs(system, start_ns)
+        ),
         [note_of(x) for x in facts["notes"]], [Evidence.of(x) for x in facts["faults"]],
         tuple(unanswered(system, rows, reports, nodes)) if known["deployment"].get("real") else (),
     )  # fmt: skip
+
+
+def _start_of_logs(system: System, start_ns: int) -> int:
+    """Time 0 of a run on the clock of its bus logs, ns; simulated buses count from it."""
+    return 0 if system.deployment.clock == "simulated" else start_ns
 
 
 def begin(system: System, folder: Path, facts: Mapping[str, Any]) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""Write the numbers and pictures of ``docs/bus-cases.md``: ``python docs/bus_cases.py``.
+"""Write the numbers and pictures of ``bus-cases.md`` beside this file, which is a program.
 
 Each case is a study of ``configs/studies``. `--numbers` leaves the pictures as they are.
 """
@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
-ROOT = Path(__file__).resolve().parents[1]
-PAGE = ROOT / "docs" / "bus-cases.md"
+ROOT = Path(__file__).resolve().parents[2]
+PAGE = Path(__file__).with_name("bus-cases.md")
 if str(ROOT) not in sys.path:
     sys.path.insert(0, str(ROOT))
 
@@ -167,14 +167,14 @@ def page(*, pictures: bool) -> str:
             before, rest = text.split(begin)
             text = before + begin + "\n".join(lines) + "\n" + end + rest.split(end)[1]
             if pictures and study == "bus-load":
-                draw_load(ROOT / "docs" / "bus-load-effect.png", lines)
+                draw_load(PAGE.parent / "bus-load-effect.png", lines)
         if pictures:
             for name, (study, disturbed) in ARMS.items():
-                draw_arms(ROOT / "docs" / name, runs[study], disturbed)
+                draw_arms(PAGE.parent / name, runs[study], disturbed)
     for name, (study, case, start, length) in FRAMES.items() if pictures else ():
         h = history(cases(study)[case], start + length)
         picos = round(start * 1e12), round((start + length) * 1e12)
-        draw_account(ROOT / "docs" / name, h.names, h.requests, h.events, h.timing, *picos)
+        draw_account(PAGE.parent / name, h.names, h.requests, h.events, h.timing, *picos)
     return text
 
 

@@ -1,4 +1,4 @@
-"""Write ``docs/bus-load.md`` from the DBC files: ``python docs/bus_load.py`` in the checkout."""
+"""Write ``bus-load.md`` from the DBC files: ``python docs/evidence/bus_load.py``."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parents[1]
-PAGE = ROOT / "docs" / "bus-load.md"
+ROOT = Path(__file__).resolve().parents[2]
+PAGE = Path(__file__).with_name("bus-load.md")
 if str(ROOT) not in sys.path:
     sys.path.insert(0, str(ROOT))
 
@@ -40,9 +40,8 @@ HEAD = """\
 # Bus load
 
 The load and the response times of a CAN bus follow from the lengths of the frames in bits and from
-their priorities, so they are known before any hardware is connected. The command `python
-docs/bus_load.py` writes the tables below from the DBC files in `configs/can`; a test compares them
-with this page.
+their priorities, so they are known before any hardware is connected. The tables below are made of
+the DBC files in `configs/can` by `python docs/evidence/bus_load.py`; a test compares them.
 
 ## Methods
 
@@ -68,8 +67,8 @@ instances of the same message, jitter and, optionally, errors (Davis, Burns, Bri
 Real-Time Systems 35, 2007). In the tests no simulated bus exceeds it, and the critical instant
 reaches it. The bound holds for nodes that send their most urgent frame first. A node that sends in
 the order of queueing, as the default queue of Linux and many USB adapters do, can take longer;
-`cosim/bus/arbitration.py` computes the order of frames for both. [The simulated bus](bus.md) adds
-errors, queues and fault confinement.
+`cosim/bus/arbitration.py` computes the order of frames for both. [The simulated bus](../bus.md)
+adds errors, queues and fault confinement.
 
 **Check** (`bridge/preflight/bus_checks.py`). The check refuses a worst-case load above 100 %, an
 identifier that two nodes send, frames that the bus or CAN does not support, messages with a period

@@ -1,4 +1,4 @@
-"""Write the tables of ``docs/openarm-reports.md``: ``python docs/openarm_reports.py``."""
+"""Write the tables of ``openarm-reports.md``: ``python docs/evidence/openarm_reports.py``."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
-ROOT = Path(__file__).resolve().parents[1]
-PAGE = ROOT / "docs" / "openarm-reports.md"
+ROOT = Path(__file__).resolve().parents[2]
+PAGE = Path(__file__).with_name("openarm-reports.md")
 if str(ROOT) not in sys.path:
     sys.path.insert(0, str(ROOT))
 

@@ -1,4 +1,4 @@
-"""Measure the table of ``docs/peers.md`` anew: ``python docs/peers.py`` in the checkout.
+"""Measure the table of ``peers.md`` anew: ``python docs/evidence/peers.py`` in the checkout.
 
 It takes three minutes, and needs the extra `test` and Debian's libtbb12 (for Ecos).
 """
@@ -10,15 +10,15 @@ import tempfile
 from importlib.metadata import version
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parents[1]
-PAGE = ROOT / "docs" / "peers.md"
+ROOT = Path(__file__).resolve().parents[2]
+PAGE = Path(__file__).with_name("peers.md")
 if str(ROOT) not in sys.path:
     sys.path.insert(0, str(ROOT))
 
 from tests.fmi.abilities import ABILITIES, Ability  # noqa: E402
 from tests.fmi.peers import PEERS  # noqa: E402
 
-BEGIN, END = "<!-- measured by docs/peers.py -->\n", "<!-- end -->\n"
+BEGIN, END = "<!-- measured by docs/evidence/peers.py -->\n", "<!-- end -->\n"
 
 
 def row(ability: Ability) -> str:
@@ -28,7 +28,7 @@ def row(ability: Ability) -> str:
         with tempfile.TemporaryDirectory(prefix="peers-") as folder:
             cells.append(ability.probe(peer, Path(folder)))
     read = [f"*{cell}*" if cell else "" for cell in ability.read]
-    test = f"[{ability.test.rpartition('/')[2]}](../{ability.test})"
+    test = f"[{ability.test.rpartition('/')[2]}](../../{ability.test})"
     return f"| {ability.title} | {' | '.join([*cells, *read, test])} |\n"
 
 

@@ -1,4 +1,4 @@
-"""What importers can do, each asked of every one of them that installs: cells of docs/peers.md.
+"""What importers can do, each asked of every one of them that installs: cells of peers.md.
 
 A probe runs a test FMU or SSP in a peer and says "yes", or "no" with what was seen.
 """

@@ -1,4 +1,4 @@
-"""docs/peers.md: its rows are what is measured, ours say yes, and the tests they name exist."""
+"""peers.md: its rows are what is measured, ours say yes, and the tests they name exist."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from docs import peers as page
+from docs.evidence import peers as page
 from tests.fmi.abilities import ABILITIES
 
 

@@ -1,8 +1,9 @@
-"""``docs/models.md`` says what the declarations say."""
+"""The page of models that the site shows has every model and variable."""
 
 from __future__ import annotations
 
 import importlib.util
+import re
 from pathlib import Path
 from types import ModuleType
 
@@ -23,13 +24,9 @@ def writer() -> ModuleType:
     return module
 
 
-def test_the_page_is_up_to_date(writer: ModuleType) -> None:
-    written = (DOCS / "models.md").read_text(encoding="utf-8")
-    assert written == writer.page(), "run: python docs/models.py"
-
-
 def test_every_model_and_every_variable_is_on_it(writer: ModuleType) -> None:
     page = writer.page()
+    assert re.findall(r"^\| \[(\w+)\]\(#", page, re.MULTILINE) == list(SHIPPED)
     for name in SHIPPED:
         assert f"\n## {name}\n" in page
     for model in shipped_models():

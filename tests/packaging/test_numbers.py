@@ -28,7 +28,6 @@ from cosim.estimate.local_error import estimate
 from cosim.fmi.options import FmuOptions
 from cosim.scenario.spec import ComponentSpec, LinkSpec, RecordSpec, RunSpec
 from cosim.sweeps.spec import StudySpec
-from fmus.build import SHIPPED
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -193,8 +192,3 @@ def test_identifiers_and_bytes_of_the_table_are_those_of_the_dbc_files() -> None
     for file, name, identifier, size in rows:
         message = database(file).get_message_by_name(name)
         assert (message.frame_id, message.length) == (identifier, size), f"{file}: {name}"
-
-
-def test_the_page_of_models_has_every_shipped_model() -> None:
-    text = (ROOT / "docs" / "models.md").read_text(encoding="utf-8")
-    assert re.findall(r"^\| \[(\w+)\]\(#", text, re.M) == list(SHIPPED)

@@ -12,7 +12,7 @@
     if (!decoded.has(name)) {
       const s = data.signals[name];
       if (data.live) { decoded.set(name, { t: [], y: [] }); return decoded.get(name); }
-      const times = s.t ? new Float32Array(bytes(s.t)) : Array.from(new Uint32Array(bytes(s.i)), (i) => i * s.dt);
+      const times = s.t !== undefined ? new Float32Array(bytes(s.t)) : Array.from(new Uint32Array(bytes(s.i)), (i) => i * s.dt);
       const values = new Float32Array(bytes(s.y));
       decoded.set(name, {
         t: Array.from(times, (t) => Math.min(t, data.end)),

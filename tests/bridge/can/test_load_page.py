@@ -1,4 +1,4 @@
-"""``docs/bus-load.md`` agrees with the DBC files and the formulas."""
+"""``docs/evidence/bus-load.md`` agrees with the DBC files and the formulas."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import importlib.util
 from pathlib import Path
 from types import ModuleType
 
-DOCS = Path(__file__).parents[3] / "docs"
+DOCS = Path(__file__).parents[3] / "docs" / "evidence"
 
 
 def page() -> ModuleType:
@@ -20,7 +20,7 @@ def page() -> ModuleType:
 
 def test_the_page_is_what_its_script_writes() -> None:
     written = (DOCS / "bus-load.md").read_text(encoding="utf-8")
-    assert written == page().page(), "run: python docs/bus_load.py"
+    assert written == page().page(), "run: python docs/evidence/bus_load.py"
 
 
 def test_loads_are_those_known_for_a_few_sets() -> None:

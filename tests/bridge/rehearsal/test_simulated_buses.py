@@ -42,6 +42,9 @@ def test_processes_in_simulated_time_are_the_twin(cosim, name, tmp_path):
     assert replay_log(load_system(TELEOPERATION, name, ["run.stop=0.5"]), logs).exact
     notes = json.loads((tmp_path / "run/run.json").read_text())["rehearsal"]["notes"]
     assert notes == []
+    assert cosim("report", tmp_path / "run").code == 0
+    page = (tmp_path / "run/report.html").read_text(encoding="utf-8")
+    assert re.search(r"left SYNC: \d+ frames from 0\.00 s", page), "frames count from the start"
 
 
 @pytest.mark.slow

@@ -102,5 +102,5 @@ def test_the_latency_of_an_adapter_counts_twice_and_stalls_make_states_old() -> 
 
 @pytest.mark.slow
 def test_the_page_of_reports_is_what_its_script_writes() -> None:
-    text = (ROOT / "docs" / "openarm-reports.md").read_text(encoding="utf-8")
-    assert run_path(str(ROOT / "docs" / "openarm_reports.py"))["page"](text) == text
+    text = (ROOT / "docs/evidence/openarm-reports.md").read_text(encoding="utf-8")
+    assert run_path(str(ROOT / "docs/evidence/openarm_reports.py"))["page"](text) == text

@@ -14,7 +14,9 @@ from cosim.bus.frames import BusEvent, ControllerState
 from cosim.reporting.bus_account import account_lines
 
 ROOT = Path(__file__).resolve().parents[3]
-_SPEC = importlib.util.spec_from_file_location("bus_cases", ROOT / "docs" / "bus_cases.py")
+_SPEC = importlib.util.spec_from_file_location(
+    "bus_cases", ROOT / "docs" / "evidence" / "bus_cases.py"
+)
 assert _SPEC is not None and _SPEC.loader is not None
 page = importlib.util.module_from_spec(_SPEC)
 _SPEC.loader.exec_module(page)
@@ -29,14 +31,14 @@ def worst(history, identifier):
 @pytest.mark.slow
 def test_the_page_has_the_numbers_of_its_studies():
     assert page.PAGE.read_text(encoding="utf-8") == page.page(pictures=False), (
-        "python docs/bus_cases.py writes it"
+        "python docs/evidence/bus_cases.py writes it"
     )
 
 
 def test_the_page_has_its_pictures():
     named = set(re.findall(r"\]\((\S+\.png)\)", page.PAGE.read_text(encoding="utf-8")))
     assert named == {*page.FRAMES, *page.ARMS, "bus-load-effect.png"}
-    assert all((ROOT / "docs" / name).is_file() for name in named)
+    assert all((page.PAGE.parent / name).is_file() for name in named)
 
 
 def test_a_fifo_queue_inverts_priorities():

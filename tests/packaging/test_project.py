@@ -92,6 +92,12 @@ def test_the_parts_of_every_week_are_parts_of_the_long_tests():
     assert named is not None and named[1].split() and set(named[1].split()) <= set(known)
 
 
+def test_ci_ends_with_the_code_of_its_last_command() -> None:
+    for code in (0, 3):
+        call = ["bash", "-c", f". {ROOT / '.ci' / 'run'}; exit {code}"]
+        assert subprocess.run(call, timeout=60).returncode == code
+
+
 def test_ci_beside_busy_processes_leaves_none_behind() -> None:
     call = ["bash", "-c", f". {ROOT / '.ci' / 'run'}; make_busy; echo ${{busy[@]}}"]
     done = subprocess.run(

@@ -91,12 +91,10 @@ def picture(package: str) -> list[str]:
     arrows = reduced(found)
     lines = ["```mermaid", "flowchart TD"]
     lines += [f"    {a} --> {b}" for a in found for b in arrows[a]]
-    lines += ["```", "", "| floor | room | what it is | modules |", "|---|---|---|---|"]
+    lines += ["```", "", "| floor | room | purpose |", "|---|---|---|"]
     ordered = [(n, room) for n, floor in enumerate(floors(found)) for room in floor]
     for n, room in reversed(ordered):
-        lines.append(
-            f"| {n} | `{package}/{room}/` | {_said(package, room)} | {_modules(package, room)} |"
-        )
+        lines.append(f"| {n} | `{package}/{room}/` | {_said(package, room)} |")
     return lines
 
 
@@ -107,13 +105,6 @@ def _said(package: str, room: str) -> str:
     first = (text or "").split("\n\n")[0].replace("\n", " ")
     first = re.sub(r":\w+:`~?([^`]+)`", r"`\1`", first).replace("``", "`")
     return first.rstrip(":").removesuffix(".").replace("|", "\\|")
-
-
-def _modules(package: str, room: str) -> str:
-    folder = ROOT / package / room
-    names = [p.stem for p in folder.glob("*.py")]
-    names = sorted(names + [f"{p.parent.name}/" for p in folder.glob("*/__init__.py")])
-    return ", ".join(name for name in names if not name.startswith("__"))
 
 
 def section() -> str:

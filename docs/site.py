@@ -37,6 +37,9 @@ GROUPS: Mapping[str, tuple[str, ...]] = {
     "Concepts": ("design", "algorithms", "real-time", "safety", "controllers", "paper", "glossary"),
     "Reference": ("commands", "keys", "api", "models"),
     "Evidence": (
+        "evidence/controllers",
+        "evidence/benchmark",
+        "evidence/paper",
         "evidence/bus-load",
         "evidence/bus-cases",
         "evidence/openarm-reports",

@@ -1,4 +1,4 @@
-"""Write the tables of ``cosim compare`` in the pages: ``python docs/compare_tables.py [PAGE]``.
+"""Write the tables of ``cosim compare``: ``python docs/evidence/compare_tables.py [PAGE]``.
 
 A table stands between ``<!-- table: COMMAND -->`` and ``<!-- end -->``; the command is run in the
 checkout, on two processes, and takes some seconds.
@@ -13,8 +13,8 @@ import sys
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-ROOT = Path(__file__).resolve().parents[1]
-PAGES = (ROOT / "docs" / "controllers.md", ROOT / "docs" / "benchmark.md")
+ROOT = Path(__file__).resolve().parents[2]
+PAGES = [Path(__file__).with_name(name) for name in ("controllers.md", "benchmark.md")]
 _TABLE = re.compile(r"(<!-- table: (.*) -->\n)(?:.*\n\n)?(?:\|.*\n)*(<!-- end -->)")
 
 

@@ -12,10 +12,39 @@ from pathlib import Path
 from time import monotonic, sleep
 from typing import Any, Self
 
+import matplotlib
+
 #: s that an answer may take.
 PATIENCE = 30.0
 #: Keys with their codes and the text that they type.
 KEYS = {"Tab": (9, ""), "ArrowRight": (39, ""), "Enter": (13, "\r")}
+
+
+#: The only fonts that pages are shown with, and how their edges are drawn, on every machine.
+FONTS = """<?xml version="1.0"?><!DOCTYPE fontconfig SYSTEM "fonts.dtd">
+<fontconfig><dir>{folder}/fonts/ttf</dir><cachedir>{cache}</cachedir>
+{names}
+<match target="font"><edit name="antialias" mode="assign"><bool>true</bool></edit>
+<edit name="hinting" mode="assign"><bool>false</bool></edit>
+<edit name="rgba" mode="assign"><const>none</const></edit></match></fontconfig>"""
+
+
+#: How a family that the machine chooses is named, and what it is here.
+FAMILIES = {"system-ui": "DejaVu Sans", "sans-serif": "DejaVu Sans", "sans": "DejaVu Sans",
+            "ui-monospace": "DejaVu Sans Mono", "monospace": "DejaVu Sans Mono"}  # fmt: skip
+ALIAS = (
+    """<alias binding="strong"><family>{}</family><prefer><family>{}</family></prefer></alias>"""
+)
+
+
+def same_fonts(folder: Path) -> Path:
+    """A file for fontconfig, in the `folder`, that knows matplotlib's fonts and no others."""
+    folder.mkdir(parents=True, exist_ok=True)
+    given = {"folder": matplotlib.get_data_path(), "cache": folder / "fonts"}
+    path = folder / "fonts.conf"
+    names = "".join(ALIAS.format(*pair) for pair in FAMILIES.items())
+    path.write_text(FONTS.format(**given, names=names), encoding="utf-8")
+    return path
 
 
 class Browser:
@@ -30,6 +59,7 @@ class Browser:
              f"--user-data-dir={profile}", "--window-size=1280,2300",
              "--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1"],
             pass_fds=(to_browser, from_browser), stderr=subprocess.DEVNULL,
+            env={**os.environ, "FONTCONFIG_FILE": str(same_fonts(profile))},
         )  # fmt: skip
         os.close(to_browser)
         os.close(from_browser)

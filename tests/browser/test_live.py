@@ -22,7 +22,7 @@ def test_the_arms_move_while_the_run_goes_on_and_its_report_follows(
 ) -> None:
     folder = tmp_path / "run"
     rehearse = [*CALL, "rehearse", "configs/teleoperation.toml", "--deploy", "zenoh"]
-    options = ["--set", "run.stop='15 s'", "--no-twin", "--out", str(folder)]
+    options = ["--set", "run.stop='40 s'", "--no-twin", "--out", str(folder)]
     with Browser(chromium, tmp_path / "profile") as browser:
         run = subprocess.Popen([*rehearse, *options], cwd=ROOT, stdout=subprocess.DEVNULL)
         while not (folder / "rehearsal.json").is_file():
@@ -43,7 +43,8 @@ def test_the_arms_move_while_the_run_goes_on_and_its_report_follows(
             held = browser.ask(NOW)
             browser.until(f"{HEAD} > {held} + 0.3")  # it goes on
             assert browser.ask(NOW) == held
-            browser.until("location.pathname === '/report' && document.readyState === 'complete'")
+            report = "location.pathname === '/report' && document.readyState === 'complete'"
+            browser.until(report, seconds=120.0)
             assert browser.ask("document.querySelector('.verdict').textContent") != ""
             assert browser.console == []
         finally:

@@ -95,8 +95,8 @@ def samples(carried: Carried, rows: NDArray[np.void], bus: BusSpec) -> Iterator[
 def start_of(system: System, heard: Mapping[str, Sequence[LoggedSample]]) -> int:
     """Time of t = 0 on the log's clock, ns, from the time stamps in the frames.
 
-    A stamp of 16 bits gives it modulo 65.5 ms; the counters resolve this, which is unique for 41 s
-    at 200 Hz. Raises ScenarioError if no message has a time stamp.
+    A stamp of 16 bits gives it modulo 65.5 ms; counters and slots resolve this, which is unique
+    for 41 s at 200 Hz. Raises ScenarioError if no message has a time stamp.
     """
     bits = max((_time_bits(system.messages[n]) for n, s in heard.items() if s), default=0)
     if not bits:
@@ -111,10 +111,16 @@ def start_of(system: System, heard: Mapping[str, Sequence[LoggedSample]]) -> int
     if bits >= 32:
         return start
     start += (min(s.t_ns for s in running) - start) // span * span
-    for guess in range(start, start - GUESSES * span, -span):
-        if all(_counters_fit(system.messages[n], s, guess) for n, s in stamped.items()):
-            return guess
-    raise ScenarioError(f"counters of {', '.join(stamped)} fit no common t = 0")
+    fitting, late = np.ones(GUESSES, np.bool_), np.zeros(GUESSES)
+    for name, frames in stamped.items():
+        asked = [s for s in frames if s.running][:ASKED]
+        if asked:
+            fits, after = _at_guesses(system.messages[name], asked, start, span)
+            fitting &= fits
+            late += after
+    if not fitting.any():
+        raise ScenarioError(f"counters of {', '.join(stamped)} fit no common t = 0")
+    return start - span * int(np.argmin(np.where(fitting, late, np.inf)))
 
 
 def _origin(sample: LoggedSample) -> int:
@@ -128,12 +134,20 @@ def _time_bits(carried: Carried) -> int:
     return codec.layout.time_bits
 
 
-def _counters_fit(carried: Carried, heard: Sequence[LoggedSample], start: int) -> bool:
-    """Whether the first frames have the counters they would have then; one in ten may be late."""
-    asked = heard[:ASKED]
-    bits = counter_bits(carried)
-    wrong = sum(sequence(carried, s, start) & (1 << bits) - 1 != s.counter for s in asked)
-    return wrong <= len(asked) // 10 and all(s.t_ns >= start for s in asked[:1])
+def _at_guesses(
+    carried: Carried, asked: Sequence[LoggedSample], start: int, span: int
+) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:
+    """Whether samples have the counters that they would have, and ns from their slots to them.
+
+    (GUESSES,) each, of t = 0 at `start` and some `span` (ns) before. One counter in ten may be
+    wrong. Samples are stamped with the begin of a slot: at another t = 0 they would lie between.
+    """
+    since = np.array([sent_ns(carried, s, start) for s in asked]) - carried.offset_ns + 1000
+    numbers, after = np.divmod(since + span * np.arange(GUESSES)[:, None], carried.period_ns)
+    turn = 1 << counter_bits(carried)
+    wrong = ((numbers - [s.counter for s in asked]) % turn != 0).sum(axis=1)
+    early = asked[0].t_ns - start + span * np.arange(GUESSES) < 0
+    return (wrong <= len(asked) // 10) & ~early, after.min(axis=1)
 
 
 def counter_bits(carried: Carried) -> int:

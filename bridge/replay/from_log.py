@@ -189,7 +189,7 @@ def _limits(
     limits = slots * h_ns + phase
     for slot, t in told.items():
         deadline = int(limits[slot - first])
-        if deadline < t < deadline + h_ns:  # later: done with what there was at the deadline
+        if deadline <= t < deadline + h_ns:  # later: done with what there was at the deadline
             limits[slot - first] = t
     return np.maximum.accumulate(limits), first, len(told)
 

@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 from hypothesis import HealthCheck, Phase, settings
 
+from tests.footprint import Footprint
 from tests.garbage import Tidier, freeze_tests
 
 # A loaded machine is slow, and slowness is measured elsewhere.
@@ -69,7 +70,8 @@ def compiled_once(objects: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     keep(objects, monkeypatch.setattr)
 
 
-def pytest_configure() -> None:
+def pytest_configure(config: pytest.Config) -> None:
     """Commands that tests start heed Ctrl-C, also where the tests run in the background."""
+    config.pluginmanager.register(Footprint(), "footprint")
     if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)

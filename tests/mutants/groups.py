@@ -54,6 +54,11 @@ GROUPS = {
         ("cosim", "fmus"),
     ),
     "replay": Group(("bridge/replay/*.py",), ("tests/bridge/replay",), ("cosim", "fmus")),
+    "wiring": Group(
+        ("bridge/wiring/*.py",),
+        tuple(f"tests/bridge/{room}" for room in ("wiring", "replay", "node", "native", "drives")),
+        ("cosim", "fmus"),
+    ),
     "links": Group(("cosim/links/*.py", "cosim/links/*/*.py"), ("tests/cosim/links",)),
     "kernels": Group(
         ("fmus/c/*.c", "fmus/c/*.h"),

@@ -324,3 +324,62 @@ def test_hand_and_wall_at_the_tip_in_c_and_numpy() -> None:
         assert np.array(a["f_e"])[2] <= 0.0  # it pushes into the wall, along the normal
         assert not (depth <= 0 and np.array(a["f_e"]).any())
     assert 0 < touched < 40
+
+
+TIP = np.array([1, 2, 3]) / 64  # binary fractions: the tip just touches without rounding
+SLIDES = np.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])  # z to x, then on to y and to z
+
+
+@pytest.mark.parametrize(
+    ("x", "dx", "push"),
+    [
+        (0.3125, 0.5, 500.0 * 0.0625 + 90.0 * 0.5),  # goes further in
+        (0.3125, -0.2, 500.0 * 0.0625 - 90.0 * 0.2),  # leaves slowly
+        (0.3125, -0.5, 0.0),  # leaves faster than the wall follows
+        (0.25, 0.5, 0.0),  # just touches
+        (0.125, 3.0, 0.0),  # away from it
+    ],
+)
+@pytest.mark.parametrize("made", [ArmTip, arm_tip.kernel])
+def test_hand_and_wall_of_three_slides_are_springs_and_dampers(made, x, dx, push) -> None:  # type: ignore[no-untyped-def]
+    """Joint positions are the tip's coordinates but for its place on the last link: by hand."""
+    table = random_chain(np.random.default_rng(1), 3)
+    slides = Table(
+        np.ones(3), np.array([SLIDES] * 3), np.zeros((3, 3)), table.inertia, table.armature, table.g
+    )
+    turns = [R for R, _ in chain.placements(slides, np.zeros(3))]
+    axes, offset = np.array([R[:, 2] for R in turns]), turns[-1] @ TIP
+    component = made(joints=3)
+    component.initialize(
+        slides.values()
+        | {
+            "tip": TIP,
+            "K_h": np.array([100.0, 200.0, 300.0]),
+            "B_h": np.array([5.0, 6.0, 7.0]),
+            "k_w": np.array(500.0),
+            "b_w": np.array(90.0),
+            "x_w": np.array([0.25, 7.0, -7.0]),  # a plane: only x counts
+            "normal": np.array([1.0, 0.0, 0.0]),
+        }
+    )
+    at, moving = np.array([x, 0.3, -0.4]), np.array([dx, 0.1, -0.2])
+    given = {
+        "q": axes @ (at - offset),
+        "dq": axes @ moving,
+        "x_h": np.array([0.5, 0.5, 0.5]),
+        "dx_h": np.array([0.1, 0.0, -0.1]),
+        "grip": np.array(0.5),
+    }
+    found = component.step(0.0, 1e-3, given)
+    hand = 0.5 * np.array(
+        [
+            100.0 * (0.5 - x) + 5.0 * (0.1 - dx),
+            200.0 * 0.2 - 6.0 * 0.1,
+            300.0 * 0.9 + 7.0 * 0.1,
+        ]
+    )
+    wall = np.array([push, 0.0, 0.0])
+    assert np.allclose(found["x"], at, atol=1e-15)
+    assert np.allclose(found["f_h"], hand, rtol=1e-12)
+    assert np.allclose(found["f_e"], wall, rtol=1e-9, atol=1e-12)
+    assert np.allclose(found["tau_ext"], axes @ (hand - wall), rtol=1e-9)

@@ -15,7 +15,7 @@ from bridge.recording.run_folder import write_tables, write_trajectories
 from bridge.records.lives import Life
 from bridge.replay import replay
 from bridge.replay.diff import compare_runs
-from bridge.replay.received_and_sent import History
+from bridge.replay.received_and_sent import History, _never_sent
 from bridge.results.offline import run_offline
 from bridge.results.outcome import deployment_facts
 from bridge.results.report import fault_lines
@@ -230,3 +230,28 @@ def test_a_journal_that_is_missing_or_of_another_deployment_is_said(tmp_path):
         pass
     with pytest.raises(ScenarioError, match="samples of other messages recorded for slave"):
         replay.replay(system, rows, replay.received_by_life(tmp_path / "twin"), tmp_path)
+
+
+# ---- numbers that were never sent ----------------------------------------------------------------
+
+
+@pytest.mark.parametrize("node", ["master", "master_control"])  # slots of 1 ms, and of 5 ms
+@pytest.mark.parametrize(
+    "lives", [[(0, 99)], [(3, 99)], [(0, 49), (120, 199)], [(0, 20), (23, 23), (151, 190)], []]
+)
+def test_a_number_is_never_sent_if_no_life_had_its_slot(node, lives):
+    """Slot by slot, against sets; after the end of a life come some more, of its ramp (0.1 s)."""
+    system = named("can", STOP)
+    message = {"master": "STATE_1", "master_control": "LINK_2"}[node]
+    every = {"master": 5, "master_control": 1}[node]  # slots between two samples
+    slots, recorded = [(a * every, b * every) for a, b in lives], {}
+    for boot, (first, last) in enumerate(slots, 1):
+        rows = np.zeros(last - first + 1, [("slot", "<i8")])
+        rows["slot"] = np.arange(first, last + 1)
+        recorded[Life(node, boot)] = rows
+    more = (2 + 20) * every  # 0.1 s are 20 samples
+    sent = {s // every for a, b in slots for s in range(a, b + more + 1) if s % every == 0}
+    end = slots[-1][1] // every if slots else -1
+    numbers = np.arange(260)
+    expected = [j <= end and j not in sent for j in numbers]
+    assert _never_sent(system, recorded, message, numbers).tolist() == expected

@@ -17,7 +17,7 @@ from cosim.fmi import FmuComponent
 from cosim.native.structs import Code
 from cosim.schedule.parts import Step
 from cosim.schedule.plan import Plan
-from fmus.toolchain import compile_shared, shared_suffix
+from fmus.build.toolchain import compile_shared, shared_suffix
 
 Rows = NDArray[np.float64]
 

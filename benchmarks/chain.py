@@ -28,9 +28,10 @@ import numpy as np
 sys.path.append(str(Path(__file__).resolve().parents[1]))
 
 from benchmarks import tables
-from fmus import kernel, toolchain
-from fmus.models import arm, arm_task, arm_teleoperation, chain, pd
-from fmus.models.chain import Table
+from fmus.arms import chain
+from fmus.arms.chain import Table
+from fmus.build import kernel, toolchain
+from fmus.models import arm, arm_task, arm_teleoperation, pd
 
 C = Path(__file__).parent / "c"
 JOINTS, ROUNDS = 7, 9

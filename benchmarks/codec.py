@@ -23,7 +23,7 @@ from bridge.native import library
 from bridge.native.frame import Frame
 from bridge.native.message import E2EProfile, Header
 from cosim.base.clock import stopwatch
-from fmus.toolchain import compile_shared, shared_suffix
+from fmus.build.toolchain import compile_shared, shared_suffix
 
 ROOT = Path(__file__).parents[1]
 CASES = (("8 B, P02", "link2.dbc", "TAU_1"), ("64 B, P05", "link_fd.dbc", "LINK_1"))

@@ -37,7 +37,7 @@ from benchmarks import tables
 from bridge.native import library_path, pace
 from bridge.realtime.lateness import Spread
 from cosim.base.clock import monotonic_ns
-from fmus.toolchain import compile_shared
+from fmus.build.toolchain import compile_shared
 
 ROOT = Path(__file__).resolve().parents[1]
 PING, ECHO = 0x101, 0x102

@@ -12,7 +12,7 @@ from typing import Any
 
 from benchmarks.cases import CHOICES
 from cosim import __version__
-from fmus.toolchain import compiler
+from fmus.build.toolchain import compiler
 
 Facts = Mapping[str, Any]
 

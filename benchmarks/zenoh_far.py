@@ -17,7 +17,7 @@ import numpy as np
 
 from bridge.native import library_path
 from bridge.zenoh.options import ZenohOptions
-from fmus.toolchain import compile_shared
+from fmus.build.toolchain import compile_shared
 
 HERE = Path(__file__).resolve().parent
 #: What is in a message of 56 bytes that is not ours: its number, and when it was sent.

@@ -22,7 +22,7 @@ ROOT = Path(__file__).resolve().parent.parent
 def build() -> list[Path]:
     """Make what is missing or old; return the files made now.
 
-    Raises fmus.toolchain.ToolchainError where there is no compiler or it refuses the sources.
+    Raises fmus.build.toolchain.ToolchainError where there is no compiler or it refuses the sources.
     """
     if str(ROOT) not in sys.path:
         sys.path.insert(0, str(ROOT))
@@ -30,7 +30,7 @@ def build() -> list[Path]:
 
 
 def _engine() -> list[Path]:
-    from fmus.toolchain import shared_suffix
+    from fmus.build.toolchain import shared_suffix
 
     folder = ROOT / "cosim" / "c"
     sources = [*folder.glob("*.c"), *folder.glob("*.h")]
@@ -39,7 +39,7 @@ def _engine() -> list[Path]:
 
 
 def _bus() -> list[Path]:
-    from fmus.toolchain import shared_suffix
+    from fmus.build.toolchain import shared_suffix
 
     folder = ROOT / "cosim" / "c" / "bus"
     units = sorted(folder.glob("*.c"))
@@ -48,7 +48,7 @@ def _bus() -> list[Path]:
 
 
 def _bridge() -> list[Path]:
-    from fmus.toolchain import shared_suffix
+    from fmus.build.toolchain import shared_suffix
 
     folder = ROOT / "bridge" / "c"
     length = ROOT / "cosim" / "c" / "bus" / "length.c"
@@ -60,9 +60,9 @@ def _bridge() -> list[Path]:
 
 def _library(output: Path, units: list[Path], sources: list[Path], include: Path) -> list[Path]:
     """A shared library of `units`, made again when one of `sources` has changed."""
-    from fmus.toolchain import compile_shared
+    from fmus.build.toolchain import compile_shared
 
-    made_from = _fingerprint([*sources, ROOT / "fmus/toolchain.py"])
+    made_from = _fingerprint([*sources, ROOT / "fmus/build/toolchain.py"])
     stamp = output.with_name(f"{output.stem}.json")
     if _current(stamp, made_from):
         return []
@@ -73,14 +73,14 @@ def _library(output: Path, units: list[Path], sources: list[Path], include: Path
 
 def _models() -> list[Path]:
     """All FMUs; those of models that are no longer there go."""
-    from fmus import shipped
+    from fmus.build import shipped
 
     folder = ROOT / "fmus" / "_built"
     made_from = _fingerprint(shipped.made_from())
     stamp = folder / shipped.STAMP
     if _current(stamp, made_from):
         return []
-    from fmus.build import build_all, installed_models, versions
+    from fmus.build.archive import build_all, installed_models, versions
 
     models = installed_models()
     built = [path.resolve() for path in build_all(folder, models)]
@@ -93,7 +93,7 @@ def _models() -> list[Path]:
 
 def _fingerprint(files: Iterable[Path]) -> str:
     """SHA-256 of names and contents, and of the compiler for the host."""
-    from fmus.toolchain import compiler, host_platform
+    from fmus.build.toolchain import compiler, host_platform
 
     digest = hashlib.sha256(repr((host_platform(), compiler()[1:])).encode())
     for path in sorted(files):

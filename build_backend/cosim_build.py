@@ -92,7 +92,7 @@ def build_editable(
 
 
 def _compiler() -> list[str]:
-    from fmus.toolchain import host_compiler
+    from fmus.build.toolchain import host_compiler
 
     return [] if host_compiler() else ["ziglang>=0.13"]
 

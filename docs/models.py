@@ -14,7 +14,7 @@ if str(ROOT) not in sys.path:
     sys.path.insert(0, str(ROOT))
 
 from cosim.base.errors import CosimError  # noqa: E402
-from fmus.build import SHIPPED  # noqa: E402
+from fmus.build.archive import SHIPPED  # noqa: E402
 from fmus.model import Model, Variable  # noqa: E402
 
 #: Where the paper has it: H. Wang, "Towards Manipulability of Interactive Lagrangian Systems".

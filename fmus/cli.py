@@ -17,10 +17,10 @@ from cosim.base.errors import ScenarioError, UnitError
 from cosim.base.python import add_working_directory
 from cosim.base.units import quantity
 from cosim.cli.ending import ProgramGroup, run_program
-from fmus.build import ANY_SIZE, SHIPPED, VERSIONS, Version, pack, shipped_models, versions
-from fmus.library import compile_model
+from fmus.build.archive import ANY_SIZE, SHIPPED, VERSIONS, Version, pack, shipped_models, versions
+from fmus.build.library import compile_model
+from fmus.build.toolchain import PLATFORMS
 from fmus.model import Model, any_size, clocked, exchanged
-from fmus.toolchain import PLATFORMS
 
 app = typer.Typer(
     name="fmus",
@@ -102,7 +102,7 @@ def build_bus_fmu(
 ) -> None:
     """Build the simulated CAN bus as an FMU for other tools (FMI 3.0, FMI-LS-BUS 1.0)."""
     from cosim.bus.timing import BusTiming
-    from fmus.bus_fmu import build_bus
+    from fmus.build.bus_fmu import build_bus
 
     timing = BusTiming(bitrate, data_bitrate, data_bitrate is not None)
     made = build_bus(nodes, timing, out, _platforms(platforms))
@@ -145,9 +145,9 @@ def robot(
     ] = None,
 ) -> None:
     """Check a URDF file: print its links or, with --base and --tip, the joints of an arm."""
+    from fmus.arms.serial import serial
+    from fmus.arms.urdf import read
     from fmus.robots import report
-    from fmus.robots.serial import serial
-    from fmus.robots.urdf import read
 
     if bool(base) != bool(tip):
         raise ScenarioError("found one of --base and --tip, expected both or none")

@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from fmus.toolchain import compiler
+from fmus.build.toolchain import compiler
 
 #: Scalars of C by what ctypes calls them; what is none of these is a pointer.
 SCALARS = {

@@ -12,7 +12,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from fmus import toolchain
+from fmus.build import toolchain
 
 _INCLUDE = re.compile(r'^\s*#\s*include\s+"([^"]+)"', re.MULTILINE)
 
@@ -31,7 +31,7 @@ def keep(folder: Path, patch: Callable[[object, str, object], None] = setattr) -
 def _compiled(
     folder: Path, compile_object: Callable[..., Path], source: Path | str, output: Path, **how: Any
 ) -> Path:
-    """As ``fmus.toolchain.compile_object``; the compiler runs only for what is not yet there."""
+    """As ``toolchain.compile_object``; the compiler runs only for what is not yet there."""
     folders = [Path(source).parent, *map(Path, how.get("include", ()))]
     made_from = texts(Path(source), folders)
     return _kept(
@@ -46,7 +46,7 @@ def _linked(
     output: Path | str,
     **how: Any,
 ) -> Path:
-    """As ``fmus.toolchain.link_shared``; the linker runs only for what is not yet there."""
+    """As ``fmus.build.toolchain.link_shared``; the linker runs only for what is not yet there."""
     given = list(parts)
     made_from = [part.read_bytes() for part in given]
     target = Path(output).resolve()

@@ -15,7 +15,7 @@ from __future__ import annotations
 from functools import lru_cache
 from pathlib import Path
 
-from fmus.build import Version, find
+from fmus.build.archive import Version, find
 from fmus.model import Model, Variable
 
 _MOVED = ("s_in", "v_in")

@@ -15,10 +15,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, final
 
 from cosim.base.component import Kind, Parameter, Port
-from fmus.build import Version, find
-from fmus.kernel import Kernel
+from fmus.build.archive import Version, find
+from fmus.build.kernel import Kernel
 from fmus.model import Model, Variable
-from fmus.models.start import checked_outputs, copy_state, received, start_values
+from fmus.model.start import checked_outputs, copy_state, received, start_values
 
 if TYPE_CHECKING:
     from cosim.base.component import Outputs, Values

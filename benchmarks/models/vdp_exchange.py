@@ -7,7 +7,7 @@ import zipfile
 from functools import lru_cache
 from pathlib import Path
 
-from fmus.toolchain import compile_shared, shared_suffix
+from fmus.build.toolchain import compile_shared, shared_suffix
 
 _FOLDER = tempfile.TemporaryDirectory(prefix="vdp-")
 _VARIABLES = (

@@ -21,8 +21,8 @@ from cosim.base.errors import ScenarioError
 from cosim.links.laws import Constant
 from cosim.links.table import DrawnTable
 from cosim.schedule.parts import Link
-from fmus.build import write_archive
-from fmus.lsbus_fmu import (
+from fmus.build.archive import write_archive
+from fmus.build.lsbus_fmu import (
     LsBusFmu,
     SignalOutput,
     binaries,
@@ -48,9 +48,9 @@ def export_nodes(
 ) -> list[Path]:
     """Write ``FOLDER/NODE.fmu`` for each node, and return their paths.
 
-    `platforms`: of :data:`fmus.toolchain.PLATFORMS`; default the host's. Raises ScenarioError for a
-    node that cannot be such an FMU, FmuError for a component without a C kernel, and
-    fmus.toolchain.ToolchainError from the compiler.
+    `platforms`: of :data:`fmus.build.toolchain.PLATFORMS`; default the host's. Raises ScenarioError
+    for a node that cannot be such an FMU, FmuError for a component without a C kernel, and
+    fmus.build.toolchain.ToolchainError from the compiler.
     """
     for name in names:
         check(system, name)

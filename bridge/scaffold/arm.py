@@ -15,11 +15,11 @@ import numpy as np
 from bridge.can.link_dbc import MOST_JOINTS
 from bridge.scaffold.files import bus, check_name, dbc, write_files
 from cosim.base.errors import ScenarioError
-from fmus.models import chain
-from fmus.numeric import Array
+from fmus.arms import chain
+from fmus.arms.serial import Robot, serial
+from fmus.arms.urdf import Urdf, read
+from fmus.model.numeric import Array
 from fmus.robots.report import sampled_positions
-from fmus.robots.serial import Robot, serial
-from fmus.robots.urdf import Urdf, read
 
 #: Period of the controllers, s, and by which share K changes a velocity in it at the most.
 PERIOD, SHARE = 0.004, 0.33

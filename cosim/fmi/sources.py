@@ -26,7 +26,7 @@ def compile_sources(archive: Archive, fmi: str, identifier: str, output: Path) -
     a listed file is missing, or it refuses the sources.
     """
     try:
-        toolchain = importlib.import_module("fmus.toolchain")
+        toolchain = importlib.import_module("fmus.build.toolchain")
     except ImportError:
         raise FmuError(
             f"{archive.path}: building its sources needs the package fmus, which is not installed"

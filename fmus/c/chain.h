@@ -9,7 +9,7 @@
  * A link has ten inertial parameters: m, m c (x y z), and I about the origin of its frame (xx xy yy
  * xz yz zz). Twists and wrenches are six numbers, angular part first, at the origin of a link's frame
  * and in its axes. Source: R. Featherstone, Rigid Body Dynamics Algorithms, Springer, 2008, chapters
- * 5 and 7. The variables of a model that describe its chain are those of fmus/models/chain.py.
+ * 5 and 7. The variables of a model that describe its chain are those of fmus/arms/chain.py.
  */
 #ifndef CHAIN_H
 #define CHAIN_H
@@ -21,7 +21,7 @@
 
 enum { CHAIN_MOST = 16 };
 
-/* A view of the table: n joints, row-major arrays; see fmus/models/chain.py for shapes and units. */
+/* A view of the table: n joints, row-major arrays; see fmus/arms/chain.py for shapes and units. */
 typedef struct {
     int n;
     const Real *type, *rotation, *origin, *inertia, *armature, *g;

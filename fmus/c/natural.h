@@ -1,5 +1,5 @@
 /* natural.h - adaptation that keeps the estimate of a link physically consistent; equations in
- * fmus/models/natural.py.
+ * fmus/arms/natural.py.
  *
  *     dP = -rate P L P,      P = [Sigma mc; mc^T m],   Sigma = tr(I) / 2 - I,   tr(P L) = ell^T theta
  */

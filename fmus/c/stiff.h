@@ -1,5 +1,5 @@
 /* stiff.h - how many steps the classical Runge-Kutta method needs where friction and stops are stiff;
- * fmus/models/stiff.py has the same in Python.
+ * fmus/arms/stiff.py has the same in Python.
  */
 #ifndef STIFF_H
 #define STIFF_H

@@ -1,11 +1,9 @@
 """One file per model: its declaration ``model(**sizes)`` and its ``law``; the C file is in fmus/c.
 
-From both, :func:`fmus.reference.derive` makes the functions that scenarios use:
+From both, :func:`fmus.build.reference.derive` makes the functions that scenarios use:
 ``fmu(version, **sizes)``, ``kernel(**sizes)`` and the class of the NumPy reference (such as
 ``Xi``).
 
-Several models share ``start`` (checks of inputs and outputs), ``dynamics`` (M, C, g and Y of the
-planar arm), ``chain`` (the table and the dynamics of any serial arm), ``joints`` and
-``adaptive_variables`` (declarations), ``static_feedback`` (adaptive laws whose reference follows
-from the inputs alone), ``serial_arm`` (adaptive laws of an arm with a table).
+Several models share ``adaptive_variables`` (declarations), ``static_feedback`` (adaptive laws whose
+reference follows from the inputs alone) and ``serial_arm`` (adaptive laws of an arm with a table).
 """

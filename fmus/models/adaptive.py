@@ -15,10 +15,10 @@ Source: the paper, eqs (29)-(32), Theorem 2, Sec. IV-C.
 
 from __future__ import annotations
 
+from fmus.build.reference import derive
 from fmus.model import Model
 from fmus.models import teleoperation
 from fmus.models.teleoperation import law, start
-from fmus.reference import derive
 
 
 def model(gravity: bool = False) -> Model:

@@ -1,6 +1,6 @@
 """Serial arm of 1 to 16 revolute and prismatic joints, described by a table.
 
-The table (``joint_type`` to ``g``) is the one of the module ``fmus.models.chain``; a scenario fills
+The table (``joint_type`` to ``g``) is the one of the module ``fmus.arms.chain``; a scenario fills
 it in from a URDF file with ``options.urdf`` (docs/arm.md). The equation of motion is::
 
     (M(q) + diag J) ddq + C(q, dq) dq + g(q) = tau + tau_ext + tau_h - tau_e - tau_f + tau_s
@@ -50,14 +50,15 @@ from typing import Any
 
 from cosim.base.component import Drawing
 from cosim.base.errors import RunError, ScenarioError
+from fmus.arms import chain
+from fmus.arms.joints import DAMPING, RATE, STIFFNESS, TORQUE, Joints
+from fmus.arms.robot import of_robot
+from fmus.arms.stiff import steps_in
+from fmus.build.reference import Values, derive
 from fmus.model import Model, Variable
-from fmus.models import chain, environment
+from fmus.model.numeric import Array, np
+from fmus.models import environment
 from fmus.models.environment import grip_torque, wall_torque
-from fmus.models.joints import DAMPING, RATE, STIFFNESS, TORQUE, Joints
-from fmus.models.robot import of_robot
-from fmus.models.stiff import steps_in
-from fmus.numeric import Array, np
-from fmus.reference import Values, derive
 
 #: Where a joint has no limit, rad.
 FREE = 1e6
@@ -170,7 +171,7 @@ def drawing(options: Mapping[str, Any], folder: Path) -> Drawing | None:
     """
     if "urdf" not in options:
         return None
-    from fmus.robots.options import robot_of
+    from fmus.arms.options import robot_of
 
     robot = robot_of(options, folder)
     values = robot.table.values()

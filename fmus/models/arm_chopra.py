@@ -13,13 +13,13 @@ Source: that of ``chopra``.
 
 from __future__ import annotations
 
+from fmus.arms.joints import Joints
+from fmus.arms.robot import of_robot
+from fmus.build.reference import derive
 from fmus.model import Model
 from fmus.models import chopra
 from fmus.models.chopra import EXCHANGE as EXCHANGE
-from fmus.models.joints import Joints
-from fmus.models.robot import of_robot
 from fmus.models.static_feedback import LawSize, adaptive
-from fmus.reference import derive
 
 
 def model(joints: int = 7, neighbours: int = 1) -> Model:

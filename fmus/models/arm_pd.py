@@ -21,13 +21,13 @@ to ±tau_max. The table is that of ``chain``; the options of a scenario are thos
 
 from __future__ import annotations
 
+from fmus.arms import chain
+from fmus.arms.joints import DAMPING, RATE, STIFFNESS, TORQUE, Joints, controller
+from fmus.arms.joints import EXCHANGE as EXCHANGE
+from fmus.arms.robot import of_robot
+from fmus.build.reference import Values, derive
 from fmus.model import Model
-from fmus.models import chain
-from fmus.models.joints import DAMPING, RATE, STIFFNESS, TORQUE, Joints, controller
-from fmus.models.joints import EXCHANGE as EXCHANGE
-from fmus.models.robot import of_robot
-from fmus.numeric import Array, np
-from fmus.reference import Values, derive
+from fmus.model.numeric import Array, np
 
 
 def model(joints: int = 7) -> Model:

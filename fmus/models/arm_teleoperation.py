@@ -50,15 +50,16 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from cosim.base.errors import ScenarioError
+from fmus.arms import chain
+from fmus.arms.joints import DAMPING, RATE, TORQUE, Joints, rate
+from fmus.arms.natural import adapted
+from fmus.arms.robot import of_robot
+from fmus.build.reference import Values, derive
 from fmus.model import Model, Terminal, Variable
-from fmus.models import chain, serial_arm
+from fmus.model.numeric import Array, np
+from fmus.models import serial_arm
 from fmus.models.adaptive_variables import UNLIMITED, coupling_gains, network_inputs
-from fmus.models.joints import DAMPING, RATE, TORQUE, Joints, rate
-from fmus.models.natural import adapted
-from fmus.models.robot import of_robot
 from fmus.models.teleoperation import coupling
-from fmus.numeric import Array, np
-from fmus.reference import Values, derive
 
 _NATURAL = "Rate of natural adaptation in place of Gamma, 0 = off"
 

@@ -23,12 +23,12 @@ systems", J. Robotic Systems 14(1), 1997).
 
 from __future__ import annotations
 
+from fmus.arms import chain, task_space
+from fmus.arms.joints import TORQUE, Joints
+from fmus.arms.robot import of_robot
+from fmus.build.reference import Values, derive
 from fmus.model import Causality, Model, Terminal, Variable
-from fmus.models import chain, task_space
-from fmus.models.joints import TORQUE, Joints
-from fmus.models.robot import of_robot
-from fmus.numeric import Array, np
-from fmus.reference import Values, derive
+from fmus.model.numeric import Array, np
 
 _HAND = ("x_h", "dx_h", "grip")
 

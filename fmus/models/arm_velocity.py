@@ -40,17 +40,18 @@ from __future__ import annotations
 from dataclasses import replace
 
 from cosim.base.errors import ScenarioError
+from fmus.arms import chain
+from fmus.arms.chain_law import regressor
+from fmus.arms.joints import RATE, Joints, rate
+from fmus.arms.robot import of_robot
+from fmus.build.reference import Values, derive
 from fmus.model import Model, Terminal, Variable
-from fmus.models import chain, serial_arm, servo
+from fmus.model.numeric import Array, np
+from fmus.models import serial_arm, servo
 from fmus.models.adaptive_variables import coupling_gains, network_inputs
-from fmus.models.chain_law import regressor
-from fmus.models.joints import RATE, Joints, rate
 from fmus.models.kinematic import advanced, commands
-from fmus.models.robot import of_robot
 from fmus.models.servo import UNLIMITED
 from fmus.models.teleoperation import ADAPTED, coupling
-from fmus.numeric import Array, np
-from fmus.reference import Values, derive
 
 _GRAVITY = "Gravity: 0 none, or compensated by the robot's controller; 2 adapted in theta_hat"
 _OWN = "Estimate of the rotor's inertia over K_v (s), and of the viscous friction over K_v"

@@ -19,11 +19,11 @@ limited to ±tau_max; while any joint is at its limit theta_hat is not updated (
 
 from __future__ import annotations
 
+from fmus.arms.joints import DAMPING, RATE, rate
+from fmus.build.reference import Values, derive
 from fmus.model import Model, Terminal
-from fmus.models.joints import DAMPING, RATE, rate
+from fmus.model.numeric import Array
 from fmus.models.static_feedback import Feedback, LawSize, adaptive, disagreement
-from fmus.numeric import Array
-from fmus.reference import Values, derive
 
 PRESETS: dict[str, dict[str, float]] = {
     "Chopra": {"K": 16.0, "Gamma": 1.0, "lambda": 0.5},

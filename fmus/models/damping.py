@@ -19,11 +19,11 @@ Sampled: inputs are read at t_k, outputs are held to the next step.
 
 from __future__ import annotations
 
+from fmus.arms.dynamics import gravity
+from fmus.arms.joints import DAMPING, DQ, TORQUE, Q, gain
+from fmus.build.reference import Values, derive
 from fmus.model import Model, Terminal, Variable
-from fmus.models.dynamics import gravity
-from fmus.models.joints import DAMPING, DQ, TORQUE, Q, gain
-from fmus.numeric import Array
-from fmus.reference import Values, derive
+from fmus.model.numeric import Array
 
 
 def model() -> Model:

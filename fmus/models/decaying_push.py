@@ -16,9 +16,9 @@ Sampled: the push of t_k is held to the next step. Outputs at the start are thos
 from __future__ import annotations
 
 from cosim.base.errors import RunError
+from fmus.arms.joints import TORQUE, Joints
+from fmus.build.reference import Values, derive
 from fmus.model import Model, Terminal, Variable
-from fmus.models.joints import TORQUE, Joints
-from fmus.reference import Values, derive
 
 
 def model(joints: int = 2) -> Model:

@@ -24,8 +24,8 @@ from pathlib import Path
 from typing import NamedTuple, final
 
 from cosim.base.component import Kind
-from fmus.build import Version, pack
-from fmus.library import compile_models
+from fmus.build.archive import Version, pack
+from fmus.build.library import compile_models
 from fmus.model import Model, Variable
 
 _KIND: Kind = "continuous"
@@ -79,7 +79,7 @@ def build_links(
 ) -> dict[str, Path]:
     """Build an FMU for each of `links` into `folder`; their paths by identifier.
 
-    What their libraries share is compiled once. Raises as :func:`fmus.build.build` does.
+    What their libraries share is compiled once. Raises as :func:`fmus.build.archive.build` does.
     """
     with tempfile.TemporaryDirectory(prefix="delay-") as scratch:
         models = [_declared(link, Path(scratch) / link.identifier) for link in links]

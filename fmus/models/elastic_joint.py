@@ -32,11 +32,11 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from cosim.base.errors import ScenarioError
+from fmus.arms.joints import DAMPING, RATE, STIFFNESS, TORQUE, Joints
+from fmus.arms.stiff import steps_in
+from fmus.build.reference import Values, derive
 from fmus.model import Model, Terminal, Variable
-from fmus.models.joints import DAMPING, RATE, STIFFNESS, TORQUE, Joints
-from fmus.models.stiff import steps_in
-from fmus.numeric import Array, np
-from fmus.reference import Values, derive
+from fmus.model.numeric import Array, np
 
 _INERTIA = "kg.m2"
 _STATE = ("q", "dq", "e", "de", "phi", "dphi")

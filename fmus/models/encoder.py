@@ -22,10 +22,10 @@ from __future__ import annotations
 
 from math import pi
 
+from fmus.arms.joints import RATE, Joints
+from fmus.build.reference import Values, derive
 from fmus.model import Model, Terminal, Variable
-from fmus.models.joints import RATE, Joints
-from fmus.numeric import Array, np
-from fmus.reference import Values, derive
+from fmus.model.numeric import Array, np
 
 #: Encoders with one count of a turn: magnetic ones with 14 bits, optical ones with 20 bits.
 PRESETS: dict[str, dict[str, float]] = {

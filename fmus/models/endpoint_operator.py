@@ -20,10 +20,10 @@ Sampled: inputs are read at t_k, outputs are held to the next step. An unconnect
 
 from __future__ import annotations
 
+from fmus.arms.joints import DQ, TORQUE, Q, gain
+from fmus.build.reference import Values, derive
 from fmus.model import Model, Terminal, Variable
-from fmus.models.joints import DQ, TORQUE, Q, gain
-from fmus.numeric import Array, np
-from fmus.reference import Values, derive
+from fmus.model.numeric import Array, np
 
 #: From a hand that rests on the arm to one that grips it tightly.
 PRESETS: dict[str, dict[str, float]] = {

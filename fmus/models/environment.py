@@ -17,10 +17,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 
+from fmus.arms.joints import DAMPING, RATE, STIFFNESS, TORQUE, Joints
+from fmus.build.reference import Values
 from fmus.model import Model, Terminal, Variable
-from fmus.models.joints import DAMPING, RATE, STIFFNESS, TORQUE, Joints
-from fmus.numeric import Array, np
-from fmus.reference import Values
+from fmus.model.numeric import Array, np
 
 TERMINALS = (
     Terminal("joints", ("tau", "q", "dq"), "Torque in, position and velocity out"),

@@ -24,8 +24,8 @@ from cosim.analysis.facts import (
     Values,
     Vector,
 )
-from fmus.models.dynamics import inertia, regressor
-from fmus.numeric import Array
+from fmus.arms.dynamics import inertia, regressor
+from fmus.model.numeric import Array
 
 #: Postures that stand for the workspace, rad: M depends on the second joint only, evenly.
 _POSTURES = np.linspace(0.0, np.pi, 121)

@@ -18,10 +18,10 @@ Sampled: inputs are read at t_k, outputs are held to the next step.
 
 from __future__ import annotations
 
+from fmus.arms.joints import DAMPING, RATE, TORQUE, Joints
+from fmus.build.reference import Values, derive
 from fmus.model import Model, Terminal
-from fmus.models.joints import DAMPING, RATE, TORQUE, Joints
-from fmus.numeric import Array, np
-from fmus.reference import Values, derive
+from fmus.model.numeric import Array, np
 
 #: ``joint``: constructed values for a joint of an arm with torques of some 10 N.m.
 PRESETS: dict[str, dict[str, float]] = {"joint": {"damping": 0.5, "friction": 1.0, "v_f": 0.05}}

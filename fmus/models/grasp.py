@@ -13,9 +13,9 @@ length before a time counts as beginning at that time. The output at the start i
 
 from __future__ import annotations
 
+from fmus.build.reference import Values, derive
 from fmus.model import Model, Terminal, Variable
-from fmus.numeric import np
-from fmus.reference import Values, derive
+from fmus.model.numeric import np
 
 _NEVER = 1e9  # s
 

@@ -20,11 +20,11 @@ to ±tau_max.
 
 from __future__ import annotations
 
+from fmus.arms.joints import DAMPING, STIFFNESS, Joints, controller
+from fmus.arms.joints import EXCHANGE as EXCHANGE
+from fmus.build.reference import Values, derive
 from fmus.model import Model
-from fmus.models.joints import DAMPING, STIFFNESS, Joints, controller
-from fmus.models.joints import EXCHANGE as EXCHANGE
-from fmus.numeric import Array, np
-from fmus.reference import Values, derive
+from fmus.model.numeric import Array, np
 
 #: Meets the condition up to T_rt = 2.4 s.
 PRESETS: dict[str, dict[str, float]] = {

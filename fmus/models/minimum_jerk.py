@@ -17,10 +17,10 @@ Sampled: the target of t_k is held to the next step. Outputs at the start are th
 
 from __future__ import annotations
 
+from fmus.arms.joints import PLANAR, RATE, Joints
+from fmus.build.reference import Values, derive
 from fmus.model import Model, Terminal, Variable
-from fmus.models.joints import PLANAR, RATE, Joints
-from fmus.numeric import np
-from fmus.reference import Values, derive
+from fmus.model.numeric import np
 
 
 def model(joints: int = 2) -> Model:

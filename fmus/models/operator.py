@@ -12,10 +12,10 @@ law, evaluated at every stage of its integrator, for grips too stiff for the com
 
 from __future__ import annotations
 
+from fmus.arms.joints import DAMPING, STIFFNESS, TORQUE, Joints
+from fmus.build.reference import Values, derive
 from fmus.model import Model, Terminal
-from fmus.models.joints import DAMPING, STIFFNESS, TORQUE, Joints
-from fmus.numeric import Array
-from fmus.reference import Values, derive
+from fmus.model.numeric import Array
 
 
 def model(joints: int = 2) -> Model:

@@ -23,10 +23,10 @@ to ±tau_max.
 
 from __future__ import annotations
 
+from fmus.arms.joints import DAMPING, STIFFNESS, Joints, controller
+from fmus.build.reference import Values, derive
 from fmus.model import Model, Terminal
-from fmus.models.joints import DAMPING, STIFFNESS, Joints, controller
-from fmus.numeric import Array, np
-from fmus.reference import Values, derive
+from fmus.model.numeric import Array, np
 
 #: ``P+d`` meets the condition up to T_l + T_r = 2.5 s, ``P+d violating`` up to 0.6 s.
 PRESETS: dict[str, dict[str, float]] = {

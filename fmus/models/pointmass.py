@@ -24,9 +24,9 @@ from __future__ import annotations
 from math import isfinite
 
 from cosim.base.errors import RunError, ScenarioError
+from fmus.build.reference import Values, derive
 from fmus.model import Model, Terminal, Variable
-from fmus.numeric import Array, np
-from fmus.reference import Values, derive
+from fmus.model.numeric import Array, np
 
 
 def model() -> Model:

@@ -14,9 +14,9 @@ length before t_0 or t_1 counts as beginning at that time. Outputs at the start 
 
 from __future__ import annotations
 
+from fmus.arms.joints import TORQUE, Joints
+from fmus.build.reference import Values, derive
 from fmus.model import Model, Terminal, Variable
-from fmus.models.joints import TORQUE, Joints
-from fmus.reference import Values, derive
 
 _NEVER = 1e9  # s
 

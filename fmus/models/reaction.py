@@ -22,10 +22,10 @@ Sampled: q_h of t_k and dp/dt are held to the next step.
 from __future__ import annotations
 
 from cosim.base.errors import RunError
+from fmus.arms.joints import RATE, Joints
+from fmus.build.reference import Values, derive
 from fmus.model import Model, Terminal, Variable
-from fmus.models.joints import RATE, Joints
-from fmus.numeric import Array, np
-from fmus.reference import Values, derive
+from fmus.model.numeric import Array, np
 
 #: Samples of q that are kept.
 KEPT = 64

@@ -23,11 +23,11 @@ from cosim.analysis.facts import (
     Values,
     Vector,
 )
-from fmus.models import chain
+from fmus.arms import chain
+from fmus.arms.chain import Table
+from fmus.arms.chain_law import regressor
+from fmus.model.numeric import Array, np
 from fmus.models.arm import FREE
-from fmus.models.chain import Table
-from fmus.models.chain_law import regressor
-from fmus.numeric import Array, np
 
 #: Random postures that stand for the workspace, and for the mean size of a regressor.
 _POSTURES, _FEW = 256, 16

@@ -30,10 +30,10 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from fmus.arms.joints import DAMPING, RATE, STIFFNESS, Joints
+from fmus.build.reference import Values, derive
 from fmus.model import Model, Terminal, Variable
-from fmus.models.joints import DAMPING, RATE, STIFFNESS, Joints
-from fmus.numeric import Array, np
-from fmus.reference import Values, derive
+from fmus.model.numeric import Array, np
 
 #: Modes, and where there is no limit.
 VELOCITY, POSITION = 0, 1

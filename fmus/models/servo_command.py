@@ -33,12 +33,12 @@ Source: own construction (inversion of the servo's law by one backward differenc
 from __future__ import annotations
 
 from cosim.base.errors import ScenarioError
+from fmus.arms.joints import RATE, TORQUE, Joints
+from fmus.build.reference import Values, derive
 from fmus.model import Model, Terminal
+from fmus.model.numeric import Array, np
 from fmus.models import servo
-from fmus.models.joints import RATE, TORQUE, Joints
 from fmus.models.servo import VELOCITY, limited_rate
-from fmus.numeric import Array, np
-from fmus.reference import Values, derive
 
 
 def model(joints: int = 7) -> Model:

@@ -21,10 +21,9 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple, final
 
 from cosim.base.errors import FmuError
-from fmus.model import Model, Terminal, Variable
-from fmus.models import chain, serial_arm
-from fmus.models.dynamics import regressor
-from fmus.models.joints import (
+from fmus.arms import chain
+from fmus.arms.dynamics import regressor
+from fmus.arms.joints import (
     GAMMA,
     NETWORK,
     PLANAR,
@@ -33,8 +32,10 @@ from fmus.models.joints import (
     Joints,
     controller,
 )
-from fmus.numeric import Array, np
-from fmus.reference import Law, Values
+from fmus.build.reference import Law, Values
+from fmus.model import Model, Terminal, Variable
+from fmus.model.numeric import Array, np
+from fmus.models import serial_arm
 
 _SOURCES: tuple[str, ...] = ("trig.c", "regressor.h", "limit.h")
 

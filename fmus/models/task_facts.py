@@ -6,8 +6,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from cosim.analysis.facts import DynamicFeedback, TipContact, TipTask, Values
-from fmus.models import serial_facts, task_space
-from fmus.numeric import Array, np
+from fmus.arms import task_space
+from fmus.model.numeric import Array, np
+from fmus.models import serial_facts
 
 
 def arm_task(values: Values) -> DynamicFeedback:

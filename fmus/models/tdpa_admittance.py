@@ -34,10 +34,10 @@ that cannot follow.
 
 from __future__ import annotations
 
+from fmus.arms.joints import DAMPING, RATE, STIFFNESS, TORQUE, Joints, rate
+from fmus.build.reference import Values, derive
 from fmus.model import Model, Terminal, Variable
-from fmus.models.joints import DAMPING, RATE, STIFFNESS, TORQUE, Joints, rate
-from fmus.numeric import Array, np
-from fmus.reference import Values, derive
+from fmus.model.numeric import Array, np
 
 #: As those of ``tdpa_impedance``; ``TDPA drift`` with compensation.
 PRESETS: dict[str, dict[str, float]] = {

@@ -27,10 +27,10 @@ changes.
 
 from __future__ import annotations
 
+from fmus.arms.joints import DAMPING, RATE, TORQUE, Joints
+from fmus.build.reference import Values, derive
 from fmus.model import Model, Terminal, Variable
-from fmus.models.joints import DAMPING, RATE, TORQUE, Joints
-from fmus.numeric import Array, np
-from fmus.reference import Values, derive
+from fmus.model.numeric import Array, np
 
 PRESETS: dict[str, dict[str, float]] = {"TDPA": {"a_max": 20.0}, "TDPA drift": {"a_max": 20.0}}
 

@@ -65,11 +65,11 @@ that a teleoperator reflects decays. (The paper's bounds "<= ∞" remain true; S
 from __future__ import annotations
 
 from cosim.base.errors import ScenarioError
+from fmus.arms.dynamics import gravity_regressor, regressor
+from fmus.build.reference import Values, derive
 from fmus.model import Model, Terminal
+from fmus.model.numeric import Array, np
 from fmus.models.adaptive_variables import UNLIMITED, variables
-from fmus.models.dynamics import gravity_regressor, regressor
-from fmus.numeric import Array, np
-from fmus.reference import Values, derive
 
 #: Values of the parameter `gravity`.
 NONE, COMPENSATED, ADAPTED = 0, 1, 2

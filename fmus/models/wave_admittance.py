@@ -19,10 +19,10 @@ limited to ±tau_max; v = u - 2 F then contains the limited torque, and the port
 
 from __future__ import annotations
 
+from fmus.arms.joints import DAMPING, STIFFNESS, TORQUE, Joints
+from fmus.build.reference import Values, derive
 from fmus.model import Model, Terminal
-from fmus.models.joints import DAMPING, STIFFNESS, TORQUE, Joints
-from fmus.numeric import Array, np
-from fmus.reference import Values, derive
+from fmus.model.numeric import Array, np
 
 #: As those of ``wave_impedance``.
 PRESETS: dict[str, dict[str, float]] = {

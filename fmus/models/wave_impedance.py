@@ -25,10 +25,10 @@ to ±tau_max; the wave u = v + 2 F then contains the limited torque, and the por
 
 from __future__ import annotations
 
+from fmus.arms.joints import DAMPING, TORQUE, Joints
+from fmus.build.reference import Values, derive
 from fmus.model import Model, Terminal
-from fmus.models.joints import DAMPING, TORQUE, Joints
-from fmus.numeric import Array, np
-from fmus.reference import Values, derive
+from fmus.model.numeric import Array, np
 
 #: ``scattering(n=3)`` is Anderson and Spong's with b = n^2.
 PRESETS: dict[str, dict[str, float]] = {

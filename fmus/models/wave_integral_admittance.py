@@ -15,11 +15,11 @@ Each joint's torque is limited to ±tau_max; v = w - 2 F then contains the limit
 
 from __future__ import annotations
 
+from fmus.arms.joints import DAMPING, STIFFNESS, Joints
+from fmus.build.reference import Values, derive
 from fmus.model import Model, Terminal
-from fmus.models.joints import DAMPING, STIFFNESS, Joints
+from fmus.model.numeric import Array, np
 from fmus.models.wave_integral_impedance import IMPULSE, integrals, nothing_sent, wave_given
-from fmus.numeric import Array, np
-from fmus.reference import Values, derive
 
 #: As those of ``wave_integral_impedance``.
 PRESETS: dict[str, dict[str, float]] = {

@@ -33,10 +33,10 @@ step. Each joint's torque is limited to ±tau_max; u = w + 2 F then contains the
 
 from __future__ import annotations
 
+from fmus.arms.joints import DAMPING, Joints
+from fmus.build.reference import Values, derive
 from fmus.model import Model, Terminal
-from fmus.models.joints import DAMPING, Joints
-from fmus.numeric import Array, np
-from fmus.reference import Values, derive
+from fmus.model.numeric import Array, np
 
 IMPULSE = "N.m.s"
 

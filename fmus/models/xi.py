@@ -13,10 +13,10 @@ without delay and without an algebraic loop. `alpha` must equal that of the cont
 
 from __future__ import annotations
 
+from fmus.arms.joints import RATE, Joints, rate
+from fmus.build.reference import Values, derive
 from fmus.model import Model, Terminal
-from fmus.models.joints import RATE, Joints, rate
-from fmus.numeric import Array
-from fmus.reference import Values, derive
+from fmus.model.numeric import Array
 
 
 def model(joints: int = 2) -> Model:

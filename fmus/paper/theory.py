@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from cosim.record import Run
-from fmus.models.dynamics import inertia
+from fmus.arms.dynamics import inertia
 from fmus.paper import measure as m
 from fmus.paper import oracles
 from fmus.paper.claim import Claim, absolute, at_least, at_most, relative

@@ -1,5 +1,1 @@
-"""Robots from files: a URDF becomes the table of a serial arm (``fmus.models.chain``).
-
-``urdf`` reads the file strictly, ``body`` adds and checks inertias, ``serial`` follows the chain
-from base to tip, and ``options`` is what models offer to scenarios.
-"""
+"""Work of commands on robots from files: a report of a URDF, and identification from a run."""

@@ -28,9 +28,9 @@ from typing import NamedTuple, final
 
 from numpy.typing import NDArray
 
+from fmus.build.reference import Values
+from fmus.model.numeric import Array, np
 from fmus.models import elastic_joint
-from fmus.numeric import Array, np
-from fmus.reference import Values
 
 _STATES = 6  # of a joint
 _NODES = 16  # of the motion during a delay

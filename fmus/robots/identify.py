@@ -16,9 +16,9 @@ if TYPE_CHECKING:
     from cosim.record import Run
     from cosim.schedule.parts import Step
     from cosim.schedule.plan import Plan
-    from fmus.models.chain import Table
-    from fmus.numeric import Array
-    from fmus.robots.identification import BaseParameter, Identified
+    from fmus.arms.chain import Table
+    from fmus.arms.identification import BaseParameter, Identified
+    from fmus.model.numeric import Array
 
 #: Condition number up to which a motion is usually called exciting.
 _EXCITING = 100.0
@@ -55,7 +55,7 @@ def identify(
     table, before, v_f = _arm(recorded.plan.component(component), run)
     motion = _motion(recorded, component, q or f"{component}.q")
     with live_line(quiet) as say:
-        from fmus.robots.identification import identified
+        from fmus.arms.identification import identified
 
         found = identified(table, before, v_f, motion, cutoff, say)
     if json is not None:
@@ -100,7 +100,7 @@ def _arm(step: Step, folder: Path) -> tuple[Table, Array, Array]:
 
     from cosim.analysis.system import values_of
     from cosim.base.errors import ScenarioError
-    from fmus.models.chain import of_values
+    from fmus.arms.chain import of_values
 
     shapes = {p.name: p.shape for p in step.component.parameters}
     if not {"inertia", "rotation", "v_f"} <= shapes.keys():

@@ -6,10 +6,10 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from fmus.models import chain
-from fmus.numeric import Array
-from fmus.robots.serial import Robot
-from fmus.robots.urdf import Urdf
+from fmus.arms import chain
+from fmus.arms.serial import Robot
+from fmus.arms.urdf import Urdf
+from fmus.model.numeric import Array
 
 #: Positions at which torques and inertias are computed.
 POSITIONS = 300

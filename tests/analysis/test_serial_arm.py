@@ -21,7 +21,8 @@ from cosim.checks.finding import Finding
 from cosim.checks.preflight import check
 from cosim.scenario.assemble import assemble
 from cosim.scenario.spec import Scenario, build
-from fmus.models import chain, serial_facts
+from fmus.arms import chain
+from fmus.models import serial_facts
 from fmus.models.arm import model
 from tests.tiers import first_fast
 

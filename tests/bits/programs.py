@@ -12,9 +12,9 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
-from fmus.build import shipped_models
+from fmus.build.archive import shipped_models
+from fmus.build.source import LANES, sources
 from fmus.model import Model
-from fmus.source import LANES, sources
 
 HERE = Path(__file__).parent
 ROOT = HERE.parents[1]

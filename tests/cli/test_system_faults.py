@@ -11,7 +11,7 @@ import pytest
 from bridge.deployment.system import load_system
 from bridge.replay import twin
 from bridge.results.outcome import begin
-from fmus.toolchain import compiler
+from fmus.build.toolchain import compiler
 from tests.cli.command import CONFIG, finished
 from tests.cli.faulted import COMMANDS, Case, Faulted, every
 from tests.tiers import first_fast

@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 
 from cosim.cli.commands import app
 from cosim.record import Run
-from fmus.toolchain import compile_shared, shared_suffix
+from fmus.build.toolchain import compile_shared, shared_suffix
 from tests.fmi.runs import Watch, ran
 from tests.fmi.watch import HEADERS
 

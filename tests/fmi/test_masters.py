@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from cosim.schedule.plan import Plan
-from fmus.build import find, shipped_models
+from fmus.build.archive import find, shipped_models
 from fmus.model import Model
 from tests.cosim.scenarios import plan
 from tests.system import foreign

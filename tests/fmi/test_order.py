@@ -16,7 +16,7 @@ import pytest
 
 from cosim.base.errors import CosimError
 from cosim.engine.engine import Engine
-from fmus.build import find
+from fmus.build.archive import find
 from fmus.model import exchanged
 from fmus.models import pd, planar2r
 from tests.cosim.fmi.exporter import (

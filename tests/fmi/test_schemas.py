@@ -19,8 +19,8 @@ from cosim.scenario.assemble import assemble
 from cosim.scenario.spec import Scenario
 from cosim.ssp.container import write as write_container
 from cosim.ssp.delays import build_delays
-from fmus.build import find, shipped_models
-from fmus.bus_fmu import build_bus
+from fmus.build.archive import find, shipped_models
+from fmus.build.bus_fmu import build_bus
 from fmus.model import Model, clocked, exchanged
 from fmus.models import pd, planar2r
 from fmus.python import build_class

@@ -19,7 +19,7 @@ from typing import Any
 
 import fmpy
 
-from fmus.toolchain import compile_shared, shared_suffix
+from fmus.build.toolchain import compile_shared, shared_suffix
 from tests.cosim.fmi.exporter import FOLDER
 
 HEADERS = Path(fmpy.__file__).parent / "c-code"

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from fmus import toolchain
-from fmus.models.chain import Table
+from fmus.arms.chain import Table
+from fmus.build import toolchain
 
 # Every function takes the number of joints, and pointers to doubles: the table first.
 SOURCE = """

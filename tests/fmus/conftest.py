@@ -10,10 +10,10 @@ from typing import Any
 
 import pytest
 
-from fmus import toolchain
-from fmus.kernel import library, load
+from fmus.build import toolchain
+from fmus.build.kernel import library, load
+from fmus.build.source import token
 from fmus.model import Model
-from fmus.source import token
 
 OK, DISCARD, ERROR = 0, 2, 3
 MODES = ("instantiated", "initialization", "step", "failed", "terminated")

@@ -7,8 +7,8 @@ from collections.abc import Callable
 import numpy as np
 
 from cosim.base.component import Component
+from fmus.arms.dynamics import inertia
 from fmus.models import planar2r
-from fmus.models.dynamics import inertia
 
 SL91 = np.array(planar2r.PRESETS["SL91"]["theta"])
 Values = dict[str, np.ndarray]

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from cosim.base.component import Component
 from cosim.base.errors import CosimError
+from fmus.arms.dynamics import coriolis, gravity, gravity_regressor, inertia, regressor
 from fmus.models import adaptive, teleoperation
-from fmus.models.dynamics import coriolis, gravity, gravity_regressor, inertia, regressor
 from fmus.models.teleoperation import ADAPTED, COMPENSATED, NONE, Teleoperation
 from tests.fmus.loops import Values, arrays
 

@@ -15,12 +15,11 @@ from cosim.fmi import FmuComponent, FmuOptions
 from cosim.fmi.validation import problems
 from cosim.scenario.models import load_alike
 from cosim.scenario.spec import ComponentSpec
-from fmus import toolchain
-from fmus.build import ANY_SIZE, find
+from fmus.build.archive import ANY_SIZE, find, toolchain
+from fmus.build.reference import Values
+from fmus.build.shipped import shipped
 from fmus.model import Model, any_size
 from fmus.models import arm, operator, pd, teleoperation
-from fmus.reference import Values
-from fmus.shipped import shipped
 from tests.fmus.chains import random_chain
 
 pytestmark = pytest.mark.usefixtures("compiled_once")

@@ -11,7 +11,8 @@ import pytest
 
 from cosim.base.component import Component
 from cosim.base.errors import FmuError, RunError, ScenarioError
-from fmus.models import arm, chain, planar2r
+from fmus.arms import chain
+from fmus.models import arm, planar2r
 from fmus.models.arm import Arm
 from tests.fmus.chains import fr3, planar, random_chain
 from tests.fmus.test_parity import differ, inputs

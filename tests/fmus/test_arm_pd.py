@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from cosim.base.errors import CosimError
-from fmus.models import arm_pd, chain, damping, pd
+from fmus.arms import chain
+from fmus.models import arm_pd, damping, pd
 from tests.fmus.chains import planar
 from tests.fmus.test_arm_teleoperation import H, motion, played, values_of
 

@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 
 from cosim.base.errors import CosimError, FmuError
-from fmus.models import arm_task, arm_tip, chain, task_space
+from fmus.arms import chain, task_space
+from fmus.arms.chain import Table
+from fmus.models import arm_task, arm_tip
 from fmus.models.arm_task import ArmTask
 from fmus.models.arm_teleoperation import ArmTeleoperation
 from fmus.models.arm_tip import ArmTip
-from fmus.models.chain import Table
 from tests.fmus.chains import random_chain, random_rotation
 from tests.fmus.test_arm_teleoperation import H, Values, motion, played, values_of
 from tests.tiers import first_fast

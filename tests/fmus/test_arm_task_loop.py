@@ -10,8 +10,8 @@ import pytest
 from cosim.engine.simulate import simulate
 from cosim.loading.files import load
 from cosim.record import Run
-from fmus.models import chain, task_space
-from fmus.robots.serial import serial
+from fmus.arms import chain, task_space
+from fmus.arms.serial import serial
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 ARMS = ("master", "slave", "planar")

@@ -12,7 +12,8 @@ from cosim.base.errors import CosimError, ScenarioError
 from cosim.engine.simulate import simulate
 from cosim.loading.files import load
 from cosim.record.run import Run
-from fmus.models import arm_teleoperation, chain, teleoperation
+from fmus.arms import chain
+from fmus.models import arm_teleoperation, teleoperation
 from fmus.models.arm_teleoperation import ArmTeleoperation
 from fmus.models.teleoperation import Teleoperation
 from tests.fmus.chains import planar, random_body, random_chain

@@ -10,9 +10,9 @@ import pytest
 from cosim.engine.simulate import simulate
 from cosim.loading.files import load
 from cosim.record import Run
-from fmus.models import chain
-from fmus.robots.body import Placement, RigidBody
-from fmus.robots.serial import serial
+from fmus.arms import chain
+from fmus.arms.body import Placement, RigidBody
+from fmus.arms.serial import serial
 
 ROBOTS = Path(__file__).parents[2] / "configs" / "robots"
 Q_H = np.array([0.5, -0.3, 0.3, -1.8, 0.4, 2.0, 0.3])

@@ -18,10 +18,9 @@ import numpy as np
 import pytest
 
 from cosim.base.errors import CosimError, FmuError
-from fmus import build as building
-from fmus import kernel as kernels
-from fmus import toolchain
-from fmus.build import (
+from fmus.build import archive as building
+from fmus.build import kernel as kernels
+from fmus.build.archive import (
     VERSIONS,
     build,
     build_all,
@@ -29,12 +28,13 @@ from fmus.build import (
     installed_models,
     pack,
     shipped_models,
+    toolchain,
     versions,
 )
-from fmus.library import compile_model, compile_models
+from fmus.build.library import compile_model, compile_models
+from fmus.build.source import LANES, c_files, sources, token
 from fmus.model import Model, Variable
 from fmus.models import arm, operator, planar2r, teleoperation, xi
-from fmus.source import LANES, c_files, sources, token
 from tests.tiers import first_fast
 
 HAND = operator.model()

@@ -11,11 +11,11 @@ from zipfile import ZipFile
 import pytest
 
 from cosim.base.errors import FmuError
-from fmus import build as building
-from fmus import kernel as kernels
-from fmus import shipped as shipping
-from fmus.build import VERSIONS, find, pack
-from fmus.library import compile_model
+from fmus.build import archive as building
+from fmus.build import kernel as kernels
+from fmus.build import shipped as shipping
+from fmus.build.archive import VERSIONS, find, pack
+from fmus.build.library import compile_model
 from fmus.model import Model
 from fmus.models import operator
 

@@ -14,7 +14,7 @@ from fmpy import simulate_fmu
 
 from cosim.bus.timing import BusTiming
 from cosim.lsbus.network import CanNetwork
-from fmus.bus_fmu import build_bus
+from fmus.build.bus_fmu import build_bus
 from tests.cosim.lsbus.exporter import node
 
 PARAMETERS = {"kind": 0.0, "bytes": 3.0, "count": 5.0, "first": 1e-3, "period": 1e-3}

@@ -26,7 +26,7 @@ from cosim.lsbus.operations import (
     Wakeup,
 )
 from cosim.lsbus.terminals import read_terminals
-from fmus.bus_fmu import build_bus
+from fmus.build.bus_fmu import build_bus
 from tests.cosim.lsbus.exporter import KINDS, PARAMETERS, node
 from tests.cosim.lsbus.importer import End, Imported, run
 from tests.tiers import first_fast

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from cosim.base.errors import FmuError, ScenarioError
-from fmus.models import chain, dynamics, planar2r
-from fmus.models.joints import Joints
+from fmus.arms import chain, dynamics
+from fmus.arms.joints import Joints
+from fmus.models import planar2r
 from tests.fmus.chains import ChainInC, compile_chain, fr3, planar, random_chain
 
 Q = np.array([0.1, -0.4, 0.2, -1.9, 0.3, 1.6, -0.5])

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fmus import toolchain
-from fmus.models import chain
-from fmus.models.chain import Table
-from fmus.models.chain_law import regressor
+from fmus.arms import chain
+from fmus.arms.chain import Table
+from fmus.arms.chain_law import regressor
+from fmus.build import toolchain
 from tests.fmus.chains import fr3, planar, random_body, random_chain
 
 SOURCE = """
@@ -104,8 +104,8 @@ def test_the_matrix_of_christoffel_symbols_has_its_two_properties() -> None:
 
 
 def test_the_planar_arm_is_the_one_of_the_paper(library: ctypes.CDLL) -> None:
-    from fmus.models.dynamics import gravity_regressor
-    from fmus.models.dynamics import regressor as planar_regressor
+    from fmus.arms.dynamics import gravity_regressor
+    from fmus.arms.dynamics import regressor as planar_regressor
 
     rng = np.random.default_rng(8)
     theta, theta_g = np.array([3.34, 1.20, 0.97]), np.array([24.525, 11.772])

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from fmus import cli, toolchain
-from fmus.build import SHIPPED, find, shipped_models
+from fmus import cli
+from fmus.build.archive import SHIPPED, find, shipped_models, toolchain
 from fmus.models import xi
 
 

@@ -20,11 +20,11 @@ from hypothesis import strategies as st
 from typer.testing import CliRunner
 
 from cosim.base.errors import CosimError, FmuError
-from fmus.build import find, pack, shipped_models, versions
+from fmus.build.archive import find, pack, shipped_models, versions
+from fmus.build.description3 import describe
+from fmus.build.kernel import Kernel
+from fmus.build.library import compile_model
 from fmus.cli import app
-from fmus.description3 import describe
-from fmus.kernel import Kernel
-from fmus.library import compile_model
 from fmus.model import Model, clocked
 from fmus.models import nuno_adaptive, pd, planar2r, teleoperation
 from tests.system.runs import SIDES, Document, plan, signals

@@ -16,12 +16,11 @@ from lxml import etree
 
 from cosim.base.units import BASE, parse
 from cosim.fmi.component import FmuComponent
-from fmus import toolchain
-from fmus.build import Version, find, shipped_models
-from fmus.kernel import library
+from fmus.build.archive import Version, find, shipped_models, toolchain
+from fmus.build.kernel import library
+from fmus.build.source import token
 from fmus.model import Model, Variable
 from fmus.models import planar2r
-from fmus.source import token
 
 FMPY = Path(fmpy.__file__).parent
 SCHEMAS, HEADERS = FMPY / "schema" / "fmi3", FMPY / "c-code"

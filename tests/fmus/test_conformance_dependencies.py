@@ -9,11 +9,11 @@ from zipfile import ZipFile
 import numpy as np
 import pytest
 
-from fmus.build import Version, find, shipped_models
-from fmus.kernel import library, load
+from fmus.build.archive import Version, find, shipped_models
+from fmus.build.kernel import library, load
+from fmus.build.source import scalars
 from fmus.model import Model
 from fmus.models import planar2r
-from fmus.source import scalars
 
 #: Limits that are out of reach by default.
 WITHIN_REACH = {"tau_max": (0.1, 100.0), "age_max": (0.1, 1.0), "age_fade": (0.1, 1.0)}

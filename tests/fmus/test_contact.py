@@ -12,9 +12,9 @@ import pytest
 import fmus
 from cosim.base.component import Component
 from cosim.base.errors import CosimError
-from fmus import toolchain
+from fmus.arms.dynamics import inertia
+from fmus.build import toolchain
 from fmus.models import planar2r
-from fmus.models.dynamics import inertia
 from fmus.models.planar2r import PRESETS, Planar2R
 
 C = Path(fmus.__file__).parent / "c"

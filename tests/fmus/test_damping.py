@@ -10,9 +10,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cosim.base.component import Component
+from fmus.arms.dynamics import gravity
 from fmus.models import damping, planar2r
 from fmus.models.damping import Damping
-from fmus.models.dynamics import gravity
 from tests.fmus.loops import Values, arrays, closed, norm
 
 number = st.floats(-30.0, 30.0)

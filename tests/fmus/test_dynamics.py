@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fmus.models.dynamics import coriolis, gravity, gravity_regressor, inertia, regressor
+from fmus.arms.dynamics import coriolis, gravity, gravity_regressor, inertia, regressor
 from fmus.models.planar2r import PRESETS
 
 angle = st.floats(-7.0, 7.0)

@@ -7,9 +7,9 @@ import pytest
 
 from cosim.base.component import Component
 from cosim.base.errors import CosimError, RunError
+from fmus.build.reference import Values
 from fmus.models import elastic_joint
 from fmus.models.elastic_joint import ElasticJoint
-from fmus.reference import Values
 
 pytestmark = pytest.mark.usefixtures("compiled_once")
 #: A rigid joint, one with a gear, one on a stand, and one with both.

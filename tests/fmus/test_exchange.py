@@ -20,7 +20,7 @@ from cosim.engine import algebraic_loops
 from cosim.engine.engine import Engine
 from cosim.scenario.assemble import assemble
 from cosim.scenario.spec import build as scenario
-from fmus.build import Version, find
+from fmus.build.archive import Version, find
 from fmus.cli import app
 from fmus.model import Model, exchanged
 from fmus.models import arm, pd, planar2r, pointmass

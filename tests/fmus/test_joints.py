@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 
 from cosim.base.errors import FmuError
+from fmus.arms.joints import Joints
+from fmus.build.reference import Reference
 from fmus.models import (
     decaying_push,
     lee_spong,
@@ -27,8 +29,6 @@ from fmus.models import (
     wave_integral_impedance,
     xi,
 )
-from fmus.models.joints import Joints
-from fmus.reference import Reference
 from tests.fmus.test_parity import inputs
 from tests.fmus.test_parity_fmi import Slave
 

@@ -9,7 +9,7 @@ from types import ModuleType
 
 import pytest
 
-from fmus.build import SHIPPED, shipped_models
+from fmus.build.archive import SHIPPED, shipped_models
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from fmus.models.chain import unphysical
-from fmus.models.natural import adapted, parameters, pseudo_inertia
+from fmus.arms.chain import unphysical
+from fmus.arms.natural import adapted, parameters, pseudo_inertia
 from tests.fmus.chains import random_body
 
 

@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 from numpy.typing import ArrayLike
 
 from cosim.base.component import Component
-from fmus import toolchain
-from fmus.library import compile_model
+from fmus.build import toolchain
+from fmus.build.library import compile_model
 from fmus.models import adaptive, damping, operator, planar2r, pointmass, teleoperation, xi
 from fmus.models.adaptive import Adaptive
 from fmus.models.damping import Damping
@@ -242,5 +242,5 @@ def test_another_compiler_makes_the_same_numbers(
     (binary,) = compile_model(model).values()
     library = tmp_path / model.identifier
     library.write_bytes(binary)
-    monkeypatch.setattr("fmus.kernel.library", lambda _: library)
+    monkeypatch.setattr("fmus.build.kernel.library", lambda _: library)
     assert trajectory(case) == here

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from cosim.base.errors import RunError, ScenarioError
+from fmus.build.reference import Reference, Values, derive
 from fmus.model import Model, Variable
 from fmus.models import lee_spong, operator, p_d, pd, tdpa_impedance, wave_admittance, xi
-from fmus.reference import Reference, Values, derive
 
 
 def integrator() -> Model:
@@ -109,9 +109,9 @@ def test_declarations_are_read_without_numpy() -> None:
     code = (
         "import sys\n"
         "for name in ('numpy', 'msgspec', 'fmpy', 'typer', 'pyarrow'): sys.modules[name] = None\n"
-        "from fmus.build import shipped_models\n"
-        "from fmus.source import sources\n"
-        "from fmus.description import model_description\n"
+        "from fmus.build.archive import shipped_models\n"
+        "from fmus.build.source import sources\n"
+        "from fmus.build.description import model_description\n"
         "for model in shipped_models(): sources(model), model_description(model, '3.0')\n"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)

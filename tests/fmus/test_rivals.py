@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from numpy.typing import ArrayLike
 
 from cosim.base.component import Component
+from fmus.arms.dynamics import coriolis, inertia
 from fmus.models import (
     abdessameud2014,
     chopra,
@@ -25,7 +26,6 @@ from fmus.models import (
     wave_impedance,
     wave_integral_impedance,
 )
-from fmus.models.dynamics import coriolis, inertia
 from fmus.models.planar2r import PRESETS
 
 H = 5e-3

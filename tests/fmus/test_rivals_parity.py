@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 
 from cosim.base.component import Component, Outputs
 from cosim.base.errors import CosimError
-from fmus import toolchain
-from fmus.library import compile_model
+from fmus.build import toolchain
+from fmus.build.library import compile_model
 from fmus.models import (
     abdessameud2014,
     chopra,
@@ -239,7 +239,7 @@ def test_another_compiler_makes_the_same_numbers(
     (binary,) = compile_model(case.module.model()).values()
     library = tmp_path / name
     library.write_bytes(binary)
-    monkeypatch.setattr("fmus.kernel.library", lambda _: library)
+    monkeypatch.setattr("fmus.build.kernel.library", lambda _: library)
     assert trajectory(case) == here
 
 

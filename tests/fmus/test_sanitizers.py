@@ -13,9 +13,9 @@ from pathlib import Path
 
 import pytest
 
+from fmus.build.source import sources, units
 from fmus.model import Model, clocked
 from fmus.models import arm, planar2r, teleoperation, xi
-from fmus.source import sources, units
 
 HOST = Path(__file__).with_name("host.c")
 WARNINGS = ("-Wall", "-Wextra", "-Wpedantic", "-Werror")

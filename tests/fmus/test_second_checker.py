@@ -7,7 +7,7 @@ import sys
 
 import pytest
 
-from fmus.build import VERSIONS, find, shipped_models
+from fmus.build.archive import VERSIONS, find, shipped_models
 
 CHECK = "from fmu_manipulation_toolbox.cli.fmutool import fmutool; fmutool()"
 

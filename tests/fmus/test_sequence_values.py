@@ -9,8 +9,8 @@ from typing import Any
 
 import pytest
 
+from fmus.build.source import token
 from fmus.models import planar2r, teleoperation
-from fmus.source import token
 
 OK, DISCARD, ERROR = 0, 2, 3
 ARM = planar2r.model()

@@ -9,8 +9,9 @@ import pytest
 
 from cosim.base.component import Component
 from cosim.base.errors import CosimError
-from fmus.models import arm_velocity, chain, kinematic, servo, servo_command
-from fmus.models.chain_law import regressor
+from fmus.arms import chain
+from fmus.arms.chain_law import regressor
+from fmus.models import arm_velocity, kinematic, servo, servo_command
 from tests.fmus.test_arm_teleoperation import values_of
 
 H = 1e-3

@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 from cosim.base.component import Component
-from fmus.models import arm, arm_velocity, chain, planar2r, servo, servo_command
-from fmus.models.chain import Table
-from fmus.models.dynamics import inertia
+from fmus.arms import chain
+from fmus.arms.chain import Table
+from fmus.arms.dynamics import inertia
+from fmus.models import arm, arm_velocity, planar2r, servo, servo_command
 from tests.fmus.chains import planar, random_chain
 from tests.fmus.loops import SL91, arrays
 

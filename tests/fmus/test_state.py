@@ -13,7 +13,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from fmus.build import shipped_models
+from fmus.build.archive import shipped_models
 from fmus.model import Model
 from fmus.models import operator, planar2r, teleoperation
 

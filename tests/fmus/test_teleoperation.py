@@ -13,8 +13,8 @@ from numpy.typing import ArrayLike
 
 from cosim.base.component import Component
 from cosim.base.errors import CosimError
+from fmus.arms.dynamics import regressor
 from fmus.models import teleoperation
-from fmus.models.dynamics import regressor
 from fmus.models.teleoperation import Teleoperation
 
 Make = Callable[..., Component]

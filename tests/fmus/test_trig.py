@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import fmus
-from fmus import toolchain
+from fmus.build import toolchain
 
 C = Path(fmus.__file__).parent / "c"
 BITS = 320  # of the exact arithmetic, after the point

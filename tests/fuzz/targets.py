@@ -146,10 +146,10 @@ def _dbc(path: Path) -> None:
 
 
 def _urdf(path: Path) -> None:
-    from fmus.models import chain
+    from fmus.arms import chain
+    from fmus.arms.serial import serial
+    from fmus.arms.urdf import read
     from fmus.robots import report
-    from fmus.robots.serial import serial
-    from fmus.robots.urdf import read
 
     robot = read(path)
     list(report.tree(robot))

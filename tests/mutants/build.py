@@ -13,6 +13,6 @@ from pathlib import Path
 def build(root: Path) -> None:
     """Make the libraries and FMUs of the checkout `root`.
 
-    Raises fmus.toolchain.ToolchainError where the compiler refuses a source.
+    Raises fmus.build.toolchain.ToolchainError where the compiler refuses a source.
     """
     runpy.run_path(str(root / "build_backend" / "compiled.py"))["build"]()

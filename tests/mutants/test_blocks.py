@@ -5,7 +5,7 @@ from __future__ import annotations
 import ctypes
 from pathlib import Path
 
-from fmus.toolchain import compile_shared
+from fmus.build.toolchain import compile_shared
 from tests.mutants.blocks import Marks, block_of, blocks, instrumented
 from tests.mutants.coverage import code_lines
 

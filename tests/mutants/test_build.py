@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from fmus import toolchain
+from fmus.build import toolchain
 from tests.children import FAILED
 from tests.mutants.trial import Selection, forked, run
 from tests.objects import keep, texts

@@ -23,7 +23,7 @@ TESTS = """\
 import ctypes
 from pathlib import Path
 
-from fmus.toolchain import compile_shared
+from fmus.build.toolchain import compile_shared
 
 HERE = Path(__file__).parent
 f = ctypes.CDLL(str(compile_shared([HERE / "a.c"], HERE / "a.so"))).f

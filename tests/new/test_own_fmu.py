@@ -14,7 +14,7 @@ from bridge.scaffold import write_controller
 from cosim.base.errors import FmuError, ScenarioError
 from cosim.fmi.validation import problems
 from cosim.scenario.spec import build
-from fmus.build import build as build_fmu
+from fmus.build.archive import build as build_fmu
 from fmus.python import build_class, load_module
 from tests.ssp.parts import recorded
 

@@ -15,7 +15,7 @@ from types import ModuleType
 
 import pytest
 
-from fmus.toolchain import host_compiler, shared_suffix
+from fmus.build.toolchain import host_compiler, shared_suffix
 
 ROOT = Path(__file__).resolve().parents[2]
 ENGINE = f"cosim/_engine{shared_suffix()}"

@@ -75,9 +75,8 @@ def test_the_changelog_knows_this_version() -> None:
 
 
 def test_importing_the_packages_is_cheap() -> None:
-    call = (
-        "import sys, cosim, fmus, bridge, cosim.native.structs, fmus.toolchain; print(*sys.modules)"
-    )
+    imported = "sys, cosim, fmus, bridge, cosim.native.structs, fmus.build.toolchain"
+    call = f"import {imported}; print(*sys.modules)"
     done = subprocess.run(
         [sys.executable, "-c", call], cwd=ROOT, capture_output=True, text=True, check=True
     )

@@ -1,4 +1,4 @@
-"""fmus.toolchain: which compiler, what it is told, and that the numbers do not depend on it."""
+"""The toolchain: which compiler, what it is told, and that the numbers do not depend on it."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cosim.base.errors import CosimError
-from fmus import toolchain
-from fmus.toolchain import (
+from fmus.build import toolchain
+from fmus.build.toolchain import (
     PLATFORMS,
     ToolchainError,
     compile_shared,

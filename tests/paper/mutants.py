@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from fmus import shipped, source
+from fmus.build import shipped, source
 from fmus.paper.claim import Claim, judge
 from fmus.paper.claims import cases, select
 from fmus.paper.experiments import PERIOD, Document

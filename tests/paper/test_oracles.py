@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fmus.models import dynamics
+from fmus.arms import dynamics
 from fmus.paper import oracles
 from fmus.paper.experiments import Q_H, THETA, THETA_G
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from fmus.toolchain import compile_shared
+from fmus.build.toolchain import compile_shared
 
 ROOT = Path(__file__).resolve().parents[3]
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="sockets of the tick are Linux's")

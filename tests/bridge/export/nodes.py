@@ -19,8 +19,8 @@ from bridge.wiring.wiring import WiredNode
 from cosim.engine.simulate import simulate
 from cosim.record import Run
 from cosim.scenario.spec import build
-from fmus.build import write_archive
-from fmus.lsbus_fmu import binaries
+from fmus.build.archive import write_archive
+from fmus.build.lsbus_fmu import binaries
 from tests.bridge.deployments import document, run_twin, system_of
 from tests.bridge.replay.test_networks import heard_by_all, on_one_bus
 

@@ -32,8 +32,8 @@ from cosim.lsbus.operations import (
     FormatError,
 )
 from cosim.lsbus.terminals import read_terminals
-from fmus.bus_fmu import build_bus
-from fmus.kernel import Kernel
+from fmus.build.bus_fmu import build_bus
+from fmus.build.kernel import Kernel
 from fmus.models import planar2r
 from tests.bridge.deployments import TELEOPERATION, named
 from tests.bridge.export.nodes import (

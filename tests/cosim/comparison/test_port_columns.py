@@ -19,7 +19,7 @@ from cosim.base.errors import ScenarioError
 from cosim.comparison.port_columns import FREQUENCIES
 from cosim.comparison.rows import columns, rows
 from cosim.comparison.variants_file import read
-from fmus.models.dynamics import inertia
+from fmus.arms.dynamics import inertia
 from fmus.models.planar2r import PRESETS
 from tests.cosim.comparison.parts import SMALL, compared, written
 

@@ -14,7 +14,7 @@ from cosim.engine.engine import Engine
 from cosim.fmi import FmuComponent, FmuOptions
 from cosim.schedule.parts import Slot, Step
 from cosim.schedule.plan import Plan, compile_plan
-from fmus.toolchain import compile_shared, shared_suffix
+from fmus.build.toolchain import compile_shared, shared_suffix
 
 SOURCES = Path(__file__).parent / "c"
 FOLDER = tempfile.TemporaryDirectory(prefix="exported-")

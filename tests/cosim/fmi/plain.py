@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
 
-from fmus.toolchain import compile_shared, shared_suffix
+from fmus.build.toolchain import compile_shared, shared_suffix
 
 SOURCE = Path(__file__).parent / "c" / "plain2.c"
 FOLDER = tempfile.TemporaryDirectory(prefix="plain-")

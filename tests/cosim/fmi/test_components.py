@@ -22,7 +22,7 @@ def python():
 def test_a_python_component_has_nothing_of_an_fmu(python):
     assert components.fmu_of(python) is None and not components.is_fmu(python)
     assert components.facts(python) is None and components.fmus_in([python, python]) == 0
-    assert components.model_name(python) == "fmus.reference:Reference, Python call-back"
+    assert components.model_name(python) == "fmus.build.reference:Reference, Python call-back"
     assert not components.is_text(python, "q") and components.unit_of(python, "rad") == "rad"
     assert components.discrete_inputs(python) == components.sloped_inputs(python) == frozenset()
     assert (

@@ -19,7 +19,7 @@ from cosim.loading.files import load
 from cosim.native import fmu_log, structs
 from cosim.record import Run
 from cosim.scenario.assemble import assemble
-from fmus.toolchain import compile_object, compile_shared, link_shared
+from fmus.build.toolchain import compile_object, compile_shared, link_shared
 from tests.cosim.fmi.exporter import strict3
 from tests.cosim.fmi.plain import SOURCE, P, U, Y, counted, described, export, real
 

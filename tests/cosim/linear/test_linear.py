@@ -22,8 +22,8 @@ from cosim.links.storage import load_table
 from cosim.loading.files import load
 from cosim.record import Run
 from cosim.scenario.assemble import assemble
+from fmus.arms.dynamics import inertia
 from fmus.models import planar2r
-from fmus.models.dynamics import inertia
 from tests.cli.command import Command
 from tests.cli.conftest import cosim as cosim  # the command as a fixture
 from tests.cosim.blocks import Gain

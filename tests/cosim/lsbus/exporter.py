@@ -11,7 +11,7 @@ import numpy as np
 
 from cosim.fmi import FmuComponent
 from cosim.lsbus.node import NodeFmu
-from fmus.toolchain import compile_shared, shared_suffix
+from fmus.build.toolchain import compile_shared, shared_suffix
 
 FOLDER_C = Path(__file__).parent / "c"
 SOURCES = [FOLDER_C / "node3.c", FOLDER_C / "rest3.c"]

@@ -19,7 +19,7 @@ from cosim.record import Run
 from cosim.reporting.arms import drawn_arms, link_frames
 from cosim.reporting.exported import FORMATS, export_run, quaternion
 from cosim.reporting.moving import RATE, SIZE, pixels, points
-from fmus.robots.serial import serial
+from fmus.arms.serial import serial
 from tests.children import fork
 from tests.cli.command import Command
 from tests.cli.conftest import cosim as cosim  # the command as a fixture

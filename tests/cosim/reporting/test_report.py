@@ -19,7 +19,8 @@ from cosim.reporting import diagnostics, html
 from cosim.reporting.html import Badge, PageData, PlottedPanel, TimedEvent, histogram
 from cosim.reporting.run_report import verdict, write_report
 from cosim.reporting.thinning import thin
-from fmus.models import arm, chain, planar2r
+from fmus.arms import chain
+from fmus.models import arm, planar2r
 from tests.cli.command import Command
 from tests.cli.conftest import cosim as cosim  # the command as a fixture
 from tests.system.runs import run as simulated

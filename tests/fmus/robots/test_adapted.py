@@ -11,10 +11,11 @@ from cosim.base.errors import ScenarioError
 from cosim.engine.simulate import simulate
 from cosim.loading.files import load
 from cosim.record import Run
-from fmus.models import arm_pd, arm_teleoperation, arm_wang2014, chain_law
-from fmus.robots.adapted import base_set, chosen
-from fmus.robots.options import prepare
-from fmus.robots.serial import Robot, serial
+from fmus.arms import chain_law
+from fmus.arms.adapted import base_set, chosen
+from fmus.arms.options import prepare
+from fmus.arms.serial import Robot, serial
+from fmus.models import arm_pd, arm_teleoperation, arm_wang2014
 
 ROBOTS = Path(__file__).parents[3] / "configs" / "robots"
 

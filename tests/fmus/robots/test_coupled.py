@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from cosim.base.component import Outputs
+from fmus.build.reference import Values
 from fmus.models import elastic_joint
-from fmus.reference import Values
 from fmus.robots.coupled import CoupledJoints, rigid_limit
 
 pytestmark = pytest.mark.usefixtures("compiled_once")

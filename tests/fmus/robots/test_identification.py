@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from cosim.base.errors import RunError
-from fmus.models import chain
-from fmus.models.chain import Table
-from fmus.numeric import Array
-from fmus.robots.estimation import MeasuredTorques, estimate, long_run
-from fmus.robots.identification import Identified, base, columns, identified, names
-from fmus.robots.serial import serial
+from fmus.arms import chain
+from fmus.arms.chain import Table
+from fmus.arms.estimation import MeasuredTorques, estimate, long_run
+from fmus.arms.identification import Identified, base, columns, identified, names
+from fmus.arms.serial import serial
+from fmus.model.numeric import Array
 from tests.cli.command import Command
 from tests.cli.conftest import cosim as cosim  # the command as a fixture
 

@@ -11,9 +11,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fmus.models import arm_task, chain, task_space
-from fmus.robots.body import Placement, RigidBody, symmetric
-from fmus.robots.serial import Robot, serial
+from fmus.arms import chain, task_space
+from fmus.arms.body import Placement, RigidBody, symmetric
+from fmus.arms.serial import Robot, serial
+from fmus.models import arm_task
 from tests.fmus.chains import ChainInC, compile_chain, random_body
 from tests.fmus.robots import files
 

@@ -15,8 +15,9 @@ from cosim.loading.files import load
 from cosim.record import Run
 from cosim.scenario.assemble import assemble
 from cosim.schedule.plan import Plan
-from fmus.models import chain, pd
-from fmus.robots.serial import serial
+from fmus.arms import chain
+from fmus.arms.serial import serial
+from fmus.models import pd
 from tests.fmus.robots import files
 
 SCENARIO = """

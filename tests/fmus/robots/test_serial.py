@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from cosim.base.errors import ScenarioError
-from fmus.models import chain
-from fmus.robots.body import Placement, RigidBody, from_rpy
-from fmus.robots.serial import Robot, serial
+from fmus.arms import chain
+from fmus.arms.body import Placement, RigidBody, from_rpy
+from fmus.arms.serial import Robot, serial
 from tests.fmus import chains
 from tests.fmus.robots import files
 

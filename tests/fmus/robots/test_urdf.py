@@ -10,8 +10,8 @@ import pytest
 from cosim.base.errors import ScenarioError
 from cosim.checks import preflight
 from cosim.scenario.assemble import assemble
-from fmus.robots.serial import serial
-from fmus.robots.urdf import read
+from fmus.arms.serial import serial
+from fmus.arms.urdf import read
 from tests.cosim.scenarios import scenario
 from tests.fmus.robots import files
 

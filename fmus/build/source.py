@@ -21,7 +21,7 @@ from pathlib import Path
 from cosim.base.errors import FmuError
 from fmus.model import Model, Variable
 
-_FOLDER = Path(__file__).parent / "c"
+_FOLDER = Path(__file__).parents[1] / "c"
 #: The generic layer: what every library consists of besides the model.
 _GENERIC = (
     "clock.c",
@@ -54,15 +54,15 @@ _HEADERS = (
 LANES = ("lanes.h", "lanes_4.c", "lanes_8.c", "steps.c", "wide.h")
 #: The code that decides what else is in an FMU.
 _GENERATOR = (
-    "attributes.py",
-    "build.py",
-    "description.py",
-    "description2.py",
-    "description3.py",
-    "library.py",
-    "model.py",
-    "source.py",
-    "toolchain.py",
+    "build/archive.py",
+    "build/description.py",
+    "build/description2.py",
+    "build/description3.py",
+    "build/library.py",
+    "build/source.py",
+    "build/toolchain.py",
+    "model/attributes.py",
+    "model/declaration.py",
 )
 _INCLUDE = re.compile(r'^\s*#\s*include\s+"([^"]+)"', re.MULTILINE)
 _TYPE = {

@@ -31,10 +31,10 @@ from dataclasses import asdict, dataclass, fields
 from typing import final
 
 from cosim.base.errors import FmuError, ScenarioError
+from fmus.arms.joints import Joints
+from fmus.build.reference import Values
 from fmus.model import Variable
-from fmus.models.joints import Joints
-from fmus.numeric import Array, np
-from fmus.reference import Values
+from fmus.model.numeric import Array, np
 
 #: Joints that a chain may have: the C code has arrays of this length.
 MOST = 16

@@ -9,9 +9,9 @@ from __future__ import annotations
 from collections.abc import Iterable
 from xml.etree.ElementTree import Element, SubElement
 
-from fmus import attributes
+from fmus.model import attributes
 from fmus.model import Model, Variable, annotation
-from fmus.source import c_files, scalars, token
+from fmus.build.source import c_files, scalars, token
 
 _TYPE = {"real": "Real", "integer": "Integer", "boolean": "Boolean"}
 

@@ -16,16 +16,16 @@ import os
 from collections.abc import Callable, Hashable
 from typing import TYPE_CHECKING, NamedTuple, TypeAlias, final
 
-from fmus.models.start import checked_outputs, copy_state, initial_input, received, start_values
-from fmus.numeric import Array
+from fmus.model.start import checked_outputs, copy_state, initial_input, received, start_values
+from fmus.model.numeric import Array
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     from cosim.base.component import Kind, Outputs, Parameter, Port
     from cosim.base.component import Values as Given
-    from fmus.build import Version
-    from fmus.kernel import Kernel
+    from fmus.build.archive import Version
+    from fmus.build.kernel import Kernel
     from fmus.model import Model
 
 #: Values of a model by name, each of its shape.
@@ -105,13 +105,13 @@ def _find(
     model: Callable[..., Model], sizes: tuple[int, ...], named: dict[str, int], version: Version
 ) -> Path:
     """The FMU of the installation, or else of the cache. Raises FmuError."""
-    from fmus.shipped import shipped
+    from fmus.build.shipped import shipped
 
     declared = model(*sizes, **named)
     if found := shipped(declared, version):
         return found
-    from fmus.build import find
-    from fmus.toolchain import ToolchainError
+    from fmus.build.archive import find
+    from fmus.build.toolchain import ToolchainError
 
     try:
         return find(declared, version)
@@ -139,7 +139,7 @@ def derive(model: Callable[..., Model], law: Law, start: Law | None = None) -> D
         Without a compiler it is one whose structural parameters are these sizes (FMI 3.0), if the
         installation has it. Raises FmuError where it cannot be built.
         """
-        from fmus import shipped
+        from fmus.build import shipped
 
         place = shipped.FOLDER, os.environ.get("XDG_CACHE_HOME")
         key = model, version, sizes, tuple(named.items()), place
@@ -150,7 +150,7 @@ def derive(model: Callable[..., Model], law: Law, start: Law | None = None) -> D
 
     def kernel(*sizes: int, **named: int) -> Kernel:
         """The C kernel of the FMU as a component, without FMI in between: the same numbers."""
-        from fmus.kernel import Kernel
+        from fmus.build.kernel import Kernel
 
         return Kernel(model(*sizes, **named))
 

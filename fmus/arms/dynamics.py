@@ -18,7 +18,7 @@ Source: the paper, eq. (1) and Property 3 (linearity in the parameters); M, C an
 
 from __future__ import annotations
 
-from fmus.numeric import Array, np
+from fmus.model.numeric import Array, np
 
 
 def inertia(theta: Array, q: Array) -> Array:

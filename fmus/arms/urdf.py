@@ -19,8 +19,8 @@ import numpy as np
 from cosim.base.errors import ScenarioError
 from cosim.base.toml import is_usable_number
 from cosim.base.urdf import OF_INERTIA, unread, wrong_word
-from fmus.numeric import Array
-from fmus.robots.body import Placement, RigidBody, from_rpy, symmetric
+from fmus.arms.body import Placement, RigidBody, from_rpy, symmetric
+from fmus.model.numeric import Array
 
 #: Greatest size of a length, an angle, a mass or a moment of inertia (SI): some files have 1e+16 as
 #: a limit of a joint, which stands for none, but nothing else is so large.

@@ -15,11 +15,11 @@ from pathlib import Path
 from xml.etree.ElementTree import Element, SubElement
 
 import cosim
-from fmus.attributes import units
-from fmus.build import licences
-from fmus.description import xml_text
+from fmus.model.attributes import units
+from fmus.build.archive import licences
+from fmus.build.description import xml_text
 from fmus.model import Model, Variable
-from fmus.toolchain import (
+from fmus.build.toolchain import (
     FLAGS,
     compile_object,
     host_platform,
@@ -37,7 +37,7 @@ _ABOUT = (
     "Layered Standard for the simulation of bus communication on a Physical Signal Abstraction or"
     " Network Abstraction based level."
 )
-_HERE = Path(__file__).parent / "c"
+_HERE = Path(__file__).parents[1] / "c"
 _INCLUDE = re.compile(r'^\s*#\s*include\s+"([^"]+)"', re.MULTILINE)
 _HEADERS = ("export.h", "fmi3.h", "fmi3_types.h")
 
@@ -111,7 +111,7 @@ def binaries(
     """The library for each platform (default: the host's), by its name in the archive.
 
     `objects`: a folder in which FMUs that have sources in common share what is compiled. Raises
-    fmus.toolchain.ToolchainError from the compiler.
+    fmus.build.toolchain.ToolchainError from the compiler.
     """
     found = {}
     with tempfile.TemporaryDirectory(prefix="lsbus-fmu-") as scratch, processes() as pool:

@@ -12,9 +12,9 @@ from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
 
 from cosim.base.errors import FmuError
-from fmus import description2, description3
+from fmus.build import description2, description3
 from fmus.model import Model
-from fmus.source import c_files
+from fmus.build.source import c_files
 
 Version = Literal["2.0", "3.0"]
 

@@ -40,10 +40,10 @@ sigma is our own.
 
 from __future__ import annotations
 
-from fmus.models import chain
-from fmus.models.chain import Table
-from fmus.numeric import Array, np
-from fmus.reference import Values
+from fmus.arms import chain
+from fmus.arms.chain import Table
+from fmus.build.reference import Values
+from fmus.model.numeric import Array, np
 
 #: Step of the derivatives: its square vanishes against any number here.
 _TINY = 1e-40

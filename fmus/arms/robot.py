@@ -16,11 +16,11 @@ def of_robot(model: Callable[..., Model]) -> Callable[[Mapping[str, Any], Path],
     """The hook ``prepare(options, folder)`` of a `model` with the size `joints`.
 
     It gives those of the parameters of the model that the robot determines; the options are those
-    of :mod:`fmus.robots.options`. It raises ScenarioError for options or a file that cannot be.
+    of :mod:`fmus.arms.options`. It raises ScenarioError for options or a file that cannot be.
     """
 
     def prepare(options: Mapping[str, Any], folder: Path) -> Preparation:
-        from fmus.robots.options import prepare as of_options
+        from fmus.arms.options import prepare as of_options
 
         return of_options(model, options, folder)
 

@@ -21,7 +21,7 @@ Automation Letters 3(1), 2018; the limit of the step is our own derivation.
 
 from __future__ import annotations
 
-from fmus.numeric import Array, np
+from fmus.model.numeric import Array, np
 
 #: Where the entries xx xy yy xz yz zz of a tensor stand in theta.
 _TENSOR = ((4, 5, 7), (5, 6, 8), (7, 8, 9))

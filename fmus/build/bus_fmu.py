@@ -15,11 +15,11 @@ from cosim.base.errors import FmuError
 from cosim.bus.described import bit_ps
 from cosim.bus.settings import BusNodeSettings
 from cosim.bus.timing import BusTiming
-from fmus.build import write_archive
-from fmus.lsbus_fmu import LsBusFmu, binaries, entries, shell_sources, token_of
+from fmus.build.archive import write_archive
+from fmus.build.lsbus_fmu import LsBusFmu, binaries, entries, shell_sources, token_of
 
 IDENTIFIER = "can_bus"
-_HERE = Path(__file__).parent / "c"
+_HERE = Path(__file__).parents[1] / "c"
 
 
 def build_bus(
@@ -27,9 +27,9 @@ def build_bus(
 ) -> Path:
     """Build the FMU of a bus with so many `nodes` and return its path, `target`.
 
-    `platforms`: of :data:`fmus.toolchain.PLATFORMS`; default the host's. Raises FmuError for a
+    `platforms`: of :data:`fmus.build.toolchain.PLATFORMS`; default the host's. Raises FmuError for a
     number of nodes that is not 1 to 64 and where the file cannot be written, and
-    fmus.toolchain.ToolchainError from the compiler.
+    fmus.build.toolchain.ToolchainError from the compiler.
     """
     if not 1 <= nodes <= 64:
         raise FmuError(f"found {nodes} nodes, expected 1 to 64")

@@ -17,10 +17,10 @@ import re
 from collections.abc import Sequence
 
 from cosim.base.errors import ScenarioError
-from fmus.models import chain_law
-from fmus.models.chain import Table
-from fmus.numeric import Array, np
-from fmus.robots.identification import DEPENDENT, FIRST, LINK, independent
+from fmus.arms import chain_law
+from fmus.arms.chain import Table
+from fmus.arms.identification import DEPENDENT, FIRST, LINK, independent
+from fmus.model.numeric import Array, np
 
 #: Random states for the independent columns, for each joint, and what they are scaled with.
 _STATES = 20

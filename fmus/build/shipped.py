@@ -16,7 +16,8 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from fmus.model import Model
 
-FOLDER = Path(__file__).parent / "_built"
+PACKAGE = Path(__file__).parents[1]
+FOLDER = PACKAGE / "_built"
 STAMP = "built.json"
 
 
@@ -46,9 +47,10 @@ def _declaration(model: Model) -> str:
 
 def made_from() -> list[Path]:
     """The files that FMUs are made from: generator, models and C sources."""
-    here = Path(__file__).parent
-    base = here.parent / "cosim" / "base"
-    files = (*here.glob("*.py"), *here.glob("models/*.py"), *here.glob("c/*.[ch]"))
+    base = PACKAGE.parent / "cosim" / "base"
+    rooms = ("model", "build", "arms", "models")
+    sources = (path for room in rooms for path in PACKAGE.glob(f"{room}/*.py"))
+    files = (PACKAGE / "__init__.py", *sources, *PACKAGE.glob("c/*.[ch]"))
     return sorted((*files, base / "errors.py", base / "units.py"))
 
 

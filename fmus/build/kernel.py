@@ -19,10 +19,10 @@ from numpy.typing import NDArray
 
 from cosim.base.component import Kind, Parameter, Port
 from cosim.base.errors import FmuError, RunError, ScenarioError
-from fmus import toolchain
-from fmus.build import cache, find
+from fmus.build import toolchain
+from fmus.build.archive import cache, find
 from fmus.model import Model
-from fmus.models.start import initial_input, start_values
+from fmus.model.start import initial_input, start_values
 
 if TYPE_CHECKING:
     from cosim.base.component import Outputs, Values
@@ -34,7 +34,7 @@ Array = NDArray[np.float64]
 class Kernel:
     """A model's C kernel, stepped through ctypes.
 
-    Raises FmuError, or fmus.toolchain.ToolchainError, where its FMU has to be built and cannot be.
+    Raises FmuError, or fmus.build.toolchain.ToolchainError, where its FMU has to be built and cannot be.
     """
 
     def __init__(self, model: Model) -> None:

@@ -26,10 +26,10 @@ import numpy as np
 from cosim.base.component import Preparation
 from cosim.base.convert import number, numbers
 from cosim.base.errors import ScenarioError
-from fmus.models.chain import unphysical
-from fmus.robots.adapted import chosen
-from fmus.robots.body import Placement, RigidBody, symmetric
-from fmus.robots.serial import Robot, serial
+from fmus.arms.adapted import chosen
+from fmus.arms.body import Placement, RigidBody, symmetric
+from fmus.arms.chain import unphysical
+from fmus.arms.serial import Robot, serial
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -20,7 +20,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import final
 
-from fmus.numeric import Array, np
+from fmus.model.numeric import Array, np
 
 #: Values after which errors are taken to be independent, beyond those of the first-order process.
 _LAGS = 2

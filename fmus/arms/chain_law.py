@@ -21,9 +21,9 @@ from __future__ import annotations
 
 from functools import cache
 
-from fmus.models import chain
-from fmus.models.chain import Table
-from fmus.numeric import Array, np
+from fmus.arms import chain
+from fmus.arms.chain import Table
+from fmus.model.numeric import Array, np
 
 
 @cache

@@ -16,9 +16,9 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from fmus import toolchain
+from fmus.build import toolchain
 from fmus.model import Model
-from fmus.source import units
+from fmus.build.source import units
 
 
 def compile_model(model: Model, platforms: Sequence[str] | None = None) -> dict[str, bytes]:
@@ -31,7 +31,7 @@ def compile_models(
 ) -> list[dict[str, bytes]]:
     """Of each model, its shared library for each platform (default: the host's).
 
-    Raises FmuError for a missing source, fmus.toolchain.ToolchainError from the compiler.
+    Raises FmuError for a missing source, fmus.build.toolchain.ToolchainError from the compiler.
     """
     targets = platforms or (toolchain.host_platform(),)
     with toolchain.processes() as pool:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from cosim.base.component import Port
 from cosim.base.errors import RunError, ScenarioError
 from fmus.model import Model, Variable
-from fmus.numeric import Array, np
+from fmus.model.numeric import Array, np
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike

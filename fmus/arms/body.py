@@ -9,8 +9,8 @@ from typing import final
 import numpy as np
 
 from cosim.base.errors import ScenarioError
-from fmus.models.chain import ROUNDING, unphysical
-from fmus.numeric import Array
+from fmus.arms.chain import ROUNDING, unphysical
+from fmus.model.numeric import Array
 
 
 def from_rpy(angles: Array) -> Array:

@@ -1,4 +1,4 @@
-"""The serial chain of a URDF from a base to a tip, in the normal form of ``fmus.models.chain``.
+"""The serial chain of a URDF from a base to a tip, in the normal form of ``fmus.arms.chain``.
 
 Fixed joints, and moving ones held at a value, merge their links. What is beyond the tip, and what
 branches off a moving link, is carried along: it must not move by itself. The axis of each joint
@@ -15,10 +15,10 @@ from typing import final
 import numpy as np
 
 from cosim.base.errors import ScenarioError
-from fmus.models.chain import MOST, Table, skew
-from fmus.numeric import Array
-from fmus.robots.body import Placement, RigidBody
-from fmus.robots.urdf import Urdf, UrdfJoint, read
+from fmus.arms.body import Placement, RigidBody
+from fmus.arms.chain import MOST, Table, skew
+from fmus.arms.urdf import Urdf, UrdfJoint, read
+from fmus.model.numeric import Array
 
 #: Standard gravity of the project, m/s2, along -z of the file's root link.
 GRAVITY = 9.81
@@ -34,7 +34,7 @@ class Robot:
     """A serial arm; vectors are of shape (n,), of rad and N.m or of m and N by the joint.
 
     `tip` is the frame of the tip link in the last link of the table. `effort` and `velocity` are
-    infinite where the file has none. `unread`: as of ``fmus.robots.urdf.Urdf``.
+    infinite where the file has none. `unread`: as of ``fmus.arms.urdf.Urdf``.
     """
 
     path: Path

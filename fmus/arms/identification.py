@@ -7,7 +7,7 @@ The torque of the joints is linear in the parameters, also with rotors and frict
 Some columns of Y are zero, or combinations of others, in every motion: only the *base parameters*
 can be found, each a combination of parameters. Which ones, is found numerically: in random motions,
 column by column, a column that is a combination of those before is left out and its parameter goes
-into theirs. They are then estimated by :mod:`fmus.robots.estimation`. Positions are filtered
+into theirs. They are then estimated by :mod:`fmus.arms.estimation`. Positions are filtered
 without a phase lag and differentiated; torques and the columns of Y go through the same low-pass
 filter, and one value is kept in 0.4 / cutoff s.
 
@@ -23,10 +23,10 @@ from dataclasses import dataclass
 from typing import final
 
 from cosim.base.errors import RunError
-from fmus.models import chain_law
-from fmus.models.chain import Table
-from fmus.numeric import Array, np
-from fmus.robots.estimation import MeasuredTorques, Trace, estimate
+from fmus.arms import chain_law
+from fmus.arms.chain import Table
+from fmus.arms.estimation import MeasuredTorques, Trace, estimate
+from fmus.model.numeric import Array, np
 
 #: The ten parameters of a link as they are stored, and their units.
 LINK = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Iyy", "Ixz", "Iyz", "Izz")

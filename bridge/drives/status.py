@@ -48,7 +48,9 @@ class DriveStatus:
     """The frame in which a drive tells its state; no `message`: it tells none.
 
     `message`, `step`: as in a feedback message of the profile; `within`: the time after which a
-    state is too old, s; `number`: bits of the word that carry the number of the drive.
+    state is too old, s; `number`: bits of the word that carry the number of the drive; `every`: the
+    time between two of a drive that tells its state by itself, s, as its `register` is to be set;
+    0: it answers commands.
     """
 
     message: str = ""
@@ -56,6 +58,8 @@ class DriveStatus:
     within: float = 0.0
     number: int = 0
     states: tuple[DriveTold, ...] = ()
+    every: float = 0.0
+    register: str = ""
 
     def at(self, word: int) -> DriveTold | None:
         """The state in the first eight bytes of a frame; None: the table has none for it."""
@@ -91,7 +95,7 @@ def read_status(table: dict[str, Any], place: str) -> DriveStatus:
     """The table ``[status]`` of a profile. Raises ScenarioError."""
     if not table:
         return NO_STATUS
-    known = {"message", "step", "within", "number", "states"}
+    known = {"message", "step", "within", "number", "states", "every", "register"}
     if odd := sorted(set(table) - known):
         text = f"has no {odd[0]!r}, expected some of {', '.join(sorted(known))}"
         raise ScenarioError(text, place)
@@ -106,9 +110,14 @@ def read_status(table: dict[str, Any], place: str) -> DriveStatus:
     within = to_si(table.get("within", 0.0), "s", f"{place}.within")
     if not within > 0:
         raise ScenarioError("within is missing, expected a time above 0", place)
+    every = to_si(table.get("every", 0.0), "s", f"{place}.every")
+    if not 0 <= every <= within / 2:
+        text = f"is {every:g} s, expected a time of at most half of within, {within:g} s"
+        raise ScenarioError(text, f"{place}.every")
     return DriveStatus(
-        table["message"], int(table.get("step", 0)), within, int(table.get("number", 0)), found
-    )
+        table["message"], int(table.get("step", 0)), within, int(table.get("number", 0)), found,
+        every, str(table.get("register", "")),
+    )  # fmt: skip
 
 
 def _state(table: Any, place: str) -> DriveTold:

@@ -13,7 +13,7 @@ from bridge.deployment.services import BEATS, commanding_nodes
 from bridge.deployment.system import System
 from bridge.native.message import STAMP_TURNS, E2EProfile
 from bridge.preflight.bus_checks import MessageTimeout, check_buses
-from bridge.preflight.feeding import feeding
+from bridge.preflight.feeding import feeding, slow_states
 from bridge.preflight.identifiers import collisions
 from bridge.safety.limits import limits, to_si
 from cosim.bus.timing import BusTiming
@@ -221,6 +221,6 @@ def check(system: System) -> list[Finding]:
     """Findings: of inputs that nothing feeds, of the buses, then of the nodes."""
     plain = check_buses(messages(system), timings(system), watchdogs(system))
     buses = [f for f in plain if f.rule != "identifier"]  # collisions() looks at all parties
-    found = [*unconnected_inputs(system.plan), *buses, *feeding(system)]
+    found = [*unconnected_inputs(system.plan), *buses, *feeding(system), *slow_states(system)]
     found += [*collisions(system), *overruns(system), *forwarding_overruns(system)]
     return [*found, *windups(system), *unlimited(system)]

@@ -1,4 +1,6 @@
-"""The time between two frames that feed a drive's own watchdog, in each phase of a node."""
+"""The time between two frames that feed a drive's own watchdog, in each phase of a node, and the
+time until a node hears that a drive is not enabled any more.
+"""
 
 from __future__ import annotations
 
@@ -62,3 +64,31 @@ def feeding(system: System) -> Iterator[Finding]:
                     advice=f"at most {SHARE * timeout * 1e3:g} ms, or watchdog = "
                     f'"{2 * period * 1e3:g} ms" of [drive]',
                 )
+
+
+def slow_states(system: System) -> Iterator[Finding]:
+    """Drives that tell their state by themselves, later than at half of their watchdog: a warning.
+
+    One that has tripped is sent torques until it tells so.
+    """
+    for node, plan in system.nodes.items():
+        for drive in commanded_drives(system.deployment, plan):
+            every, limit = drive.profile.status.every, SHARE * drive.profile.timeout
+            if not every or not limit or every <= limit * (1 + 1e-9):
+                continue
+            yield Finding(
+                rule="state",
+                severity="warning",
+                where=f"{drive.name} of {node}",
+                number=every,
+                unit="s",
+                reason=f"tells its state every {every * 1e3:g} ms: when it has tripped, up to"
+                f" {torques_until(every, plan.plan.h)} torques are sent to it",
+                advice=f"set its {drive.profile.status.register or 'period'} to at most"
+                f" {limit * 1e3:g} ms, and `every` in {drive.profile.path}",
+            )
+
+
+def torques_until(every: float, period: float) -> int:
+    """Torques with this period (s) that a drive is sent until a state, `every` s, is obeyed."""
+    return ceil(every / period * (1 - 1e-12)) + 1

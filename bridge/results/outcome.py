@@ -35,6 +35,7 @@ from bridge.replay import replay, twin
 from bridge.results import detection, report, timeline, verdict
 from bridge.results.detection_links import RecordedNetwork
 from bridge.results.drive_answers import unanswered
+from bridge.results.drive_states import seldom_told
 from bridge.results.findings import Evidence
 from bridge.results.rehearsal_outcome import RehearsalOutcome
 from bridge.results.symptoms import FinishedRun
@@ -304,6 +305,8 @@ def lines(system: System, outcome: RehearsalOutcome) -> list[str]:
         for i in r.statement.granted.get("items", ())
         if not i["granted"]
     ]
+    states = seldom_told(system, outcome.rows, outcome.folder / NODES)
+    said += [report.line("states", text) for text in states]
     said += report.age_lines(system, outcome.rows)
     said += [bus.text for bus in outcome.buses.values()]
     said += report.forward_lines(outcome.reports)

@@ -16,14 +16,13 @@ from bridge.native.frame import Flags
 from bridge.native.safety import DriveStruct
 from bridge.native.vendor import PARTS, VendorKind, VendorStruct
 
-#: ns: control loop and power-up of each vendor's drives (assumed), and their heartbeats.
+#: ns: control loop and power-up of each vendor's drives (assumed).
 CYCLES = {VendorKind.DAMIAO: 100_000, VendorKind.ODRIVE: 125_000, VendorKind.CIA402: 1_000_000}
 BOOTS = {
     VendorKind.DAMIAO: 300_000_000,
     VendorKind.ODRIVE: 800_000_000,
     VendorKind.CIA402: 500_000_000,
 }
-BEATS = {VendorKind.DAMIAO: 0, VendorKind.ODRIVE: 100_000_000, VendorKind.CIA402: 0}
 #: Identifiers of feedback frames of node 0, and what one node further adds.
 _FEEDBACK = {
     VendorKind.DAMIAO: ((0x010,), 1),
@@ -93,7 +92,7 @@ def _vendor(drive: Foreign, host: int) -> VendorStruct:
         host=host if kind == VendorKind.CIA402 else 0,
         cycle_ns=CYCLES[kind],
         boot_ns=BOOTS[kind],
-        beat_ns=BEATS[kind],
+        beat_ns=round(profile.status.every * 1e9),
         rated=profile.rated_torque,
         seed=zlib.crc32(f"{drive.bus} {drive.node}".encode()),
         **ranges,

@@ -13,7 +13,6 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import can
-from can.interfaces.udp_multicast.utils import unpack_message
 
 from tests.strict_drives.cia402 import Cia402
 from tests.strict_drives.core import EventLog, Fault, Joint, Setup, StrictDrive, numbers
@@ -32,6 +31,9 @@ class Group:
     """
 
     def __init__(self, channel: str) -> None:
+        from can.interfaces.udp_multicast.utils import unpack_message  # slow, and of this bus only
+
+        self.unpack = unpack_message
         self.bus = can.Bus(interface="udp_multicast", channel=channel, fd=True)
         self.group = self.bus._multicast  # type: ignore[attr-defined]
         self.group._socket.setsockopt(0, IP_MULTICAST_ALL, 0)
@@ -42,7 +44,7 @@ class Group:
         while (got := self.group.recv(timeout)) is not None:
             data, sender, stamp = got
             if sender[1] != self.group.port:
-                return unpack_message(data, replace={"timestamp": stamp})
+                return self.unpack(data, replace={"timestamp": stamp})
             timeout = 0.0
         return None
 

@@ -20,12 +20,15 @@ PATIENCE = 60.0  # s
 
 
 def start(words: Sequence[str]) -> subprocess.Popen[str]:
-    """The drives of a bus, on the bus."""
-    process = subprocess.Popen(
+    """The drives of a bus, soon on the bus."""
+    return subprocess.Popen(
         [*STRICT, *words], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
     )
+
+
+def ready(process: subprocess.Popen[str]) -> None:
+    """Wait until the drives are on their bus."""
     assert process.stdout and process.stdout.readline() == "ready\n", "strict drives did not start"
-    return process
 
 
 def end(process: subprocess.Popen[str]) -> None:
@@ -37,8 +40,11 @@ def end(process: subprocess.Popen[str]) -> None:
 def main(path: str) -> int:
     spec = json.loads(Path(path).read_text("utf-8"))
     with ExitStack() as stack:
-        for words in spec["drives"]:
-            stack.callback(end, start(words))
+        drives = [start(words) for words in spec["drives"]]
+        for process in drives:
+            stack.callback(end, process)
+        for process in drives:
+            ready(process)
         return subprocess.run(spec["command"], check=False).returncode
 
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from tests.strict_drives.judged import DriveLog, read
+from tests.vcan.rehearsals import environment
 
 ROOT = Path(__file__).resolve().parents[2]
 CONFIGS = ROOT / "configs"
@@ -96,11 +97,14 @@ CASES: Mapping[str, Case] = {
 
 
 def relaxed(case: Case, folder: Path, ms: int) -> Case:
-    """The case with longer watchdogs in its drives, and in copies of their profiles."""
+    """The case with longer watchdogs in its drives and in copies of their profiles, where a state
+    that is as old is one.
+    """
     text = (CONFIGS / "deploy" / f"{case.deploy}.toml").read_text("utf-8")
     text = text.replace('"../can/', f'"{CONFIGS}/can/')
     for profile in (CONFIGS / "drives").glob("*.toml"):
         own = re.sub(r'(?m)^watchdog = ".*?"', f'watchdog = "{ms} ms"', profile.read_text("utf-8"))
+        own = re.sub(r'(?m)^within = ".*?"', f'within = "{ms} ms"', own)
         for file in re.findall(r'"([\w./]+\.dbc)"', own):
             own = own.replace(f'"{file}"', f'"{(profile.parent / file).resolve()}"')
         (folder / profile.name).write_text(own, "utf-8")
@@ -170,7 +174,7 @@ def beside(
     bench = [sys.executable, "-m", "tests.strict_drives.bench", str(spec)]
     done = subprocess.run(
         bench if channels else [*NAMESPACE, *bench], cwd=ROOT, capture_output=True, text=True,
-        timeout=PATIENCE, env={**os.environ, "PYTHONPATH": str(ROOT)},
+        timeout=PATIENCE, env=environment(folder / "lib"),
     )  # fmt: skip
     return Ended(done.returncode, done.stdout + done.stderr, read(logs), folder / "run")
 

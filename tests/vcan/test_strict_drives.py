@@ -6,6 +6,7 @@ shipped profiles; nodes feed them at a share of their time.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -14,6 +15,7 @@ from tests.strict_drives.cases import CASES, relaxed, run
 from tests.strict_drives.judged import misdeeds
 
 WATCHDOG = 1000  # ms
+PATIENT = ('deploy.patience="200 s"',)
 NAMES = ("damiao", "odrive", "cia402", "ours")
 
 
@@ -21,6 +23,7 @@ NAMES = ("damiao", "odrive", "cia402", "ours")
 @pytest.mark.parametrize("name", NAMES)
 def test_strict_drives_on_vcan(name: str, fresh_bus: str, tmp_path: Path) -> None:
     case = relaxed(CASES[name], tmp_path, WATCHDOG)
+    case = replace(case, settings=(*case.settings, *PATIENT))
     channels = ("vcan0", "vcan1") if name == "ours" else ("vcan0", "vcan1", fresh_bus)
     ended = run(case, tmp_path / "out", channels=channels, stop=1.5)
     assert not misdeeds(ended.drives), ended.said

@@ -20,9 +20,9 @@ from cosim.base.errors import FmuError
 from fmus.build import toolchain
 from fmus.build.description import Version, build_description, model_description, terminals
 from fmus.build.library import compile_model, compile_models
-from fmus.model import Model, Variable, any_size
 from fmus.build.shipped import file_name, shipped
 from fmus.build.source import sources, token
+from fmus.model import Model, Variable, any_size
 
 __all__ = [
     "ANY_SIZE",
@@ -123,8 +123,8 @@ def build(
 ) -> Path:
     """Build ``out_dir/<identifier>.fmi2.fmu`` (or ``fmi3``) and return its path.
 
-    `platforms`: of :data:`fmus.build.toolchain.PLATFORMS`; default the host's. Raises FmuError for an
-    unknown version or a missing source, fmus.build.toolchain.ToolchainError from the compiler.
+    `platforms`: of :data:`fmus.build.toolchain.PLATFORMS`; default the host's. Raises FmuError for
+    an unknown version or a missing source, fmus.build.toolchain.ToolchainError from the compiler.
     """
     _check(model, version)
     return pack(model, version, out_dir, compile_model(model, platforms))

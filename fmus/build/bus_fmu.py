@@ -27,8 +27,8 @@ def build_bus(
 ) -> Path:
     """Build the FMU of a bus with so many `nodes` and return its path, `target`.
 
-    `platforms`: of :data:`fmus.build.toolchain.PLATFORMS`; default the host's. Raises FmuError for a
-    number of nodes that is not 1 to 64 and where the file cannot be written, and
+    `platforms`: of :data:`fmus.build.toolchain.PLATFORMS`; default the host's. Raises FmuError for
+    a number of nodes that is not 1 to 64 and where the file cannot be written, and
     fmus.build.toolchain.ToolchainError from the compiler.
     """
     if not 1 <= nodes <= 64:

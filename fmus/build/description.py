@@ -13,8 +13,8 @@ from xml.etree.ElementTree import Element, SubElement
 
 from cosim.base.errors import FmuError
 from fmus.build import description2, description3
-from fmus.model import Model
 from fmus.build.source import c_files
+from fmus.model import Model
 
 Version = Literal["2.0", "3.0"]
 

@@ -9,9 +9,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 from xml.etree.ElementTree import Element, SubElement
 
-from fmus.model import attributes
-from fmus.model import Model, Variable, annotation
 from fmus.build.source import c_files, scalars, token
+from fmus.model import Model, Variable, annotation, attributes
 
 _TYPE = {"real": "Real", "integer": "Integer", "boolean": "Boolean"}
 

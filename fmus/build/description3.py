@@ -8,9 +8,8 @@ from __future__ import annotations
 
 from xml.etree.ElementTree import Element, SubElement
 
-from fmus.model import attributes
-from fmus.model import Model, Variable, annotation
 from fmus.build.source import token
+from fmus.model import Model, Variable, annotation, attributes
 
 _TYPE = {"real": "Float64", "integer": "Int32", "boolean": "Boolean", "size": "UInt64"}
 

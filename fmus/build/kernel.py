@@ -34,7 +34,8 @@ Array = NDArray[np.float64]
 class Kernel:
     """A model's C kernel, stepped through ctypes.
 
-    Raises FmuError, or fmus.build.toolchain.ToolchainError, where its FMU has to be built and cannot be.
+    Raises FmuError, or fmus.build.toolchain.ToolchainError, where its FMU has to be built and
+    cannot be.
     """
 
     def __init__(self, model: Model) -> None:

@@ -17,8 +17,8 @@ from pathlib import Path
 from typing import Any
 
 from fmus.build import toolchain
-from fmus.model import Model
 from fmus.build.source import units
+from fmus.model import Model
 
 
 def compile_model(model: Model, platforms: Sequence[str] | None = None) -> dict[str, bytes]:

@@ -15,10 +15,8 @@ from pathlib import Path
 from xml.etree.ElementTree import Element, SubElement
 
 import cosim
-from fmus.model.attributes import units
 from fmus.build.archive import licences
 from fmus.build.description import xml_text
-from fmus.model import Model, Variable
 from fmus.build.toolchain import (
     FLAGS,
     compile_object,
@@ -27,6 +25,8 @@ from fmus.build.toolchain import (
     processes,
     shared_suffix,
 )
+from fmus.model import Model, Variable
+from fmus.model.attributes import units
 
 MEMBERS = ("Tx_Clock", "Rx_Clock", "Tx_Data", "Rx_Data")
 _MIME = 'application/org.fmi-standard.fmi-ls-bus.can; version="1.0.0"'

@@ -112,6 +112,11 @@ def load_system(scenario: str | Path, deployment: str, settings: Sequence[str] =
 
 def make_system(scenario: Scenario, deployment: Deployment) -> System:
     """Assemble and cut what has been read."""
+    if scenario.seconds(scenario.run.start, "run.start"):
+        raise ScenarioError(
+            f"found {scenario.run.start}, expected 0 with a deployment: its nodes begin at 0",
+            scenario.place("run.start"),
+        )
     start = start_values(assemble(scenario))
     plan = assemble(scenario)
     nodes = cut_plan(plan, deployment, start)

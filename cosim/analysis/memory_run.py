@@ -97,7 +97,7 @@ def trace(plan: Plan, signals: Sequence[str], every: int = 1) -> SignalTrace:
         columns[name] = x[:, first : first + slot.size]
         first += slot.size
     return SignalTrace(
-        plan.h * (every * np.arange(len(x), dtype=np.float64)),
+        plan.start + plan.h * (every * np.arange(len(x), dtype=np.float64)),
         columns,
         {name: s.unit for name, s in chosen.items()},
         {name: s.scalars() for name, s in chosen.items()},
@@ -177,6 +177,7 @@ def changed(plan: Plan, change: Change) -> Plan:
         [*(p for p in plan.players if not _hits(p.target, taken)), *players],
         plan.later if plan.algorithm == "gauss-seidel" else (),
         adaptive=plan.adaptive,
+        start=plan.start,
     )
 
 

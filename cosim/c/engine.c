@@ -96,6 +96,9 @@ API int32_t engine_unit(unit_t *u, double *s, double t, int64_t hit, int32_t *st
     }
 }
 
+/* The time of a tick, s. */
+INLINE double time_of(const engine_t *e, int64_t tick) { return e->start + (double)tick * e->h; }
+
 /* A step of a unit from t (s); `tick`: the one in which it ends. */
 INLINE int step_from(const engine_t *e, int64_t tick, double t, int32_t index, failure_t *failure)
 {
@@ -132,7 +135,7 @@ INLINE int step_from(const engine_t *e, int64_t tick, double t, int32_t index, f
 
 INLINE int step_unit(const engine_t *e, int64_t tick, int32_t index, failure_t *failure)
 {
-    return step_from(e, tick, (double)(tick - e->units[index].lag) * e->h, index, failure);
+    return step_from(e, tick, time_of(e, tick - e->units[index].lag), index, failure);
 }
 
 /* The outputs of a unit whose step had this status. */

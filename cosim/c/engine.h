@@ -417,7 +417,7 @@ typedef struct {
     int64_t row, tick;
     int64_t failed_tick;
     int64_t every;          /* ticks between two rows that are recorded; the others are only counted */
-    double h;
+    double h, start;        /* s, of a step; the time of tick 0 */
     int32_t stop;           /* set from outside */
     int32_t failed_index, failed_status;
     int32_t failed_signal;

@@ -233,7 +233,7 @@ __attribute__((noinline))
 static int run_macro(engine_t *e, int64_t tick, macro_t *m, failure_t *failure)
 {
     const int64_t whole = (int64_t)1 << m->halvings;
-    const double start = (double)(tick - m->period + 1) * e->h, length = (double)m->period * e->h;
+    const double start = time_of(e, tick - m->period + 1), length = (double)m->period * e->h;
     int64_t at = 0;
     int result = RUN_OK;
 

@@ -122,7 +122,7 @@ NOINLINE void step_all(many_t *m, int64_t tick, int64_t place, int64_t count)
         size_t ticks = 0;
         int any = 0;
         for (; now + (int64_t)ticks <= last && ticks < STEPS_AT_ONCE; ticks++)
-            times[ticks] = (double)(now + (int64_t)ticks - u->lag) * first->h;
+            times[ticks] = time_of(first, now + (int64_t)ticks - u->lag);
         ((steps_t)u->steps)(s.instances, (size_t)(s.n * s.each), times, ticks, u->h, s.status,
                             s.made);
         for (int64_t k = 0; k < s.n * s.each; k++) any |= failed_call(s.status[k]);

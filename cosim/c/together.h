@@ -8,7 +8,7 @@ static int step_remote(const engine_t *e, int64_t tick, const operation_t *op, f
 
     for (int64_t k = 0; k <= op->count; k++) {
         const unit_t *u = e->units + op[k].index;
-        mailbox_ask(u, e->signals, (double)(tick - u->lag) * e->h, (tick - u->lag) / u->period);
+        mailbox_ask(u, e->signals, time_of(e, tick - u->lag), (tick - u->lag) / u->period);
     }
     for (int64_t k = 0; k <= op->count; k++) {
         unit_t *u = e->units + op[k].index;
@@ -44,7 +44,7 @@ NOINLINE int step_often(const engine_t *e, int64_t tick, int64_t *ticks, const o
         instances[i] = u->instance;
         set_inputs(u, u->kind, e->signals);
     }
-    for (int64_t k = 0; k < done; k++) times[k] = (double)(tick + k - first->lag) * e->h;
+    for (int64_t k = 0; k < done; k++) times[k] = time_of(e, tick + k - first->lag);
     ((steps_t)first->steps)(instances, (size_t)n, times, (size_t)done, first->h, status, made);
     for (int64_t i = 0; i < n; i++)
         if (failed_call(status[i]) && (failed < 0 || made[i] < made[failed])) failed = i;

@@ -25,16 +25,16 @@ _DRAWS = 4000
 
 def unbounded_delay(system: AnalyzedSystem) -> Iterator[Finding]:
     """Theorems 4 and 5 need delays with a bound: losses at random have none."""
-    stop = system.plan.ticks * system.plan.h
+    length = system.plan.ticks * system.plan.h
     for link in system.plan.links:
         bound = age_bound(link.table)
         table = link.table
-        if not isinstance(table, DrawnTable) or not (isinf(bound) or bound > stop):
+        if not isinstance(table, DrawnTable) or not (isinf(bound) or bound > length):
             continue
         if isinstance(table.rule, PlayoutSemantics) and not table.law.loses_packets:
             continue  # a rule of its own
         gap = _gap(link)
-        severity: Severity = "warning" if bound > stop and gap > GAP else "note"
+        severity: Severity = "warning" if bound > length and gap > GAP else "note"
         until = "no bound" if isinf(bound) else f"a bound of {bound:.3g} s, longer than the run"
         often = f"; gaps are {gap:.2g} s long on average" if 0 < gap < inf else ""
         yield Finding(

@@ -107,22 +107,21 @@ def remarks(plan: Plan) -> Iterator[Finding]:
 
 
 def start_time(system: AnalyzedSystem) -> Iterator[Finding]:
-    """An FMU alone whose DefaultExperiment begins at another time than a run: 0."""
-    if system.scenario.path.suffix != ".fmu":
-        return
+    """An FMU whose DefaultExperiment begins at another time than the run."""
+    begin, end = system.plan.start, system.plan.end
+    alone = system.scenario.path.suffix == ".fmu"
     for step in system.plan.components:
-        if start := default_start(step.component):
-            end = system.plan.ticks * system.plan.h
+        start = default_start(step.component)
+        if start != begin and (start or alone):
             yield Finding(
                 rule="start",
                 severity="warning",
                 where=step.name,
                 number=start,
                 unit="s",
-                reason=f"the DefaultExperiment of the FMU begins at {start:g} s, and a run begins "
-                f"at 0: the FMU runs from 0 to {end:g} s",
-                advice="set run.stop to the length that is wanted, if the model does not depend on"
-                " the time",
+                reason=f"the DefaultExperiment of the FMU begins at {start:g} s, the run goes "
+                f"from {begin:g} s to {end:g} s",
+                advice=f"set run.start = {start:g}, unless the model does not depend on the time",
             )
 
 

@@ -95,6 +95,7 @@ def _pair(text: str) -> tuple[str, str]:
 
 def _plan(path: Path, data: Recording, settings: list[str], file: Path) -> tuple[Scenario, Plan]:
     """The scenario until the end of the data, with what is measured among its outputs."""
+    from cosim.base.errors import ScenarioError
     from cosim.base.settings import as_toml
     from cosim.loading.files import load
     from cosim.loading.one_fmu import inputs_among
@@ -108,7 +109,13 @@ def _plan(path: Path, data: Recording, settings: list[str], file: Path) -> tuple
         for n in every.slots()
         if n not in parameters and {n, n.partition(".")[2]} & _signals(data)
     ]
-    stop = max(1, ceil(float(data.t[-1]) / every.h - 1e-9)) * every.h
+    if data.t[0] < every.start - 1e-9 * every.h:
+        raise ScenarioError(
+            f"begins at {data.t[0]:g} s, before the run, at {every.start:g} s; expected --set "
+            f"run.start={data.t[0]:g}", str(file)
+        )  # fmt: skip
+    ticks = max(1, ceil((float(data.t[-1]) - every.start) / every.h - 1e-9))
+    stop = every.start + ticks * every.h
     settings = [f"run.stop={stop!r}", f"run.step={every.h!r}", *settings]
     settings += [f"run.record.signals={as_toml(wanted)}"] if wanted else []
     loaded = load(path, settings, table)

@@ -36,6 +36,9 @@ def run(
     stop: Annotated[
         str | None, typer.Option(metavar="TIME", help='Stop time (run.stop), e.g. 10 or "500 ms".')
     ] = None,
+    start: Annotated[
+        str | None, typer.Option(metavar="TIME", help="Time at which the run begins (run.start).")
+    ] = None,
     seed: Annotated[int | None, typer.Option(help="Seed of links and topology (run.seed).")] = None,
     record: Annotated[
         list[str] | None,
@@ -128,6 +131,7 @@ def run(
     from cosim.scenario.spec import logging
 
     settings = [*(set_ or []), *([f"run.seed={seed}"] if seed is not None else [])]
+    settings += [f"run.start={start}"] if start is not None else []
     settings += [f"run.stop={stop}"] if stop is not None else []
     settings += [f"run.record.signals={as_toml(record)}"] if record else []
     if deploy is not None:
@@ -182,7 +186,7 @@ def run(
     for line in late_ticks(outcome) if not quiet else ():
         typer.echo(line, err=True)
     if outcome.ended is not None:
-        say(f"{outcome.ended}, of {plan.ticks * plan.h:g} s")
+        say(f"{outcome.ended}, of {plan.end:g} s")
     result = Run.open(folder)
     for line in summary(loaded, result, outcome):
         say(line)

@@ -96,7 +96,7 @@ def show(
     report_unconnected_inputs([plan], strict=strict, quiet=False)
     typer.echo(loaded.title)
     typer.echo(
-        f"base step {plan.h:g} s, {plan.ticks} ticks ({plan.ticks * plan.h:g} s), "
+        f"base step {plan.h:g} s, {plan.ticks} ticks ({_span(plan)}), "
         f"algorithm {plan.algorithm}, seed {loaded.run.seed}"
     )
     made = (_components(plan), _order(plan), _inputs(plan), _links(plan), _emulated(plan))
@@ -216,6 +216,12 @@ def _components(plan: Plan) -> list[list[str]]:
         ]
         for c in plan.components
     ]
+
+
+def _span(plan: Plan) -> str:
+    if plan.start:
+        return f"{plan.start:g} to {plan.end:g} s"
+    return f"{plan.end:g} s"
 
 
 def _times(period: int, h: float) -> str:

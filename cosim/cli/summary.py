@@ -43,9 +43,10 @@ def header(scenario: Scenario, plan: Plan) -> str:
         )
         if n
     ]
+    begin = f" from {plan.start:g} s on" if plan.start else ""
     return (
         f"{scenario.title}\n"
-        f"{scenario.path}: {', '.join(parts)}, {plan.ticks} ticks of {plan.h:g} s, "
+        f"{scenario.path}: {', '.join(parts)}, {plan.ticks} ticks of {plan.h:g} s{begin}, "
         f"algorithm {plan.algorithm}, seed {scenario.run.seed}"
     )
 

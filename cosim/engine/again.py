@@ -102,8 +102,8 @@ def _saved(engine: Engine) -> _Start:
 def _fits(old: Plan, new: Plan) -> bool:
     """Whether the two differ in numbers only."""
     return (
-        (old.h, old.ticks, old.operations, old.wires, old.order, old.later)
-        == (new.h, new.ticks, new.operations, new.wires, new.order, new.later)
+        (old.h, old.ticks, old.start, old.operations, old.wires, old.order, old.later)
+        == (new.h, new.ticks, new.start, new.operations, new.wires, new.order, new.later)
         and len(old.components) == len(new.components)
         and all(
             a.component is b.component

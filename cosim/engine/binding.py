@@ -123,7 +123,7 @@ class Binding:
         state.players = c.addressof(self.players)
         state.signals = self.signals.ctypes.data
         state.width = len(self.columns)
-        state.h, state.tick = plan.h, tick
+        state.h, state.start, state.tick = plan.h, plan.start, tick
         self.keep_last()
 
     def keep_last(self) -> None:

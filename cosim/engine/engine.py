@@ -122,7 +122,7 @@ class Engine:
         self._begin_tables(tick)
         components.share_texts(step.component for step in self.plan.components)
         for step in self.plan.components:
-            components.begin_at(step.component, tick * self.plan.h)
+            components.begin_at(step.component, self.plan.time(tick))
         self.ended = initialize(self.plan, self.signals, self._inputs, self._outputs, self._measure)
         self._bound.bind(tick)
 
@@ -277,7 +277,7 @@ class Engine:
         if isinstance(failure, KeyboardInterrupt):
             return failure
         tick, index = int(self._state.failed_tick), self._state.failed_index
-        time = tick * self.plan.h
+        time = self.plan.time(tick)
         where = f"at tick {tick} (t = {time:.6g} s)"
         if result is EngineResult.HISTORY:
             name = self.plan.links[index].name

@@ -65,5 +65,7 @@ def structure(bound: Binding) -> bytes:
     """What engines must have in common to run together (``many.h``)."""
     names = [name for name, _ in structs.OperationStruct._fields_ if name not in _NUMBERS]
     units = [(u.kind, u.lag, u.period, u.h, u.steps or 0) for u in bound.units]
-    numbers = repr((bound.plan.h, bound.plan.ticks, units, tuple(bound.columns))).encode()
+    numbers = repr(
+        (bound.plan.h, bound.plan.start, bound.plan.ticks, units, tuple(bound.columns))
+    ).encode()
     return bound.operations[names].tobytes() + bound.first_due + numbers

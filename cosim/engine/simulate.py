@@ -187,8 +187,8 @@ def simulate(
         takers.append(_table_writer(folder, plan, facts["links"], stack))
         stack.callback(aside.result)  # before the tables are closed
         recorder = Recorder(
-            folder, recorded, h=plan.h, every=scenario.run.record.every, rows_per_chunk=rows,
-            n_signals=width, everything=everything, sparse=taken is not None,
+            folder, recorded, h=plan.h, start=plan.start, every=scenario.run.record.every,
+            rows_per_chunk=rows, n_signals=width, everything=everything, sparse=taken is not None,
         )  # fmt: skip
         stack.enter_context(recorder)
         watch = stopwatch()
@@ -214,7 +214,7 @@ def simulate(
         }
     statistics = dict(zip([x.name for x in plan.links], ages.results(), strict=True))
     return RunOutcome(
-        called, plan, engine.tick, engine.tick * plan.h, wall, statistics, late, engine.ended,
+        called, plan, engine.tick, plan.time(engine.tick), wall, statistics, late, engine.ended,
         shared, facts.get("macro_steps", ()),
     )  # fmt: skip
 
@@ -284,7 +284,7 @@ def _loop(
                 n += 1
             recorder.submit(buffer, first, n, last=last)
         if engine.tick < first + ticks and not done:
-            raise Interrupted(engine.tick * plan.h, str(recorder.path.parent))
+            raise Interrupted(plan.time(engine.tick), str(recorder.path.parent))
         progress(engine.tick, plan.ticks)
         if done:
             return
@@ -346,6 +346,7 @@ def metadata(scenario: Scenario, plan: Plan) -> dict[str, Any]:
         "scenario": as_data(scenario),
         "seed": scenario.run.seed,
         "step": plan.h,
+        **({"start": plan.start} if plan.start else {}),
         "ticks": plan.ticks,
         "algorithm": plan.algorithm,
         "order": list(plan.later if plan.algorithm == "gauss-seidel" else plan.order),

@@ -51,7 +51,7 @@ def step_in_parts(behind: Engine, group: StepGroup, used: Vector, tick: int, par
     length = group.period * plan.h / parts
     try:
         for part in range(parts):
-            _part(plan, group, signals, tick * plan.h + part * length, length, part)
+            _part(plan, group, signals, plan.time(tick) + part * length, length, part)
     finally:
         for step, state in zip(group.steps, saved, strict=True):
             step.component.set_state(state)

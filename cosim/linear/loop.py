@@ -47,11 +47,11 @@ class OperatingPoint:
 def operating_point(plan: Plan, time: float) -> OperatingPoint:
     """Run `plan` to the period that contains `time` (s). Raises ScenarioError, RunError."""
     period = lcm(*(c.period for c in plan.components))
-    if not 0.0 <= time <= plan.ticks * plan.h:
+    if not plan.start <= time <= plan.end:
         raise ScenarioError(
-            f"--at {time:g}: expected a time of the run, 0 to {plan.ticks * plan.h:g} s"
+            f"--at {time:g}: expected a time of the run, {plan.start:g} to {plan.end:g} s"
         )
-    begin = int(time / plan.h + 1e-6) // period * period
+    begin = int((time - plan.start) / plan.h + 1e-6) // period * period
     found: list[LinkRows] = []
     rows = []
     with Engine(plan, found.append) as engine:
@@ -124,7 +124,7 @@ def linear_loop(
                 end = at.signals[step.period]
             seen = (at.signals[0], at.signals[1], end)
             models[i] = step_derivatives(
-                step, seen, at.tick * plan.h, step.period * plan.h, size
+                step, seen, plan.time(at.tick), step.period * plan.h, size
             )  # fmt: skip
     return _Period(plan, at, models, inputs, only).run(inputs, outputs)
 

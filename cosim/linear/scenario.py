@@ -43,11 +43,11 @@ def linearized(
         raise ScenarioError(unknown(component, [c.name for c in plan.components], "component"))
     u = _chosen(plan, inputs, into=True) or _inputs(plan, component)
     y = _chosen(plan, outputs, into=False) or _outputs(plan, component)
-    at = operating_point(plan, plan.ticks * plan.h if time is None else time)
+    at = operating_point(plan, plan.end if time is None else time)
     if component:
         at = replace(at, ticks=plan.component(component).period)
     loop = linear_loop(plan, at, u, y, size, component, say)
-    return reduced(loop, at.tick * plan.h, _named(u), _named(y))
+    return reduced(loop, plan.time(at.tick), _named(u), _named(y))
 
 
 def _plan(path: Path, settings: Sequence[str]) -> Plan:

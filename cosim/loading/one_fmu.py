@@ -13,6 +13,7 @@ from cosim.base.errors import CosimError, ScenarioError
 from cosim.base.names import signal_of
 from cosim.base.settings import change
 from cosim.fmi import FmuComponent
+from cosim.fmi.description import Description
 from cosim.record.recording import Recording
 from cosim.scenario.exposed import ALL, is_pattern
 
@@ -28,8 +29,8 @@ def document(
 
     The component has the FMU's model identifier as its name. A setting that does not begin with a
     table of a scenario (``run.``, ``components.`` ...) sets a parameter or start value of the FMU.
-    Stop time and step are those of the DefaultExperiment; the step is shortened where the stop time
-    is not a multiple of it. `table`: a file (:class:`Recording`) whose columns feed the inputs of
+    Start, stop and step are those of the DefaultExperiment; the step is shortened where the run is
+    not a multiple of it. `table`: a file (:class:`Recording`) whose columns feed the inputs of
     the same name, continuous ones joined by lines. What is recorded and what events set may be
     named without the component. Raises FmuError, ScenarioError.
     """
@@ -39,7 +40,7 @@ def document(
     component: dict[str, Any] = {"model": str(path.absolute()), "parameters": {}}
     found: dict[str, Any] = {
         "title": description.name,
-        "run": {"stop": description.default_stop or STOP},
+        "run": {},
         "components": {name: component},
     }
     if table is not None:
@@ -48,11 +49,12 @@ def document(
         _apply(found, component["parameters"], setting)
     run = found["run"]
     if isinstance(run, dict):
-        if "step" not in run:
-            run["step"] = _step(_seconds(run["stop"], path), description.default_step)
+        _complete(run, description, path)
         record = run.get("record")
-        if isinstance(record, dict) and isinstance(record.get("signals"), list):
-            record["signals"] = [_named(x, fmu) for x in record["signals"]]
+        if isinstance(record, dict) and isinstance(record.get("signals"), list | str):
+            given = record["signals"]
+            listed = [given] if isinstance(given, str) else given
+            record["signals"] = [_named(x, fmu) for x in listed]
     for event in found.get("events") or ():
         if isinstance(event, dict) and isinstance(event.get("set"), dict):
             event["set"] = {_named(k, fmu): v for k, v in event["set"].items()}
@@ -130,21 +132,32 @@ def _apply(found: dict[str, Any], parameters: Mapping[str, Any], setting: str) -
     change({"parameters": parameters}, f'parameters."{key.strip()}"{equals}{value}')
 
 
-def _seconds(stop: Any, path: Path) -> float:
+def _complete(run: dict[str, Any], said: Description, path: Path) -> None:
+    """Add start, stop and step as the DefaultExperiment says, where the run has none."""
+    if said.default_start:
+        run.setdefault("start", said.default_start)
+    start = _seconds(run.get("start", 0.0), f"{path} at run.start", 0.0)
+    run.setdefault("stop", said.default_stop or start + STOP)
+    if "step" not in run:
+        length = _seconds(run["stop"], f"{path} at run.stop", start + STOP) - start
+        run["step"] = _step(length, said.default_step)
+
+
+def _seconds(given: Any, place: str, otherwise: float) -> float:
     try:
-        return number(stop, "s", f"{path} at run.stop")
+        return number(given, "s", place)
     except CosimError:  # whoever reads the scenario says so
-        return STOP
+        return otherwise
 
 
-def _step(stop: float, wanted: float | None) -> float:
-    """A step (s) near the wanted one, or of about 1/500 of `stop`, that divides `stop`."""
-    if not stop > 0.0:
+def _step(length: float, wanted: float | None) -> float:
+    """A step (s) near the wanted one, or of about 1/500 of the `length` (s), that divides it."""
+    if not length > 0.0:
         return wanted or STOP / STEPS
-    step = _round(stop / STEPS) if wanted is None else min(wanted, stop)
-    if abs(round(stop / step) * step - stop) <= 1e-9 * stop:
+    step = _round(length / STEPS) if wanted is None else min(wanted, length)
+    if abs(round(length / step) * step - length) <= 1e-9 * length:
         return step
-    return stop / ceil(stop / step)
+    return length / ceil(length / step)
 
 
 def _round(step: float) -> float:

@@ -476,6 +476,7 @@ class EngineState(c.Structure):
         ("failed_tick", c.c_int64),
         ("every", c.c_int64),
         ("h", c.c_double),
+        ("start", c.c_double),
         ("stop", c.c_int32),
         ("failed_index", c.c_int32),
         ("failed_status", c.c_int32),

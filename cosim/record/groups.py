@@ -58,6 +58,7 @@ class GroupWriter:
     """One Parquet file: ``t`` and the columns, every `every`-th tick and the last one.
 
     `sparse`: other rows than these are not filled in, and the last one only where that is said.
+    `start`: the time of tick 0, s.
 
     Boundaries of row groups depend on the number of rows only, so the same rows give the same
     bytes however they were cut into chunks. Not thread-safe; errors of the file pass through.
@@ -73,11 +74,12 @@ class GroupWriter:
         metadata: Mapping[str, str] | None = None,
         live: Live | None = None,
         sparse: bool = False,
+        start: float = 0.0,
     ) -> None:
         import pyarrow as pa
         import pyarrow.parquet as pq
 
-        self._h, self._every, self._sparse = h, every, sparse
+        self._h, self._every, self._sparse, self._start = h, every, sparse, start
         self._index = np.array([column.index for column in columns], dtype=np.intp)
         self._rows = group_rows(len(columns))
         self._counts = np.zeros(2, np.int64)  # rows written, rows in the group
@@ -108,6 +110,7 @@ class GroupWriter:
             place = slice(fill, fill + n)
             ticks = k0 + self._every * np.arange(done, done + n, dtype=np.int64)
             np.multiply(ticks, self._h, out=self._group[0, place])
+            self._group[0, place] += self._start
             self._group[1:, place] = rows[done : done + n].T[self._index]
             self._counts[1] = fill + n  # after the rows themselves: a reader counts on it
             done += n

@@ -44,7 +44,8 @@ class RecordLayout:
 
     `columns`: those of the trajectories; `everything`: those of ``last.parquet``; `h`: base step,
     s; `every`: ticks between two rows that are kept; `rows`: of a chunk; `group`: rows of a row
-    group; `sparse`: other rows than those that are kept are not filled in.
+    group; `sparse`: other rows than those that are kept are not filled in;
+    `start`: the time of tick 0, s.
     """
 
     columns: tuple[Column, ...]
@@ -57,6 +58,7 @@ class RecordLayout:
     metadata: Mapping[str, str] = field(default_factory=dict)
     everything: tuple[Column, ...] = ()
     sparse: bool = False
+    start: float = 0.0
 
     def text(self) -> bytes:
         """As JSON; a column is a list of three, which is quicker than an object."""
@@ -70,6 +72,16 @@ class RecordLayout:
         said: dict[str, Any] = json.loads(text)
         lists = {key: tuple(Column(*column) for column in said[key]) for key in _COLUMNS}
         return cls(**{**said, **lists})
+
+    def times(self, ticks: NDArray[np.int64]) -> NDArray[np.float64]:
+        """The time of each tick, s."""
+        times: NDArray[np.float64] = self.start + ticks * np.float64(self.h)
+        return times
+
+    def ticks(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The tick at each time, a whole number."""
+        found: NDArray[np.float64] = np.rint((times - self.start) / self.h)
+        return found
 
     @property
     def sizes(self) -> tuple[int, int, int]:

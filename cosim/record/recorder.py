@@ -41,7 +41,8 @@ class Recorder(Closing):
     Until :meth:`close` the rows are in two other files, from which they are read or recovered where
     the process was killed (:mod:`cosim.record.recover`).
 
-    `columns`: what is recorded, in this order. `h`: base step, s. `every`: ticks k with
+    `columns`: what is recorded, in this order. `h`: base step, s. `start`: the time
+    of tick 0, s. `every`: ticks k with
     k mod every = 0 are kept, and the last one. `rows_per_chunk`: rows (ticks) of a buffer.
     `keep`: ticks the flight recorder reaches back, at least, if chunks are handed in full or a
     row short of it; the buffers (three or more) are as many as that takes.
@@ -60,6 +61,7 @@ class Recorder(Closing):
         columns: Sequence[Column],
         *,
         h: float,
+        start: float = 0.0,
         n_signals: int,
         rows_per_chunk: int = 2048,
         every: int = 1,
@@ -71,7 +73,7 @@ class Recorder(Closing):
         _check(columns, h, n_signals, rows_per_chunk, every, keep)
         self.path = Path(folder) / TRAJECTORIES
         self._columns = tuple(columns)
-        self._h, self._every, self._metadata = h, every, metadata
+        self._h, self._every, self._metadata, self._start = h, every, metadata, start
         self._sparse = sparse and every > 1
         self._n_signals = n_signals
         self._next: int | None = None  # tick expected next
@@ -84,7 +86,7 @@ class Recorder(Closing):
         self._buffers = max(3, 1 + ceil(keep / max(1, rows_per_chunk - 1)))
         layout = RecordLayout(
             self._columns, h, every, n_signals, rows_per_chunk, self._buffers,
-            group_rows(len(columns)), metadata or {}, tuple(everything), self._sparse,
+            group_rows(len(columns)), metadata or {}, tuple(everything), self._sparse, start,
         )  # fmt: skip
         self._live, self._writer = self._create(layout)
         self._chunks = list(self._live.chunks)
@@ -110,7 +112,7 @@ class Recorder(Closing):
         try:
             writer = GroupWriter(
                 folder / PART, layout.columns, h=layout.h, every=layout.every,
-                metadata=layout.metadata, live=live, sparse=layout.sparse,
+                metadata=layout.metadata, live=live, sparse=layout.sparse, start=layout.start,
             )  # fmt: skip
         except OSError as error:
             live.release()
@@ -225,8 +227,9 @@ class Recorder(Closing):
         try:
             every = self._every if self._sparse else 1
             writer = GroupWriter(
-                path, chosen, h=self._h, every=every, metadata=self._metadata, sparse=self._sparse
-            )
+                path, chosen, h=self._h, every=every, metadata=self._metadata,
+                sparse=self._sparse, start=self._start,
+            )  # fmt: skip
             writer.add(rows, k0)
             writer.close()
         except OSError as error:

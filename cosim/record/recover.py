@@ -156,11 +156,11 @@ def _groups(folder: Path, live: Live) -> Iterator[NDArray[np.float64]]:
     last = -1
     for found in groups(folder / PART, len(live.group), said.group, written // said.group):
         yield found
-        last = round(found[0, -1] / said.h)
+        last = int(said.ticks(found[0, -1:])[0])
     rest = live.group[:, :filled]
-    rest = rest[:, np.rint(rest[0] / said.h) > last]
+    rest = rest[:, said.ticks(rest[0]) > last]
     if rest.size:
-        last = round(rest[0, -1] / said.h)
+        last = int(said.ticks(rest[0, -1:])[0])
     for k0, rows in _chunks(live):
         ticks = np.arange(k0, k0 + len(rows))
         newest = (ticks == _newest(live)) & (not said.sparse)
@@ -172,7 +172,7 @@ def _groups(folder: Path, live: Live) -> Iterator[NDArray[np.float64]]:
 
 def _columns(live: Live, ticks: NDArray[np.int64], rows: Rows) -> NDArray[np.float64]:
     index = np.array([column.index for column in live.layout.columns], dtype=np.intp)
-    return np.concatenate([ticks[None] * live.layout.h, rows.T[index]])
+    return np.concatenate([live.layout.times(ticks)[None], rows.T[index]])
 
 
 def _chunks(live: Live) -> list[tuple[int, Rows]]:
@@ -203,7 +203,7 @@ def _write_last(folder: Path, output: Path) -> bool:
     everything: tuple[Column, ...] = live.layout.everything
     fields = schema(everything, live.layout.h, 1, live.layout.metadata)
     index = np.array([column.index for column in everything], dtype=np.intp)
-    values = np.concatenate([ticks[None] * live.layout.h, rows.T[index]])
+    values = np.concatenate([live.layout.times(ticks)[None], rows.T[index]])
     with (
         pa.OSFile(str(output), "wb") as sink,
         pq.ParquetWriter(sink, fields, **SETTINGS) as writer,

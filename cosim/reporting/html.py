@@ -90,7 +90,7 @@ class TimedEvent:
 
 @dataclass(slots=True)
 class PageData:
-    """What the page draws: signals until `end` (s), diagrams, events, arms.
+    """What the page draws: signals from `begin` to `end` (s), diagrams, events, arms.
 
     `arms_note`: a sentence below the arms. `live`: the address, below that of the page, from which
     values of the signals come while it is open; the joints of its arms are names of signals.
@@ -105,6 +105,7 @@ class PageData:
     arms_note: str = ""
     start: float = 0.0
     live: str = ""
+    begin: float = 0.0
 
     def add(self, name: str, unit: str, values: Array, dt: float, most: int) -> None:
         """Add a signal (n,) with a value every `dt` s: at most `most` of them, every extreme."""
@@ -125,6 +126,7 @@ class PageData:
             "end": self.end, "start": self.start, "frame": self.frame, "signals": self.signals,
             "panels": [p.data() for p in self.panels], "events": [e.data() for e in self.events],
             "arms": self.arms, "live": self.live,
+            **({"begin": self.begin} if self.begin else {}),
         }  # fmt: skip
         return embedded(document)
 

@@ -41,8 +41,8 @@ def write_gif(run: Run, path: Path) -> Path:
     arms = [(a.name, a.drawing, run.array(f"{a.name}.{a.drawing.position}")) for a in found]
     if not arms:
         raise ScenarioError("no arm of this run can be drawn", str(run.path))
-    period = max(1.0 / RATE, float(run.t[-1]) / MOST)
-    rows = np.unique(np.searchsorted(run.t, np.arange(0.0, run.t[-1] + 1e-9, period)))
+    period = max(1.0 / RATE, float(run.t[-1] - run.t[0]) / MOST)
+    rows = np.unique(np.searchsorted(run.t, np.arange(run.t[0], run.t[-1] + 1e-9, period)))
     tracks = [np.stack([_seen(d, points(d, q[k])) for k in rows]) for _, d, q in arms]
     places, scale = _layout(tracks, flat=all(d.planar for _, d, _ in arms))
     names = _name_places([name for name, _, _ in arms])

@@ -123,8 +123,9 @@ def _data(run: Run, scenario: Scenario | None, facts: Mapping[str, Any]) -> Page
     if not len(run):
         return PageData(0.0)
     every = facts.get("scenario", {}).get("run", {}).get("record", {}).get("every", 1)
-    dt = float(facts.get("step") or (run.t[1] if len(run) > 1 else 1.0)) * every
-    data = PageData(float(run.t[-1]), events=marks(facts))
+    begin, end = float(run.t[0]), float(run.t[-1])
+    dt = float(facts.get("step") or (run.t[1] - begin if len(run) > 1 else 1.0)) * every
+    data = PageData(end, events=marks(facts), start=begin, begin=begin)
     data.panels += list(_panels(run, scenario, data, dt))
     shown = {name for panel in data.panels for name, _ in panel.series}
     names = _in_order(run.names)
@@ -133,9 +134,9 @@ def _data(run: Run, scenario: Scenario | None, facts: Mapping[str, Any]) -> Page
         if name in shown or name in choosable:
             most = SHOWN if name in shown else CHOSEN
             data.add(name, run.units[name], run.column(name), dt, most)
-    data.frame = max(1.0 / RATE, data.end / FRAMES)
+    data.frame = max(1.0 / RATE, (end - begin) / FRAMES)
     arms, data.arms_note = first_arms(run)
-    data.arms += list(_arms(run, arms, np.arange(0.0, data.end + data.frame, data.frame)))
+    data.arms += list(_arms(run, arms, np.arange(begin, end + data.frame, data.frame)))
     return data
 
 

@@ -56,7 +56,7 @@ def _assemble(scenario: Scenario, load: Load) -> Plan:
         plan = compile_plan(
             parts.h, parts.ticks, list(parts.steps.values()), wires, links,
             scenario.run.algorithm, players, scenario.run.order,
-            buses=stepped_buses(parts, links), adaptive=adaptive,
+            buses=stepped_buses(parts, links), adaptive=adaptive, start=parts.start,
         )  # fmt: skip
     except PlanError as error:
         raise PlanError(f"{scenario.path}: {error}") from None
@@ -84,12 +84,29 @@ def scenario_components(
     """The components of a scenario with their ticks. Raises ScenarioError, FmuError."""
     h = scenario.seconds(scenario.run.step, "run.step")
     stop = scenario.seconds(scenario.run.stop, "run.stop")
-    if not 0 < h < float("inf") or not 0 < stop < float("inf"):
+    start = _start(scenario, stop)
+    if not 0 < h < float("inf") or not start < stop < float("inf"):
         raise ScenarioError(f"step {h} s and stop {stop} s must be positive", scenario.place("run"))
-    ticks = _ticks(stop, h, scenario.place("run.stop"))
+    ticks = _ticks(stop - start, h, scenario.place("run.stop"))
     sorts: dict[str, Sort] = {}
     steps = _steps(scenario, h, load, sorts)
-    return connect.ScenarioComponents(scenario, {c.name: c for c in steps}, h, ticks, sorts)
+    return connect.ScenarioComponents(scenario, {c.name: c for c in steps}, h, ticks, sorts, start)
+
+
+def _start(scenario: Scenario, stop: float) -> float:
+    """The time at which a run begins, s. Raises ScenarioError for one that cannot be."""
+    start, place = scenario.seconds(scenario.run.start, "run.start"), scenario.place("run.start")
+    if start and not -float("inf") < start < stop:
+        raise ScenarioError(
+            f"found {start:g} s, expected a time before run.stop, {stop:g} s", place
+        )
+    if start and scenario.buses:
+        named = ", ".join(scenario.buses)
+        raise ScenarioError(
+            f"found {start:g} s in a scenario with simulated buses ({named}), whose time begins at "
+            "0; expected 0", place
+        )  # fmt: skip
+    return start
 
 
 def _steps(scenario: Scenario, h: float, load: Load, sorts: dict[str, Sort]) -> list[Step]:

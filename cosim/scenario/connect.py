@@ -34,13 +34,14 @@ Causality = Literal["input", "output"]
 
 @dataclass(frozen=True, slots=True)
 class ScenarioComponents:
-    """The components of a scenario by name, its base step `h` (s) and length in `ticks`."""
+    """The components of a scenario by name, its base step `h` and `start` (s), and its `ticks`."""
 
     scenario: Scenario
     steps: Mapping[str, Step]
     h: float
     ticks: int
     sorts: Mapping[str, Sort]  # by the name of the component
+    start: float = 0.0
     slots: Mapping[Causality, Mapping[str, Slot]] = field(init=False)  # by component.port
     fits: dict[Hashable, tuple[float, float]] = field(
         init=False, default_factory=dict

@@ -41,7 +41,7 @@ def with_recorded_links(plan: Plan, run: str | Path, players: Iterable[Player] =
     return compile_plan(
         plan.h, plan.ticks, plan.components, plan.wires, links, plan.algorithm,
         [*plan.players, *players], order, [g for g in plan.gates if g.name not in of_buses],
-        adaptive=plan.adaptive,
+        adaptive=plan.adaptive, start=plan.start,
     )  # fmt: skip
 
 

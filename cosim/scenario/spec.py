@@ -56,11 +56,13 @@ class AdaptiveSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
 class RunSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """How long, how finely and how.
 
-    `order` is for ``"gauss-seidel"``: all components by name; `adaptive` for ``"adaptive"``.
+    A run goes from `start` to `stop` (s). `order` is for ``"gauss-seidel"``: all components by
+    name; `adaptive` for ``"adaptive"``.
     """
 
     step: Number
     stop: Number
+    start: Number = 0.0
     seed: Annotated[int, msgspec.Meta(ge=0)] = 0
     algorithm: Literal["sampled", "jacobi", "gauss-seidel", "adaptive"] = "sampled"
     order: tuple[str, ...] = ()
@@ -328,7 +330,7 @@ def _build(document: Mapping[str, Any], path: Path) -> Scenario:
     return Scenario(
         path=path,
         title=convert(document.get("title", path.stem), str, path, "title"),
-        run=convert(document["run"], RunSpec, path, "run"),
+        run=_run(document["run"], path),
         components=convert_each(tables["components"], ComponentSpec, path, "components"),
         links=tuple(convert_array(links, LinkSpec, path, "links")),
         events=tuple(convert_array(events, EventSpec, path, "events")),
@@ -338,6 +340,14 @@ def _build(document: Mapping[str, Any], path: Path) -> Scenario:
         analysis=convert(document.get("analysis", {}), AnalysisSpec, path, "analysis"),
         buses=convert_each(tables["bus"], ScenarioBusSpec, path, "bus"),
     )
+
+
+def _run(table: Any, path: Path) -> RunSpec:
+    """The table `run`; one signal in `record.signals` needs no brackets."""
+    record = table.get("record") if isinstance(table, dict) else None
+    if isinstance(record, dict) and isinstance(record.get("signals"), str):
+        table = {**table, "record": {**record, "signals": [record["signals"]]}}
+    return convert(table, RunSpec, path, "run")
 
 
 def has_many(document: Mapping[str, Any]) -> bool:
@@ -362,9 +372,10 @@ def logging(scenario: Scenario) -> Scenario:
 def as_data(scenario: Scenario) -> dict[str, Any]:
     """A scenario as plain data: what a run's metadata keeps of it."""
     data: dict[str, Any] = msgspec.to_builtins(scenario, enc_hook=str)
-    record = data["run"]["record"]
-    if not record["events"]:
-        del record["events"]  # few runs have it
+    run = data["run"]
+    for table, key in ((run, "start"), (run["record"], "events")):
+        if not table[key]:
+            del table[key]  # few runs have it
     return data
 
 

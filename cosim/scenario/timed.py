@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -37,7 +37,7 @@ class TimedValues:
 
     From `times` (n,), s, increasing, on: `values` (n,) and `slopes` (n,) per s, in the unit of the
     signal; before the first time its value. Of rows at one time the last one counts from there on.
-    `origin`: where they come from, for people.
+    `origin`: where they come from, for people; `start`: the time of the first hit, s.
     """
 
     times: Array
@@ -47,6 +47,7 @@ class TimedValues:
     h: float
     origin: str
     details: Mapping[str, Any] = field(default_factory=dict)
+    start: float = 0.0
 
     def stream(self) -> _TimedStream:
         """The values from the first hit on."""
@@ -62,7 +63,9 @@ class _TimedStream:
 
     def __init__(self, source: TimedValues) -> None:
         self._source, self._next = source, 0
-        self._first = np.ceil(source.times / source.h - _ROUNDING)  # tick from which each holds
+        self._first = np.ceil(
+            (source.times - source.start) / source.h - _ROUNDING
+        )  # tick from which each holds
 
     def rows(self, n: int) -> Array:
         """The next `n` values."""
@@ -70,7 +73,7 @@ class _TimedStream:
         ticks = np.arange(self._next, self._next + n) * x.period
         self._next += n
         i = np.searchsorted(self._first, ticks, side="right") - 1
-        found = x.values[i] + x.slopes[i] * (ticks * x.h - x.times[i])
+        found = x.values[i] + x.slopes[i] * (x.start + ticks * x.h - x.times[i])
         return np.where(i < 0, x.values[0], found)
 
 
@@ -104,7 +107,10 @@ def _table_players(
         slopes[:-1] = _slopes(t, rows)
     origin = f"the table {Path(spec.table).name}" if spec.table else "the points of the scenario"
     return [
-        Player(slot, TimedValues(t, rows[:, i], slopes[:, i], period, parts.h, origin, facts))
+        Player(
+            slot,
+            TimedValues(t, rows[:, i], slopes[:, i], period, parts.h, origin, facts, parts.start),
+        )
         for i, slot in enumerate(_scalars(target))
     ]
 
@@ -199,9 +205,13 @@ def _collect(
 ) -> None:
     at, over = number(event.at, "s", f"{place}.at"), number(event.over, "s", f"{place}.over")
     lasts = None if event.lasts is None else number(event.lasts, "s", f"{place}.for")
-    for key, time in (("at", at), ("over", over), ("for", 0.0 if lasts is None else lasts - over)):
+    begin = parts.start
+    for key, time, least in (
+        ("at", at - begin, f"{begin:g} s or more" + (", where the run starts" if begin else "")),
+        ("over", over, "0 s or more"),
+        ("for", 0.0 if lasts is None else lasts - over, "at least `over`"),
+    ):
         if time < 0.0:
-            least = "at least `over`" if key == "for" else "0 s or more"
             raise ScenarioError(f"expected {least}", f"{place}.{key}")
     for text, value in event.set.items():
         target = parts.endpoint(text, "input", f"{place}.set")
@@ -213,7 +223,7 @@ def _collect(
 def _event_player(parts: ScenarioComponents, slot: Slot, changes: Sequence[_Change]) -> Player:
     step = parts.steps[slot.component]
     now = parts.held(slot)
-    rows: list[tuple[float, float, float]] = [(0.0, now, 0.0)]
+    rows: list[tuple[float, float, float]] = [(parts.start, now, 0.0)]
     ordered = sorted(changes, key=lambda c: c.at)
     for change, following in zip(ordered, [*ordered[1:], None], strict=True):
         if following is not None and following.at < change.end - _ROUNDING * parts.h:
@@ -229,8 +239,11 @@ def _event_player(parts: ScenarioComponents, slot: Slot, changes: Sequence[_Chan
             now = change.value
     times, values, slopes = (np.array(x) for x in zip(*rows, strict=True))
     times = np.maximum.accumulate(times)  # 0.1 s + 0.2 s is after 0.3 s, by rounding
-    source = TimedValues(times, values, slopes, step.period, parts.h, "events of the scenario")
-    return Player(slot, replace(source, details={"events": len(changes)}))
+    source = TimedValues(
+        times, values, slopes, step.period, parts.h, "events of the scenario",
+        {"events": len(changes)}, parts.start,
+    )  # fmt: skip
+    return Player(slot, source)
 
 
 def _ramp(at: float, start: float, end: float, over: float) -> list[tuple[float, float, float]]:

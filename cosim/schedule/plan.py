@@ -30,7 +30,7 @@ class Plan:
     """Everything the engine needs.
 
     `order`: the sampled components, as they compute at t_k; `later`: the others, as they step over
-    their intervals (only with Gauss-Seidel does that order show).
+    their intervals (only with Gauss-Seidel does that order show). `start`: the time of tick 0, s.
     """
 
     h: float
@@ -48,6 +48,16 @@ class Plan:
     buses: tuple[SteppedBus, ...] = ()
     adaptive: AdaptiveSettings | None = None
     groups: tuple[MacroGroup, ...] = ()
+    start: float = 0.0
+
+    def time(self, tick: int) -> float:
+        """The time of a tick, s."""
+        return self.start + tick * self.h
+
+    @property
+    def end(self) -> float:
+        """The time after the last tick, s."""
+        return self.time(self.ticks)
 
     def component(self, name: str) -> Step:
         """The component of that name, which must be there."""
@@ -96,6 +106,7 @@ def compile_plan(
     gates: Iterable[Gate] = (),
     buses: Sequence[SteppedBus] = (),
     adaptive: AdaptiveSettings | None = None,
+    start: float = 0.0,
 ) -> Plan:
     """Order the components and lay out the operations of a tick.
 
@@ -104,7 +115,8 @@ def compile_plan(
     list all components, and for an invalid extrapolation. After the slots of the components, the
     signal vector contains the last values of extrapolated signals, and slopes. `buses`: those
     simulated inside the ticks, which fill the tables of their links; their gates are added to
-    `gates`. `adaptive`: for ``"adaptive"``; the signals of its groups come last.
+    `gates`. `adaptive`: for ``"adaptive"``; the signals of its groups come last. `start`: the
+    time of tick 0, s.
     """
     steps = tuple(sorted(components, key=lambda c: c.name))
     wires_ = tuple(sorted(wires, key=lambda w: w.target.start))
@@ -143,6 +155,7 @@ def compile_plan(
         buses=tuple(buses),
         adaptive=adaptive,
         groups=groups,
+        start=start,
     )
 
 

@@ -45,7 +45,7 @@ def load(path: str | Path, settings: Sequence[str] = ()) -> Scenario:
 def document(path: str | Path) -> dict[str, Any]:
     """An SSP as the document of a scenario; `run` may lack step and stop.
 
-    Raises ScenarioError if the SSP cannot be read or does not start at 0 s.
+    Raises ScenarioError if the SSP cannot be read.
     """
     return read_structure(Path(path))[0]
 
@@ -68,9 +68,8 @@ def read_structure(
     run: dict[str, Any] = {"algorithm": "jacobi"}
     experiment = structure.root.child("DefaultExperiment")
     if experiment is not None:
-        if experiment.number("startTime", 0.0) != 0.0:
-            start = experiment.get("startTime")
-            raise ScenarioError(f"startTime is {start}; expected 0", experiment.place)
+        if start := experiment.number("startTime", 0.0):
+            run["start"] = start
         if experiment.get("stopTime"):
             run["stop"] = experiment.number("stopTime")
     step = _step(structure, parts)

@@ -124,8 +124,8 @@ class _Packer:
             self._link(link, elements, connections)
         if not len(connections):
             system.remove(connections)
-        stop = repr(self._plan.ticks * self._plan.h)
-        SubElement(root, f"{{{SSD}}}DefaultExperiment", startTime="0.0", stopTime=stop)
+        start, stop = repr(self._plan.start), repr(self._plan.end)
+        SubElement(root, f"{{{SSD}}}DefaultExperiment", startTime=start, stopTime=stop)
         notes = SubElement(root, f"{{{SSD}}}Annotations")
         said = annotation.content(self._scenario, self._files)
         said["delays"] = sorted(self._delays)

@@ -172,7 +172,9 @@ def _described(
         bindings = _child(system, "ParameterBindings", _SYSTEM_FIRST, system.tag)
         bindings.append(binding(entries))
     experiment = _child(root, "DefaultExperiment", _ROOT_ORDER, root.tag)
-    experiment.set("stopTime", repr(plan.ticks * plan.h))
+    if plan.start or experiment.get("startTime"):
+        experiment.set("startTime", repr(plan.start))
+    experiment.set("stopTime", repr(plan.end))
     notes = _child(root, "Annotations", _ROOT_ORDER, root.tag)
     for old in [x for x in notes if x.get("type") == annotation.TYPE]:
         notes.remove(old)

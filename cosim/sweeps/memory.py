@@ -100,7 +100,7 @@ def record_many(
         found = run_many(engines, plan.ticks, recorded, every)
     else:
         found = [_run_alone(engines[0], every, recorded[0])]
-    t = (ticks * plan.h).astype(np.float64)
+    t = (plan.start + ticks * plan.h).astype(np.float64)
     index = [column.index for column in columns]
     memories: list[Memory | BaseException] = []
     for engine, x, last in zip(engines, recorded, found, strict=True):
@@ -109,7 +109,7 @@ def record_many(
             continue
         rows = int(np.searchsorted(ticks, engine.tick))
         x[:, rows] = engine.signals[index] if last is None else last
-        ends = t if rows == len(t) - 1 else np.append(t[:rows], engine.tick * plan.h)
+        ends = t if rows == len(t) - 1 else np.append(t[:rows], plan.time(engine.tick))
         memories.append(Memory(columns, ends, x[:, : rows + 1]))
     return memories
 

@@ -56,6 +56,14 @@ def test_an_fmu_that_states_no_step_gets_about_500(cosim: Command, stop: str, st
     assert load("x.fmu", [f"run.stop={stop}"]).run.step == pytest.approx(step)
 
 
+def test_the_start_time_is_an_option(cosim: Command) -> None:
+    exported("x.fmu", strict2())
+    done = cosim("run", "x.fmu", "--start", "1500 ms", "--no-plot", "--out", "run")
+    assert done.code == 0, done.err
+    assert "2 ticks of 0.25 s from 1.5 s on" in done.out
+    assert Run.open("run").t.tolist() == [1.5, 1.75, 2.0]
+
+
 def test_the_stop_time_is_an_option(cosim: Command) -> None:
     exported("x.fmu", strict2())
     assert cosim("run", "x.fmu", "--stop", "500 ms", "--no-plot", "--out", "run").code == 0

@@ -3,6 +3,7 @@
 (() => {
   const { find, css, make, svg, bytes, short } = page;
   const data = JSON.parse(find("data").textContent);
+  const begin = data.begin || 0; // s, where the signals and the frames of arms start
 
   // ---- signals --------------------------------------------------------------------------------
 
@@ -12,7 +13,7 @@
     if (!decoded.has(name)) {
       const s = data.signals[name];
       if (data.live) { decoded.set(name, { t: [], y: [] }); return decoded.get(name); }
-      const times = s.t !== undefined ? new Float32Array(bytes(s.t)) : Array.from(new Uint32Array(bytes(s.i)), (i) => i * s.dt);
+      const times = s.t !== undefined ? new Float32Array(bytes(s.t)) : Array.from(new Uint32Array(bytes(s.i)), (i) => begin + i * s.dt);
       const values = new Float32Array(bytes(s.y));
       decoded.set(name, {
         t: Array.from(times, (t) => Math.min(t, data.end)),
@@ -157,7 +158,7 @@
   const add = (a, b) => a.map((x, i) => x + b[i]);
   function at(values, t) {
     if (data.live) return values.y[values.t.findLastIndex((x) => x <= t)] ?? values.y[values.y.length - 1] ?? 0;
-    const k = Math.min(Math.max(t / data.frame, 0), values.length - 1), i = Math.floor(k);
+    const k = Math.min(Math.max((t - begin) / data.frame, 0), values.length - 1), i = Math.floor(k);
     const next = values[Math.min(i + 1, values.length - 1)];
     return values[i] + (k - i) * (next - values[i]);
   }
@@ -193,13 +194,13 @@
   // Where each arm is in its base frame, and the greatest distance from there: seen at 40 times.
   const middles = frames.map((arm) => {
     const all = [];
-    for (let k = 0; k <= 40; k++) all.push(...points(arm, arm.q.map((values) => at(values, (k * data.end) / 40))));
+    for (let k = 0; k <= 40; k++) all.push(...points(arm, arm.q.map((values) => at(values, begin + (k * (data.end - begin)) / 40))));
     return flat || data.live ? [0, 0, 0] : [0, 1, 2].map((i) => (Math.min(...all.map((p) => p[i])) + Math.max(...all.map((p) => p[i]))) / 2);
   });
   const radius = Math.max(0.05, ...frames.map((arm, k) => {
     if (data.live) return arm.reach;
     let most = 0;
-    for (let i = 0; i <= 40; i++) for (const p of points(arm, arm.q.map((values) => at(values, (i * data.end) / 40))))
+    for (let i = 0; i <= 40; i++) for (const p of points(arm, arm.q.map((values) => at(values, begin + (i * (data.end - begin)) / 40))))
       most = Math.max(most, Math.hypot(...p.map((x, j) => x - middles[k][j])));
     return most;
   }));
@@ -259,7 +260,7 @@
   function show(t, source) {
     if (moving) return;
     moving = true;
-    time = Math.min(Math.max(t, 0), data.end || t);
+    time = Math.min(Math.max(t, begin), data.end || t);
     slider.value = String(time);
     output.textContent = `${time.toFixed(3)} s`;
     slider.setAttribute("aria-valuetext", output.textContent);
@@ -285,12 +286,12 @@
   play.addEventListener("click", () => {
     if (data.live) { follow(!following); return; }
     if (running) { stop(); remember(); return; }
-    if (time >= data.end) show(0);
+    if (time >= data.end) show(begin);
     play.textContent = "❚❚ Pause";
     last = performance.now();
     running = requestAnimationFrame(advance);
   });
-  find("whole").addEventListener("click", () => { for (const u of plots.slice(0, 1)) u.setScale("x", { min: 0, max: data.end }); });
+  find("whole").addEventListener("click", () => { for (const u of plots.slice(0, 1)) u.setScale("x", { min: begin, max: data.end }); });
 
   // ---- small pictures that are laid over each other ---------------------------------------------
 
@@ -393,9 +394,10 @@
     source.onmessage = (event) => take(JSON.parse(event.data));
   }
 
-  const wanted = /^#t=([\d.]+)$/.exec(location.hash);
+  const wanted = /^#t=(-?[\d.]+)$/.exec(location.hash);
+  slider.min = String(begin);
   slider.max = String(data.end);
-  slider.step = String(data.end / 2000);
+  slider.step = String((data.end - begin) / 2000);
   show(wanted ? Number(wanted[1]) : data.start);
   if (laid.length) lay();
   document.body.dataset.ready = "yes";

@@ -194,17 +194,6 @@ def test_a_start_that_is_no_number_is_none(tmp_path: Path, start: str) -> None:
     assert f"'q' has the start '{start}'" in said
 
 
-def test_a_start_time_that_is_not_0_is_said(tmp_path: Path) -> None:
-    text = described(PLAIN, experiment='<DefaultExperiment startTime="5" stopTime="10"/>')
-    path = export(tmp_path / "late.fmu", text)
-    loaded = load(path)
-    (found,) = (f for f in check(loaded, assemble(loaded)) if f.rule == "start")
-    assert found.reason == (
-        "the DefaultExperiment of the FMU begins at 5 s, and a run begins at 0: the FMU runs from "
-        "0 to 10 s"
-    )
-
-
 # ---- libraries and sources -----------------------------------------------------------------------
 
 

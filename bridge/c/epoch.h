@@ -5,6 +5,10 @@
  * (23.9 h). A receiver converts the origin to its own CLOCK_MONOTONIC, and accepts it if the sender
  * has the same clock: the same host, or both hosts are synchronized. The sender of START sends EPOCH
  * before START, and a running node sends it when a peer waits for a start. See run_epoch.h.
+ *
+ * A number of 8 bits does not tell hosts apart. Where there is room (Zenoh) the identity of the host
+ * follows, 128 bits in four values. Elsewhere a frame DATE comes before each EPOCH: an EPOCH of the host 0,
+ * whose run is the low bits of the sender's number and whose origin is the date at which it is sent.
  */
 #ifndef BRIDGE_EPOCH_H
 #define BRIDGE_EPOCH_H
@@ -14,7 +18,8 @@
 #include "frame.h"
 
 /* Values of the message, in this order. */
-enum { EPOCH_RUN, EPOCH_HOST, EPOCH_KEPT, EPOCH_ORIGIN, EPOCH_VALUES };
+enum { EPOCH_RUN, EPOCH_HOST, EPOCH_KEPT, EPOCH_ORIGIN, EPOCH_IDENTITY, EPOCH_VALUES = EPOCH_IDENTITY + 4 };
+enum { EPOCH_DATE_HOST = 0, EPOCH_DATE_RUN = 63 /* mask of the sender's number in a DATE */ };
 enum { EPOCH_RUNS = 63 };   /* runs are numbered from 1; 0: a run that was started without EPOCH */
 enum { EPOCH_LEAD_NS = 100000000 }; /* from a START without EPOCH to t = 0 */
 
@@ -29,8 +34,12 @@ typedef struct {
     int32_t running;        /* 1: an EPOCH of a run that has begun came, and was not looked at yet */
     int32_t asked;          /* 1: a peer waits for a start */
     int32_t unshared;       /* EPOCHs of hosts without a common clock */
-    uint32_t said;
-    int32_t reserved;
+    uint32_t said;          /* frames sent, and heard */
+    int32_t heard;
+    double identity[4];     /* of this node's host, 32 bits each */
+    int64_t apart_ns;       /* the date in the last DATE, from ours */
+    int64_t dated_ns;       /* when it came; 0: never */
+    int64_t dated_host;     /* EPOCH_DATE_RUN bits of the number of its host */
 } epoch_t;
 
 /* A number for the run with this t = 0 (any clock): nodes with the same t = 0 compute the same number. */

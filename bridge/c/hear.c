@@ -64,9 +64,13 @@ static void managed(node_t *n, const frame_t *frame)
     double v[NMT_VALUES];
     header_t header;
     memset(&header, 0, sizeof header);
-    if (message_decode(n->services[frame->bus].nmt, frame, v, &header) != DECODE_OK) return;
+    if (message_decode(n->services[frame->bus].nmt, frame, v, &header) != DECODE_OK) {
+        n->damaged++;
+        return;
+    }
     if (n->gateway) node_pass(n, offsetof(services_t, nmt), v, header, frame);
     const int32_t command = command_for(n, v);
+    n->late_starts += command == COMMAND_START && n->begun;
     if (command == COMMAND_START) n->nmt_ns = node_origin(n, frame->t_ns, EPOCH_LEAD_NS);
     if (command != COMMAND_NONE) n->life.commands = commands_add(n->life.commands, command);
 }
@@ -86,7 +90,11 @@ static void take_heartbeat(node_t *n, int32_t i, const frame_t *frame, int64_t t
     header_t header;
     peer_t *peer = n->peers + i;
     memset(&header, 0, sizeof header);
-    if (message_decode(n->services[frame->bus].peers[i], frame, v, &header) != DECODE_OK) return;
+    if (message_decode(n->services[frame->bus].peers[i], frame, v, &header) != DECODE_OK) {
+        n->damaged++;
+        return;
+    }
+    peer->heard++;
     if (!n->simulated && header.status & STATUS_SIMULATED) return;
     const uint32_t boots = (uint32_t)v[HEARTBEAT_BOOTS];
     if (peer->state >= 0 && boots != peer->boots) forget(n, peer);
@@ -110,7 +118,10 @@ static void take_sync(node_t *n, const frame_t *frame, int64_t t)
 {
     double v[1];
     header_t header;
-    if (message_decode(n->services[frame->bus].sync, frame, v, &header) != DECODE_OK) return;
+    if (message_decode(n->services[frame->bus].sync, frame, v, &header) != DECODE_OK) {
+        n->damaged++;
+        return;
+    }
     const int32_t counter = (int32_t)v[0];
     if (n->sync_last > 0) {
         const int32_t gap = (counter - n->sync_last + 240) % 240;

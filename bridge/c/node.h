@@ -131,6 +131,8 @@ typedef struct node {
     drive_events_t drive_events;
     motor_t *motors;        /* emulated drives of vendors, each behind an inlet */
     int64_t n_motors;
+    int64_t late_starts;    /* STARTs that came while slots were executed */
+    int64_t damaged;        /* frames of services that could not be read */
 } node_t;
 
 /* Whether t = 0 is known. */

@@ -10,16 +10,31 @@ enum { APART_NS = 100000000 /* between two of them on a bus */, LONG_STAMP = 32 
 static const int64_t STAMP_TURN_NS = ((int64_t)1 << 32) * 1000;
 static const int64_t BELIEVED_NS = 2000000000;  /* a date may differ so much from what samples say */
 static const int64_t FRESH_NS = 1000000000;     /* START belongs to the EPOCH that came so long before */
+static const int64_t AHEAD_NS = 5000000000;     /* the latest t = 0 of a host that only a number tells */
+
+/* The next frame of this kind; a DATE first where a message has no room for the identity of the host. */
+static void say(node_t *n, int32_t bus, const double *v)
+{
+    const message_t *m = n->services[bus].epoch;
+    header_t header = {0, n->simulated ? STATUS_SIMULATED : 0, 0, 0};
+    if (!m) return;
+    if (m->n_fields <= EPOCH_IDENTITY) {
+        const double date = (double)epoch_origin_us(pace_now() + pace_date());
+        const double now[EPOCH_VALUES] = {n->epoch.host & EPOCH_DATE_RUN, EPOCH_DATE_HOST, 0, date};
+        header.counter = n->epoch.said++;
+        node_service(n, bus, m, now, header, pace_now() - n->start_ns);
+    }
+    header.counter = n->epoch.said++;
+    node_service(n, bus, m, v, header, pace_now() - n->start_ns);
+}
 
 void node_epoch(node_t *n)
 {
     epoch_t *e = &n->epoch;
-    const double origin = (double)epoch_origin_us(n->start_ns + pace_date());
-    const double v[EPOCH_VALUES] = {e->run, e->host, e->kept, origin};
-    const header_t header = {e->said++, n->simulated ? STATUS_SIMULATED : 0, 0, 0};
+    double v[EPOCH_VALUES] = {e->run, e->host, e->kept, (double)epoch_origin_us(n->start_ns + pace_date())};
+    memcpy(v + EPOCH_IDENTITY, e->identity, sizeof e->identity);
     e->due_ns = pace_now() + APART_NS;
-    for (int32_t b = 0; b < n->n_buses; b++)
-        node_service(n, b, n->services[b].epoch, v, header, pace_now() - n->start_ns);
+    for (int32_t b = 0; b < n->n_buses; b++) say(n, b, v);
 }
 
 void node_epoch_answer(node_t *n)
@@ -45,27 +60,80 @@ static int32_t contradicted(const node_t *n, int64_t origin)
     return 0;
 }
 
+/* 1: the message says who the host is, and it is ours; -1: it is another; 0: it does not say. */
+static int32_t identified(const epoch_t *e, const message_t *m, const double *v)
+{
+    int32_t same = 1, said = 0;
+    for (int32_t i = 0; m->n_fields >= EPOCH_VALUES && i < 4; i++) {
+        same &= v[EPOCH_IDENTITY + i] == e->identity[i];
+        said |= v[EPOCH_IDENTITY + i] != 0.0;   /* a gateway has none from CAN */
+    }
+    return !said ? 0 : same ? 1 : -1;
+}
+
+/* The same for its date: a DATE of this host came, and it is ours or not. */
+static int32_t dated(const epoch_t *e, const double *v, int64_t t_ns)
+{
+    const int32_t number = (int32_t)v[EPOCH_HOST] & EPOCH_DATE_RUN;
+    if (!e->dated_ns || number != e->dated_host || t_ns - e->dated_ns > FRESH_NS) return 0;
+    return e->apart_ns < -BELIEVED_NS || e->apart_ns > BELIEVED_NS ? -1 : 1;
+}
+
+/* Whether samples of the run tell its date in seconds, none of which has come. */
+static int32_t unsampled(const node_t *n)
+{
+    int32_t telling = 0;
+    for (int32_t i = 0; i < n->n_receptions; i++) {
+        const reception_t *r = n->receptions + i;
+        if (r->receiver->time_bits < LONG_STAMP) continue;
+        if (r->early) return 0;
+        telling = 1;
+    }
+    return telling;
+}
+
+enum { REFUSED = -1, UNKNOWN, BELIEVED };
+
+/* Whether this origin is believed, or nothing is known that speaks for it or against it. */
+static int32_t judged(const node_t *n, const message_t *m, const double *v, int64_t origin, int64_t t_ns)
+{
+    const epoch_t *e = &n->epoch;
+    const int32_t kept = v[EPOCH_KEPT] != 0.0 && e->kept, who = identified(e, m, v), date = dated(e, v, t_ns);
+    if (!kept && ((int32_t)v[EPOCH_HOST] != e->host || who < 0)) return REFUSED;
+    if (date < 0 || (origin <= t_ns && contradicted(n, origin))) return REFUSED;
+    if (kept || who > 0 || date > 0) return BELIEVED;
+    if (origin > t_ns) return origin - t_ns > AHEAD_NS ? REFUSED : BELIEVED;
+    return unsampled(n) ? UNKNOWN : BELIEVED;
+}
+
 void node_epoch_heard(node_t *n, const frame_t *frame)
 {
     double v[EPOCH_VALUES];
     header_t header;
     epoch_t *e = &n->epoch;
+    const message_t *m = n->services[frame->bus].epoch;
     memset(&header, 0, sizeof header);
-    if (message_decode(n->services[frame->bus].epoch, frame, v, &header) != DECODE_OK) return;
+    memset(v, 0, sizeof v);
+    if (message_decode(m, frame, v, &header) != DECODE_OK) {
+        n->damaged++;
+        return;
+    }
+    e->heard++;
     if (n->gateway) node_pass(n, offsetof(services_t, epoch), v, header, frame);
+    const int64_t origin = epoch_origin_ns(v[EPOCH_ORIGIN], frame->t_ns);
+    if ((int32_t)v[EPOCH_HOST] == EPOCH_DATE_HOST) {
+        e->apart_ns = origin - frame->t_ns;
+        e->dated_ns = frame->t_ns;
+        e->dated_host = (int64_t)v[EPOCH_RUN];
+        return;
+    }
     e->due_ns = frame->t_ns + APART_NS;     /* a waiting node has received it */
     if (n->begun || n->clock != CLOCK_WALL) return;
-    if ((int32_t)v[EPOCH_HOST] != e->host && !(v[EPOCH_KEPT] != 0.0 && e->kept)) {
-        e->unshared++;
-        return;
-    }
-    const int64_t origin = epoch_origin_ns(v[EPOCH_ORIGIN], frame->t_ns);
     const int32_t running = origin <= frame->t_ns;
     if (running && !n->simulated && header.status & STATUS_SIMULATED) return;
-    if (running && contradicted(n, origin)) {
-        e->unshared++;
-        return;
-    }
+    const int32_t found = judged(n, m, v, origin, frame->t_ns);
+    e->unshared += found == REFUSED;
+    if (found != BELIEVED) return;
     e->origin_ns = origin;
     e->heard_ns = frame->t_ns;
     e->told = (int32_t)v[EPOCH_RUN];

@@ -27,6 +27,7 @@ typedef struct {
     int32_t required;       /* its loss stops this node */
     uint32_t boots;         /* changes when it restarts */
     uint32_t number;        /* node number */
+    int64_t heard;          /* heartbeats */
 } peer_t;
 
 /* A heartbeat has arrived. The life cycle latches, not the peer: a peer that is received again is present.

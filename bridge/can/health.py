@@ -15,6 +15,7 @@ WRONG = {
     "error_frames": "error frames",
     "restarts": "restarts",
     "peers_left": "times a peer left",
+    "oversized": "longer than any message",
     "log_dropped": "not logged",
 }
 
@@ -60,6 +61,8 @@ class BusHealth:
     """Received, but nothing this node listens to: another identifier or another format."""
     peers_left: int = 0
     """Times the presence of a peer ended; on Zenoh only."""
+    oversized: int = 0
+    """Longer than any message can be; on Zenoh only."""
 
     @property
     def ok(self) -> bool:

@@ -23,6 +23,7 @@ from dataclasses import dataclass
 from bridge.can.codec import Codec
 from bridge.can.layout import stream
 from bridge.deployment.spec import Deployment, NodeSpec
+from bridge.native.epoch import IDENTITY as EPOCH_IDENTITY
 from bridge.native.epoch import SIGNALS as EPOCH_SIGNALS
 from cosim.base.errors import ScenarioError
 
@@ -114,4 +115,4 @@ def estop(names: Names) -> Codec:
 
 def epoch(names: Names) -> Codec:
     """Which run this is, and when its t = 0 was: ``bridge/c/epoch.h``."""
-    return codec(names.shared("epoch"), EPOCH, EPOCH_SIGNALS)
+    return codec(names.shared("epoch"), EPOCH, (*EPOCH_SIGNALS, *EPOCH_IDENTITY))

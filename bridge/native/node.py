@@ -325,6 +325,8 @@ class NodeStruct(c.Structure):
         ("drive_events", DriveEvents),
         ("motors", c.POINTER(MotorStruct)),
         ("n_motors", c.c_int64),
+        ("late_starts", c.c_int64),
+        ("damaged", c.c_int64),
     )
 
 

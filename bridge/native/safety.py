@@ -154,6 +154,7 @@ class Peer(c.Structure):
         ("required", c.c_int32),
         ("boots", c.c_uint32),
         ("number", c.c_uint32),
+        ("heard", c.c_int64),
     )
 
 

@@ -166,6 +166,7 @@ def _configured(
     struct.first = lcm(*(s.period for s in wired.plan.plan.components))
     clock, epoch = host_clock(), struct.epoch
     epoch.host, epoch.kept, epoch.follows = clock.number, clock.kept, options.alone
+    epoch.identity[:] = clock.identity
     control = Control(struct)
     helping = Helpers(control)
     answer(wired, buses, control)
@@ -240,6 +241,14 @@ def node_statement(
             o.message: {"frames": int(e.sent), "saturated": int(e.saturated)}
             for o, e in zip(wired.plan.outlets, wired.outlet_bindings.outlets, strict=False)
         },
+        services={
+            "epochs": int(s.epoch.heard),
+            "epochs_sent": int(s.epoch.said),
+            "heartbeats_sent": int(s.beats),
+            "late_starts": int(s.late_starts),
+            "damaged": int(s.damaged),
+        },
+        heartbeats={name: int(peer.heard) for name, peer in wired.peers.items()},
         forwards={name: forwarded_facts(f) for name, f in wired.forwards.items()},
         guards={name: g.trips() for name, g in wired.guards.items()},
         drives=tuple(wired.commanded.events()),

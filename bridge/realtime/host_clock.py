@@ -7,6 +7,7 @@ Processes of one host share its clocks. Two hosts share the date (CLOCK_REALTIME
 from __future__ import annotations
 
 import ctypes as c
+import hashlib
 import platform
 import zlib
 from dataclasses import dataclass
@@ -50,6 +51,13 @@ class HostClock:
     def number(self) -> int:
         """1 to 255, in EPOCH: hosts with different numbers are different."""
         return zlib.crc32(self.host.encode()) % 255 + 1
+
+    @property
+    def identity(self) -> tuple[float, float, float, float]:
+        """128 bits of a hash of `host`, 32 in each number: no two hosts have the same."""
+        digest = hashlib.sha256(self.host.encode()).digest()
+        a, b, c_, d = (float(int.from_bytes(digest[i : i + 4], "big")) for i in range(0, 16, 4))
+        return a, b, c_, d
 
     def describe(self) -> str:
         """For reports."""

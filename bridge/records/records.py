@@ -64,8 +64,10 @@ class Statement(Record, frozen=True, kw_only=True):
     `drives`: changes of the drives that it commands, with `t` s, `drive`, `phase`, `told`, and
     `failure`; `lost_drives`: a sentence for each that stopped the node.
 
-    `messages`: counters of each message's receiver; `sent`: of each outlet. Times are ns of the
-    monotonic clock.
+    `messages`: counters of each message's receiver; `sent`: of each outlet. `services`: frames of
+    services: ``epochs``, ``late_starts`` (while it ran) and ``damaged`` (not readable) that it
+    heard, ``epochs_sent``, ``heartbeats_sent``; `heartbeats`: that it heard, by node. Times are ns
+    of the monotonic clock.
     """
 
     life: Life
@@ -88,6 +90,8 @@ class Statement(Record, frozen=True, kw_only=True):
     unknown_frames: int = 0
     messages: Mapping[str, Counts] = {}
     sent: Mapping[str, Counts] = {}
+    services: Counts = {}
+    heartbeats: Counts = {}
     forwards: Mapping[str, Mapping[str, Any]] = {}
     guards: Mapping[str, Counts] = {}
     drives: tuple[Mapping[str, Any], ...] = ()

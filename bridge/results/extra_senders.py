@@ -1,4 +1,4 @@
-"""Unknown senders: messages of which a node received more frames than their sender sent.
+"""Unknown senders: messages and services of which a node received more frames than were sent.
 
 So a flood of valid frames shows, a recording that is played again, and a second sender, whatever
 is in their frames.
@@ -14,6 +14,7 @@ import numpy as np
 from bridge.deployment.carried import Carried
 from bridge.deployment.system import System
 from bridge.records.lives import Life, lives_of
+from bridge.records.records import Statement
 from bridge.results.report import NodeReport
 from bridge.wiring.wiring import Rows
 
@@ -67,6 +68,46 @@ def extra_frames(
             sent = _sent(system, rows, reports, system.messages[message])
             if heard > sent * (1 + BEYOND) + FEW:
                 yield Surplus(report.life, message, heard, sent)
+
+
+def extra_services(system: System, reports: Sequence[NodeReport]) -> Iterator[str]:
+    """Sentences about services that nobody in this run has sent: heartbeats, EPOCHs, STARTs while a
+    node ran, and messages longer than any can be.
+
+    What a node that was killed has sent is not known.
+    """
+    said = [(report.life, report.statement) for report in reports if report.statement]
+    whole = len(said) == len(reports)
+    for life, own in said:
+        for peer, heard in own.heartbeats.items():
+            theirs = [r.statement for r in reports if r.life.node == peer]
+            if theirs and all(theirs):
+                buses, what = len(system.buses_of(peer)), f"heartbeats of {peer}"
+                known = [s for s in theirs if s]
+                yield from _surplus(life, heard, "heartbeats_sent", what, known, buses)
+        others = [statement for other, statement in said if other != life]
+        epochs = own.services.get("epochs", 0)
+        if whole:
+            buses = len(system.buses_of(life.node))
+            yield from _surplus(life, epochs, "epochs_sent", "EPOCHs", others, buses)
+        late = own.services.get("late_starts", 0)
+        if late > FEW:
+            yield f"{life} heard {late} STARTs while it ran: somebody sends them to a run that runs"
+        for bus, health in own.buses.items():
+            if health.get("oversized"):
+                count = health["oversized"]
+                yield f"{life} heard {count} messages longer than any of this deployment on {bus}"
+
+
+def _surplus(
+    life: Life, heard: int, key: str, what: str, senders: Sequence[Statement], buses: int
+) -> Iterator[str]:
+    """A sentence where more was heard than these senders sent, once on each of so many buses."""
+    sent = sum(statement.services.get(key, 0) for statement in senders)
+    if heard > sent * buses * (1 + BEYOND) + FEW:
+        yield (
+            f"{life} heard {heard} {what}, of which {sent} were sent: somebody else sends them, too"
+        )
 
 
 def _sent(

@@ -20,7 +20,7 @@ from bridge.deployment.protection import drives_by
 from bridge.deployment.system import System
 from bridge.records.records import LifeEnd
 from bridge.results import overload
-from bridge.results.extra_senders import extra_frames
+from bridge.results.extra_senders import extra_frames, extra_services
 from bridge.results.rehearsal_outcome import RehearsalOutcome
 from bridge.results.report import NodeReport
 
@@ -109,6 +109,7 @@ def _always(system: System, outcome: RehearsalOutcome) -> Iterator[str]:
             if counts.get("range"):
                 yield f"{report.life}: {message}: {counts['range']} samples out of range"
     yield from map(str, extra_frames(system, outcome.rows, outcome.reports))
+    yield from extra_services(system, outcome.reports)
     yield from outcome.unanswered
 
 

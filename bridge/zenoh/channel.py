@@ -19,7 +19,7 @@ from bridge.can.health import BusHealth, bus_health
 from bridge.can.socket import BusError
 from bridge.deployment.zenoh_keys import Names
 from bridge.native.bus import Bus
-from bridge.native.frame import Frame, Ring
+from bridge.native.frame import DATA, Frame, Ring
 from bridge.native.journal import Journal
 from bridge.native.mail import frame_reader, frame_writer, keep_thread
 from bridge.zenoh import batches
@@ -82,6 +82,7 @@ class ZenohAttachment:
         self._joins = options.lockstep and options.lookahead
         self._most = capacity - ROOM  # frames that wait in lock-step, about
         self._refused, self._restarts, self._left = 0, 0, 0
+        self._oversized: dict[str, int] = {}  # by key
         self._fault = self._refusal = ""  # of the session, of a frame: the first one explains more
         self._silence = LostPeers(
             names.senders(traffic.steady), lease_time(self._config), period=traffic.period,
@@ -162,6 +163,7 @@ class ZenohAttachment:
             send_failed=health.send_failed + self._refused,
             restarts=self._restarts,
             peers_left=self._left + self.presence.lost,
+            oversized=sum(self._oversized.values()),
             last_error=self._fault or self._refusal or health.last_error,
         )
 
@@ -218,18 +220,25 @@ class ZenohAttachment:
         """Of one key: called on Zenoh's threads, of which there may be several."""
         bring, counts = frame_writer(self._rx, number), self._silence.counts
         counts.setdefault(key, 0)
+        self._oversized.setdefault(key, 0)
+
+        def fits(length: int) -> bool:
+            self._oversized[key] += length > DATA
+            return length <= DATA
 
         def receive(sample: zenoh.Sample) -> None:
             keep_thread()
             counts[key] += 1
-            bring(sample.payload.to_bytes())
+            if fits(len(sample.payload)):
+                bring(sample.payload.to_bytes())
 
         def receive_all(message: zenoh.Sample) -> None:
             keep_thread()
             for sample in batches.samples_of(message):
                 while len(self._rx) > self._most and not self._stop.is_set():
                     sleep(PAUSE)
-                bring(sample)
+                if fits(len(sample)):
+                    bring(sample)
 
         called = receive_all if self._joins else receive
         return zenoh.handlers.Callback(called, indirect=False)

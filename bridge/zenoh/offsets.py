@@ -131,7 +131,7 @@ def announce_epoch(session: zenoh.Session, system: System, bus: str) -> list[str
     warnings = judge(system.deployment, found, greatest_offset(system))
     if not any(one.running for one in found):
         origin = realtime_ns() + round(start_lead_time(found) * 1e9)
-        said = values(new_run(origin), ours.number, ours.kept, origin)
+        said = values(new_run(origin), ours.number, ours.kept, origin, ours.identity)
         send_service(session, names.shared("epoch"), epoch, said)
     return warnings
 

@@ -21,7 +21,7 @@ from bridge.node.missing_inputs import report_missing_inputs
 from bridge.realtime.host_clock import HostClock, host_clock
 from bridge.wiring.wiring import WiredNode
 from cosim.base.clock import realtime_ns, realtime_offset_ns
-from tests.bridge.bench import Bench, until
+from tests.bridge.bench import PATIENCE, Bench, until
 from tests.bridge.deployments import TELEOPERATION
 
 RUN, HOST, OTHER = 7, 3, 4
@@ -38,11 +38,18 @@ class Alone(Bench):
         self.struct.epoch.host, self.struct.epoch.follows = HOST, 1
         return super().__enter__()
 
-    def epoch(self, origin_ns, host=HOST, kept=0, status=Status.SIMULATED, run=RUN):
-        """EPOCH of a run with t = 0 at this time of the monotonic clock."""
-        date = origin_ns + realtime_offset_ns()
+    def epoch(self, origin_ns, host=HOST, kept=0, status=Status.SIMULATED, run=RUN, apart=0.0):
+        """EPOCH of a run with t = 0 at this time of the monotonic clock, and the date before it.
+
+        `apart`: the sender's date from ours, s; None: it does not say its date.
+        """
+        off = realtime_offset_ns() + seconds(apart or 0.0)
+        date = origin_ns + off
         header = Header(status=int(status))
         encoding = self.system.services["left"].epoch
+        if apart is not None:
+            said = native.date_values(host, now() + off)
+            self.put("left", encoding.frame(said, header, now()))
         values = native.values(run, host, bool(kept), date)
         self.put("left", encoding.frame(values, header, now()))
 
@@ -52,7 +59,11 @@ class Alone(Bench):
 
     @property
     def epochs(self):
-        return self.said(self.system.services["left"].epoch)
+        return [x for x in self.said(self.system.services["left"].epoch) if x[0][1]]
+
+    @property
+    def dates(self):
+        return [x for x in self.said(self.system.services["left"].epoch) if not x[0][1]]
 
 
 def seconds(n):
@@ -67,7 +78,8 @@ def seconds(n):
 def test_what_is_said_is_what_is_heard(deployment, date):
     system = load_system(TELEOPERATION, deployment)
     encoding = next(s.epoch for s in system.services.values() if s.epoch)
-    values = native.values(63, 255, True, date)
+    more = (0.0, 1.0, 2.0, 2.0**32 - 1) if deployment == "zenoh" else ()
+    values = native.values(63, 255, True, date, more)
     data = encoding.encode(values, status=Status.SIMULATED, counter=5)
     result, heard, header = encoding.decode(data)
     assert result is Decoded.OK and list(heard) == values
@@ -151,6 +163,72 @@ def waiting_master(folder):
             wired.struct.quit = 1
 
 
+@pytest.mark.parametrize("apart", [-3600.0, -10.0, 3.0, 250.0])
+@pytest.mark.parametrize(("kept", "ahead"), [(0, -3.0), (0, 0.6), (1, 0.6)])
+def test_on_can_the_date_of_a_host_is_compared_before_it_is_believed(tmp_path, kept, ahead, apart):
+    """Its number is ours, as that of one host in 255; no sample of the run has come."""
+    with Alone(tmp_path) as bench:
+        bench.struct.epoch.kept = kept
+        bench.epoch(now() + seconds(ahead), kept=kept, apart=apart)
+        until(lambda: bench.struct.epoch.unshared == 1)
+        assert bench.struct.epoch.origin_ns == 0 and not bench.struct.begun
+        bench.epoch(now() + seconds(ahead), kept=kept)
+        until(lambda: bench.struct.epoch.origin_ns)
+
+
+@pytest.mark.parametrize("late", [0.0, -10.0, 10.0])
+def test_without_a_date_a_run_that_has_begun_is_believed_by_its_samples(tmp_path, late):
+    """A foreign participant that sends EPOCH alone."""
+    with Alone(tmp_path, there=False) as bench:
+        began, epoch = now() - seconds(20), bench.struct.epoch
+        bench.epoch(began + seconds(late), apart=None)
+        until(lambda: epoch.heard == 1)
+        assert (epoch.origin_ns, epoch.unshared) == (0, 0)  # nothing speaks for it or against it
+        codec = bench.system.messages["STATE_1"].encoding
+        header = Header(status=ACTIVE | Status.SIMULATED, t_us=20_000_000)
+        bench.put("left", codec.frame([*bench.q, 0.0, 0.0], header, now()))
+        until(lambda: bench.wired.inlet_bindings.receptions["STATE_1"].early == 1)
+        bench.epoch(began + seconds(late), apart=None)
+        if late:
+            until(lambda: epoch.unshared == 1)
+            assert epoch.origin_ns == 0
+        else:
+            until(lambda: epoch.origin_ns)
+            assert abs(epoch.origin_ns - began) < 50_000_000
+
+
+def test_without_a_date_a_run_that_is_to_begin_begins_within_seconds(tmp_path):
+    with Alone(tmp_path) as bench:
+        bench.epoch(now() + seconds(9.5), apart=None)
+        until(lambda: bench.struct.epoch.unshared == 1)
+        bench.epoch(origin := now() + seconds(0.6), apart=None)
+        until(lambda: bench.struct.epoch.origin_ns)
+        assert abs(bench.struct.epoch.origin_ns - origin) < 50_000_000
+
+
+def test_over_zenoh_hosts_of_one_number_are_told_apart_by_all_128_bits(tmp_path):
+    """Before the first sample, and before a start."""
+    with waiting_master(tmp_path) as (wired, put):
+        epoch, encoding = wired.struct.epoch, wired.system.services["net"].epoch
+        ours = HostClock("ours", kept=False).identity
+        epoch.identity[:] = ours
+        assert all(0 <= x < 2**32 for x in ours) and len(encoding.encode([0.0] * 8)) == 24 + 8 * 8
+
+        def announce(ahead, identity):
+            origin = now() + seconds(ahead)
+            said = native.values(RUN, HOST, False, origin + realtime_offset_ns(), identity)
+            put(encoding.frame(said, Header(status=int(Status.SIMULATED)), now()))
+            return origin
+
+        for n, ahead in enumerate((-9.5, 0.5), 1):
+            announce(ahead, (*ours[:3], ours[3] + 1.0))
+            until(lambda n=n: epoch.unshared == n)
+            assert epoch.origin_ns == 0
+        origin = announce(30.0, ours)
+        until(lambda: epoch.origin_ns)
+        assert abs(epoch.origin_ns - origin) < 50_000_000
+
+
 def test_a_date_that_samples_contradict_is_not_believed(tmp_path):
     """Numbers of hosts have 8 bits: a stranger may have ours, and a date 10 s from ours."""
     with waiting_master(tmp_path) as (wired, put):
@@ -159,7 +237,8 @@ def test_a_date_that_samples_contradict_is_not_believed(tmp_path):
         began = now() - seconds(20)
 
         def announce(origin):
-            date = native.values(RUN, HOST, False, origin + realtime_offset_ns())
+            unknown = (0.0,) * 4  # it came over a gateway from CAN
+            date = native.values(RUN, HOST, False, origin + realtime_offset_ns(), unknown)
             put(services.epoch.frame(date, Header(status=int(Status.SIMULATED)), now()))
 
         put(codec.frame([0.0, 0.0], Header(status=status, t_us=20_000_000), now()))
@@ -284,6 +363,9 @@ def test_who_starts_at_once_says_when(tmp_path):
         date = bench.struct.start_ns + realtime_offset_ns()
         assert abs(values[3] * 1000 - date % TURN) < 50_000_000
         assert values[0] == bench.struct.epoch.run > 0 and values[1] == HOST and not others
+        ((dated, _),) = bench.dates  # before it, the date at which it was sent
+        assert (dated[0], dated[2]) == (HOST & 63, 0)
+        assert dated[3] * 1000 < values[3] * 1000 < dated[3] * 1000 + seconds(PATIENCE)
 
 
 # ---- a node that runs -------------------------------------------------------------------------

@@ -1,0 +1,110 @@
+"""A stranger on an open network sends services of the nodes: the run goes on, and says so."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from threading import Thread
+from types import SimpleNamespace
+
+import zenoh
+
+from bridge.deployment.zenoh_keys import names_of
+from bridge.native import epoch
+from bridge.native.frame import DATA
+from bridge.native.message import Header
+from bridge.native.safety import LifeState, Status
+from bridge.records.lives import Life
+from bridge.records.records import Statement
+from bridge.rehearsal.supervisor import NODES
+from bridge.results.extra_senders import extra_services
+from cosim.base.clock import realtime_ns, sleep
+from tests.bridge.results.test_elsewhere import report
+from tests.bridge.zenoh.rehearsed import prepared, sockets
+
+STARTS, BEATS, LONG = 50, 200, 18
+
+
+class Stranger:
+    """A client of one node's session."""
+
+    def __init__(self, system, socket):
+        config = zenoh.Config()
+        config.insert_json5("mode", '"client"')
+        config.insert_json5("connect/endpoints", f'["unixsock-stream/{socket}"]')
+        config.insert_json5("scouting/multicast/enabled", "false")
+        self._session, self._system = zenoh.open(config), system
+        self._names = names_of(system.deployment, "net")
+
+    def say(self, key, encoding, values, counter=0):
+        header = Header(status=int(Status.SIMULATED), counter=counter)
+        data = encoding.frame(values, header, 0).payload
+        self._session.put(key, data, congestion_control=zenoh.CongestionControl.BLOCK)
+
+    def forge(self):
+        names, services = self._names, self._system.services["net"]
+        beat = services.heartbeats[self._system.deployment.nodes["slave"].number]
+        said = epoch.values(9, 77, True, realtime_ns(), (1.0, 2.0, 3.0, 4.0))
+        for k in range(BEATS):
+            self.say(names.of("slave", "heartbeat"), beat, [LifeState.FINISHED, 0, 1, 0], k)
+            if k < STARTS:
+                self.say(names.shared("epoch"), services.epoch, said, k)
+                self.say(names.shared("nmt"), services.nmt, [1, 0], k)
+            if k < LONG:
+                self._session.put(names.of("slave", "heartbeat"), bytes(DATA + 1 + 100_000 * k))
+        sleep(0.2)
+        self._session.close()
+
+
+def test_forged_services_are_counted_and_named(tmp_path: Path) -> None:
+    calm = [f"deploy.nodes.{n}.within=10" for n in ("master", "slave")]
+    changes = ['run.stop="4 s"', *calm, *sockets(("master", "slave"), tmp_path)]
+    system, running = prepared("teleoperation", "zenoh", changes, tmp_path / "run")
+    with running:
+        ready = running._all_ready
+
+        def then_forge():
+            ready()
+            Thread(target=later, daemon=True).start()
+
+        def later():
+            sleep(1.5)  # the run has begun
+            Stranger(system, tmp_path / "master").forge()
+
+        running._all_ready = then_forge  # type: ignore[method-assign]
+        running.run()
+    lives = {name: Statement.read(tmp_path / "run" / NODES, Life(name)) for name in system.nodes}
+    master = lives["master"]
+    assert master is not None and master.end == "finished"
+    assert master.services["epochs"] >= STARTS and master.services["late_starts"] == STARTS
+    assert master.heartbeats["slave"] >= BEATS
+    assert master.buses["net"]["oversized"] == LONG
+    reports = [SimpleNamespace(life=Life(n), statement=s) for n, s in lives.items()]
+    said = [x for x in extra_services(system, reports) if x.startswith("master ")]
+    assert "of which" in said[0] and "heartbeats of slave" in said[0]
+    assert f"{STARTS} STARTs while it ran" in said[2]
+    assert f"{LONG} messages longer than any" in said[3]
+    assert "EPOCHs, of which" in said[1] and len(said) == 4
+
+
+def test_what_nodes_send_themselves_is_no_surplus() -> None:
+    """Over several buses; of a node that was killed it is not known what it sent."""
+
+    def one(node, heartbeats, **services):
+        made = report(node)
+        made.statement.heartbeats, made.statement.services = heartbeats, services
+        made.statement.buses = {}
+        return made
+
+    system = SimpleNamespace(buses_of=lambda node: ("left", "right"))
+    quiet = [
+        one("a", {"b": 200, "away": 10**6}, heartbeats_sent=100, epochs=8, epochs_sent=1),
+        one("b", {"a": 100}, heartbeats_sent=100, epochs=0, epochs_sent=4),
+    ]
+    assert not list(extra_services(system, quiet))
+    quiet[0].statement.heartbeats["b"] = 300
+    (found,) = extra_services(system, quiet)
+    assert found == (
+        "a heard 300 heartbeats of b, of which 100 were sent: somebody else sends them, too"
+    )
+    quiet[1].statement = None
+    assert not list(extra_services(system, quiet))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -26,6 +26,9 @@ if TYPE_CHECKING:
     from bridge.records.records import Statement
     from bridge.wiring.wiring import Rows
 
+#: s without a message after which a node that was started by hand stops: a peer that is started
+#: again by hand takes about 13 s on a busy machine.
+AWAY = 60.0
 UNSHARED = (
     "hears of a run on a host whose clock is not known to be this one's, and has not joined it; "
     "let a time server (NTP, PTP) keep the date of both hosts. Over Zenoh it goes on measuring"
@@ -65,6 +68,8 @@ def node(
 
     The deployment is checked first, as by `cosim rehearse`; after an error the node does not start.
     If the other nodes are already running, it joins their run at the current time of that run.
+    Without --hardware it waits for a peer that is away for 60 s, unless the deployment sets
+    `silence`.
 
     Ctrl-C ramps the torque down and ends the node; a second Ctrl-C ends it at once. Exit status 1
     if the node was stopped before the end.
@@ -89,6 +94,7 @@ def node(
     changes += bus_settings(
         deployments.load(path), interface, channel or [], bitrate, data_bitrate, fd
     )
+    changes += [] if hardware else waiting_for_a_restart(path, changes)
     system = load_system(scenario, str(path), changes)
     if name not in system.nodes:
         raise ScenarioError(f"no node {name!r}; there are: {', '.join(system.nodes)}", str(path))
@@ -111,7 +117,8 @@ def node(
                 typer.echo(f"{name}: has not received from {', '.join(waited)}", err=True)
             return
         if event["event"] == "deaf":
-            typer.echo(f"{name}: receives nothing from {', '.join(event['to'])}", err=True)
+            cure = "the deployment's `silence` (--set deploy.silence=60) lets it wait for longer"
+            typer.echo(f"{name}: receives nothing from {', '.join(event['to'])}; {cure}", err=True)
             return
         if event["event"] == "joined":
             typer.echo(f"{name}: joins the run at t = {event['t']:g} s")
@@ -158,6 +165,18 @@ def node(
         report = run_node(system, options, say, listen)
     rows = complete_node(system, folder, report, facts)
     _say(system, folder, report, rows)
+
+
+def waiting_for_a_restart(path: Path, changes: Sequence[str]) -> list[str]:
+    """The setting with which a node started by hand outlives a peer that is started again by hand.
+
+    None where the deployment in the file, or a change to it, says how long a node waits.
+    """
+    from cosim.base import toml
+
+    said = "silence" in toml.read(path)
+    said |= any(change.startswith("deploy.silence=") for change in changes)
+    return [] if said else [f"deploy.silence={AWAY:g}"]
 
 
 def _say(system: Any, folder: Path, report: Statement, rows: Mapping[Life, Rows]) -> None:

@@ -32,6 +32,8 @@ MANY = 20
 #: s without a message, at the end of a run, after which its receiver was deaf though it may wait
 #: for ever (``silence = 0``): as long as a Zenoh session waits before it is opened anew.
 SILENT = 5.0
+#: s of it, at most, where a node waits for longer: for a peer that is started again.
+USUAL = 10.0
 
 
 def missing_before_start(wired: WiredNode) -> list[str]:
@@ -123,7 +125,7 @@ def silent_at_end(wired: WiredNode) -> list[str]:
     found = {}
     for message, silence, limit in _silences(wired):
         reception = wired.inlet_bindings.receptions[message]
-        longest = limit or max(SILENT, MANY * reception.period_ns * 1e-9)
+        longest = min(limit, USUAL) or max(SILENT, MANY * reception.period_ns * 1e-9)
         if silence > longest and reception.newest >= 0:
             found[message] = _silence_text(wired, message, silence)
     return list(found.values())

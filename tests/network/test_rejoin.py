@@ -14,6 +14,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from bridge.cli.node import waiting_for_a_restart
+from bridge.deployment.spec import find
 from bridge.deployment.system import load_system
 from bridge.records.lives import ByLife, Life
 from bridge.relay.network import RelayNetwork
@@ -123,9 +125,9 @@ def rejoins(hand: ByHand, changes: Sequence[str], deployment: str, boot_id: str 
 
 
 def two_lives(
-    hand: ByHand, deployment: str, boot_id: str
+    hand: ByHand, deployment: str, boot_id: str, away: float = 0.0
 ) -> tuple[subprocess.Popen[str], subprocess.Popen[str]]:
-    """The master, and the second life of the slave, which has joined the run."""
+    """The master, and the second life of the slave, `away` s later, which has joined the run."""
     hosts = ARMS if deployment == "zenoh" else ("master", "master")
     master = hand.node(hosts[0], "master", "master", "")
     slave = hand.node(hosts[1], "slave", "slave", boot_id)
@@ -138,6 +140,7 @@ def two_lives(
     sleep(2.0)
     slave.kill()
     slave.wait()
+    sleep(away)
     again = hand.node(hosts[1], "slave", "again", boot_id)
     assert "joins the run at t = " in line(again, "joins the run")
     return master, again
@@ -185,12 +188,12 @@ def start(network: RelayNetwork) -> None:
 
 
 @contextmanager
-def on_two_hosts(folder: Path, stop: float) -> Iterator[tuple[ByHand, list[str]]]:
+def on_two_hosts(folder: Path, stop: float, *waits: str) -> Iterator[tuple[ByHand, list[str]]]:
     """Nodes over Zenoh that end at `stop` s at the latest, and their settings."""
     with ExitStack() as stack:
         network = stack.enter_context(RelayNetwork(ARMS, folder / "packets"))
         site = settings(Case(stop), Site(network, None))
-        changes = [f'run.stop="{stop} s"', "deploy.silence=0", *site]
+        changes = [f'run.stop="{stop} s"', *waits, *site]
         changes += [f'deploy.nodes.{arm}.overrun="20 s"' for arm in ARMS]
         said = ["--deploy", "zenoh", *(w for change in changes for w in ("--set", change))]
         hand = ByHand(network, said, folder)
@@ -200,12 +203,26 @@ def on_two_hosts(folder: Path, stop: float) -> Iterator[tuple[ByHand, list[str]]
 
 def test_over_zenoh_on_two_hosts(tmp_path: Path) -> None:
     """Its clock is not the master's but is measured: nobody keeps the date of either."""
-    with on_two_hosts(tmp_path, LONG) as (hand, changes):
+    with on_two_hosts(tmp_path, LONG, "deploy.silence=0") as (hand, changes):
         rejoins(hand, changes, "zenoh", ANOTHER)
 
 
+def test_over_zenoh_a_node_may_be_away_for_longer_than_a_rehearsal_allows(tmp_path: Path) -> None:
+    """The defaults of the deployment, and a person who takes a while."""
+    with on_two_hosts(tmp_path, LONG) as (hand, changes):
+        nodes = two_lives(hand, "zenoh", "", away=13.0)
+        sleep(2.0)
+        hand.stop()
+        for node in nodes:
+            node.communicate(timeout=120.0)
+        asked(hand, "stopped")
+        replayed(
+            hand, [*changes, *waiting_for_a_restart(find(SCENARIO, "zenoh"), changes)], "zenoh"
+        )
+
+
 def test_over_zenoh_on_two_hosts_that_share_a_clock_to_the_end(tmp_path: Path) -> None:
-    with on_two_hosts(tmp_path, 40.0) as (hand, changes):
+    with on_two_hosts(tmp_path, 40.0, "deploy.silence=0") as (hand, changes):
         nodes = two_lives(hand, "zenoh", "")
         for node in nodes:
             node.communicate(timeout=120.0)

@@ -1,10 +1,12 @@
 """Messages that are required before a start, and missing messages while a node runs."""
 
 import ctypes as c
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from bridge.cli.node import waiting_for_a_restart
 from bridge.deployment.system import load_system
 from bridge.native import node as native
 from bridge.native.bus import Bus
@@ -299,3 +301,19 @@ def test_a_node_that_needs_to_hear_nothing_says_that_a_run_is_on_which_nobody_an
             within(lambda: len(said) == 2)
     assert [event["event"] for event in said] == ["ready", "waiting"]
     assert "STATE_1 from master" in said[1]["for"][0] and "is in FAULT" in said[1]["for"][0]
+
+
+@pytest.mark.parametrize(
+    ("said", "changes", "expected"),
+    [
+        ("", [], ["deploy.silence=60"]),
+        ("silence = 10\n", [], []),
+        ("", ["deploy.silence=0"], []),
+        ("", ["deploy.patience=5"], ["deploy.silence=60"]),
+    ],
+)
+def test_a_node_started_by_hand_outlives_a_peer_that_is_started_again(
+    tmp_path: Path, said: str, changes: list[str], expected: list[str]
+) -> None:
+    (tmp_path / "d.toml").write_text(said + "[buses.a]\n")
+    assert waiting_for_a_restart(tmp_path / "d.toml", changes) == expected

@@ -8,7 +8,7 @@ messages outside `buses` are not checked.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import groupby
 
 from bridge.can.messages import BusMessage, Role, SignalRange, bus_responses, bus_share
@@ -60,7 +60,7 @@ def check_buses(
         found += [*wrong, *twice, *_reserved(on_bus), *_ranges(on_bus)]
         if not wrong and on_bus:
             found += _load(name, on_bus, timing)
-            found += _impossible(on_bus, timing)
+            found += [*_impossible(on_bus, timing), *_slow(on_bus, timing)]
         if not wrong and not twice:
             found += _late_messages(name, on_bus, timing)
     return list(
@@ -179,6 +179,26 @@ def _impossible(messages: Iterable[BusMessage], timing: BusTiming) -> Iterator[F
                 f"is to be sent every {m.period * 1e3:g} ms, and takes up to {takes * 1e3:.3g} ms"
             )
             yield _error("rate", m.place, m.period, "s", text)
+
+
+def _slow(messages: Sequence[BusMessage], timing: BusTiming) -> Iterator[Finding]:
+    """FD messages that keep the nominal bit rate on a bus where others change to that of data."""
+    if not timing.data_bitrate or not any(m.brs for m in messages):
+        return
+    for m in (m for m in messages if m.fd and not m.brs):
+        fast = replace(m, brs=True)
+        own, other = (timing.time_ns(worst(x.length, x.kind)) / 1e9 for x in (m, fast))
+        yield Finding(
+            rule="rate-switch",
+            severity="warning",
+            where=m.place,
+            number=own,
+            unit="s",
+            reason=f"is sent at {timing.bitrate:g} bit/s to its end, unlike other messages of the "
+            f"bus: up to {own * 1e6:.3g} us rather than {other * 1e6:.3g} us; some receivers do "
+            "not hear such frames",
+            advice='let it change the bit rate (CANFD_BRS "1" in the DBC file)',
+        )
 
 
 def _late_messages(

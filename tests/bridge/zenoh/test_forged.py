@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from threading import Thread
 from types import SimpleNamespace
 
+import numpy as np
 import zenoh
 
 from bridge.deployment.zenoh_keys import names_of
@@ -15,13 +17,15 @@ from bridge.native.message import Header
 from bridge.native.safety import LifeState, Status
 from bridge.records.lives import Life
 from bridge.records.records import Statement
-from bridge.rehearsal.supervisor import NODES
+from bridge.rehearsal.supervisor import NODES, Rehearsal, RehearsalRecord
+from bridge.replay import replay
 from bridge.results.extra_senders import extra_services
-from cosim.base.clock import realtime_ns, sleep
+from cosim.base.clock import realtime_ns, sleep, stopwatch
 from tests.bridge.results.test_elsewhere import report
-from tests.bridge.zenoh.rehearsed import prepared, sockets
+from tests.bridge.zenoh.rehearsed import collect, prepared, sockets
 
 STARTS, BEATS, LONG = 50, 200, 18
+ARMS = ("master", "slave")
 
 
 class Stranger:
@@ -54,24 +58,36 @@ class Stranger:
         sleep(0.2)
         self._session.close()
 
+    def flood(self, seconds):
+        """Messages of 5 MB to a key that the node hears."""
+        key, elapsed = self._names.of("slave", "heartbeat"), stopwatch()
+        while elapsed() < seconds:
+            self._session.put(key, bytes(5_000_000))
+        self._session.close()
+
+
+def during(running: Rehearsal, act: Callable[[], None]) -> RehearsalRecord:
+    """Run; what a stranger does begins 1.5 s after all are ready."""
+    ready = running._all_ready
+
+    def later() -> None:
+        sleep(1.5)  # the run has begun
+        act()
+
+    def then_act() -> None:
+        ready()
+        Thread(target=later, daemon=True).start()
+
+    running._all_ready = then_act  # type: ignore[method-assign]
+    with running:
+        return running.run()
+
 
 def test_forged_services_are_counted_and_named(tmp_path: Path) -> None:
-    calm = [f"deploy.nodes.{n}.within=10" for n in ("master", "slave")]
-    changes = ['run.stop="4 s"', *calm, *sockets(("master", "slave"), tmp_path)]
+    calm = [f"deploy.nodes.{n}.within=10" for n in ARMS]
+    changes = ['run.stop="4 s"', *calm, *sockets(ARMS, tmp_path)]
     system, running = prepared("teleoperation", "zenoh", changes, tmp_path / "run")
-    with running:
-        ready = running._all_ready
-
-        def then_forge():
-            ready()
-            Thread(target=later, daemon=True).start()
-
-        def later():
-            sleep(1.5)  # the run has begun
-            Stranger(system, tmp_path / "master").forge()
-
-        running._all_ready = then_forge  # type: ignore[method-assign]
-        running.run()
+    during(running, lambda: Stranger(system, tmp_path / "master").forge())
     lives = {name: Statement.read(tmp_path / "run" / NODES, Life(name)) for name in system.nodes}
     master = lives["master"]
     assert master is not None and master.end == "finished"
@@ -108,3 +124,20 @@ def test_what_nodes_send_themselves_is_no_surplus() -> None:
     )
     quiet[1].statement = None
     assert not list(extra_services(system, quiet))
+
+
+def test_after_messages_of_megabytes_samples_come_as_before(tmp_path: Path) -> None:
+    """For 1.5 s a third session sends 5 MB after 5 MB; then ages are what they were."""
+    calm = [f"deploy.nodes.{n}.within=10" for n in ARMS]
+    changes = ['run.stop="6 s"', *calm, *sockets(ARMS, tmp_path)]
+    system, running = prepared("teleoperation", "zenoh", changes, tmp_path / "run")
+    flooded = during(running, lambda: Stranger(system, tmp_path / "master").flood(1.5))
+    found = collect(system, flooded, tmp_path / "run")
+    heard = replay.received_by_life(tmp_path / "run" / NODES)[Life("master")]
+    period = system.messages["xi_slave"].period_ns
+    sent = heard["sequence"] * period * 1e-9
+    last = sent > 5.0
+    assert last.sum() > 0.5e9 / period  # of those that were sent, most came
+    assert np.median(heard["arrival_ns"][last] * 1e-9 - sent[last]) < 0.5  # and no backlog
+    assert found.reports["master"]["buses"]["net"]["oversized"] > 5  # which the verdict names
+    assert found.reports["master"]["end"] == "finished"

@@ -62,6 +62,8 @@ class Journal:
 
     def __init__(self, path: Path, memory: Any, row: np.dtype[Any], text: bytes, file: int) -> None:
         self.path, self._file, self._text = path, file, text
+        self._let_go = weakref.finalize(self, _let_go, file)  # also of one that nobody closes
+        self._let_go.atexit = False
         self._memory, self._closed = memory, False
         self.struct = JournalStruct.from_buffer(memory)
         capacity = int(self.struct.capacity)
@@ -80,7 +82,7 @@ class Journal:
         text = repr(np.lib.format.dtype_to_descr(row)).encode()
         end = HEADER + capacity * row.itemsize
         aside = path.with_name(f"{path.name}{UNFINISHED}")  # nobody finds half of one
-        file = _new_file(aside, end + len(text))
+        file, made = _new_file(aside, end + len(text)), None
         try:
             memory, grows = _mapped(file, end + len(text))
             _write(file, text, end)
@@ -93,10 +95,12 @@ class Journal:
             made.make_room()
             made.struct.magic = MAGIC  # last: a file without it is not one
             os.replace(aside, path)
-        except OSError as error:
-            os.close(file)
+        except BaseException as error:
+            os.close(file) if made is None else made._let_go()
             aside.unlink(missing_ok=True)
-            raise _failure(path, end + len(text), error) from error
+            if isinstance(error, OSError):
+                raise _failure(path, end + len(text), error) from error
+            raise
         return made
 
     @staticmethod
@@ -167,9 +171,7 @@ class Journal:
             _write(self._file, self._text, used)
             os.ftruncate(self._file, used + len(self._text))
         finally:
-            unlock(self._file)
-            if sys.platform == "win32":
-                os.close(self._file)
+            self._let_go()
 
     def __len__(self) -> int:
         return int(self.struct.rows)
@@ -179,6 +181,13 @@ class Journal:
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+
+def _let_go(file: int) -> None:
+    """Unlock and close the file of a journal."""
+    unlock(file)
+    if sys.platform == "win32":
+        os.close(file)
 
 
 def _new_file(path: Path, size: int) -> int:

@@ -7,6 +7,7 @@ when it reads beyond the end. This module uses ``pread``, which returns fewer by
 from __future__ import annotations
 
 import os
+from io import FileIO
 from pathlib import Path
 from typing import Any, Self, final
 
@@ -25,18 +26,19 @@ class JournalTail:
     def __init__(self, path: Path) -> None:
         self.path = path
         try:
-            self._file = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+            self._opened = FileIO(path)  # closed with the last that has it
         except OSError as error:
             raise JournalError(
                 f"{path}: {os.strerror(error.errno or 0)}; expected a journal"
             ) from error
+        self._file = self._opened.fileno()
         try:
             header = self._header()
             end = HEADER + header.capacity * header.row_size
             text = os.pread(self._file, header.description, end)
             self.row: np.dtype[Any] = row_of(path, text, header.row_size)
         except BaseException:
-            os.close(self._file)
+            self._opened.close()
             raise
 
     def _header(self) -> JournalStruct:
@@ -89,9 +91,8 @@ class JournalTail:
 
     def close(self) -> None:
         """Let go of the file."""
-        if self._file >= 0:
-            os.close(self._file)
-            self._file = -1
+        self._opened.close()
+        self._file = -1
 
     def __enter__(self) -> Self:
         return self

@@ -190,8 +190,14 @@ def test_frames_not_heard_are_counted_and_buses_have_a_load(made, run):
     assert np.isnan(bus["right"].load)
 
 
+def row_of(path):
+    """The type of the rows of a journal."""
+    with JournalTail(path) as tail:
+        return tail.row
+
+
 def test_what_stopped_a_node_is_said(run):
-    row = JournalTail(run / NODES / "slave.journal").row
+    row = row_of(run / NODES / "slave.journal")
     path = run / NODES / "slave.journal"
     kept = Journal.open(path).copy()
     kept["state"][-1], kept["reasons"][-1] = LifeState.STOPPING, Why.PEER
@@ -217,7 +223,7 @@ def test_a_second_life_of_a_node_is_the_one_shown(run):
         assert [n.life for n in snapshot(watched, NOW).nodes][1] == Life("slave", 10)
     path = run / NODES / "slave@11.journal"
     with (
-        Journal.create(path, JournalTail(run / NODES / "slave.journal").row, 10),
+        Journal.create(path, row_of(run / NODES / "slave.journal"), 10),
         LiveRun.open(run) as watched,
     ):
         found = snapshot(watched, NOW)
@@ -247,7 +253,7 @@ def test_journals_of_another_system_are_refused(run):
 
 def test_nodes_without_a_slot_yet(run):
     for path in (run / NODES).glob("*.journal"):
-        row = JournalTail(path).row
+        row = row_of(path)
         Journal.create(path, row, 10).close()
     with LiveRun.open(run) as watched:
         found = snapshot(watched, NOW)

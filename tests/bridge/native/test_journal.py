@@ -1,6 +1,7 @@
 """Rows written to a journal survive SIGKILL; files that are not journals are refused."""
 
 import ctypes
+import gc
 import os
 import signal
 import subprocess
@@ -15,6 +16,8 @@ from bridge.native import journal as journals
 from bridge.native.bus import Bus, BusKind
 from bridge.native.frame import Frame, Ring, frame_dtype
 from bridge.native.journal import HEADER, Journal, JournalError, JournalStruct
+from bridge.recording.journal_tail import JournalTail
+from tests.footprint import open_files
 
 ROW = np.dtype([("t_ns", "<i8"), ("state", "u1"), ("q", "<f8", (3,))])
 
@@ -206,3 +209,22 @@ def test_nobody_finds_half_a_journal(tmp_path: Path, monkeypatch: pytest.MonkeyP
     with pytest.raises(KeyboardInterrupt):
         Journal.create(tmp_path / "a.journal", np.dtype([("x", "<f8")]), 4)
     assert seen == [False] and not list(tmp_path.glob("*.journal"))
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="counts files in /proc")
+def test_what_nobody_closes_keeps_no_file_open(tmp_path: Path):
+    """A process that makes many journals, of runs that fail, does not run out of files."""
+    gc.collect()
+    before = open_files()
+    journal = Journal.create(tmp_path / "j", ROW, 10)
+    journal.append(1, 2, [0, 0, 0])
+    tail, view = JournalTail(tmp_path / "j"), journal.rows
+    assert open_files() > before
+    with pytest.warns(ResourceWarning, match="unclosed file"):
+        del journal, tail
+        gc.collect()
+    assert open_files() == before
+    assert view["t_ns"].tolist() == [1]  # rows that somebody still has are there
+    with Journal.create(tmp_path / "j", ROW, 10), JournalTail(tmp_path / "j"):
+        pass
+    assert open_files() == before

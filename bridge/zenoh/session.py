@@ -38,6 +38,7 @@ DEFAULTS: dict[str, Any] = {
         "period_increase_factor": 1.5,
     },
 }
+SHARED = "transport/shared_memory/enabled"
 #: What holds without a configuration file, besides.
 WITHOUT_FILE: dict[str, Any] = {
     "transport/link/tx/lease": 3000,  # a busy machine stops a process for more than a second
@@ -45,7 +46,7 @@ WITHOUT_FILE: dict[str, Any] = {
     "transport/link/tx/queue/size/real_time": 16,
     "transport/unicast/open_timeout": 1000,
     "transport/unicast/accept_timeout": 1000,
-    "transport/shared_memory/enabled": False,
+    SHARED: False,
 }
 #: One thread that receives, where the environment says nothing: with two (Zenoh's default) each
 #: message wakes both, on two processors.
@@ -102,9 +103,12 @@ def _read(options: ZenohOptions, node: str) -> zenoh.Config:
     text = options.config.read_text(encoding="utf-8")
     text = text.replace("{node}", node).replace("{keys}", str(options.keys.resolve()))
     try:
-        return zenoh.Config.from_json5(text)
+        config = zenoh.Config.from_json5(text)
     except zenoh.ZError as error:
         raise ScenarioError(f"{error}", str(options.config)) from error
+    if "shared_memory" not in text:  # each session would leave a file open, to the process's end
+        config.insert_json5(SHARED, json.dumps(WITHOUT_FILE[SHARED]))
+    return config
 
 
 def _get(config: zenoh.Config, key: str) -> Any:

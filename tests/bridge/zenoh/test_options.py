@@ -1,14 +1,16 @@
 """Errors in a configuration are reported before a session opens."""
 
 import json
+import sys
 from pathlib import Path
 
 import pytest
 
 from bridge.deployment import spec
-from bridge.zenoh.options import check_endpoint, is_loopback, options_of
-from bridge.zenoh.session import configure
+from bridge.zenoh.options import ZenohOptions, check_endpoint, is_loopback, options_of
+from bridge.zenoh.session import configure, open_session
 from cosim.base.errors import ScenarioError
+from tests.footprint import open_files
 
 CONFIGS = Path(__file__).parents[3] / "configs"
 
@@ -116,3 +118,14 @@ def test_a_file_is_filled_in_and_checked(tmp_path: Path):
         )
     with pytest.raises(ScenarioError, match=r"zenoh: no file .*missing.json5"):
         options('buses.net.zenoh="missing.json5"')
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="counts files in /proc")
+@pytest.mark.parametrize("config", [None, "router.json5"])
+def test_sessions_that_are_closed_leave_no_file_of_shared_memory(config):
+    """A node opens a session again after each outage."""
+    path = CONFIGS / "zenoh" / config if config else None
+    options = ZenohOptions("test", ("tcp/127.0.0.1:0",), config=path, insecure=True)
+    for _ in range(2):
+        open_session(configure(options, "test"), "net").close()
+    assert open_files()[".zenoh"] == 0

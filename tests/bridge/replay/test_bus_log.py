@@ -10,10 +10,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from bridge.native.frame import frame_dtype
 from bridge.native.safety import LifeState
 from bridge.records.lives import Life
 from bridge.replay.bus_log import LoggedSample, sent_ns, sequence, start_of
-from bridge.replay.from_log import ControllerReplay, LogReplay, SentDifference, _limits
+from bridge.replay.from_log import ControllerReplay, LogReplay, SentDifference, _arrivals, _limits
 from bridge.replay.received_and_sent import AlteredSamples
 from bridge.replay.replay import _new_components
 from bridge.replay.run_facts import period
@@ -203,3 +204,19 @@ def test_no_two_lives_of_a_node_share_a_component():
     systems = [_new_components(first, Life("master", boot)) for boot in (1, 2, 3)]
     made = [id(s.component) for x in systems for s in x.nodes["master"].plan.components]
     assert len(set(made)) == len(made)
+
+
+def test_a_node_hears_all_frames_of_its_bus_but_its_own():
+    """Of seven frames: those of its two messages, and its heartbeat, are not heard."""
+    made = system("can-classic")
+    number = made.deployment.nodes["master_control"].number
+    own = [made.messages[m].encoding.message.id for m in ("TAU_2", "XI_2")]
+    others = [made.messages[m].encoding.message.id for m in ("POS_1", "VEL_1")]
+    beats = [made.services["left"].heartbeats[n].message.id for n in (number, 1)]
+    bus = made.messages["POS_1"].bus
+    rows = np.zeros(7, frame_dtype(8))
+    rows["id"] = [*own, *others, *beats, 0x123]
+    rows["t_ns"] = NOW + 1000 * np.arange(7)
+    heard, times = _arrivals(made, "master_control", {bus: rows}, NOW)[bus]
+    assert heard["id"].tolist() == [*others, beats[1], 0x123]
+    assert times.tolist() == [2000, 3000, 5000, 6000]

@@ -1,0 +1,91 @@
+"""Drives of a node in its struct, against the texts of their profiles."""
+
+from __future__ import annotations
+
+import pytest
+
+from bridge.wiring.commanded import EVENTS
+from tests.bridge.deployments import document, named, system_of
+from tests.bridge.slots import Slots
+
+SHORT = "run.stop=0.2"
+MS = 1_000_000  # ns
+
+
+@pytest.fixture
+def wired(tmp_path):
+    """A node with its buses, before anything runs."""
+    made = []
+
+    def call(system, name):
+        folder = tmp_path / f"{name}{len(made)}"
+        folder.mkdir()
+        made.append(Slots(system, name, folder))
+        return made[-1].wired
+
+    yield call
+    for slots in made:
+        slots.wired.__exit__()
+
+
+def test_steps_of_a_bring_up_wait_as_long_as_their_profile_says(wired):
+    """Of CiA 402, where "1 s" and the profile's own default occur, and nothing is sent again."""
+    node = wired(named("can-cia402", SHORT), "master_control")
+    commanded = node.commanded
+    assert len(commanded.drives) == 2
+    for drive, entry in zip(commanded.drives, commanded.structs, strict=False):
+        said = [step[0] if isinstance(step, tuple) else step for step in drive.steps()]
+        steps = entry.steps[: entry.n_steps]
+        assert len(steps) == len(said) > 2
+        waits = {raw.within for raw in said}
+        assert "1 s" in waits and len(waits) > 1
+        for raw, step in zip(said, steps, strict=True):
+            if raw.within == "1 s":
+                assert step.within_ns == 1_000 * MS
+            else:
+                assert 0 < step.within_ns < 1_000 * MS, raw
+
+
+def test_changes_of_drives_are_kept_where_there_are_drives(wired):
+    drives = wired(named("can-damiao", SHORT), "master_control").struct
+    none = wired(named("can", SHORT), "master_control").struct
+    assert drives.n_commanded == 2 and none.n_commanded == 0
+    assert drives.drive_events.capacity == EVENTS and drives.drive_events.events
+    assert none.drive_events.capacity == 0 and not none.drive_events.events
+
+
+def test_faults_of_a_drive_are_a_table_in_the_order_of_time(wired):
+    node = wired(named("can-damiao", SHORT), "master")
+    motors = node.inlet_bindings.motors
+    first, second = motors.drives[:2]
+    motors.suffer(second.bus, second.node, [(0.5, 1, 0x80), (1.25, 2, 0)])
+    entry = motors.structs[1]
+    table = [(f.t_ns, f.fault, f.code) for f in entry.faults[: entry.n_faults]]
+    assert table == [(500 * MS, 1, 0x80), (1250 * MS, 2, 0)]
+    assert motors.structs[0].n_faults == 0 and entry.happened == 0
+    motors.suffer(first.bus, first.node, [])
+    assert motors.structs[0].n_faults == 0
+
+
+def test_encoders_measure_what_a_message_carries(wired):
+    """Positions and velocities in messages of their own, and none in a controller's."""
+    arm = wired(named("can-classic", SHORT), "master")
+    measured = {
+        o.message: (e.measured_q, e.measured_dq)
+        for o, e in zip(arm.plan.outlets, arm.outlet_bindings.outlets, strict=False)
+    }
+    assert measured == {"POS_1": (0, -1), "VEL_1": (-1, 0)}
+    assert all(e.drive for e in arm.outlet_bindings.outlets[: len(measured)])
+    control = wired(named("can-classic", SHORT), "master_control")
+    for entry in control.outlet_bindings.outlets[: len(control.plan.outlets)]:
+        assert (entry.measured_q, entry.measured_dq) == (-1, -1) and not entry.drive
+
+
+def test_only_messages_with_torques_have_the_age_of_the_drive(wired, tmp_path):
+    found = document("can")
+    found["nodes"]["master"]["drive"]["max_age"] = "40 ms"
+    found["messages"]["LINK_4"]["max_age"] = "70 ms"
+    system = system_of(found, tmp_path, SHORT)
+    bound = wired(system, "master").inlet_bindings
+    ages = [bound._max_age(system.messages[name]) for name in ("LINK_2", "LINK_4", "STATE_3")]
+    assert ages == [40 * MS, 70 * MS, 0]

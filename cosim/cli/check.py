@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import importlib
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from cosim.base.parts import part
 from cosim.cli.numbers import finite
 from cosim.cli.options import Json, Set
 
@@ -19,8 +19,6 @@ if TYPE_CHECKING:
     from cosim.schedule.plan import Plan
 
 
-#: Who checks the buses of a deployment; this package does not know it.
-BUSES = "bridge.cli.twin"
 #: What lines of a check begin with while something else is done.
 MARK = "check: "
 
@@ -63,9 +61,7 @@ def check(
     if scenario.suffix == ".dbc":
         if deploy is not None or set_:
             raise ScenarioError("found --deploy or --set besides a .dbc file; expected neither")
-        found = tuple(
-            importlib.import_module(BUSES).layout_findings(scenario, bitrate, data_bitrate, fd)
-        )
+        found = tuple(part("twin").layout_findings(scenario, bitrate, data_bitrate, fd))
     else:
         found = _scenario_findings(scenario, set_ or [], deploy)
     for f in found:
@@ -99,7 +95,7 @@ def _scenario_findings(
         found = findings(loaded, plan)
     typer.echo(loaded.title)
     if deploy is not None:
-        more = importlib.import_module(BUSES).findings(path, deploy, settings)
+        more = part("twin").findings(path, deploy, settings)
         found = (*found, *(f for f in more if f not in found))
     return found
 

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-import importlib
+from importlib import import_module
+from importlib.util import find_spec
 from typing import Any, final
 
 import typer
 from typer.main import get_command
 
 from cosim.base.names import hint
+from cosim.base.parts import commands
 from cosim.base.python import add_working_directory
 from cosim.cli.ending import ProgramGroup, run_program
 from cosim.cli.overview import COMMANDS, overview
@@ -22,27 +24,35 @@ class _Commands(ProgramGroup):
 
     def list_commands(self, ctx: Any) -> list[str]:
         """All names."""
-        return list(COMMANDS)
+        return [*COMMANDS, *(name for name in commands() if name not in COMMANDS)]
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
         """The command of that name, or None."""
-        if cmd_name not in COMMANDS:
-            if found := hint(cmd_name, COMMANDS):
+        known = self.list_commands(ctx) if cmd_name not in COMMANDS else COMMANDS
+        if cmd_name not in known:
+            if found := hint(cmd_name, known):
                 ctx.fail(f"no command {cmd_name!r}{found}")
             return None
-        module = importlib.import_module(COMMANDS[cmd_name][0])
         alone = typer.Typer(
             add_completion=False,
             pretty_exceptions_enable=False,
             rich_markup_mode=None,
             context_settings=_SETTINGS,
         )
-        alone.command(cmd_name)(getattr(module, cmd_name))
+        alone.command(cmd_name)(function(cmd_name))
         return get_command(alone)
 
     def format_help(self, ctx: Any, formatter: Any) -> None:
         """The help of the program."""
         formatter.write(overview())
+
+
+def function(name: str) -> Any:
+    """The function of a command: of the module of this name beside this one, or an entry point."""
+    place = f"cosim.cli.{name}"
+    if find_spec(place):
+        return getattr(import_module(place), name)
+    return commands()[name].load()
 
 
 app = typer.Typer(

@@ -42,9 +42,12 @@ def completion(
     """Print the completion of a shell: eval "$(cosim completion bash)"."""
     from cosim.base.errors import ScenarioError
     from cosim.base.names import unknown
+    from cosim.base.parts import commands
     from cosim.cli.overview import COMMANDS
 
     scripts = {"bash": _BASH, "zsh": _ZSH, "fish": _FISH}
     if shell not in scripts:
         raise ScenarioError(unknown(shell, scripts, "completion of the shell"), "cosim completion")
-    typer.echo(scripts[shell].format(commands=" ".join(COMMANDS)), nl=False)
+    typer.echo(
+        scripts[shell].format(commands=" ".join(dict.fromkeys([*COMMANDS, *commands()]))), nl=False
+    )

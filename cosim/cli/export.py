@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import importlib
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from cosim.base.parts import part
 from cosim.cli.options import Set
 
-#: Who writes the nodes of a deployment; this package does not know it.
-NODES = "bridge.cli.nodes"
 _TOGETHER = (
     "found one of --deploy, --nodes, --node and --platforms, expected --deploy NAME --nodes FOLDER"
 )
@@ -89,7 +87,7 @@ def export(
             "cosim export",
         )
     if nodes is not None:
-        writer = importlib.import_module(NODES)
+        writer = part("node_fmus")
         writer.write(scenario, deploy, nodes, node or [], set_ or [], platforms)
     if ssp is None and fmu is None:
         return

@@ -5,137 +5,84 @@ from __future__ import annotations
 import textwrap
 from shutil import get_terminal_size
 
-#: Of each group of commands: module and first line of help of a command, whose function has its
-#: name. Those of the bridge and of robots are here by name only: this package knows neither.
-GROUPS: dict[str, dict[str, tuple[str, str]]] = {
+#: Of each group of commands: the first line of a command's help. Its function has its name and
+#: stands in the module of that name in this folder, or it is an entry point (cosim.base.parts).
+GROUPS: dict[str, dict[str, str]] = {
     "Simulate": {
         "run": (
-            "cosim.cli.run",
-            "Run a scenario; write trajectories, metadata, link tables and a report to a folder.",
+            "Run a scenario; write trajectories, metadata, link tables and a report to a folder."
         ),
         "check": (
-            "cosim.cli.check",
-            "Check a scenario without running it: stability margins, links, wiring, predictions.",
+            "Check a scenario without running it: stability margins, links, wiring, predictions."
         ),
         "show": (
-            "cosim.cli.show",
-            "Print how a scenario runs: components, rates, order, and what every input samples.",
+            "Print how a scenario runs: components, rates, order, and what every input samples."
         ),
         "info": (
-            "cosim.cli.info",
-            "Print the ports and units of an FMU, a model or a scene of MuJoCo; validate an FMU.",
+            "Print the ports and units of an FMU, a model or a scene of MuJoCo; validate an FMU."
         ),
-        "export": (
-            "cosim.cli.export",
-            "Write a scenario or a run for other tools.",
-        ),
-        "new": (
-            "bridge.cli.new",
-            "Write a scenario, its rehearsal and a test: for your controller or your arm.",
-        ),
+        "export": "Write a scenario or a run for other tools.",
+        "new": "Write a scenario, its rehearsal and a test: for your controller or your arm.",
         "doctor": (
-            "bridge.cli.doctor",
-            "Check this machine: Python, engine, compiler, networks, CAN, real time; with cures.",
+            "Check this machine: Python, engine, compiler, networks, CAN, real time; with cures."
         ),
-        "completion": (
-            "cosim.cli.completion",
-            'Print the completion of a shell: eval "$(cosim completion bash)".',
-        ),
+        "completion": 'Print the completion of a shell: eval "$(cosim completion bash)".',
         "report": (
-            "cosim.cli.report",
-            "Write the report of a run again: a page with diagrams, arms that move, and results.",
+            "Write the report of a run again: a page with diagrams, arms that move, and results."
         ),
-        "recover": (
-            "cosim.cli.recover",
-            "Complete a run folder after the run was killed or the disk was full.",
-        ),
+        "recover": "Complete a run folder after the run was killed or the disk was full.",
     },
     "Judge": {
-        "analyze": (
-            "cosim.cli.analyze",
-            "Analyze a port: manipulability, felt damping and stiffness, and passivity.",
-        ),
-        "linearize": (
-            "cosim.cli.linearize",
-            "Linearize a scenario at a time of its run: A, B, C, D and the poles.",
-        ),
+        "analyze": "Analyze a port: manipulability, felt damping and stiffness, and passivity.",
+        "linearize": "Linearize a scenario at a time of its run: A, B, C, D and the poles.",
         "compare": (
-            "cosim.cli.compare",
-            "Compare controllers: run each with every operator and link law, and print one table.",
+            "Compare controllers: run each with every operator and link law, and print one table."
         ),
         "sweep": (
-            "cosim.cli.sweep",
-            "Run a parameter study: simulate every point; write a table and figures. Resumable.",
+            "Run a parameter study: simulate every point; write a table and figures. Resumable."
         ),
         "fit": (
-            "cosim.cli.fit",
-            "Fit parameters of a scenario or an FMU to measured data, with confidence intervals.",
+            "Fit parameters of a scenario or an FMU to measured data, with confidence intervals."
         ),
-        "identify": (
-            "fmus.robots.identify",
-            "Identify the base parameters of an arm from a recorded run, with intervals.",
-        ),
+        "identify": "Identify the base parameters of an arm from a recorded run, with intervals.",
         "diff": (
-            "bridge.cli.diff",
-            "Compare two runs signal by signal, largest differences first, and print a verdict.",
+            "Compare two runs signal by signal, largest differences first, and print a verdict."
         ),
         "reproduce": (
-            "cosim.cli.reproduce",
-            "Reproduce the paper: run Sec. VII and Theorems 1-5, draw figures, check all claims.",
+            "Reproduce the paper: run Sec. VII and Theorems 1-5, draw figures, check all claims."
         ),
     },
     "Rehearse": {
         "rehearse": (
-            "bridge.cli.rehearse",
-            "Run a scenario in real time, one process per node, on real buses; then check the run.",
+            "Run a scenario in real time, one process per node, on real buses; then check the run."
         ),
         "node": (
-            "bridge.cli.node",
-            "Run one node of a deployment: configure it, wait for the start, run until the end.",
+            "Run one node of a deployment: configure it, wait for the start, run until the end."
         ),
-        "replay": (
-            "bridge.cli.replay",
-            "Recompute a recorded run offline, and compare every signal of every node.",
-        ),
-        "monitor": (
-            "bridge.cli.monitor",
-            "Show the status of a running or finished rehearsal (read-only).",
-        ),
-        "tell": (
-            "bridge.cli.tell",
-            "Send a command or a query to the nodes of a deployment, and print their answers.",
-        ),
-        "campaign": (
-            "bridge.cli.campaign",
-            "Run a rehearsal with each fault script of a campaign, and check each run.",
-        ),
-        "soak": (
-            "bridge.cli.soak",
-            "Run a soak test: many rehearsals with random faults, several at once.",
-        ),
+        "replay": "Recompute a recorded run offline, and compare every signal of every node.",
+        "monitor": "Show the status of a running or finished rehearsal (read-only).",
+        "tell": "Send a command or a query to the nodes of a deployment, and print their answers.",
+        "campaign": "Run a rehearsal with each fault script of a campaign, and check each run.",
+        "soak": "Run a soak test: many rehearsals with random faults, several at once.",
     },
     "Networks": {
         "delays": (
-            "cosim.cli.delays",
-            "List delays by name: presets of networks, and frozen traces with their SHA-256 sums.",
+            "List delays by name: presets of networks, and frozen traces with their SHA-256 sums."
         ),
         "ping": (
-            "bridge.cli.ping",
-            "Measure delays of a network each way and by parts; predict the effect on controllers.",
+            "Measure delays of a network each way and by parts; predict the effect on controllers."
         ),
-        "pong": ("bridge.cli.pong", "Answer the questions of cosim ping, until Ctrl-C."),
+        "pong": "Answer the questions of cosim ping, until Ctrl-C.",
         "bus": (
-            "bridge.cli.bus",
-            "Serve a simulated CAN bus to python-can programs, socketcand clients and SocketCAN.",
+            "Serve a simulated CAN bus to python-can programs, socketcand clients and SocketCAN."
         ),
         "keys": (
-            "bridge.cli.keys",
-            "Create a test authority and one certificate per node, for configs/zenoh/secure.json5.",
+            "Create a test authority and one certificate per node, for configs/zenoh/secure.json5."
         ),
     },
 }
 #: The same without the groups.
-COMMANDS = {name: entry for group in GROUPS.values() for name, entry in group.items()}
+COMMANDS = {name: line for group in GROUPS.values() for name, line in group.items()}
 _HEAD = """\
 Usage: cosim [OPTIONS] COMMAND [ARGS]...
 
@@ -164,7 +111,7 @@ def overview() -> str:
                 initial_indent=f"  {name}".ljust(column),
                 subsequent_indent=" " * column,
             )
-            for name, (_, line) in group.items()
+            for name, line in group.items()
         ]
         parts.append("\n".join([f"{title}:", *lines, ""]))
     return "\n".join([*parts, _END])

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import importlib
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from cosim.base.parts import part
 from cosim.cli.options import Pdf, Png, Quiet
 
-#: Writes the reports of rehearsals; this package does not know it.
-REHEARSALS = "bridge.cli.rehearse"
 #: How wide figures may be, m.
 LEAST, MOST = 0.05, 1.0
 
@@ -45,7 +43,7 @@ def report(
     result = Run.open(run)
     folder = result.path.parent
     if "rehearsal" in result.metadata:
-        found = [("report", importlib.import_module(REHEARSALS).rewrite_report(folder))]
+        found = [("report", part("rehearsals").rewrite_report(folder))]
     else:
         found = [("report", write_report(result))]
     if png or pdf:

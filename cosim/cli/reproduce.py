@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import os
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -12,10 +11,8 @@ from typing import Annotated, Any, Protocol, cast
 
 import typer
 
+from cosim.base.parts import part
 from cosim.cli.options import Json
-
-#: The reproduction; imported by name, for `cosim` knows no model.
-PAPER = "fmus.paper.reproduction"
 
 Row = Mapping[str, Any]
 
@@ -71,7 +68,7 @@ def reproduce(
     from cosim.cli.summary import progress_bar, this_command
 
     wanted = [part.strip() for part in only.split(",") if part.strip()]
-    paper = cast(Reproduction, importlib.import_module(PAPER))
+    paper = cast(Reproduction, part("paper"))
     if list_:
         typer.echo("\n".join(_listing(paper.listing(wanted))))
         return

@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
-import importlib
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from cosim.base.parts import part
 from cosim.cli.numbers import finite
 from cosim.cli.options import Force, Json, Pdf, Png, Quiet, Report, Strict
 
 if TYPE_CHECKING:
     from cosim.base.errors import RunError
     from cosim.scenario.spec import Scenario
-
-#: Who runs a deployment on a simulated clock; this package does not know it.
-TWIN = "bridge.cli.twin"
 
 
 def run(
@@ -137,7 +134,7 @@ def run(
     if deploy is not None:
         if links is not None:
             raise ScenarioError("--links is for runs without nodes; expected no --deploy with it")
-        twin = importlib.import_module(TWIN)
+        twin = part("twin")
         twin.run(
             scenario, deploy, clock, settings, out,
             force=force, report=plot, png=png, pdf=pdf, strict=strict, quiet=quiet, json=json,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import re
 import tempfile
 from contextlib import suppress
@@ -11,6 +10,7 @@ from xml.etree import ElementTree
 
 from cosim.base.archive import add_sum
 from cosim.base.errors import CosimError, FmuError
+from cosim.base.parts import part
 from cosim.fmi.archive import Archive
 from cosim.fmi.headers import header_folder
 
@@ -25,12 +25,7 @@ def compile_sources(archive: Archive, fmi: str, identifier: str, output: Path) -
     and names have no prefix unless the sources insist. Raises FmuError where there is no compiler,
     a listed file is missing, or it refuses the sources.
     """
-    try:
-        toolchain = importlib.import_module("fmus.build.toolchain")
-    except ImportError:
-        raise FmuError(
-            f"{archive.path}: building its sources needs the package fmus, which is not installed"
-        ) from None
+    toolchain = part("toolchain")
     folder = archive.folder / "sources"
     files, defines = _listed(archive, fmi)
     sources = [folder / name for name in files] or _not_included(sorted(folder.glob("*.c")))

@@ -8,7 +8,6 @@ trajectories and link tables of nodes from their journals.
 
 from __future__ import annotations
 
-import importlib
 import shutil
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -19,14 +18,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim.base.errors import RunError, ScenarioError
+from cosim.base.parts import part
 from cosim.record.folder import JOURNAL, LAST, LIVE, NODES, PART, TRAJECTORIES, link_files, reason
 from cosim.record.groups import SETTINGS, batch, schema
 from cosim.record.link_tables import table_paths
 from cosim.record.live import Column, Live, Rows, in_use
 from cosim.record.pages import groups
 
-#: Makes a recording of the journals of nodes, which this package does not know.
-COLLECTOR = "bridge.recording.recovered"
 #: What is collected of the journals of a run that was cut short.
 SCRATCH = ".recovered"
 #: What was collected for readers, by the journals it was collected of; it goes with this process.
@@ -69,7 +67,7 @@ def _collected(folder: Path) -> Path:
     key = object() if is_recording(folder) else stamps
     if key not in _collections:
         scratch = TemporaryDirectory(prefix="cosim-", ignore_cleanup_errors=True)
-        importlib.import_module(COLLECTOR).collect(folder, Path(scratch.name))
+        part("recordings").collect(folder, Path(scratch.name))
         _collections[key] = scratch
     return Path(_collections[key].name)
 
@@ -121,7 +119,7 @@ def _complete_nodes(folder: Path) -> None:
     shutil.rmtree(scratch, ignore_errors=True)
     try:
         scratch.mkdir()
-        importlib.import_module(COLLECTOR).collect(folder, scratch)
+        part("recordings").collect(folder, scratch)
         found = [path for path in scratch.rglob("*") if path.is_file()]
         for path in sorted(found, key=lambda p: p.name == TRAJECTORIES):  # last: then all is there
             place = folder / path.relative_to(scratch)

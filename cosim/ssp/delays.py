@@ -6,16 +6,13 @@ previous step, then gives the receiver in step k the sample that the link holds 
 
 from __future__ import annotations
 
-import importlib
 from pathlib import Path
 
 from cosim.base.errors import ScenarioError
+from cosim.base.parts import part
 from cosim.scenario.spec import Scenario
 from cosim.schedule.parts import Link
 from cosim.schedule.plan import Plan
-
-#: The module that makes them; models are named, not imported (see docs/design.md, section 3).
-_MODEL = "fmus.models.delay"
 
 
 def build_delays(
@@ -26,7 +23,7 @@ def build_delays(
     With `rates` it steps with the common period of its two ends; without, all components step in
     every tick. Raises ScenarioError for other links, and for a delay below one step.
     """
-    model = importlib.import_module(_MODEL)
+    model = part("link_delays")
     delays = []
     for i, link in enumerate(plan.links):
         _check(scenario, plan, link, rates)

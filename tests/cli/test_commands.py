@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import gc
-import importlib
 import inspect
 import os
 import subprocess
@@ -12,7 +11,10 @@ from pathlib import Path
 
 import pytest
 
+from cosim.base.errors import ScenarioError
+from cosim.base.parts import part
 from cosim.cli import main
+from cosim.cli.commands import function
 from cosim.cli.overview import COMMANDS
 from tests.cli.command import CALL
 
@@ -31,9 +33,8 @@ finally:
 
 @pytest.mark.parametrize("name", COMMANDS)
 def test_the_list_says_of_a_command_what_its_own_help_says(name: str) -> None:
-    module, line = COMMANDS[name]
-    text = inspect.getdoc(getattr(importlib.import_module(module), name))
-    assert text and text.splitlines()[0] == line
+    text = inspect.getdoc(function(name))
+    assert text and text.splitlines()[0] == COMMANDS[name]
 
 
 @pytest.mark.parametrize("words", [[], ["-h"], ["--help"]])
@@ -48,7 +49,7 @@ def test_every_command_is_listed_with_its_line(words: list[str]) -> None:
     assert done.returncode == (0 if words else 2)
     assert max(map(len, done.stdout.splitlines())) <= 80
     listed = " ".join(done.stdout.split())
-    for name, (_, line) in COMMANDS.items():
+    for name, line in COMMANDS.items():
         assert f"{name} {line}" in listed
 
 
@@ -108,3 +109,27 @@ def test_a_command_has_one_thread_of_linear_algebra_unless_the_environment_says_
     [(threads, new_objects)] = found
     assert threads == expected
     assert new_objects > 10_000  # or imports are searched for garbage dozens of times
+
+
+@pytest.mark.parametrize("words", [["greet", "--help"], ["completion", "bash"]])
+def test_another_distribution_adds_a_command(words: list[str], tmp_path: Path) -> None:
+    """Its entry point and a module are all that it takes; they are found where Python finds it."""
+    (tmp_path / "greeting.py").write_text('def greet() -> None:\n    """Say hello."""\n')
+    facts = tmp_path / "greeting-1.0.dist-info"
+    facts.mkdir()
+    (facts / "METADATA").write_text("Metadata-Version: 2.1\nName: greeting\nVersion: 1.0\n")
+    (facts / "entry_points.txt").write_text("[cosim.commands]\ngreet = greeting:greet\n")
+    done = subprocess.run(
+        [*CALL, *words],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        env=os.environ | {"PYTHONPATH": str(tmp_path)},
+    )
+    assert done.returncode == 0, done.stderr
+    assert ("Say hello." if words[0] == "greet" else " keys greet") in done.stdout
+
+
+def test_a_part_that_is_not_installed_is_named() -> None:
+    with pytest.raises(ScenarioError, match=r"no installed part 'twins'; did you mean 'twin'\?"):
+        part("twins")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import graphlib
 import importlib.util
+import re
 import tomllib
 from pathlib import Path
 
@@ -70,6 +71,20 @@ def test_no_module_comes_back_to_itself_by_its_imports():
     found = imports(("cosim", "bridge", "fmus"))
     assert "cosim.fmi.library" in found["cosim.fmi.fmi2"]
     graphlib.TopologicalSorter(found).prepare()  # CycleError names the modules of a circle
+
+
+@pytest.mark.parametrize(("package", "above"), [("cosim", "bridge|fmus"), ("fmus", "bridge")])
+def test_no_string_names_a_module_of_a_package_above(package: str, above: str) -> None:
+    """The import contracts cannot see these: such parts are entry points (cosim.base.parts)."""
+    module = re.compile(rf"({above})(\.\w+)+")
+    named = [
+        f"{path.relative_to(ROOT)}:{node.lineno} {node.value}"
+        for path in (ROOT / package).rglob("*.py")
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.Constant) and isinstance(node.value, str)
+        if module.fullmatch(node.value)
+    ]
+    assert named == []
 
 
 def test_only_the_fmi_layer_asks_whether_a_component_is_an_fmu():

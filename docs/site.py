@@ -30,8 +30,8 @@ COSIM = str(Path(sys.executable).with_name("cosim"))
 
 #: The pages by what a reader wants; every page of docs/ stands in one of them.
 GROUPS: Mapping[str, tuple[str, ...]] = {
-    "Begin": ("tutorial", "running", "python", "own-component", "your-own-arm"),
-    "Simulate": ("arm", "mujoco", "fmi", "ssp", "scale", "sweep", "fit", "analysis", "benchmark"),
+    "Begin": ("tutorial", "running", "run-folder", "python", "own-component", "your-own-arm"),
+    "Simulate": ("arm", "mujoco", "fmi", "ssp", "scale", "sweep", "analysis", "benchmark"),
     "Rehearse": ("rehearsal", "can", "vcan", "bus", "ls-bus", "hardware", "monitor", "faults"),
     "Networks": ("network", "ping"),
     "Concepts": ("design", "algorithms", "real-time", "safety", "controllers", "paper", "glossary"),
@@ -40,6 +40,7 @@ GROUPS: Mapping[str, tuple[str, ...]] = {
         "evidence/controllers",
         "evidence/benchmark",
         "evidence/paper",
+        "evidence/arms",
         "evidence/bus-load",
         "evidence/bus-cases",
         "evidence/openarm-reports",

@@ -32,7 +32,7 @@ COSIM = str(Path(sys.executable).with_name("cosim"))
 GROUPS: Mapping[str, tuple[str, ...]] = {
     "Begin": ("tutorial", "running", "run-folder", "python", "own-component", "your-own-arm"),
     "Simulate": ("arm", "mujoco", "fmi", "ssp", "scale", "sweep", "analysis", "benchmark"),
-    "Rehearse": ("rehearsal", "can", "vcan", "bus", "ls-bus", "hardware", "monitor", "faults"),
+    "Rehearse": ("rehearsal", "can", "bus", "ls-bus", "hardware", "faults"),
     "Networks": ("network", "ping"),
     "Concepts": ("design", "algorithms", "real-time", "safety", "controllers", "paper", "glossary"),
     "Reference": ("commands", "keys", "api", "models"),
@@ -41,6 +41,8 @@ GROUPS: Mapping[str, tuple[str, ...]] = {
         "evidence/benchmark",
         "evidence/paper",
         "evidence/arms",
+        "evidence/speed",
+        "evidence/safety",
         "evidence/bus-load",
         "evidence/bus-cases",
         "evidence/openarm-reports",

@@ -30,7 +30,7 @@ _CAP_IPC_LOCK, _CAP_SYS_NICE = 14, 23  # linux/capability.h
 
 @dataclass(frozen=True, slots=True)
 class Realtime:
-    """What to ask for. The thread that calls :func:`enter` is the one that ticks."""
+    """Requests to the system for the thread of the tick (:mod:`bridge.realtime.requests`)."""
 
     mode: Mode = "ask"
     priority: int = 50  # of SCHED_FIFO, 1 to 99; 0: do not ask

@@ -58,7 +58,8 @@ OF_ANY_RUN = ("command", "findings")
 def clear(folder: Path) -> None:
     """Delete the files of an earlier rehearsal in a folder that will be reused.
 
-    A folder with other files is left unchanged: :func:`claim_folder` refuses it.
+    A folder with other files is left unchanged:
+    :func:`cosim.record.folder.claim_folder` refuses it.
     """
     if not (folder / NODES).is_dir():
         return

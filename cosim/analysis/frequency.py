@@ -181,7 +181,7 @@ class PortGain:
         return float(np.hypot(*self.error[:2])) / log(self.omega[1] / self.omega[0])
 
     def felt_error(self, low: float, high: float) -> Array:
-        """Two standard deviations of I, D, S of :meth:`felt`, (3, m), from independent noise.
+        """Two standard deviations of the felt inertia I, damping D and stiffness S, (3, m).
 
         Z of a joint has the relative uncertainty of G; D is its weighted mean, I and S are least
         squares, so all shrink with the number of frequencies in the band.

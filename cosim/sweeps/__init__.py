@@ -5,10 +5,11 @@
     study      a study as read and checked, every error with its place
     design     axes -> points: grid, Latin hypercube, Monte Carlo; the identity of each run
     memory     a run's signals in memory, no more of them than its metrics need
-    perform    one point -> one row, also if the run fails
+    run_point  one point -> one row, also if the run fails
+    batch      several points at a time
     workers    points spread over processes, threads, or a cluster
     store      the folder: a journal, Parquet parts, nothing lost and nothing done twice
-    drive      all of it
+    execute    all of it
     table      the rows of a study
     summary    the table as lines and as files
     figures    maps, lines and points over the axes

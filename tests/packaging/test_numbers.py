@@ -86,7 +86,7 @@ NUMBERS: list[tuple[str, str, Callable[[], float]]] = [
     ("safety.md", r"it every (\d+) ms until", lambda: in_c("service.c", "ALARM_NS") / 1e6),
     ("safety.md", r"\(every (\d+) to 20 ms\)", lambda: FEED_NS[0] / 1e6),
     ("safety.md", r"\(every 5 to (\d+) ms\)", lambda: FEED_NS[1] / 1e6),
-    ("monitor.md", r"at most (\d+) slots a second", lambda: LIVE_RATE),
+    ("rehearsal.md", r"at most (\d+) slots a second", lambda: LIVE_RATE),
     ("network.md", r"`options.wait` \((\d+) s\)", lambda: default(ZenohOptions, "wait")),
     ("real-time.md", r"bins of 1 µs up to (\d+) µs", lambda: _LINEAR),
     ("real-time.md", r"then (\d+) a factor of two", lambda: _PER_OCTAVE),

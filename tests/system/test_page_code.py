@@ -14,6 +14,7 @@ from click import UsageError
 from typer.main import get_command
 
 from cosim.cli.commands import app
+from cosim.cli.overview import COMMANDS
 from tests.system.runs import ROOT
 
 PAGES = {str(p.relative_to(ROOT)): p for p in (ROOT / "README.md", *(ROOT / "docs").rglob("*.md"))}
@@ -66,3 +67,9 @@ def test_every_command_of_the_pages_has_the_options_and_arguments_that_it_shows(
                 pytest.fail(f"{name}: cosim {' '.join(words)}: {error.format_message()}")
             checked += 1
     assert checked > 120
+
+
+@pytest.mark.parametrize("name", PAGES)
+def test_the_text_of_a_page_names_only_commands_that_are_there(name: str) -> None:
+    named = re.findall(r"`cosim ([a-z][a-z-]*)", PAGES[name].read_text(encoding="utf-8"))
+    assert set(named) <= set(COMMANDS)

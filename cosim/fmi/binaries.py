@@ -85,4 +85,7 @@ def platform_folder(fmi: str) -> tuple[str, str]:
 
 def has_sources(fmu: Archive) -> bool:
     """Whether there is C to compile."""
-    return any((fmu.folder / "sources").glob("*.c"))
+    return any(
+        path.suffix in (".c", ".cc", ".cpp", ".cxx") or path.name == "buildDescription.xml"
+        for path in (fmu.folder / "sources").rglob("*")
+    )

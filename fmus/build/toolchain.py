@@ -186,8 +186,10 @@ def link_shared(
     *,
     platform: str | None = None,
     flags: Iterable[str] = (),
+    libraries: Iterable[str] = (),
 ) -> Path:
-    """Link `objects` into the shared library `output`, which appears at once and complete.
+    """Link `objects` and `libraries` (names) into the shared library `output`, which appears at
+    once and complete.
 
     Raises ToolchainError with the linker's last lines.
     """
@@ -198,6 +200,7 @@ def link_shared(
     with tempfile.TemporaryDirectory(prefix=".cc-", dir=target.parent) as scratch:
         built = Path(scratch, target.name)
         command += ["-o", str(built), *map(str, objects)]
+        command += [f"-l{library}" for library in libraries]
         command += ["-lm"] if name.endswith("linux") else []
         _run(command, f"{target.name} for {name}")
         built.replace(target)

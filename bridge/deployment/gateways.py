@@ -53,6 +53,27 @@ def carried_signals(plan: Plan, m: MessageSpec, place: str) -> tuple[Slot, ...]:
     return tuple(slots.get(signal) or known[signal] for signal in m.carries)
 
 
+def numbered(d: Deployment, plan: Plan) -> Deployment:
+    """The same with the numbers of entries that motors of an arm have in its plant: those of some
+    FMUs count from 1.
+    """
+    slots = {s.name: s for c in plan.components for s in c.outputs}
+
+    def own(signal: str, joint: int) -> str:
+        slot = slots.get(signal.removesuffix(f"[{joint}]"))
+        if slot is None or slot.name == signal or joint >= slot.size:
+            return signal  # whoever cuts says what is wrong
+        return slot.scalars()[joint]
+
+    messages = {
+        name: m
+        if m.joint is None
+        else struct.replace(m, carries=tuple(own(x, m.joint) for x in m.carries))
+        for name, m in d.messages.items()
+    }
+    return struct.replace(d, messages=messages)
+
+
 def entries(slot: Slot) -> Iterator[Slot]:
     """The scalars of a slot, as slots."""
     for i, name in enumerate(slot.scalars()):

@@ -71,7 +71,7 @@ def _message(motors: MotorsSpec, keys: dict[str, Any], joint: int, place: str) -
     for key in _EACH:
         value = _entry(getattr(motors, key), joint, len(motors.drives), f"{place}.{key}")
         own |= {} if value is None else {key: value}
-    return {**own, **keys, "carries": [f"{port}[{joint}]" for port in carries]}
+    return {**own, **keys, "joint": joint, "carries": [f"{port}[{joint}]" for port in carries]}
 
 
 def _entry(value: Any, joint: int, joints: int, place: str) -> Any:

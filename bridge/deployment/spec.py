@@ -128,7 +128,8 @@ class MessageSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     units are then those of the profile, for the drive's own node number `drive`; the ports are tau,
     q, dq. `gear`, `direction`, `zero`: between drive and joint
     (:class:`bridge.drives.profiles.Joint`). `fd`: whether all frames to and from this drive are CAN
-    FD with bit rate switch; default: as its DBC file has them.
+    FD with bit rate switch; default: as its DBC file has them. `joint`: set by ``[motors.NAME]``,
+    from 0: `carries` has the entry of each port at this position, whatever its number.
     """
 
     bus: str
@@ -145,6 +146,7 @@ class MessageSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     direction: Literal[1, -1] = 1
     zero: Number = 0.0
     fd: bool | None = None
+    joint: Annotated[int, msgspec.Meta(ge=0)] | None = None
 
 
 class Deployment(msgspec.Struct, frozen=True):

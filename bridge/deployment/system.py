@@ -119,6 +119,7 @@ def make_system(scenario: Scenario, deployment: Deployment) -> System:
         )
     start = start_values(assemble(scenario))
     plan = assemble(scenario)
+    deployment = routes.numbered(deployment, plan)
     nodes = cut_plan(plan, deployment, start)
     protection.check(nodes, deployment)
     layouts = {

@@ -4,16 +4,20 @@ from __future__ import annotations
 
 import importlib.util
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
+import msgspec
 import pytest
 
+from bridge.deployment.gateways import numbered
 from bridge.deployment.motors import expand
-from bridge.deployment.spec import find
+from bridge.deployment.spec import MessageSpec, find, load
 from bridge.drives.profile_files import load_profile
 from bridge.native.frame import Flags
 from bridge.replay import replay
 from cosim.base.errors import ScenarioError
+from cosim.schedule.parts import Slot
 from tests.bridge.deployments import CONFIGS, named, run_twin
 
 DRIVES = CONFIGS / "drives"
@@ -41,8 +45,35 @@ def test_motors_become_a_message_for_each_joint_and_kind() -> None:
     ]  # fmt: skip
     assert found["messages"]["arm_state_2"] == {
         "bus": "left", "drive": 9, "profile": "b.toml", "gear": 1.0, "direction": -1, "zero": 0.0,
-        "period": "4 ms", "carries": ["arm.q[1]", "arm.dq[1]"],
+        "period": "4 ms", "carries": ["arm.q[1]", "arm.dq[1]"], "joint": 1,
     }  # fmt: skip
+
+
+@pytest.mark.parametrize(("base", "names"), [(0, ("[0]", "[1]")), (1, ("[1]", "[2]"))])
+def test_motors_have_the_numbers_that_the_plant_counts_by(
+    base: int, names: tuple[str, ...]
+) -> None:
+    """Arrays of Modelica tools count from 1; nothing changes when it is done once more."""
+    slots = [Slot(f"{c}.{p}", c, p, 0, (2,), "1", base) for c, p in (
+        ("arm", "q"), ("arm", "dq"), ("control", "tau"),
+    )]  # fmt: skip
+    plan: Any = SimpleNamespace(components=[SimpleNamespace(outputs=slots)])
+    found = table()
+    expand(found, Path("d.toml"))
+    own = {"a": "arm_state_1", "b": "arm_state_2", "c": "arm_tau_2"}
+    messages = {
+        key: msgspec.convert({**found["messages"][name], "carries": tuple(
+            found["messages"][name]["carries"])}, MessageSpec)
+        for key, name in own.items()
+    }  # fmt: skip
+    d = msgspec.structs.replace(
+        load(find(CONFIGS / "teleoperation.toml", "can")), messages=messages
+    )
+    for _ in range(2):
+        d = numbered(d, plan)
+        assert d.messages["a"].carries == (f"arm.q{names[0]}", f"arm.dq{names[0]}")
+        assert d.messages["b"].carries == (f"arm.q{names[1]}", f"arm.dq{names[1]}")
+        assert d.messages["c"].carries == (f"control.tau{names[1]}",)
 
 
 def test_a_message_of_the_file_comes_before_the_table() -> None:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from cosim.base.clock import stopwatch
 from cosim.engine.engine import Engine
 from cosim.fmi import FmuComponent
-from cosim.native.structs import Code
+from cosim.native.enums import Code
 from cosim.schedule.parts import Step
 from cosim.schedule.plan import Plan
 from fmus.build.toolchain import compile_shared, shared_suffix

@@ -11,7 +11,7 @@ from typing import Any, final
 from benchmarks.peers import Unit, imported, units
 from cosim.base.clock import stopwatch
 from cosim.engine.engine import Engine
-from cosim.native.structs import Code
+from cosim.native.enums import Code
 from cosim.schedule.plan import Operation, Plan
 
 Getter = Callable[[], list[float]]

@@ -1,5 +1,5 @@
-"""The compiled parts, in place: ``cosim/_engine.so``, ``cosim/_bus.so``, ``bridge/_bridge.so`` and
-``fmus/_built/*.fmu``.
+"""What is made of C, in place: ``cosim/_engine.so``, ``cosim/_bus.so``, ``bridge/_bridge.so``,
+``fmus/_built/*.fmu``, and ``enums.py`` and ``structs.py`` of the packages that call the libraries.
 
 ``python build_backend/compiled.py`` makes them for work from a checkout; installing does the
 same. What is up to date, by the contents of everything it is made from, is left alone.
@@ -24,9 +24,12 @@ def build() -> list[Path]:
 
     Raises fmus.build.toolchain.ToolchainError where there is no compiler or it refuses the sources.
     """
-    if str(ROOT) not in sys.path:
-        sys.path.insert(0, str(ROOT))
-    return [*_engine(), *_bus(), *_bridge(), *_models()]
+    for folder in (ROOT, ROOT / "build_backend"):
+        if str(folder) not in sys.path:
+            sys.path.insert(0, str(folder))
+    import c_structs
+
+    return [*c_structs.write(), *_engine(), *_bus(), *_bridge(), *_models()]
 
 
 def _engine() -> list[Path]:

@@ -12,7 +12,8 @@ from bridge.export.kernels import KernelSource
 from bridge.native import node as native
 from bridge.wiring.wiring import WiredNode
 from cosim.base.errors import ScenarioError
-from cosim.native.structs import Code, PlayerStruct, UnitStruct
+from cosim.native.enums import Code
+from cosim.native.structs import PlayerStruct, UnitStruct
 from cosim.schedule.operations import Operation
 from cosim.schedule.parts import Slot, Step
 

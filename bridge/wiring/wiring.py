@@ -35,8 +35,8 @@ from cosim.base.clock import stopwatch
 from cosim.base.errors import CosimError, RunError
 from cosim.engine.binding import part
 from cosim.engine.engine import Engine
-from cosim.native import structs as engine_native
-from cosim.native.structs import Code
+from cosim.native import shared, structs
+from cosim.native.enums import Code
 
 Rows = NDArray[np.void]
 #: s from a START whose time has passed to the first slot, and as often as starting takes, besides.
@@ -187,25 +187,25 @@ class WiredNode:
         self.engine.prepare(self.plan.slots)
         state, s = self.engine.state, self.struct
         s.engine, s.signals = c.addressof(state), self.engine.signals.ctypes.data
-        s.run = engine_native.address(engine_native.library().engine_run)
+        s.run = shared.address(shared.library().engine_run)
         s.record, s.record_row = (
             s.engine + f.offset for f in (type(state).record, type(state).row)
         )
         self._bind_played(state)
 
-    def _bind_played(self, state: engine_native.EngineState) -> None:
+    def _bind_played(self, state: structs.EngineStruct) -> None:
         """Tables of edges, weights and links, go on where the run is, also in a second life."""
         kinds = {
             Code.PLAY: (
                 state.players,
-                engine_native.PlayerStruct,
-                engine_native.PlayerStruct.row.offset,
+                structs.PlayerStruct,
+                structs.PlayerStruct.row.offset,
             ),
-            Code.PULL: (state.links, engine_native.LinkStruct, engine_native.LinkStruct.row.offset),
+            Code.PULL: (state.links, structs.LinkStruct, structs.LinkStruct.row.offset),
             Code.PUSH: (
                 state.links,
-                engine_native.LinkStruct,
-                engine_native.LinkStruct.before.offset,
+                structs.LinkStruct,
+                structs.LinkStruct.before.offset,
             ),
         }
         rows = []

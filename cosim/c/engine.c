@@ -409,19 +409,3 @@ API int32_t engine_run(engine_t *e, int64_t ticks)
 }
 
 #include "many.h"
-
-API int32_t engine_abi(void) { return ENGINE_ABI; }
-API size_t engine_sizes(int32_t which)
-{
-    static const size_t sizes[] = {sizeof(operation_t), sizeof(unit_t), sizeof(link_t),
-                                   sizeof(engine_t), sizeof(log_t), sizeof(player_t),
-                                   sizeof(access_t), sizeof(ticker_t), sizeof(typed_t),
-                                   sizeof(gate_t), sizeof(triggered_t), sizeof(partition_t),
-                                   sizeof(exchange_t), sizeof(segment_t), sizeof(failure_t),
-                                   sizeof(team_t), sizeof(member_t), sizeof(stretch_t),
-                                   sizeof(columns_t), sizeof(sender_t), sizeof(part_t),
-                                   sizeof(block_t), sizeof(rollback_t), sizeof(bond_t),
-                                   sizeof(macro_t), sizeof(span_t), sizeof(received_t),
-                                   sizeof(loop_t)};
-    return which >= 0 && which < 28 ? sizes[which] : 0;
-}

@@ -1,5 +1,5 @@
-/* engine.h: what a plan is in memory, and what engine.c has of FMI. cosim/native/structs.py repeats it
- * for Python; tests/bridge/native/test_mirrors.py compares the two. */
+/* engine.h: what a plan is in memory, and what engine.c has of FMI. Python has it in
+ * cosim/native/structs.py and enums.py, which a build makes from here. */
 #ifndef COSIM_ENGINE_H
 #define COSIM_ENGINE_H
 
@@ -47,27 +47,25 @@ INLINE int64_t published(const int64_t *place)
 #endif
 }
 
-#define ENGINE_ABI 25
-
-enum { OP_COPY, OP_SCALE, OP_PUSH, OP_PULL, OP_STEP, OP_RECORD, OP_AGE, OP_PLAY,
+enum code { OP_COPY, OP_SCALE, OP_PUSH, OP_PULL, OP_STEP, OP_RECORD, OP_AGE, OP_PLAY,
        OP_AHEAD, OP_BETWEEN, OP_GATE, OP_SLOPE_AHEAD, OP_SLOPE_BETWEEN,
        OP_MACRO };              /* components that are stepped together, with an error control */
-enum { UNIT_CALL = 0, UNIT_NATIVE = 1, UNIT_FMI2 = 2, UNIT_FMI3 = 3, UNIT_TYPED = 4,
+enum unit_kind { UNIT_CALL = 0, UNIT_NATIVE = 1, UNIT_FMI2 = 2, UNIT_FMI3 = 3, UNIT_TYPED = 4,
        UNIT_EXCHANGE = 5,       /* an FMU for model exchange, integrated here */
        UNIT_REMOTE = 6 };       /* an FMU in a process of its own, see mailbox.h */
-enum { RUN_OK, RUN_STOPPED, RUN_STEP, RUN_SET, RUN_GET, RUN_NOT_FINITE, RUN_HISTORY, RUN_TERMINATED,
+enum engine_result { RUN_OK, RUN_STOPPED, RUN_STEP, RUN_SET, RUN_GET, RUN_NOT_FINITE, RUN_HISTORY, RUN_TERMINATED,
        RUN_EARLY_RETURN, RUN_VALUE, RUN_EVENT, RUN_STUCK, RUN_GATE, RUN_INTERVAL,
        RUN_ENDED,               /* an FMU ended the simulation before its step */
        RUN_SOLVER,              /* CVODE failed; the status is its own */
        RUN_LOST,                /* the process of an FMU does not answer; the status is LOST_... */
        RUN_STATE,               /* a state could not be saved, or not be restored */
        RUN_LOOP };              /* outputs that depend on each other at once do not agree */
-enum { MOVE_SAVE, MOVE_BACK, MOVE_SAVE_END, MOVE_BACK_END };
-enum { ROLE_COUNTED, ROLE_DIRECT, ROLE_HELD }; /* of an output in macro steps, see direct.h */
+enum state_move { MOVE_SAVE, MOVE_BACK, MOVE_SAVE_END, MOVE_BACK_END };
+enum output_role { ROLE_COUNTED, ROLE_DIRECT, ROLE_HELD }; /* of an output in macro steps, see direct.h */
 enum { TYPE_F64, TYPE_F32, TYPE_I8, TYPE_U8, TYPE_I16, TYPE_U16, TYPE_I32, TYPE_U32, TYPE_I64,
        TYPE_U64, TYPE_BOOL2, TYPE_BOOL3 };
-enum { SOLVER_EULER, SOLVER_HEUN, SOLVER_RK4, SOLVER_CVODE };
-enum { CLOCK_PERIODIC, CLOCK_CHANGING, CLOCK_COUNTDOWN, CLOCK_WIRED };
+enum solver_kind { SOLVER_EULER, SOLVER_HEUN, SOLVER_RK4, SOLVER_CVODE };
+enum clock_kind { CLOCK_PERIODIC, CLOCK_CHANGING, CLOCK_COUNTDOWN, CLOCK_WIRED };
 
 typedef struct {
     int32_t code;

@@ -1,5 +1,4 @@
 /* mailbox.h: an FMU in a process of its own, which is stepped through memory that both processes share.
- * cosim/native/mailbox.py repeats it.
  *
  * Each side counts its messages. A side that waits polls for a few microseconds, as long as polling has
  * succeeded lately, and then sleeps: in a futex on Linux, elsewhere until a byte comes through
@@ -9,8 +8,8 @@
 
 #include "engine.h"
 
-enum { ASK_STEP, ASK_CALL };
-enum { LOST_NOT, LOST_ENDED, LOST_LATE, LOST_STOPPED };
+enum ask { ASK_STEP, ASK_CALL };
+enum lost { LOST_NOT, LOST_ENDED, LOST_LATE, LOST_STOPPED };
 
 /* In the shared memory; what one side writes and what the other does are in cache lines of their own. */
 typedef struct {

@@ -116,4 +116,3 @@ API int32_t mujoco_step(void *instance, double t, double h, const double *inputs
     return run(x, x->substeps, inputs, outputs);
 }
 
-API size_t mujoco_size(void) { return sizeof(mujoco_t); }

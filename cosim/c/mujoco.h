@@ -1,4 +1,4 @@
-/* mujoco.h: a scene of MuJoCo as a unit of the engine (UNIT_NATIVE). cosim/mujoco/library.py repeats it.
+/* mujoco.h: a scene of MuJoCo as a unit of the engine (UNIT_NATIVE).
  *
  * MuJoCo is not linked: its functions and the arrays of its data come as addresses from Python, which
  * gets them from the installed version. So nothing here depends on the layout of mjModel or mjData. */
@@ -7,7 +7,7 @@
 
 #include "engine.h"
 
-#define MUJOCO_TEXT 1024
+enum { MUJOCO_TEXT = 1024 };
 
 typedef struct {
     void *model, *data;         /* mjModel, mjData */

@@ -1,15 +1,14 @@
-/* start.h: what the start of components is in memory. cosim/native/start.py repeats it for Python;
- * tests/bridge/native/test_mirrors.py compares the two. */
+/* start.h: what the start of components is in memory. */
 #ifndef COSIM_START_H
 #define COSIM_START_H
 
 #include "engine.h"
 
 /* Stages of the start: into Initialization Mode; outputs for inputs, as often as they change; out of it. */
-enum { STAGE_ENTER, STAGE_SAY, STAGE_LEAVE };
+enum stage { STAGE_ENTER, STAGE_SAY, STAGE_LEAVE };
 
 /* What a call of an FMU is; its first argument is the instance. */
-enum { FORM_OTHER,      /* one that Python does */
+enum form { FORM_OTHER,      /* one that Python does */
        FORM_NOTHING,    /* there is nothing to do */
        FORM_MODE,       /* no more arguments */
        FORM_SETUP2,     /* fmi2SetupExperiment */
@@ -18,14 +17,14 @@ enum { FORM_OTHER,      /* one that Python does */
        FORM_VALUES3 };  /* the same, and the number of values */
 
 /* Where the values of a call are. */
-enum { VALUES_ROW,      /* in the row of the component */
+enum value_place { VALUES_ROW,      /* in the row of the component */
        VALUES_SIGNALS,  /* among the signals, `place` bytes behind its first input or output */
        VALUES_EQUAL };  /* they are got, and expected to equal those in the row */
 
-enum { NUMBER_WHOLE, NUMBER_FLOAT, NUMBER_DOUBLE };
+enum number { NUMBER_WHOLE, NUMBER_FLOAT, NUMBER_DOUBLE };
 
 /* Why Python has to do something. */
-enum { START_DONE, START_OTHER, START_REFUSED, START_DIFFERENT, START_CHANGED, START_RESTLESS };
+enum start_result { START_DONE, START_OTHER, START_REFUSED, START_DIFFERENT, START_CHANGED, START_RESTLESS };
 
 typedef struct {
     void *function;

@@ -1,5 +1,4 @@
-/* tables.h: the rows of tables of links, drawn for many of them at once. cosim/native/tables.py repeats
- * it for Python. */
+/* tables.h: the rows of tables of links, drawn for many of them at once. */
 #ifndef COSIM_TABLES_H
 #define COSIM_TABLES_H
 
@@ -7,7 +6,7 @@
 
 #include "engine.h"
 
-enum { RULE_SIGNAL, RULE_LAST_ARRIVAL, RULE_NEWEST_STAMP, RULE_FIFO, RULE_PLAYOUT };
+enum rule_code { RULE_SIGNAL, RULE_LAST_ARRIVAL, RULE_NEWEST_STAMP, RULE_FIFO, RULE_PLAYOUT };
 
 /* The generator PCG64 of NumPy: PCG XSL RR 128/64; numbers of 128 bits, the higher word first. */
 typedef struct {

@@ -31,8 +31,8 @@ from cosim.fmi.components import stepped_fmu, terminated_at
 from cosim.fmi.failures import starting
 from cosim.fmi.layout import bind, bind_alike, late_clock_ticks
 from cosim.fmi.library import DISCARD
-from cosim.native import structs
-from cosim.native.structs import MEANS, SLOPES, Code, EngineResult, UnitKind
+from cosim.native import enums, shared, structs
+from cosim.native.enums import Code, EngineResult, UnitKind
 from cosim.schedule.parts import Slot, Step
 from cosim.schedule.plan import Plan
 
@@ -42,6 +42,9 @@ if TYPE_CHECKING:
 
 #: Results by which an FMU ends the simulation: after its step, and before it.
 ENDS = (EngineResult.TERMINATED, EngineResult.ENDED)
+#: A line through the last two values: its mean over a step; its slope and the value it begins with.
+MEANS = frozenset({Code.AHEAD, Code.BETWEEN})
+SLOPES = frozenset({Code.SLOPE_AHEAD, Code.SLOPE_BETWEEN})
 #: Parts from which on they are run apart: with several threads, and with one, for its cache.
 LEAST, ALONE = 32, 128
 #: Ticks in a window, at most: they cost memory, and Ctrl-C waits for its end.
@@ -83,7 +86,7 @@ class Binding:
         columns: Sequence[int] | None = None,
     ) -> None:
         self.plan, self.signals, self._threads = plan, signals, threads
-        self.state = structs.EngineState()
+        self.state = structs.EngineStruct()
         self.failure: BaseException | None = None
         self.partition: PlanParts | None = None
         self.divided: DividedPlan | None = None
@@ -177,8 +180,8 @@ class Binding:
             same &= units[name][unit[1:]] == units[name][unit[:-1]]
         starts = np.flatnonzero(np.r_[True, ~same])
         for start, end in pairwise([*starts.tolist(), len(step)]):
-            for i in range(start, end, structs.AT_ONCE):
-                operations["count"][step[i]] = min(structs.AT_ONCE, end - i) - 1
+            for i in range(start, end, enums.AT_ONCE):
+                operations["count"][step[i]] = min(enums.AT_ONCE, end - i) - 1
 
     def _recorded(self) -> int:
         """Address of the columns of a recorded row."""
@@ -192,12 +195,12 @@ class Binding:
     def _unit(self, index: int, step: Step) -> structs.UnitStruct:
         late = step.name not in self._sampled
         lag, h = step.period - 1 if late else 0, step.period * self.plan.h
-        unit = structs.UnitStruct(lag=lag, h=h, period=step.period, kind=structs.UnitKind.CALL)
+        unit = structs.UnitStruct(lag=lag, h=h, period=step.period, kind=enums.UnitKind.CALL)
         unit.input, unit.input_count = extent(step.inputs)
         unit.output, unit.output_count = extent(step.outputs)
         fmu = stepped_fmu(step.component)
         if fmu is None and isinstance(step.component, NativeComponent):
-            unit.kind = structs.UnitKind.NATIVE
+            unit.kind = enums.UnitKind.NATIVE
             unit.step, unit.instance = step.component.native_step(h)
             return unit
         if fmu is not None:
@@ -207,16 +210,16 @@ class Binding:
             layout = access_order.layout(
                 fmu, h, lag, step.period, unit.input, unit.output, self._slopes(step)
             )
-            stop = c.addressof(self.state) + structs.EngineState.stop.offset
+            stop = c.addressof(self.state) + structs.EngineStruct.stop.offset
             if fmu.remote is None:
                 unit = bind(fmu.instance, layout, self._alive, stop)
                 if layout.plain and layout.exchange is None:
                     self._alike[fmu.sort, lag, step.period] = unit
                 return unit
             return fmu.remote.bind(layout, access_order.isolated(fmu, layout), stop)
-        call = structs.CALL(self._call_back(index, step))
+        call = shared.CALL(self._call_back(index, step))
         self._alive.append(call)
-        unit.step = structs.address(call)
+        unit.step = shared.address(call)
         return unit
 
     def _slopes(self, step: Step) -> dict[int, int]:

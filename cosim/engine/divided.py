@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim.engine.arrays import LINE, Numbers, Rows, ranges, rows_of, segments, stretches
-from cosim.native import structs
-from cosim.native.structs import Code
+from cosim.native import enums, structs
+from cosim.native.enums import Code
 from cosim.schedule.partition import NONE, PlanParts, partition
 from cosim.schedule.plan import Plan
 
@@ -49,7 +49,7 @@ def divide(
     for staged in (False, True) if threads > 1 else (False,):
         found = partition(plan, own, staged=staged)
         if found and found.count >= least:
-            count = min(structs.AT_ONCE, found.count // (4 * threads))
+            count = min(enums.AT_ONCE, found.count // (4 * threads))
             return found.merged(count, bool(own)) if count > 1 and at_once else found
     return None
 

@@ -24,8 +24,8 @@ from cosim.engine.initialization import initialize
 from cosim.engine.tables import NEVER, DrawnRows, LinkRows, RowTables, filled_rows
 from cosim.fmi import components
 from cosim.fmi.failures import not_finite, sentence
-from cosim.native import structs
-from cosim.native.structs import EngineResult
+from cosim.native import shared, structs
+from cosim.native.enums import EngineResult
 from cosim.schedule.parts import RunningBus, Slot, Step
 from cosim.schedule.plan import Plan
 
@@ -84,7 +84,7 @@ class Engine:
         )
         self._state = self._bound.state
         self._state.every = every
-        self._library = structs.library()
+        self._library = shared.library()
 
     def __enter__(self) -> Engine:
         return self
@@ -229,7 +229,7 @@ class Engine:
         return int(self._state.row)
 
     @property
-    def state(self) -> structs.EngineState:
+    def state(self) -> structs.EngineStruct:
         """The C engine's own state, for code that calls ``engine_run``; see :meth:`prepare`."""
         return self._state
 

@@ -47,7 +47,7 @@ class EventTimes:
                 continue
             times = np.empty(MOST)  # takes no memory as long as nothing is written
             struct = structs.EventTimesStruct(times.ctypes.data, 0, MOST)
-            structs.Typed.from_address(unit.typed).happened = c.addressof(struct)
+            structs.TypedStruct.from_address(unit.typed).happened = c.addressof(struct)
             self._found[step.name] = struct, times
 
     def counts(self) -> dict[str, int]:

@@ -14,7 +14,7 @@ from cosim.engine.binding import Termination, Vector, Views, extent, part, store
 from cosim.fmi.components import ended_at_start, exit_initialization, is_fmu, stepped_fmu
 from cosim.fmi.failures import starting_one_of
 from cosim.fmi.starting import InputSources, Member, Starts, Turns
-from cosim.native.start import BringingStruct
+from cosim.native.structs import BringingStruct
 from cosim.schedule.parts import Link, Wire
 from cosim.schedule.plan import Plan
 

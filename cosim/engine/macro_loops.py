@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.native import structs
-from cosim.native.structs import OutputRole
+from cosim.native import enums, structs
+from cosim.native.enums import OutputRole
 from cosim.schedule.macro import MacroGroup
 from cosim.schedule.order import sequence, strongly_connected
 from cosim.schedule.parts import Slot, Step, Wire
@@ -167,7 +167,7 @@ class LoopBinding:
         wires = [f"{w.source.name} -> {w.target.name}" for w in one.loop]
         return (
             f"outputs of {_listed(one.names)} depend on each other at once, by {_listed(wires)}; "
-            f"{structs.LOOP_PASSES} passes over this algebraic loop did not make them agree (the "
+            f"{enums.LOOP_PASSES} passes over this algebraic loop did not make them agree (the "
             f"last one changed them by {self.structs[index].left:.3g} tolerances), and shorter "
             "steps do not help: solve the loop inside one component, or let one of the outputs "
             "depend on a state instead of its input"

@@ -14,8 +14,8 @@ from cosim.engine.binding import Vector, Views
 from cosim.engine.feedthrough import direct_outputs
 from cosim.engine.macro_loops import DirectOutputs, Feedthrough, LoopBinding
 from cosim.fmi import components
-from cosim.native import structs
-from cosim.native.structs import OutputRole, StateMove
+from cosim.native import shared, structs
+from cosim.native.enums import OutputRole, StateMove
 from cosim.schedule.macro import BondWires, MacroGroup
 from cosim.schedule.operations import group_copies
 from cosim.schedule.parts import Step
@@ -155,8 +155,8 @@ class MacroBinding:
         found.roles = role.ctypes.data
         fmu = components.stepped_fmu(step.component)
         if fmu is None:
-            call = structs.SAVING(self._call_back(step))
-            found.call = structs.address(call)
+            call = shared.SAVING(self._call_back(step))
+            found.call = shared.address(call)
             self._alive.append(call)
         else:
             found.save, found.restore = fmu.instance.state_functions()
@@ -252,9 +252,9 @@ def _engine_memory(unit: structs.UnitStruct) -> list[tuple[int, int]]:
     """(address, bytes) of what the engine itself keeps of the state of an FMU."""
     blocks = []
     if unit.typed:
-        typed = structs.Typed.from_address(unit.typed)
-        blocks.append((unit.typed + structs.Typed.next_event.offset, 8))
-        accesses = (structs.Access * typed.n_discrete).from_address(typed.discrete)
+        typed = structs.TypedStruct.from_address(unit.typed)
+        blocks.append((unit.typed + structs.TypedStruct.next_event.offset, 8))
+        accesses = (structs.AccessStruct * typed.n_discrete).from_address(typed.discrete)
         blocks += [(a.held, 8 * a.count) for a in accesses]
     if unit.exchange:
         blocks.append((unit.exchange + structs.ExchangeStruct.now.offset, 16))

@@ -16,7 +16,7 @@ from cosim.engine.binding import Vector
 from cosim.engine.engine import Engine
 from cosim.engine.rewind import can_rewind, structure
 from cosim.engine.strides import stride
-from cosim.native import structs
+from cosim.native import enums, shared
 
 #: Engines that run together at most (``MANY``).
 MOST = 16
@@ -82,8 +82,8 @@ def _advance(
             running.remove(i)
     pointers = (c.c_void_p * len(running))(*(c.addressof(engines[i].state) for i in running))
     results = (c.c_int32 * len(running))()
-    structs.library().engine_run_many(pointers, len(running), n, *numbers, results)
+    shared.library().engine_run_many(pointers, len(running), n, *numbers, results)
     for i, result in zip(list(running), results, strict=True):
-        if result != structs.EngineResult.OK:
+        if result != enums.EngineResult.OK:
             failed[i] = engines[i].finish(result)
             running.remove(i)

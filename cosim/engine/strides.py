@@ -6,7 +6,7 @@ import numpy as np
 
 from cosim.engine.arrays import ranges, rows_of
 from cosim.engine.binding import Binding
-from cosim.native.structs import Code
+from cosim.native.enums import Code
 
 #: What only hands on values that nothing changes in between.
 HELD = (Code.COPY, Code.SCALE)

@@ -20,8 +20,8 @@ from cosim.engine.binding import WINDOW, Binding
 from cosim.engine.strides import stride
 from cosim.engine.tables import LinkRows
 from cosim.links.grid import Grid
-from cosim.native import structs
-from cosim.native.structs import Code
+from cosim.native import shared, structs
+from cosim.native.enums import Code
 
 #: How the threads are called, with a number.
 NAME = "engine thread"
@@ -105,7 +105,7 @@ class Team:
         self._bound.state.team = None
 
     def _work(self, number: int) -> None:
-        library, state = structs.library(), self._bound.state
+        library, state = shared.library(), self._bound.state
         while True:
             self._go[number - 1].acquire()
             if self._ending:

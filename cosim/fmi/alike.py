@@ -8,7 +8,7 @@ from typing import ClassVar
 
 from cosim.fmi.library import Calls, array_of, uint32
 from cosim.fmi.values import NumberedTexts
-from cosim.native import structs
+from cosim.native import shared
 
 
 class CommonInstance:
@@ -89,7 +89,7 @@ class CommonInstance:
     def state_functions(self) -> tuple[int, int]:
         """Addresses of the functions that save the state, and that restore it."""
         names = (f"Get{self.STATE}", f"Set{self.STATE}")
-        save, restore = (structs.address(self._calls.function(n)) for n in names)
+        save, restore = (shared.address(self._calls.function(n)) for n in names)
         return save, restore
 
     def free(self) -> None:
@@ -100,7 +100,7 @@ class CommonInstance:
 
     def loop_functions(self) -> tuple[int, int, int]:
         """Addresses of the three functions `HOT`."""
-        set_, step, get = (structs.address(self._calls.function(n)) for n in self.HOT)
+        set_, step, get = (shared.address(self._calls.function(n)) for n in self.HOT)
         return set_, step, get
 
     def steps_function(self) -> int:
@@ -113,7 +113,7 @@ class CommonInstance:
             return 0
         if library.kernel_lanes() < 2:
             return 0
-        return structs.address(self._calls.function("_advance"))
+        return shared.address(self._calls.function("_advance"))
 
     def values_address(self) -> int:
         """Where our own FMUs have their values; 0: they are not open."""

@@ -19,7 +19,7 @@ from cosim.fmi.layout import Ticker
 from cosim.fmi.library import Clocked, Clocks, Instance, TriggeredClock
 from cosim.fmi.ports import VariableGroup
 from cosim.fmi.variables import TEXTS, FmuVariable
-from cosim.native.structs import ClockKind
+from cosim.native.enums import ClockKind
 
 _KINDS = {
     "constant": ClockKind.PERIODIC, "fixed": ClockKind.PERIODIC, "tunable": ClockKind.PERIODIC,

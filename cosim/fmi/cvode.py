@@ -17,7 +17,7 @@ from typing import Any
 from cosim.base.errors import FmuError
 from cosim.fmi.binaries import platform_folder
 from cosim.fmi.library import Instance
-from cosim.native import structs
+from cosim.native import shared, structs
 
 _PARTS = ("core", "nvecserial", "sunmatrixdense", "sunlinsoldense", "cvode")  # as they are loaded
 _BDF, _MAJOR = 2, 7
@@ -43,7 +43,7 @@ def give_solver(
     except FmuError as error:
         raise FmuError(f"{name}: {error}") from None
     for place, function in _CALLED.items():
-        setattr(x, place, structs.address(sundials.function(function)))
+        setattr(x, place, shared.address(sundials.function(function)))
     absolute = _absolute(x, instance)
     alive.append(_Solver(sundials, x, absolute, longest, name))
 
@@ -114,18 +114,18 @@ class _Solver:
         limits = self._made("N_VNew_Serial", c.c_int64(x.n_states), context)
         for vector, values in ((made, [0.0] * x.n_states), (limits, absolute)):
             data = sundials.function("N_VGetArrayPointer", c.c_void_p)(vector)
-            (c.c_double * x.n_states).from_address(data)[:] = values
+            (c.c_double * x.n_states).from_address(data)[:] = [*values]
         solver = self._made("CVodeCreate", c.c_int(_BDF), context)
         matrix = self._made("SUNDenseMatrix", *[c.c_int64(x.n_states)] * 2, context)
         linear = self._made("SUNLinSol_Dense", made, matrix, context)
-        rates = c.c_void_p(structs.address(structs.library().exchange_rates))
+        rates = c.c_void_p(shared.address(shared.library().exchange_rates))
         self._checked("CVodeInit", solver, rates, c.c_double(0.0), made)
         self._checked("CVodeSVtolerances", solver, c.c_double(x.tolerance), limits)
         self._checked("CVodeSetUserData", solver, c.c_void_p(c.addressof(x)))
         self._checked("CVodeSetMaxHnilWarns", solver, c.c_int(-1))
         self._checked("CVodeSetLinearSolver", solver, linear, matrix)
         if x.directional:
-            jacobian = c.c_void_p(structs.address(structs.library().exchange_jacobian))
+            jacobian = c.c_void_p(shared.address(shared.library().exchange_jacobian))
             self._checked("CVodeSetJacFn", solver, jacobian)
         if isfinite(longest):
             self._checked("CVodeSetMaxStep", solver, c.c_double(longest))

@@ -11,13 +11,13 @@ from cosim.base.errors import FmuError
 from cosim.fmi.library import Instance
 from cosim.fmi.model_structure import ContinuousStates
 from cosim.fmi.options import FmuOptions
-from cosim.native import structs
+from cosim.native import enums, structs
 
 #: Vectors of states and of event indicators that ``exchange.h`` works with.
 _STATES, _INDICATORS = 7, 4
 #: Relative tolerance of CVODE, where neither a scenario nor the FMU states one.
 TOLERANCE = 1e-6
-SOLVERS = {kind.name.lower(): kind for kind in structs.SolverKind}
+SOLVERS = {kind.name.lower(): kind for kind in enums.SolverKind}
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,7 +27,7 @@ class ExchangeLayout:
     name: str
     fmi: str
     states: ContinuousStates
-    solver: structs.SolverKind
+    solver: enums.SolverKind
     longest: float
     tolerance: float
 
@@ -46,11 +46,11 @@ def exchange_layout(
     if word not in SOLVERS:
         raise FmuError(f"{name}: unknown solver {word!r}; expected one of {', '.join(SOLVERS)}")
     kind = SOLVERS[word]
-    if kind is structs.SolverKind.CVODE and not states.count:
-        kind = structs.SolverKind.EULER  # there is nothing to integrate, only events
+    if kind is enums.SolverKind.CVODE and not states.count:
+        kind = enums.SolverKind.EULER  # there is nothing to integrate, only events
     longest = options.max_step
     if longest is None:
-        longest = None if kind is structs.SolverKind.CVODE else preferred
+        longest = None if kind is enums.SolverKind.CVODE else preferred
     tolerance = options.tolerance or stated or TOLERANCE
     return ExchangeLayout(name, fmi, states, kind, longest or float("inf"), tolerance)
 
@@ -92,7 +92,7 @@ def bind_exchange(instance: Instance, layout: ExchangeLayout, alive: list[Any]) 
         functions["directional"] = "GetDirectionalDerivative"
     for name, suffix in functions.items():
         setattr(found, name, instance.address(suffix))
-    if layout.solver is structs.SolverKind.CVODE:
+    if layout.solver is enums.SolverKind.CVODE:
         from cosim.fmi.cvode import give_solver
 
         give_solver(found, instance, layout.name, layout.longest, alive)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from cosim.base.errors import CosimError, ScenarioError
 from cosim.fmi.library import status_name
-from cosim.native.structs import EngineResult
+from cosim.native.enums import EngineResult
 from cosim.schedule.parts import Slot
 
 

@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 from cosim.base.errors import FmuError
 from cosim.fmi.fmi2 import Instance2
 from cosim.fmi.library import EVENTS_AT_MOST, FATAL, NEVER, Calls, Clocks, NativeCall, Setup
-from cosim.native import fmu_log, structs
+from cosim.native import fmu_log, shared
 
 
 class _Callbacks1(c.Structure):
@@ -40,9 +40,9 @@ class Instance1(Instance2):
     def __init__(self, setup: Setup, log: fmu_log.Log) -> None:
         self._calls = calls = Calls(setup, f"{setup.path.stem}_fmi", log)
         self.log, self.next_event, self._ended = calls.log, NEVER, False
-        engine, libc = structs.library(), c.CDLL(None)
+        engine, libc = shared.library(), c.CDLL(None)
         callbacks = _Callbacks1(
-            *(structs.address(f) for f in (engine.engine_log1, libc.calloc, libc.free))
+            *(shared.address(f) for f in (engine.engine_log1, libc.calloc, libc.free))
         )
         texts = (setup.name, setup.token, setup.resources.parent.as_uri(), "application/x-fmu")
         arguments = [
@@ -99,8 +99,8 @@ class ModelInstance1(Instance1):
         self._calls = calls = Calls(setup, f"{setup.path.stem}_fmi", log)
         self.log, self.next_event, self._ended = calls.log, NEVER, False
         self._tolerance, self._info = setup.tolerance, _EventInfo1()
-        engine, libc = structs.library(), c.CDLL(None)
-        addresses = [structs.address(f) for f in (engine.engine_log1, libc.calloc, libc.free)]
+        engine, libc = shared.library(), c.CDLL(None)
+        addresses = [shared.address(f) for f in (engine.engine_log1, libc.calloc, libc.free)]
         arguments = [
             *(c.c_char_p(text.encode()) for text in (setup.name, setup.token)),
             _ModelCallbacks1(*addresses), c.c_bool(setup.logging),

@@ -23,8 +23,8 @@ from cosim.fmi.library import (
     texts_of,
     uint32,
 )
-from cosim.native import fmu_log, structs
-from cosim.native.start import Form
+from cosim.native import fmu_log, shared
+from cosim.native.enums import Form
 
 _NATIVE = {
     "setup": NativeCall(Form.SETUP2, "SetupExperiment"),
@@ -47,8 +47,8 @@ class _Callbacks2(c.Structure):
 @cache
 def _callbacks() -> tuple[int, int, int]:
     """Addresses of the logger and of the memory functions."""
-    libc, address = c.CDLL(None), structs.address
-    return address(structs.library().engine_log2), address(libc.calloc), address(libc.free)
+    libc, address = c.CDLL(None), shared.address
+    return address(shared.library().engine_log2), address(libc.calloc), address(libc.free)
 
 
 @lru_cache(maxsize=64)
@@ -210,7 +210,7 @@ class Instance2(CommonInstance):
 
     def address(self, suffix: str) -> int:
         """The address of ``fmi2<suffix>``. Raises FmuError where the binary lacks it."""
-        return structs.address(self._calls.function(suffix))
+        return shared.address(self._calls.function(suffix))
 
     def do_step(self, t: float, h: float) -> None:
         """``fmi2DoStep`` from `t` over `h`, s (§4.2.2 of FMI 2.0.5)."""

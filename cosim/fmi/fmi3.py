@@ -22,8 +22,8 @@ from cosim.fmi.library import (
     texts_of,
     uint32,
 )
-from cosim.native import fmu_log, structs
-from cosim.native.start import Form
+from cosim.native import fmu_log, shared
+from cosim.native.enums import Form
 
 _NATIVE = {
     "setup": NativeCall(Form.NOTHING),
@@ -53,10 +53,10 @@ class Instance3(CommonInstance):
         self._event_mode, self.next_event, self._ended = setup.event_mode, NEVER, False
         self._tolerance, self._exchange = setup.tolerance, setup.interface == "ModelExchange"
         self._scheduled = setup.interface == "ScheduledExecution"
-        engine, what = structs.library(), f"Instantiate{setup.interface}"
+        engine, what = shared.library(), f"Instantiate{setup.interface}"
         settings: list[Any] = [c.c_bool(False), c.c_bool(setup.logging)]
         after: list[Any] = [
-            c.c_void_p(c.addressof(self.log)), c.c_void_p(structs.address(engine.engine_log3))
+            c.c_void_p(c.addressof(self.log)), c.c_void_p(shared.address(engine.engine_log3))
         ]  # fmt: skip
         if setup.interface == "CoSimulation":
             settings += [c.c_bool(setup.event_mode), c.c_bool(setup.early_return)]
@@ -64,11 +64,11 @@ class Instance3(CommonInstance):
             settings += [c.c_void_p(), c.c_size_t(len(asked))]
             if asked:
                 settings[-2] = c.cast(uint32(asked), c.c_void_p)
-            update = structs.address(engine.engine_intermediate)
+            update = shared.address(engine.engine_intermediate)
             after.append(c.c_void_p(None if setup.intermediate is None else update))
         elif setup.interface == "ScheduledExecution":
             calls_back = (engine.engine_clock_update, engine.engine_lock, engine.engine_lock)
-            after += [c.c_void_p(structs.address(f)) for f in calls_back]
+            after += [c.c_void_p(shared.address(f)) for f in calls_back]
         texts = (setup.name, setup.token, str(setup.resources) + "/")
         arguments = [*(c.c_char_p(text.encode()) for text in texts), *settings, *after]
         instantiate = calls.function(what, *map(type, arguments), result=c.c_void_p)
@@ -241,7 +241,7 @@ class Instance3(CommonInstance):
 
     def address(self, suffix: str) -> int:
         """The address of ``fmi3<suffix>``. Raises FmuError where the binary lacks it."""
-        return structs.address(self._calls.function(suffix))
+        return shared.address(self._calls.function(suffix))
 
     def do_step(self, t: float, h: float) -> None:
         """``fmi3DoStep`` from `t` over `h`, s, and the Event Mode that it may ask for.

@@ -17,10 +17,10 @@ from cosim.fmi.exchange import ExchangeLayout, bind_exchange
 from cosim.fmi.intervals import Interval, NextTick
 from cosim.fmi.library import ERROR, NEVER, OK, Clocked, Instance, TriggeredClock
 from cosim.fmi.variables import TEXTS
-from cosim.native import structs
+from cosim.native import enums, shared, structs
 
 #: Clocks whose next tick the FMU says.
-ASKED = (structs.ClockKind.CHANGING, structs.ClockKind.COUNTDOWN)
+ASKED = (enums.ClockKind.CHANGING, enums.ClockKind.COUNTDOWN)
 #: FMI type -> (FMI function's name, how engine.c carries it, the C type).
 _CARRIED2 = {
     "Real": ("Real", 0, c.c_double),
@@ -69,7 +69,7 @@ class Ticker:
     """
 
     reference: int
-    kind: structs.ClockKind
+    kind: enums.ClockKind
     period: int = 1
     shift: int = 0
     place: int = 0
@@ -136,16 +136,16 @@ def bind(
     unit.input, unit.input_count = x.input, x.input_count
     unit.output, unit.output_count = x.output, x.output_count
     if x.exchange is not None:
-        unit.kind = structs.UnitKind.EXCHANGE
+        unit.kind = enums.UnitKind.EXCHANGE
         unit.typed = c.addressof(_typed(instance, x, alive))
         unit.exchange = bind_exchange(instance, x.exchange, alive)
         return unit
     if x.scheduled:
-        unit.kind, unit.typed = structs.UnitKind.TYPED, c.addressof(_typed(instance, x, alive))
+        unit.kind, unit.typed = enums.UnitKind.TYPED, c.addressof(_typed(instance, x, alive))
         return unit
     unit.set, unit.step, unit.get = instance.loop_functions()
     if x.plain:
-        unit.kind = structs.UnitKind.FMI3 if x.fmi == "3.0" else structs.UnitKind.FMI2
+        unit.kind = enums.UnitKind.FMI3 if x.fmi == "3.0" else enums.UnitKind.FMI2
         unit.values = instance.values_address()
         unit.steps = instance.steps_function() if unit.values else 0
         for name, moves in (("inputs", x.inputs), ("outputs", x.outputs)):
@@ -155,7 +155,7 @@ def bind(
             setattr(unit, name, _array_address(c.c_uint32, references, alive))
             setattr(unit, f"n_{name}", len(references))
         return unit
-    unit.kind = structs.UnitKind.TYPED
+    unit.kind = enums.UnitKind.TYPED
     typed = _typed(instance, x, alive)
     typed.stop = stop or None
     unit.typed = c.addressof(typed)
@@ -175,8 +175,8 @@ def bind_alike(
     return unit
 
 
-def _typed(instance: Instance, x: StepLayout, alive: list[Any]) -> structs.Typed:
-    typed = structs.Typed(
+def _typed(instance: Instance, x: StepLayout, alive: list[Any]) -> structs.TypedStruct:
+    typed = structs.TypedStruct(
         fmi=_signatures(x.fmi), variable=x.variable, next_event=instance.next_event
     )  # fmt: skip
     for name, verb in (("inputs", "Set"), ("outputs", "Get"), ("discrete", "Set")):
@@ -187,7 +187,7 @@ def _typed(instance: Instance, x: StepLayout, alive: list[Any]) -> structs.Typed
         if x.fmi == "2.0":
             slopes.call = instance.address("SetRealInputDerivatives")
             typed.orders = _array_address(c.c_int32, [1] * len(x.slopes.places), alive)
-        typed.slopes = _array_address(structs.Access, [slopes], alive)
+        typed.slopes = _array_address(structs.AccessStruct, [slopes], alive)
     if x.events:
         typed.enter_event = instance.address("EnterEventMode")
         typed.update = instance.address("UpdateDiscreteStates")
@@ -201,7 +201,9 @@ def _typed(instance: Instance, x: StepLayout, alive: list[Any]) -> structs.Typed
     return typed
 
 
-def _clocked(typed: structs.Typed, instance: Instance, x: StepLayout, alive: list[Any]) -> None:
+def _clocked(
+    typed: structs.TypedStruct, instance: Instance, x: StepLayout, alive: list[Any]
+) -> None:
     """Clocks, and what they move; `active` has a place for each clock."""
     references = [t.reference for t in x.clocks] + [t.reference for t in x.triggered]
     index = {r: i for i, r in enumerate(references)}
@@ -266,32 +268,32 @@ def _taking(instance: Instance, texts: Sequence[Clocked], alive: list[Any]) -> i
             return 1
         return 0
 
-    call = structs.TEXTS(take)
+    call = shared.TEXTS(take)
     alive.append(call)
-    return structs.address(call)
+    return shared.address(call)
 
 
 def late_clock_ticks(unit: structs.UnitStruct) -> tuple[int, float]:
     """Number of late clock ticks of an FMU, and their greatest delay (s)."""
     if not unit.typed:
         return 0, 0.0
-    typed = structs.Typed.from_address(unit.typed)
+    typed = structs.TypedStruct.from_address(unit.typed)
     return typed.late, typed.latest
 
 
 def _move(
-    struct: structs.Typed | structs.PartitionStruct, name: str, instance: Instance, verb: str,
+    struct: structs.TypedStruct | structs.PartitionStruct, name: str, instance: Instance, verb: str,
     moves: Sequence[Move], fmi: str, alive: list[Any],
 ) -> None:  # fmt: skip
     held = name == "discrete"
     accesses = [_access(instance, verb, m, fmi, held=held, alive=alive) for m in moves]
-    setattr(struct, name, _array_address(structs.Access, accesses, alive))
+    setattr(struct, name, _array_address(structs.AccessStruct, accesses, alive))
     setattr(struct, f"n_{name}", len(accesses))
 
 
 def _access(
     instance: Instance, verb: str, move: Move, fmi: str, *, held: bool, alive: list[Any]
-) -> structs.Access:
+) -> structs.AccessStruct:
     count = len(move.places)
     nothing = [float("nan")] * count
     kind: Any = c.c_double
@@ -300,7 +302,7 @@ def _access(
     else:
         suffix, code, kind = _CARRIED[fmi][move.type]
         call, signature = instance.address(verb + suffix), _signatures(fmi)
-    return structs.Access(
+    return structs.AccessStruct(
         call=call,
         references=_array_address(c.c_uint32, move.references, alive),
         places=_array_address(c.c_int64, move.places, alive),
@@ -329,9 +331,9 @@ def _text_call(instance: Instance, verb: str, move: Move, alive: list[Any]) -> i
             return ERROR
         return OK
 
-    function = structs.TEXT_ACCESS(call)
+    function = shared.TEXT_ACCESS(call)
     alive.append(function)
-    return structs.address(function)
+    return shared.address(function)
 
 
 def _array_address(kind: Any, values: Sequence[Any], alive: list[Any]) -> int:

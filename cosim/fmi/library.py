@@ -18,8 +18,8 @@ from cosim.base.errors import FmuError
 from cosim.fmi.elf import missing_bytes
 from cosim.fmi.intervals import Interval, Intervals, NextTick
 from cosim.fmi.values import NumberedTexts
-from cosim.native import fmu_log, structs
-from cosim.native.start import Form
+from cosim.native import fmu_log, shared
+from cosim.native.enums import Form
 
 #: Rounds of an event iteration before it is given up.
 EVENTS_AT_MOST = 100_000
@@ -242,7 +242,7 @@ class Calls:
             raise FmuError(f"{setup.name}: cannot load {setup.path.name}: {error}") from error
         self.prefix, self.name, self.log = prefix, setup.name, log
         self._stem = setup.path.stem
-        engine = structs.library()
+        engine = shared.library()
         self._called, self._close = setup.name.encode(), engine.engine_log_close
         self._at = c.byref(log)
         engine.engine_log_open(self._called, self._at)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from cosim.fmi.component import FmuComponent
 from cosim.fmi.failures import step_failure
 from cosim.fmi.library import status_name
-from cosim.native.structs import EngineResult
+from cosim.native.enums import EngineResult
 from cosim.schedule.parts import Slot, Step
 
 if TYPE_CHECKING:

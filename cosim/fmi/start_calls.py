@@ -26,14 +26,8 @@ from cosim.fmi.ports import REAL, VariableGroup, together
 from cosim.fmi.start_values import is_exact, is_parameter
 from cosim.fmi.values import UNLIMITED, limits
 from cosim.fmi.variables import TEXTS
-from cosim.native.start import (
-    Form,
-    Number,
-    Stage,
-    StartCallStruct,
-    StartKindStruct,
-    ValuePlace,
-)
+from cosim.native.enums import Form, Number, Stage, ValuePlace
+from cosim.native.structs import StartCallStruct, StartKindStruct
 
 #: The function of an instance that calls with values need.
 _ACCESS = {"set": "set", "put": "set", "check": "get", "get": "get"}

@@ -17,14 +17,13 @@ from cosim.fmi.start_calls import StartedFmu, StartKind
 from cosim.fmi.start_values import StartValue, check, set_all
 from cosim.fmi.values import check_range
 from cosim.native import fmu_log
-from cosim.native.start import (
-    Stage,
+from cosim.native.enums import Stage, StartResult
+from cosim.native.shared import library
+from cosim.native.structs import (
     StartCallStruct,
     StartingStruct,
     StartKindStruct,
-    StartResult,
     StartStruct,
-    library,
 )
 
 Ints = NDArray[np.int64]
@@ -84,7 +83,7 @@ class Member(NamedTuple):
 class InputSources(NamedTuple):
     """What brings values to inputs before the first tick, and whom components feed.
 
-    `bringing` (edges,): rows of :class:`cosim.native.start.BringingStruct`, those of component i
+    `bringing` (edges,): rows of :class:`cosim.native.structs.BringingStruct`, those of component i
     from fed[i] on; `alive`: what they point to. Component i feeds feeds[first_fed[i]], ...
     """
 

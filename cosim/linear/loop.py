@@ -18,7 +18,7 @@ from cosim.base.errors import ScenarioError
 from cosim.engine.engine import Engine
 from cosim.engine.tables import LinkRows
 from cosim.linear.component import Matrix, StepDerivatives, step_derivatives
-from cosim.native.structs import Code
+from cosim.native.enums import Code
 from cosim.schedule.operations import Operation
 from cosim.schedule.parts import Slot
 from cosim.schedule.plan import Plan

@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 from cosim.base.errors import RunError
 from cosim.links.laws import Constant, Law, Uniform, draws_per_sample
 from cosim.links.random_numbers import entropy
-from cosim.native import tables as native
-from cosim.native.tables import PacketStruct, RuleCode, TableStruct
+from cosim.native import shared
+from cosim.native.enums import RuleCode
+from cosim.native.structs import PacketStruct, TableStruct
 
 if TYPE_CHECKING:
     from fractions import Fraction
@@ -71,7 +72,7 @@ class TableDrawing:
     """Rows of `tables`, from the first on, in chunks whose sizes do not change them."""
 
     def __init__(self, tables: Sequence[Drawable]) -> None:
-        self._tables, self._library = tuple(tables), native.library()
+        self._tables, self._library = tuple(tables), shared.library()
         found: dict[tuple[object, ...], int] = {}
         kinds: list[TableStruct] = []
         which = np.empty(len(tables), np.int64)

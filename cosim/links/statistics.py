@@ -10,9 +10,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from cosim.links.grid import Grid
 from cosim.links.laws import IntArray
-from cosim.native import tables as native
+from cosim.native import shared, structs
 
-AGES = np.dtype(native.AgesStruct)
+AGES = np.dtype(structs.AgesStruct)
 PERCENTS = (5, 50, 95, 99, 100)
 
 
@@ -65,7 +65,7 @@ class Ages:
 
     def add(self, rows: NDArray[np.int32], counts: IntArray) -> None:
         """Count the next rows of all tables, one after the other, `counts` (tables,) each."""
-        state, library = self._state, native.library()
+        state, library = self._state, shared.library()
         state["rows"] = rows.ctypes.data + rows.itemsize * (np.cumsum(counts) - counts)
         state["n"] = counts
         library.ages_reach(state.ctypes.data, len(state))
@@ -91,7 +91,7 @@ class Ages:
         ranks = np.maximum(np.ceil(np.outer(received, PERCENTS) / 100), 1).astype(np.int64)
         ranks[received == 0] = 0
         ages = np.empty_like(ranks)
-        native.library().ages_ranks(
+        shared.library().ages_ranks(
             self._state.ctypes.data,
             len(received),
             ranks.ctypes.data,

@@ -14,11 +14,12 @@ from cosim.base.component import Kind, Outputs, Parameter, Port, Values
 from cosim.base.errors import MujocoError, RunError, ScenarioError
 from cosim.base.names import unknown
 from cosim.mujoco.joints import joint_groups
-from cosim.mujoco.library import SceneStruct, functions, package
+from cosim.mujoco.library import functions, package
 from cosim.mujoco.options import MujocoOptions
 from cosim.mujoco.ports import input_ports, output_ports, refuse_duplicates, start_ports
 from cosim.mujoco.remarks import scene_remarks, start_remarks
 from cosim.mujoco.scene import JOINT, KEY, Scene, read_scene
+from cosim.native.structs import MujocoStruct
 
 #: Difference of a joint from the one that it mimics that is rounding, rad or m.
 _APART = 1e-6
@@ -64,7 +65,7 @@ class MujocoComponent:
             )
         return names.index(name) if name else -1
 
-    def _bound(self) -> SceneStruct:
+    def _bound(self) -> MujocoStruct:
         model, data = self.scene.model, self.data
         targets = [place for x in self._inputs for place in x.addresses]
         self._arrays: list[NDArray[Any]] = [  # what C points to
@@ -75,7 +76,7 @@ class MujocoComponent:
             np.array([x.scale for x in self._outputs for _ in x.addresses], np.float64),
         ]
         derived = any(x.derived for x in self._outputs)
-        return SceneStruct(
+        return MujocoStruct(
             model._address, data._address,
             self._functions.advance, self._functions.evaluate if derived else None,
             *(array.ctypes.data for array in self._arrays),

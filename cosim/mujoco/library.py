@@ -14,32 +14,10 @@ from functools import lru_cache
 from types import ModuleType
 
 from cosim.base.errors import MujocoError
-from cosim.native import structs
+from cosim.native import shared
+from cosim.native.structs import MujocoStruct
 
 INSTALL = "pip install 'cosim-bridge[mujoco]'"
-TEXT = 1024
-
-
-class SceneStruct(c.Structure):
-    """``mujoco_t``."""
-
-    _fields_ = (
-        ("model", c.c_void_p),
-        ("data", c.c_void_p),
-        ("advance", c.c_void_p),
-        ("evaluate", c.c_void_p),
-        ("applied", c.c_void_p),
-        ("targets", c.c_void_p),
-        ("gains", c.c_void_p),
-        ("sources", c.c_void_p),
-        ("scales", c.c_void_p),
-        ("n_applied", c.c_int64),
-        ("n_inputs", c.c_int64),
-        ("n_outputs", c.c_int64),
-        ("substeps", c.c_int64),
-        ("failed", c.c_int32),
-        ("text", c.c_char * TEXT),
-    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,37 +45,30 @@ def package() -> ModuleType:
 def functions() -> Functions:
     """The functions that step a scene; errors of MuJoCo in a step no longer end the process.
 
-    Raises MujocoError for a version of MuJoCo without one of them, CosimError for an old engine.
+    Raises MujocoError for a version of MuJoCo without one of them.
     """
     path = _library_file()
     try:
         mujoco = c.CDLL(path)
-        advance, evaluate = structs.address(mujoco.mj_step), structs.address(mujoco.mj_forward)
+        advance, evaluate = shared.address(mujoco.mj_step), shared.address(mujoco.mj_forward)
         handlers = [c.c_void_p.in_dll(mujoco, f"mju_user_{word}") for word in ("error", "warning")]
     except (OSError, AttributeError, ValueError) as error:
         raise MujocoError(f"{path}: {error}; expected MuJoCo 4: {INSTALL}") from None
-    engine = structs.library()
-    engine.mujoco_size.restype = c.c_size_t
-    if engine.mujoco_size() != c.sizeof(SceneStruct):
-        raise MujocoError("the compiled engine is of another version: install the project again")
-    engine.mujoco_outputs.argtypes = (c.c_void_p, c.c_void_p, c.c_void_p)
-    engine.mujoco_step.argtypes = (*(c.c_void_p, c.c_double, c.c_double), c.c_void_p, c.c_void_p)
-    engine.mujoco_handlers.restype = engine.mujoco_listen.restype = None
-    engine.mujoco_listen.argtypes = (c.c_void_p,)
+    engine = shared.library()
     engine.mujoco_handlers(*(c.byref(handler) for handler in handlers))
-    return Functions(advance, evaluate, structs.address(engine.mujoco_step), engine.mujoco_outputs)
+    return Functions(advance, evaluate, shared.address(engine.mujoco_step), engine.mujoco_outputs)
 
 
 @contextmanager
 def warnings() -> Iterator[list[str]]:
     """What MuJoCo warns of meanwhile, without a step: the first sentence, at the end."""
     functions()
-    listener, heard = SceneStruct(), list[str]()
-    structs.library().mujoco_listen(c.byref(listener))
+    listener, heard = MujocoStruct(), list[str]()
+    shared.library().mujoco_listen(c.byref(listener))
     try:
         yield heard
     finally:
-        structs.library().mujoco_listen(None)
+        shared.library().mujoco_listen(None)
     if listener.failed:
         heard.append(listener.text.decode("utf-8", "replace"))
 

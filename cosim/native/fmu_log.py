@@ -5,21 +5,12 @@ from __future__ import annotations
 import ctypes as c
 from mmap import mmap
 
-LOG_LINES, LOG_WIDTH = 32, 512
+from cosim.native import structs
+from cosim.native.enums import LOG_LINES
 
 
-class Log(c.Structure):
-    """``log_t``: the last lines an FMU logged, and the text that follows in memory."""
-
-    _fields_ = (
-        ("count", c.c_int64),
-        ("capacity", c.c_int64),
-        ("used", c.c_int64),
-        ("dropped", c.c_int64),
-        ("level", c.c_int32 * LOG_LINES),
-        ("line", (c.c_char * LOG_WIDTH) * LOG_LINES),
-        ("step", c.c_void_p),
-    )
+class Log(structs.LogStruct):
+    """The last lines an FMU logged, and the text that follows in memory."""
 
     def forget(self) -> None:
         """Drop all that was logged."""

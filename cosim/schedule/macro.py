@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from cosim.base.errors import PlanError
-from cosim.native.structs import MACRO_LEVELS
+from cosim.native.enums import MACRO_LEVELS
 from cosim.schedule.parts import Slot, Step, Wire
 
 #: How often a period is halved at most, if no smallest step is given.

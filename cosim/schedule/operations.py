@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, TypeVar
 
 from cosim.base.struct import Struct, replace
-from cosim.native.structs import Code
+from cosim.native.enums import Code
 from cosim.schedule.parts import Gate, Link, Player, Step, Wire
 
 if TYPE_CHECKING:

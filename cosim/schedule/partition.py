@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.native.structs import Code
+from cosim.native.enums import Code
 from cosim.schedule.plan import Plan
 
 #: Instead of the component that owns an operation: every part does it, or none.

@@ -18,7 +18,7 @@ from cosim.base.names import unknown
 from cosim.base.processes import Opened, Pool, spread
 from cosim.engine.simulate import versions
 from cosim.fmi import components
-from cosim.native import structs
+from cosim.native import shared
 from cosim.record.folder import SUMS
 from cosim.schedule.plan import Plan
 from cosim.sweeps import figures
@@ -79,7 +79,7 @@ def sweep(
     """
     folder = Path(folder)
     total = count(study)
-    structs.library()  # what is wrong with the installation is wrong with no run
+    shared.library()  # what is wrong with the installation is wrong with no run
     common = job(study, folder.resolve() / RUNS if study.keep == "trajectories" else None)
     plan, units = check(study, common)
     checked(plan)

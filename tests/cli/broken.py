@@ -7,7 +7,7 @@ import zipfile
 from collections.abc import Callable
 from pathlib import Path
 
-from cosim.native import structs
+from cosim.native import shared
 from fmus.models import planar2r
 
 Files = dict[str, bytes]
@@ -83,7 +83,7 @@ def other_token3() -> Files:
 
 def no_functions() -> Files:
     """A shared library, but not an FMU's."""
-    library = structs.library_path().read_bytes()
+    library = shared.library_path().read_bytes()
     return {n: library if _is_binary(n) else d for n, d in contents().items()}
 
 

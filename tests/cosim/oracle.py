@@ -10,7 +10,7 @@ import numpy as np
 
 from cosim.engine.algebraic_loops import AlgebraicLoops
 from cosim.fmi import FmuComponent
-from cosim.native.structs import Code
+from cosim.native.enums import Code
 from cosim.schedule.parts import Link, Player, Slot, Step
 from cosim.schedule.plan import Plan
 from tests.cosim.oracle_macro import OracleGroup

@@ -25,8 +25,10 @@ from cosim.fmi.layout import StepLayout
 from cosim.fmi.library import NEVER, Clocked, Clocks, NativeCall, Setup
 from cosim.fmi.options import PATIENCE, FmuOptions
 from cosim.fmi.values import NumberedTexts
-from cosim.native import fmu_log, structs
-from cosim.native.mailbox import Lost, Mailbox, MailEnd, library
+from cosim.native import enums, fmu_log, structs
+from cosim.native.enums import Lost
+from cosim.native.shared import library
+from cosim.native.structs import MailboxStruct, MailEndStruct
 
 #: Seconds between two looks whether the run was asked to stop.
 _GLANCE = 0.2
@@ -57,7 +59,7 @@ class RemoteInstance:
         self._name, self._stop = setup.name, c.c_int32()
         self._scalars, self._room, self._stays, self._waiting = scalars, room, stays, False
         offset = -(-(c.sizeof(fmu_log.Log) + room) // 64) * 64
-        size = offset + c.sizeof(Mailbox) + 8 * max(1, scalars)
+        size = offset + c.sizeof(MailboxStruct) + 8 * max(1, scalars)
         from multiprocessing.connection import Connection  # of no use to others, and slow to load
 
         with tempfile.TemporaryFile() as file:
@@ -70,9 +72,9 @@ class RemoteInstance:
         self._process.stdin.close()
         self._process.stdout.close()
         self.log = fmu_log.log(self._memory, room)
-        box = c.addressof(Mailbox.from_buffer(self._memory, offset))
-        self._end = MailEnd(
-            box=box, signals=box + c.sizeof(Mailbox), stop=c.addressof(self._stop),
+        box = c.addressof(MailboxStruct.from_buffer(self._memory, offset))
+        self._end = MailEndStruct(
+            box=box, signals=box + c.sizeof(MailboxStruct), stop=c.addressof(self._stop),
             patience=options.timeout, bytes=BYTES_WAKE,
             incoming=self._answers.fileno(), outgoing=self._ask.fileno(),
         )  # fmt: skip
@@ -288,7 +290,7 @@ class RemoteInstance:
         self._end.stop = stop
         self._call("bind", there)
         unit = structs.UnitStruct(
-            kind=structs.UnitKind.REMOTE, lag=here.lag, h=here.h, period=here.period,
+            kind=enums.UnitKind.REMOTE, lag=here.lag, h=here.h, period=here.period,
             input=here.input, input_count=here.input_count, output=here.output,
             output_count=here.output_count, instance=c.addressof(self._end), steps=1,
         )  # fmt: skip
@@ -312,7 +314,7 @@ class RemoteInstance:
         """Free the FMU in a process that goes on; whether it can have another instance."""
         if self._ask.closed or self._process.poll() is not None:
             return False
-        if Mailbox.from_address(self._end.box).stop:  # it was told to hurry, and still would
+        if MailboxStruct.from_address(self._end.box).stop:  # it was told to hurry, and still would
             return False
         self._end.stop = c.addressof(self._stop)  # that of the engine will be gone
         try:

@@ -20,7 +20,8 @@ from cosim.fmi.isolation import protocol
 from cosim.fmi.layout import StepLayout, bind, late_clock_ticks
 from cosim.fmi.library import Instance, Setup
 from cosim.native import fmu_log, structs
-from cosim.native.mailbox import Mailbox, MailEnd, library
+from cosim.native.shared import library
+from cosim.native.structs import MailboxStruct, MailEndStruct
 
 
 class Worker:
@@ -28,13 +29,16 @@ class Worker:
 
     def __init__(self, memory: mmap.mmap, offset: int, bytes_wake: int) -> None:
         self._memory = memory
-        self._box = Mailbox.from_buffer(memory, offset)
+        self._box = MailboxStruct.from_buffer(memory, offset)
         self._instance: Instance | None = None
         self._alive: list[Any] = []
         self._unit = structs.UnitStruct()
         at = c.addressof(self._box)
-        self.end = MailEnd(
-            box=at, signals=at + c.sizeof(Mailbox), unit=c.addressof(self._unit), bytes=bytes_wake
+        self.end = MailEndStruct(
+            box=at,
+            signals=at + c.sizeof(MailboxStruct),
+            unit=c.addressof(self._unit),
+            bytes=bytes_wake,
         )
 
     def ready(self) -> None:
@@ -57,7 +61,7 @@ class Worker:
         """Get ready to step."""
         assert self._instance is not None
         self._alive.clear()
-        stop = c.addressof(self._box) + Mailbox.stop.offset
+        stop = c.addressof(self._box) + MailboxStruct.stop.offset
         self._unit = bind(self._instance, layout, self._alive, stop)
         self.end.unit = c.addressof(self._unit)
 

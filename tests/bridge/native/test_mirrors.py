@@ -12,12 +12,6 @@ import pytest
 import cosim.bus.frames
 import cosim.bus.settings
 import cosim.bus.structs
-import cosim.mujoco.library
-import cosim.native.fmu_log
-import cosim.native.mailbox
-import cosim.native.start
-import cosim.native.structs
-import cosim.native.tables
 from bridge.native import (
     bus,
     delay,
@@ -53,15 +47,6 @@ MODULES = (
     pace, safety, vendor,
 )  # fmt: skip
 HEADERS = sorted((ROOT / "bridge/c").glob("*.h"))
-ENGINE = [
-    ROOT / "cosim/c" / name
-    for name in ("engine.h", "fmu_log.h", "mailbox.h", "mujoco.h", "start.h", "tables.h")
-]
-ENGINE_MODULES = (
-    cosim.native.structs, cosim.native.fmu_log, cosim.native.mailbox, cosim.native.start,
-    cosim.native.tables,
-    cosim.mujoco.library,
-)  # fmt: skip
 BUS = [ROOT / "cosim/c/bus" / name for name in ("bus.h", "length.h", "tick.h")]
 BUS_MODULES = (cosim.bus.frames, cosim.bus.settings, cosim.bus.structs)
 #: What modules have of C besides structs and enums, by its name there.
@@ -85,11 +70,6 @@ CONSTANTS = {
         "ABSURD", "FLOOD")},
     **{f"DELAY_{name}": getattr(delay, name) for name in (
         "NONE", "SIGNAL", "LAST", "STAMP", "FIFO", "PLAYOUT")},
-}  # fmt: skip
-ENGINE_CONSTANTS = {
-    "ENGINE_ABI": cosim.native.structs.ABI, "LOG_LINES": cosim.native.fmu_log.LOG_LINES,
-    "LOG_WIDTH": cosim.native.fmu_log.LOG_WIDTH, "LOOP_PASSES": cosim.native.structs.LOOP_PASSES,
-    "MACRO_LEVELS": cosim.native.structs.MACRO_LEVELS, "MUJOCO_TEXT": cosim.mujoco.library.TEXT,
 }  # fmt: skip
 #: NumPy rows that C reads and writes in memory.
 BUS_ROWS = {
@@ -116,12 +96,6 @@ def said_by_c(headers: list[Path], modules: Any, constants: Any, rows: Any, scra
 @pytest.fixture(scope="module")
 def bridge(tmp_path_factory: pytest.TempPathFactory) -> Any:
     return said_by_c(HEADERS, MODULES, CONSTANTS, ROWS, tmp_path_factory.mktemp("bridge"))
-
-
-@pytest.fixture(scope="module")
-def engine(tmp_path_factory: pytest.TempPathFactory) -> Any:
-    scratch = tmp_path_factory.mktemp("engine")
-    return said_by_c(ENGINE, ENGINE_MODULES, ENGINE_CONSTANTS, {}, scratch)
 
 
 @pytest.fixture(scope="module")
@@ -156,11 +130,6 @@ def test_a_struct_of_the_bridge_is_that_of_c(bridge: Any, name: str) -> None:
     assert differences(structs_in(*MODULES)[name], bridge["structs"][name]) == []
 
 
-@pytest.mark.parametrize("name", structs_in(*ENGINE_MODULES))
-def test_a_struct_of_the_engine_is_that_of_c(engine: Any, name: str) -> None:
-    assert differences(structs_in(*ENGINE_MODULES)[name], engine["structs"][name]) == []
-
-
 @pytest.mark.parametrize("kind", enums_in(*MODULES), ids=lambda kind: kind.__name__)
 def test_an_enum_of_the_bridge_is_that_of_c(bridge: Any, kind: Any) -> None:
     prefix = enums_in(*MODULES)[kind]
@@ -169,17 +138,8 @@ def test_an_enum_of_the_bridge_is_that_of_c(bridge: Any, kind: Any) -> None:
     assert set(here) == names_beside(next(iter(here)), HEADERS)
 
 
-@pytest.mark.parametrize("kind", enums_in(*ENGINE_MODULES), ids=lambda kind: kind.__name__)
-def test_an_enum_of_the_engine_is_that_of_c(engine: Any, kind: Any) -> None:
-    prefix = enums_in(*ENGINE_MODULES)[kind]
-    here = {prefix + name: member.value for name, member in kind.__members__.items()}
-    assert here == {name: engine["names"][name] for name in here}
-    assert set(here) == names_beside(next(iter(here)), ENGINE)
-
-
-def test_constants_are_those_of_c(bridge: Any, engine: Any) -> None:
+def test_constants_are_those_of_c(bridge: Any) -> None:
     assert {name: bridge["names"][name] for name in CONSTANTS} == CONSTANTS
-    assert {name: engine["names"][name] for name in ENGINE_CONSTANTS} == ENGINE_CONSTANTS
 
 
 def test_rows_of_files_are_those_of_c(bridge: Any) -> None:

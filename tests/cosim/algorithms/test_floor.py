@@ -14,7 +14,7 @@ from cosim.checks.preflight import check
 from cosim.engine.engine import Engine
 from cosim.fmi.description import read_cached
 from cosim.loading.files import load
-from cosim.native.structs import Code
+from cosim.native.enums import Code
 from cosim.scenario.assemble import assemble
 from cosim.schedule.plan import compile_plan
 from tests.bridge.zenoh.rehearsed import CONFIGS

@@ -19,7 +19,7 @@ from cosim.engine.engine import Engine
 from cosim.engine.simulate import simulate
 from cosim.loading.files import load, read_document
 from cosim.native import structs
-from cosim.native.structs import Code
+from cosim.native.enums import Code
 from cosim.scenario.arrays import expand
 from cosim.scenario.assemble import assemble
 from cosim.scenario.spec import build

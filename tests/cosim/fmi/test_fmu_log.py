@@ -8,15 +8,15 @@ from contextlib import contextmanager
 
 import pytest
 
-from cosim.native import fmu_log, structs
+from cosim.native import fmu_log, shared
 
 
 @contextmanager
 def opened(log: fmu_log.Log) -> Iterator[c.c_void_p]:
     """The environment of a log that is open, as FMUs are given it."""
-    structs.library().engine_log_open(b"x", c.byref(log))
+    shared.library().engine_log_open(b"x", c.byref(log))
     yield c.c_void_p(c.addressof(log))
-    structs.library().engine_log_close(c.byref(log))
+    shared.library().engine_log_close(c.byref(log))
 
 
 @pytest.mark.parametrize(
@@ -25,7 +25,7 @@ def opened(log: fmu_log.Log) -> Iterator[c.c_void_p]:
 def test_a_line_begins_with_the_name_of_its_status(status: int, name: str) -> None:
     log = fmu_log.log(room=100)
     with opened(log) as at:
-        structs.library().engine_log3(at, status, b"category", b"text")
+        shared.library().engine_log3(at, status, b"category", b"text")
     assert log.text() == f"[{name}] category: text\n"
     assert list(log.level[:1]) == [status]
 
@@ -36,7 +36,7 @@ def test_a_line_is_kept_where_there_is_room_for_it_and_the_zero_behind_it(short:
     log = fmu_log.log(room=len("[ok] a: b\n" * 2) + 1 - short)
     with opened(log) as at:
         for _ in range(2):
-            structs.library().engine_log3(at, 0, b"a", b"b")
+            shared.library().engine_log3(at, 0, b"a", b"b")
     left_out = "... 1 lines left out; the last ones:\nb\nb\n"
     assert log.text() == text + (left_out if short else "")
     assert log.dropped == short

@@ -16,7 +16,7 @@ import cosim
 from cosim.base.errors import RunError
 from cosim.checks.preflight import check
 from cosim.loading.files import load
-from cosim.native import fmu_log, structs
+from cosim.native import fmu_log, shared
 from cosim.record import Run
 from cosim.scenario.assemble import assemble
 from fmus.build.toolchain import compile_object, compile_shared, link_shared
@@ -70,8 +70,8 @@ def test_an_fmu_that_logs_with_a_foreign_environment(tmp_path: Path, isolate: bo
 #: Two logs of one name, in a process that has no others: those of earlier tests may be open here.
 TWO_LOGS = """
 import ctypes as c
-from cosim.native import fmu_log, structs
-engine = structs.library()
+from cosim.native import fmu_log, shared
+engine = shared.library()
 logs = [fmu_log.log(room=100) for _ in range(2)]
 for log in logs:
     engine.engine_log_open(b"x", c.byref(log))
@@ -91,7 +91,7 @@ def test_what_nobody_is_known_to_have_said_is_dropped() -> None:
 
 
 def test_many_logs_open_and_close_in_any_order() -> None:
-    engine, n = structs.library(), 500
+    engine, n = shared.library(), 500
     logs = list(fmu_log.logs(n))
     order = [(k * 211) % n for k in range(n)]
     for k in order:

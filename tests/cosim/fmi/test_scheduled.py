@@ -16,7 +16,7 @@ import pytest
 from cosim.base.errors import CosimError, FmuError, RunError
 from cosim.fmi import FmuComponent, FmuOptions
 from cosim.fmi.components import model_name, reason_not_repeatable
-from cosim.native import structs
+from cosim.native import shared
 from cosim.native.fmu_log import Log
 from tests.cli.command import Command
 from tests.cosim.fmi.exporter import column, export, plan_of, run
@@ -227,7 +227,7 @@ def test_what_goes_wrong_is_a_sentence(fmu, calls, wrong: int, message: str, iso
 
 
 def test_a_call_back_outside_of_an_activation_does_nothing() -> None:
-    update = structs.library().engine_clock_update
+    update = shared.library().engine_clock_update
     update(None)
     update(c.byref(Log()))
 

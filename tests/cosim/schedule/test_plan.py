@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from cosim.base.errors import PlanError, ScenarioError
 from cosim.engine.engine import Engine
-from cosim.native.structs import Code
+from cosim.native.enums import Code
 from cosim.scenario.assemble import assemble
 from tests.cosim.oracle import execute
 from tests.cosim.scenarios import document, plan, scenario

@@ -12,7 +12,7 @@ import pytest
 
 from cosim.fmi import FmuComponent, FmuOptions
 from cosim.fmi.isolation import remote
-from cosim.native.mailbox import Mailbox
+from cosim.native.structs import MailboxStruct
 from cosim.sweeps import batch
 from cosim.sweeps.batch import run_points
 from cosim.sweeps.design import Point
@@ -144,7 +144,7 @@ def test_a_process_that_was_told_to_hurry_ends(tmp_path, started) -> None:
     fmu.close()
     fmu.initialize({})
     assert len(started) == started.alive == 1
-    Mailbox.from_address(started[0]._end.box).stop = 1
+    MailboxStruct.from_address(started[0]._end.box).stop = 1
     fmu.close()
     assert not started.alive
 

@@ -89,7 +89,7 @@ def failure(made: Path, structs: str, tests: Sequence[Path], folder: Path) -> st
     words = [sys.executable, "-m", "pytest", "-q", "-p", "tests.fuzz.sanitized_library"]
     words += ["-p", "no:cacheprovider", f"--basetemp={folder / 'inner'}", *map(str, tests)]
     words += ["--capture=sys"]  # what a sanitizer writes before it ends the process is not lost
-    chosen = {"SANITIZED_STRUCTS": structs, "SANITIZED_LIBRARY": str(made)}
+    chosen = {"SANITIZED_MODULE": structs, "SANITIZED_LIBRARY": str(made)}
     environment = {**os.environ, **preloaded(), **chosen}
     found = subprocess.run(words, cwd=ROOT, env=environment, text=True, capture_output=True)
     said = f"exit code {found.returncode}\n{found.stdout[-4000:]}{found.stderr[-4000:]}"

@@ -1,4 +1,4 @@
-"""A pytest plug-in: the module SANITIZED_STRUCTS takes its library from SANITIZED_LIBRARY.
+"""A pytest plug-in: the module SANITIZED_MODULE takes its library from SANITIZED_LIBRARY.
 
 ctypes keeps an array of up to 16 bytes inside of its object, where an access beyond its end is not
 seen. So arrays that describe an FMU to the engine get memory of their own.
@@ -15,8 +15,8 @@ from typing import Any
 
 from cosim.fmi import layout
 
-structs = import_module(os.environ["SANITIZED_STRUCTS"])
-structs.library_path = lambda: Path(os.environ["SANITIZED_LIBRARY"])
+shared = import_module(os.environ["SANITIZED_MODULE"])
+shared.library_path = lambda: Path(os.environ["SANITIZED_LIBRARY"])
 
 
 def array_address(kind: Any, values: Sequence[Any], alive: list[Any]) -> int:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from cosim.native import structs
+from cosim.native import shared
 from tests.fuzz import sanitized
 from tests.fuzz.targets import ROOT
 
@@ -44,4 +44,4 @@ def library(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.mark.parametrize("tests", TESTS, ids=lambda path: path.stem)
 def test_no_access_is_outside_the_memory_given(library: Path, tests: Path, tmp_path: Path) -> None:
     """Units, links, clocks and the vector of signals are allocations of their own."""
-    assert not sanitized.failure(library, structs.__name__, [tests], tmp_path)
+    assert not sanitized.failure(library, shared.__name__, [tests], tmp_path)

@@ -11,7 +11,7 @@ from bridge.native import node as native
 from bridge.wiring import wiring
 from bridge.wiring.wiring import WiredNode, heard_dtype, heard_rows, row_dtype
 from cosim.base.errors import RunError
-from cosim.native.structs import Code
+from cosim.native.enums import Code
 from tests.bridge.deployments import NETWORK, document, named, system_of
 from tests.bridge.slots import Slots
 

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from bridge.native import node as native
-from bridge.wiring import wiring
 from bridge.wiring.wiring import WiredNode, heard_dtype, heard_rows, row_dtype
 from cosim.base.errors import RunError
+from cosim.native import structs
 from cosim.native.enums import Code
 from tests.bridge.deployments import NETWORK, document, named, system_of
 from tests.bridge.slots import Slots
@@ -174,8 +174,8 @@ def test_the_rows_of_all_tables_of_a_node_are_where_c_moves_them(tmp_path):
         ]
         assert len({o.index for o in operations if o.code == Code.PULL}) > 1
         assert struct.n_played == len(operations)
-        players = c.cast(state.players, c.POINTER(wiring.engine_native.PlayerStruct))
-        links = c.cast(state.links, c.POINTER(wiring.engine_native.LinkStruct))
+        players = c.cast(state.players, c.POINTER(structs.PlayerStruct))
+        links = c.cast(state.links, c.POINTER(structs.LinkStruct))
         for number, o in enumerate(operations):
             if o.code == Code.PLAY:
                 players[o.index].row = 1000 + number

@@ -14,7 +14,14 @@ from bridge.native.frame import frame_dtype
 from bridge.native.safety import LifeState
 from bridge.records.lives import Life
 from bridge.replay.bus_log import LoggedSample, sent_ns, sequence, start_of
-from bridge.replay.from_log import ControllerReplay, LogReplay, SentDifference, _arrivals, _limits
+from bridge.replay.from_log import (
+    ControllerReplay,
+    LogReplay,
+    SentDifference,
+    _arrivals,
+    _limits,
+    _numbered,
+)
 from bridge.replay.received_and_sent import AlteredSamples
 from bridge.replay.replay import _new_components
 from bridge.replay.run_facts import period
@@ -220,3 +227,23 @@ def test_a_node_hears_all_frames_of_its_bus_but_its_own():
     heard, times = _arrivals(made, "master_control", {bus: rows}, NOW)[bus]
     assert heard["id"].tolist() == [*others, beats[1], 0x123]
     assert times.tolist() == [2000, 3000, 5000, 6000]
+
+
+def test_samples_of_the_run_are_kept_the_first_of_two_alike():
+    """Not those before t = 0, of a node that does not run, or with a number below 0."""
+    made = system("can-classic")
+    offset = made.messages["XI_2"].offset_ns
+    frames = [
+        sample(offset, 0),
+        sample(offset + 5_000_000, 1),
+        sample(offset + 5_000_000, 1, transit=400_000),  # once more
+        sample(offset + 10_000_000, 2, life=LifeState.INACTIVE),
+        sample(offset + 15_000_000, 3),
+        sample(offset - 5_000_000, -1, transit=4_500_000),  # of before, arrives later
+        sample(offset, 0, transit=-offset - 1),  # logged before t = 0
+    ]
+    found = _numbered(made, "XI_2", frames, NOW)
+    assert list(found) == [0, 1, 3]
+    assert found[0] is frames[0] and found[1] is frames[1] and found[3] is frames[4]
+    at_once = sample(offset, 0, transit=-offset)  # logged at t = 0
+    assert _numbered(made, "XI_2", [at_once], NOW) == {0: at_once}

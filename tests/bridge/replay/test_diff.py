@@ -13,6 +13,7 @@ from typer.testing import CliRunner
 
 from bridge.cli.diff import diff, lines
 from bridge.replay.diff import compare_runs, within_a_period
+from bridge.replay.page import write_diff_page
 from bridge.results.outcome import run_twin
 from cosim.base.errors import ScenarioError
 from cosim.record import Column, Recorder, Run, write_metadata
@@ -241,3 +242,14 @@ def test_estimates_that_nobody_is_sent_are_shown_and_not_judged(runs):
     assert [s.judged for s in found.signals] == sorted(
         (s.judged for s in found.signals), reverse=True
     )
+
+
+@pytest.mark.parametrize("rows", [1, 5])
+def test_the_page_of_two_runs_shows_each_where_it_was(tmp_path, rows):
+    """Also of runs of one row, which has no step."""
+    x = np.arange(float(rows))
+    a = made(tmp_path / "a", {"x": x}, h=0.25)
+    b = made(tmp_path / "b", {"x": x + 1}, h=0.25)
+    text = write_diff_page(compare_runs(a, b), tmp_path / "page.html").read_text(encoding="utf-8")
+    assert "a: x" in text and "b: x" in text
+    assert "until" in text and f"{0.25 * (rows - 1):g} s" in text

@@ -67,17 +67,29 @@ CASES = {
 }
 
 
+@pytest.fixture(scope="module")
+def logged(tmp_path_factory):
+    """A system and the rows by bus of its twin, by case; each twin runs once, rows are copies."""
+    known = {}
+
+    def call(case):
+        if case not in known:
+            with pytest.MonkeyPatch.context() as patch:
+                known[case] = logged_twin(CASES[case](), tmp_path_factory.mktemp("twin"), patch)
+        return CASES[case](), {bus: rows.copy() for bus, rows in known[case].items()}
+
+    return call
+
+
 @pytest.fixture(params=sorted(CASES))
-def run(request, tmp_path, monkeypatch):
+def run(request, logged):
     """(system, rows by bus)."""
-    system = CASES[request.param]()
-    return CASES[request.param](), logged_twin(system, tmp_path, monkeypatch)
+    return logged(request.param)
 
 
 @pytest.fixture
-def arms(tmp_path, monkeypatch):
-    system = CASES["can"]()
-    return CASES["can"](), logged_twin(system, tmp_path, monkeypatch)
+def arms(logged):
+    return logged("can")
 
 
 def test_controllers_send_what_they_sent(run, tmp_path):
@@ -86,6 +98,7 @@ def test_controllers_send_what_they_sent(run, tmp_path):
     assert found.exact, found
     assert abs(found.start_ns - NOW) < 1_000_000
     assert [n.node for n in found.nodes] == ["master_control", "slave_control"]
+    assert found.remarks == ()
     for node in found.nodes:
         messages = [m for m in system.messages.values() if m.node == node.node]
         assert node.slots == 300 and node.first == 0 and node.unheard == 0
@@ -156,11 +169,10 @@ def test_a_log_that_begins_late_says_so_and_comes_near(arms, tmp_path):
     assert abs(found.start_ns - NOW) < 1_000_000
 
 
-def test_one_bus_is_enough_for_the_controller_that_needs_no_other(tmp_path, monkeypatch):
-    system = CASES["can"]()
-    logs = logged_twin(system, tmp_path, monkeypatch)
+def test_one_bus_is_enough_for_the_controller_that_needs_no_other(arms, tmp_path):
+    system, logs = arms
     del logs["right"]
-    found = replay_log(CASES["can"](), written(logs, tmp_path))
+    found = replay_log(system, written(logs, tmp_path))
     assert [n.node for n in found.nodes] == ["master_control"]
     assert found.remarks[0] == "right: not logged"
 

@@ -109,7 +109,7 @@ def probe(
 
 
 def kind_of(kind: Any) -> str:
-    """What :func:`probe` says of a field that ctypes has as this type."""
+    """The kind that :func:`probe` gives a field of this type of ctypes."""
     for name, types in SCALARS.items():
         if kind in types:
             return name
@@ -129,7 +129,7 @@ def members(struct: type[c.Structure]) -> list[str]:
 
 
 def differences(struct: type[c.Structure], said: dict[str, Any]) -> list[str]:
-    """Where a ctypes struct is not the struct that the compiler sees."""
+    """Differences between a ctypes struct and the struct that the compiler sees."""
     found, end = [], 0
     for name, kind in struct._fields_:
         place = getattr(struct, name)
@@ -151,7 +151,7 @@ def differences(struct: type[c.Structure], said: dict[str, Any]) -> list[str]:
 
 
 def row_differences(row: np.dtype[Any], said: dict[str, Any]) -> list[str]:
-    """Where the fields of a NumPy row that are in a C struct lie elsewhere in it."""
+    """Fields of a NumPy row that lie elsewhere in the C struct."""
     found, kinds = [], {"<i4": "int32_t", "<u4": "uint32_t", "<i8": "int64_t", "<f8": "double"}
     for name, (offset, size, kind) in ((n, v) for n, v in said.items() if n):
         dtype, at = row.fields[name][:2]  # type: ignore[index]

@@ -1,4 +1,4 @@
-"""What holds for all tests."""
+"""Settings and fixtures of all tests."""
 
 import gc
 import os
@@ -47,7 +47,7 @@ def pytest_collection_finish() -> None:
 
 @pytest.hookimpl(wrapper=True, trylast=True)
 def pytest_runtest_protocol(item: pytest.Item, nextitem: pytest.Item | None) -> Any:
-    """What the tests of a file have left goes with them."""
+    """Clear what the tests of a file have left."""
     done = yield
     modules = [x.module if isinstance(x, pytest.Function) else None for x in (item, nextitem)]
     if modules[0] is not None and _TIDIER:
@@ -64,7 +64,7 @@ def objects(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def compiled_once(objects: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """What any test with this fixture has compiled is not compiled again, for the same sources."""
+    """Compile the same sources once for all tests with this fixture."""
     from tests.objects import keep
 
     keep(objects, monkeypatch.setattr)

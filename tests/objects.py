@@ -18,7 +18,7 @@ _INCLUDE = re.compile(r'^\s*#\s*include\s+"([^"]+)"', re.MULTILINE)
 
 
 def keep(folder: Path, patch: Callable[[object, str, object], None] = setattr) -> None:
-    """From now on this process and those forked from it compile and link only what is new.
+    """Compile and link only what is new, in this process and those forked from it.
 
     `folder`: for objects and libraries, by the contents of what they are made from; `patch` sets an
     attribute of a module.
@@ -31,7 +31,7 @@ def keep(folder: Path, patch: Callable[[object, str, object], None] = setattr) -
 def _compiled(
     folder: Path, compile_object: Callable[..., Path], source: Path | str, output: Path, **how: Any
 ) -> Path:
-    """As ``toolchain.compile_object``; the compiler runs only for what is not yet there."""
+    """``toolchain.compile_object`` that runs the compiler only for what is not yet there."""
     folders = [Path(source).parent, *map(Path, how.get("include", ()))]
     made_from = texts(Path(source), folders)
     return _kept(
@@ -46,7 +46,7 @@ def _linked(
     output: Path | str,
     **how: Any,
 ) -> Path:
-    """As ``fmus.build.toolchain.link_shared``; the linker runs only for what is not yet there."""
+    """``toolchain.link_shared`` that runs the linker only for what is not yet there."""
     given = list(parts)
     made_from = [part.read_bytes() for part in given]
     target = Path(output).resolve()

@@ -1,4 +1,4 @@
-"""Whether tests on the wall clock are stable: each of them many times, idle and on a busy machine.
+"""Stability of tests on the wall clock: each runs many times, on an idle and a busy machine.
 
     python -m tests.repeat [--times N] [PYTEST ARGUMENTS ...]     default: -m live, 50 times
     python -m tests.repeat --only idle [PYTEST ARGUMENTS ...]     one of the two columns
@@ -32,7 +32,7 @@ Counts = defaultdict[str, Counter[str]]
 
 
 def outcomes(report: Path) -> Iterator[tuple[str, str]]:
-    """Of a JUnit file: the name of each test and what came of it, one of OUTCOMES."""
+    """The name of each test in a JUnit file and its result, one of OUTCOMES."""
     for case in ET.parse(report).getroot().iter("testcase"):
         kinds = {child.tag for child in case}
         failed = kinds & {"failure", "error"}

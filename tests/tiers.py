@@ -1,4 +1,4 @@
-"""Which cases of a test belong to the fast tests."""
+"""Cases of a test that belong to the fast tests."""
 
 from __future__ import annotations
 

@@ -128,7 +128,7 @@ class Bench:
 
     @property
     def torques(self):
-        """Of every LINK_2, (2,) each."""
+        """The torques of every LINK_2, (2,) each."""
         encoding = self.system.messages["LINK_2"].encoding
         return [values[:2] for values, _ in self.said(encoding)]
 

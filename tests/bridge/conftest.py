@@ -1,4 +1,4 @@
-"""What the tests of the bridge share: a shipped DBC file is read, its messages compared, once."""
+"""Fixtures of the bridge: a shipped DBC file is read, its messages compared, once."""
 
 from __future__ import annotations
 

@@ -23,7 +23,7 @@ COUNTS |= {"repeated": 0, "reordered": 0}
 
 
 def report(life, end="finished", reasons=(), **said):
-    """What a life said at its end; `end` killed: nothing."""
+    """The report of a life at its end; `end` killed: none."""
     statement = Statement(life=life, end=LifeEnd(end), **said) if end != "killed" else None
     return NodeReport(life, 0, SLOTS, "", reasons, statement)
 

@@ -110,7 +110,7 @@ class Gate:
             time.sleep(0.002)
 
     def heard(self, message, n=1):
-        """What comes of a message until `n` are there."""
+        """The samples of a message until `n` are there."""
         carried, found = self.system.messages[message], []
         with contextlib.suppress(AssertionError):
             until(
@@ -119,7 +119,7 @@ class Gate:
         return found
 
     def forwarded(self, encoding, bus):
-        """What comes of a message until there is one, and in the 0.1 s after it."""
+        """The samples of a message until there is one, and in the 0.1 s after it."""
         found = []
         until(lambda: found.extend(self.frames(encoding, bus)) or found)
         return found + self.frames(encoding, bus, 0.1)

@@ -52,7 +52,7 @@ def sent_ns(grid, j):
 
 
 def arrivals(grid, network, lost=()):
-    """What the network makes of every sample: (sequence, sent, arrival), by arrival; ns."""
+    """Every sample behind the network: (sequence, sent, arrival), by arrival; ns."""
     found = [
         (j, sent_ns(grid, j), sent_ns(grid, j) + d) for j, d in enumerate(network) if j not in lost
     ]
@@ -60,12 +60,12 @@ def arrivals(grid, network, lost=()):
 
 
 def arrived(grid, j, network, row):
-    """Whether sample j, which the network takes so many ns for, is there at a look."""
+    """True if sample j, for which the network takes so many ns, is there at a look."""
     return j * grid.n_s + grid.ticks(1e-9 * network) <= row * grid.n_r
 
 
 def rows_of(rule, grid, T, looks=LOOKS):
-    """What the table holds for delays T, s, by look or by sample."""
+    """The rows of the table for delays T, s, by look or by sample."""
     law = DelayTrace(np.arange(len(T)), np.array(T), lookup="index")
     return DrawnTable("x", grid, law, rule, 0).stream(looks).rows(looks).tolist()
 

@@ -25,7 +25,7 @@ NODES = ("master", "slave", "master_control", "slave_control")
 
 
 def stale(node):
-    """What stops a controller, and what only ages."""
+    """Settings of inputs that stop a controller, and of those that only age."""
     return f'"{node}.q"={{stop="400 ms"}},"{node}.xi_in"={{age="age[0]"}}'
 
 
@@ -75,7 +75,7 @@ def script(folder, text):
 
 
 class Left:
-    """What a rehearsal has left: rows of each life, and ``run.json``."""
+    """Results of a rehearsal: rows of each life, and ``run.json``."""
 
     def __init__(self, folder):
         self.folder = folder

@@ -46,7 +46,7 @@ class Slots:
         self.rings[bus].put(frame)
 
     def begin(self):
-        """From slot 0 on."""
+        """Make the node active from slot 0 on."""
         self.struct.life.state, self.struct.life.armed = LifeState.ACTIVE, 1
         native.functions().node_enable(c.byref(self.struct), 0)
 

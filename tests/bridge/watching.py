@@ -36,7 +36,7 @@ def folder_of(place: Path, *, pid: int = 0, wall_ns: int = 10**18) -> System:
 
 
 def own_pid() -> int:
-    """Of a process that is certainly there."""
+    """The number of a process that is certainly there."""
     return os.getpid()
 
 

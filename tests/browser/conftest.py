@@ -53,7 +53,7 @@ def browse(chromium: str, tmp_path_factory: pytest.TempPathFactory) -> Callable[
 
 @pytest.fixture
 def ask(browse: Callable[..., str], tmp_path: Path) -> Callable[[Path, str], dict[str, Any]]:
-    """What a script at the end of a page hands to `tell`; errors and requests are refused."""
+    """The object that a script at the end of a page hands to `tell`; errors and requests fail."""
 
     def call(path: Path, script: str) -> dict[str, Any]:
         text = path.read_text(encoding="utf-8").replace("<style>", BEFORE + "<style>", 1)

@@ -9,7 +9,7 @@ from tests.children import fork_on_terminal
 
 
 def ask() -> None:
-    """As a command asks."""
+    """Ask like a command."""
     with allow_terminal_input():
         answer = input("go on? ")
     print(f"answer={answer}", flush=True)

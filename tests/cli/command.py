@@ -28,7 +28,7 @@ def options_of(name: str) -> set[str]:
 
 @dataclass(frozen=True)
 class Done:
-    """What a command did."""
+    """Results of a command."""
 
     code: int
     out: str

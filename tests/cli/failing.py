@@ -73,7 +73,7 @@ def _child(case: Case, said: int, out: int) -> int:
 
 
 def answer(case: Case) -> dict[str, Any]:
-    """What came of a case."""
+    """The result of a case."""
     found = attempt(case)
     try:
         judge(case.here, found, Path(case.whole) if case.whole else None)

@@ -67,7 +67,7 @@ class Case:
 
     @property
     def here(self) -> Path:
-        """What the command writes to."""
+        """The folder that the command writes to."""
         return Path(self.root, "here")
 
 

@@ -35,7 +35,7 @@ def calls(path: Path) -> None:
 
 @final
 class Forked:
-    """As much of ``subprocess.Popen`` as :class:`bridge.node.process.Process` needs.
+    """The part of ``subprocess.Popen`` that :class:`bridge.node.process.Process` needs.
 
     `at`: which call fails in the process of which node.
     """

@@ -1,4 +1,4 @@
-"""What a command may do where the system fails it: complete, or one sentence and readable data."""
+"""Outcomes that a failing system allows: complete, or one sentence and readable data."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def judge(here: Path, found: Mapping[str, object], whole: Path | None = None) ->
 
 
 def reason(here: Path, folder: Path) -> str:
-    """Why a run of a sweep failed, which is a row of a complete sweep; "" for any other run."""
+    """The reason of a failed run, which is a row of a complete sweep; "" for any other run."""
     return "" if folder.parent.name != "runs" else str(rows(here)[folder.name]["reason"])
 
 
@@ -76,12 +76,12 @@ def compared(folder: Path, whole: Path | None, *, complete: bool) -> None:
 
 
 def readable(folder: Path) -> bool:
-    """Whether something was recorded that is not closed: a journal without a row is nothing."""
+    """True if something was recorded that is not closed: a journal without a row is nothing."""
     return is_unfinished(folder) and (folder / "run.json").exists() and recorded(folder)
 
 
 def recorded(folder: Path) -> bool:
-    """Whether a node, or the engine, came to its first tick."""
+    """True if a node, or the engine, came to its first tick."""
     from bridge.replay import replay
     from cosim.base.errors import CosimError
 

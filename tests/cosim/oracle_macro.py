@@ -134,7 +134,7 @@ class OracleGroup:
             self.of(s)[:], values = values[: s.size], values[s.size :]
 
     def period(self, tick: int) -> None:
-        """From the tick in which the period began; `tick` is the one in which it ends."""
+        """Compute the signals at the end of a period; `tick` is the one in which it ends."""
         g, h = self.group, self.plan.h
         whole, length = 2**g.halvings, g.period * h
         start, at = (tick - g.period + 1) * h, 0

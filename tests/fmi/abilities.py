@@ -1,4 +1,4 @@
-"""What importers can do, each asked of every one of them that installs: cells of peers.md.
+"""Abilities of importers, each asked of every one that installs: cells of peers.md.
 
 A probe runs a test FMU or SSP in a peer and says "yes", or "no" with what was seen.
 """
@@ -51,19 +51,19 @@ class Run:
 
     @property
     def wrong(self) -> str:
-        """Why it did not run, "" if it did."""
+        """The reason for which it did not run, "" if it did."""
         if self.outcome.status < 0:
             return "no: the process ends"
         stepped = any(c.name in ("DoStep", "SetTime", "ActivateModelPartition") for c in self.calls)
         return "no" if self.outcome.error or not stepped else ""
 
     def gives(self, value: float, within: float = 1e-9) -> str:
-        """Whether the last output has this value."""
+        """True if the last output has this value."""
         found = self.outcome.last(self.output)
         return self.wrong or ("yes" if abs(found - value) <= within else f"no: {found:.4g}")
 
     def in_order(self) -> str:
-        """Whether the calls are those that the state machine allows."""
+        """True if the calls are those that the state machine allows."""
         if self.outcome.status < 0:
             return "no: the process ends"
         found = [x for x in judged(self.calls, self.fmu) if "was not freed" not in x]
@@ -71,7 +71,7 @@ class Run:
 
 
 def runs(text: str, output: str, value: float, within: float = 1e-9, **values: float) -> Probe:
-    """Whether an FMU runs, and its last output has this value after 1 s."""
+    """True if an FMU runs, and its last output has this value after 1 s."""
 
     def probe(peer: str, folder: Path) -> str:
         return Run(peer, folder, text, values, output).gives(value, within)
@@ -147,7 +147,7 @@ def system(
     peer: str, folder: Path, first: str, second: str, wires: str, name: str, value: float,
     units: tuple[str, str] = ("", ""),
 ) -> str:  # fmt: skip
-    """Whether a system of two FMUs gives this value of an output after 1 s."""
+    """True if a system of two FMUs gives this value of an output after 1 s."""
     text = strict2()
     out, into = (f'<Real unit="{u}"' if u else "<Real" for u in units)
     head, tail = text.split('name="y"')

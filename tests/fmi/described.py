@@ -1,4 +1,4 @@
-"""What a model description says about the variables of an FMU, as FMPy reads it."""
+"""The variables in a model description, as FMPy reads it."""
 
 from __future__ import annotations
 

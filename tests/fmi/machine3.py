@@ -55,7 +55,7 @@ _KINDS = {"ModelExchange": E, "CoSimulation": S, "ScheduledExecution": A}
 
 
 def violations(calls: Iterable[Call], known: Described) -> list[str]:
-    """What was called that the standard does not allow, each as a sentence."""
+    """Calls that the standard does not allow, each as a sentence."""
     instances: dict[int, Instance] = {}
     found: list[str] = []
     dead = False

@@ -21,7 +21,7 @@ PEERS = ("cosim", "FMPy", "libcosim", "Ecos")
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What a run gave: outputs at every step by name, `error` of a peer, and its exit status."""
+    """Results of a run: outputs at every step by name, `error` of a peer, and its exit status."""
 
     rows: dict[str, list[float]] = field(default_factory=dict)
     error: str = ""
@@ -29,7 +29,7 @@ class Outcome:
 
     @property
     def good(self) -> bool:
-        """Whether it ended as it should."""
+        """True if it ended as it should."""
         return not self.error and self.status == 0
 
     def last(self, name: str) -> float:

@@ -19,7 +19,7 @@ MACHINES = {"2": machine2, "3": machine3}
 
 
 def judged(found: list[Call], fmu: Path) -> list[str]:
-    """What of these calls of an FMU its standard does not allow."""
+    """The calls of an FMU that its standard does not allow."""
     known = described(fmu)
     return MACHINES[known.fmi].violations(found, known)
 
@@ -34,11 +34,11 @@ class Watch:
         monkeypatch.setenv("FMI_CALLS", str(self._log))
 
     def calls(self) -> list[Call]:
-        """What was called so far."""
+        """The calls so far."""
         return calls(self._log)
 
     def violations(self) -> list[str]:
-        """What of it is not allowed; an FMU that was never entered proves nothing."""
+        """Calls that are not allowed; an FMU that was never entered proves nothing."""
         found = self.calls()
         assert any(call.name == "EnterInitializationMode" for call in found)
         return judged(found, self.fmu)

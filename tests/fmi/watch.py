@@ -118,7 +118,7 @@ class Argument:
 
     @property
     def returned(self) -> bool:
-        """Whether it points to one number that the function gives."""
+        """True if it points to one number that the function gives."""
         one = "*" in self.type and not self.array and "const" not in self.type
         return one and self.bare in (*_NUMBERS, "size_t")
 

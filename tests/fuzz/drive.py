@@ -42,7 +42,7 @@ class Finding:
 
 @dataclass(frozen=True)
 class Fuzzed:
-    """How many mutants were tried, and what was found."""
+    """The number of mutants tried, and the findings."""
 
     tried: int
     findings: tuple[Finding, ...]

@@ -158,7 +158,7 @@ def _disturb(random, system, node, pools, now: int) -> int:
 
 
 def _deliver(random, system, nodes, sender, pools, now: int) -> None:
-    """What a node has sent goes to all others on its bus, most of it as it is."""
+    """Pass frames of a node to all others on its bus, most of them as they are."""
     from bridge.native.frame import Frame
 
     for name, ring in _rings(system, sender, "tx"):

@@ -26,7 +26,7 @@ FLAGS = (
 
 
 def missing() -> str:
-    """Why it cannot be done here; "": it can."""
+    """The reason for which it cannot be done here; "": it can."""
     if sys.platform != "linux":
         return "the sanitizers are preloaded, which needs Linux"
     return "" if shutil.which("gcc") else "no gcc, whose sanitizers are preloaded into Python"
@@ -68,7 +68,7 @@ def preloaded() -> dict[str, str]:
 
 
 def command(target: str, seed: int, count: int, seconds: float) -> tuple[list[str], dict[str, str]]:
-    """What runs a target, and its environment. `count` mutants, or `seconds` where that is > 0."""
+    """The command for a target, and its environment: `count` mutants, or `seconds` if > 0."""
     words = [sys.executable, "-m", "tests.fuzz.frames", target, str(library())]
     return [*words, str(seed), str(count), str(seconds)], {**os.environ, **preloaded()}
 
@@ -82,7 +82,7 @@ def compiled(sources: Sequence[Path], folder: Path) -> Path:
 
 
 def failure(made: Path, structs: str, tests: Sequence[Path], folder: Path) -> str:
-    """What goes wrong in tests whose module `structs` loads this library; "": nothing does.
+    """The failure of tests whose module `structs` loads this library; "": there is none.
 
     `folder`: for what the tests leave.
     """

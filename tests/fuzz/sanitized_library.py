@@ -20,7 +20,7 @@ shared.library_path = lambda: Path(os.environ["SANITIZED_LIBRARY"])
 
 
 def array_address(kind: Any, values: Sequence[Any], alive: list[Any]) -> int:
-    """As ``cosim.fmi.layout._array_address``."""
+    """The replacement of ``cosim.fmi.layout._array_address``."""
     kind = kind * max(1, len(values))
     array = kind.from_buffer(bytearray(c.sizeof(kind)))
     for i, value in enumerate(values):

@@ -1,4 +1,4 @@
-"""What is fuzzed in this process: a reader each, with the inputs its mutants are made of.
+"""Targets of the fuzzers in this process: readers, and the inputs of which mutants are made.
 
 A reader may refuse its input with a CosimError. Anything else is a finding.
 """
@@ -41,7 +41,7 @@ class Target:
 
     @property
     def fills_cache(self) -> bool:
-        """Whether every mutant is an archive that is unpacked into the cache."""
+        """True if every mutant is an archive that is unpacked into the cache."""
         return self.mutate is mutate.of_archive
 
     def seeds(self) -> list[tuple[str, bytes]]:

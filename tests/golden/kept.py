@@ -1,4 +1,4 @@
-"""What a case leaves, reduced to what has to stay the same: texts, digests and numbers.
+"""Results of a case, reduced to what has to stay the same: texts, digests and numbers.
 
 A text is compared as it is (paths, times and versions replaced), a table by the digest of its
 values, and a number that NumPy has summed with a tolerance, because the order of a sum depends on
@@ -50,7 +50,7 @@ NUMBER = re.compile(r"[-+]?\d+\.\d+(?:e[-+]?\d+)?|[-+]?\d+e[-+]?\d+")
 
 @dataclass
 class Record:
-    """What one case leaves, by name; `texts` are whole, for a look at what differs."""
+    """Results of one case by name; `texts` are whole, for a look at differences."""
 
     folder: Path
     kept: dict[str, Kept] = field(default_factory=dict)

@@ -1,4 +1,4 @@
-"""What the commands that need no bus give: runs, studies, reproduction, FMUs, texts, refusals."""
+"""Results of the commands that need no bus: runs, studies, reproduction, FMUs, texts, refusals."""
 
 from __future__ import annotations
 
@@ -228,7 +228,7 @@ def fmus(record: Record) -> None:
 
 
 def helps(record: Record) -> None:
-    """What every command says of itself, without the boxes around it."""
+    """The help of every command, without the boxes around it."""
     commands = re.findall(r"^\W*([a-z]+)  ", cosim("--help")[1], flags=re.M)
     for name in ("", *commands):
         code, out, _ = cosim(*name.split(), "--help")
@@ -248,7 +248,7 @@ def refusals(record: Record) -> None:
 
 
 def scaffold(record: Record) -> None:
-    """What ``cosim new`` writes."""
+    """The files that ``cosim new`` writes."""
     with contextlib.chdir(record.folder):
         say(record, "new", "new", "controller", "my_controller")
     for path in sorted(record.folder.rglob("*")):

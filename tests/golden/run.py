@@ -34,7 +34,7 @@ CASES: Mapping[str, Callable[[Record], None]] = {
 
 
 def case(name: str, texts: Path | None = None) -> dict[str, Kept]:
-    """What one case leaves; the texts behind its digests into `texts`, if given."""
+    """The results of one case; the texts behind its digests go into `texts`, if given."""
     with TemporaryDirectory(prefix="golden") as folder:
         record = Record(Path(folder))
         CASES[name](record)
@@ -46,7 +46,7 @@ def case(name: str, texts: Path | None = None) -> dict[str, Kept]:
 
 
 def results(names: Sequence[str], jobs: int, texts: Path | None) -> dict[str, dict[str, Kept]]:
-    """What every case leaves; a case that failed leaves why."""
+    """The results of all cases; of a case that failed, the reason."""
     spawn = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(jobs, mp_context=spawn) as pool:
         return dict(zip(names, pool.map(partial(_guarded, texts=texts), names), strict=True))

@@ -1,4 +1,4 @@
-"""What deployments give without a wall clock: twins, replays, faults, bus logs, lock-step."""
+"""Results of deployments without a wall clock: twins, replays, faults, bus logs, lock-step."""
 
 from __future__ import annotations
 

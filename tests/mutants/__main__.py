@@ -72,7 +72,7 @@ def tried(
 def survivors(
     name: str, asked: Mapping[str, Any], mutants: Sequence[Mutant], parallel: int
 ) -> list[Mutant]:
-    """Those of the mutants that nothing noticed; `parallel` of them are tried at a time."""
+    """The mutants that nothing noticed; `parallel` of them are tried at a time."""
     numbered = list(enumerate(mutants, 1))
     with tempfile.TemporaryDirectory(prefix="mutants-") as scratch:
         with ThreadPoolExecutor(parallel) as pool:

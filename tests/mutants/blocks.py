@@ -1,4 +1,4 @@
-"""Which blocks of C code a test executes: each block sets a byte of its own when it begins.
+"""Blocks of C code that a test executes: each sets a byte of its own when it begins.
 
 A block is the body of a function, a branch or a loop, between its braces. The bytes lie in a file
 that all processes map, so that a node or a command started by a test counts, too. What follows a
@@ -91,7 +91,7 @@ def _spans(code: str) -> Iterator[tuple[int, int]]:
 
 
 def _holds_statements(code: str, at: int, closed: int) -> bool:
-    """Whether a mark may follow the brace at `at`: not in data, not before the first ``case``."""
+    """True if a mark may follow the brace at `at`: not in data, not before the first ``case``."""
     before = code[:at].rstrip(" \t\n\0")
     if before.endswith(")"):
         head = code[:closed].rstrip()

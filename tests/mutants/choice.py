@@ -1,4 +1,4 @@
-"""Which tests are asked about a change, and in which order: as many as a budget of time allows.
+"""The tests that are asked about a change, in order: as many as a budget of time allows.
 
 Asked are the files of tests that execute the block of C code in which the change lies, every file
 of the group where it lies in none (Python code, a constant). Of these the tests come first that
@@ -43,7 +43,7 @@ class Choice:
         self._left_out |= {test: "takes too long" for test in slow - failed}
 
     def said(self) -> str:
-        """How many tests there are, how long they take, and which are left out."""
+        """The number of tests, their time, and those that are left out, in words."""
         kept = [s for test, s in self.seconds.items() if test not in self._left_out]
         cpu = sum(s for _, s in kept)
         names = "".join(f"\n    {why}: {test}" for test, why in sorted(self._left_out.items()))
@@ -91,7 +91,7 @@ class Choice:
         yield from (part for part in (files[:FIRST], files[FIRST:]) if part)
 
     def waits(self, test: str) -> bool:
-        """Whether a busy machine can make this fail: a test that waits, or no test at all."""
+        """True if a busy machine can make this fail: a test that waits, or no test at all."""
         wall, cpu = self.seconds.get(test, (1.0, 0.0))
         return wall > 0.5 + WAITS * cpu
 

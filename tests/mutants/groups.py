@@ -1,4 +1,4 @@
-"""What is changed together: sources, the tests that have to notice, and what these import."""
+"""Groups of sources, the tests that have to notice their changes, and what these import."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the tests do in the unchanged program: their time, and the blocks of C that each executes.
+"""Measurements of the unchanged program: the time of each test, and its blocks of C.
 
 Each file of tests runs in a process of its own, so that what several files share (a fixture of the
 session, a cached result) is made in each of them, and counts for each. The results are kept in
@@ -36,7 +36,7 @@ class Measurement:
         self._digest = _digest(root, self._sources)
 
     def of(self, tests: Iterable[str]) -> dict[str, Outcome]:
-        """Of each file of tests what it does. Raises SystemExit where the build fails."""
+        """The outcome of each file of tests. Raises SystemExit where the build fails."""
         names = test_files(self._root, tests)
         missing = [name for name in names if not self._place(name).is_file()]
         if missing:
@@ -106,7 +106,7 @@ def test_files(root: Path, tests: Iterable[str]) -> list[str]:
 
 
 def _digest(root: Path, sources: Iterable[Path]) -> str:
-    """Of everything that decides what a test executes, besides the test's own file."""
+    """The digest of everything that decides what a test executes, besides its own file."""
     digest = hashlib.sha256(repr([str(source) for source in sources]).encode())
     files = {f for name in _PACKAGES for f in (root / name).rglob("*") if f.suffix in _SUFFIXES}
     for file in sorted(files | {root / source for source in sources}):

@@ -28,7 +28,7 @@ TIMES, MORE = 5.0, 5.0
 
 @dataclass(slots=True)
 class Outcome:
-    """What one run told.
+    """Results of one run.
 
     `failures`: the failed tests, the first one first; `seconds`: of each test (wall time, processor
     time), s; `executed`: of each test the numbers of the blocks, ``""`` for those before all tests.
@@ -45,7 +45,7 @@ class Outcome:
 
 @dataclass(frozen=True, slots=True)
 class Selection:
-    """Which tests run, and in which order.
+    """The tests that run, and their order.
 
     `rank` orders them; `kept`: those that run, or None for all; `known`: (wall time, processor
     time) of each, s; `marks` says which blocks a test executes.

@@ -77,7 +77,7 @@ class Router:
 
 @dataclass(frozen=True)
 class Site:
-    """Where a case happens."""
+    """The place of a case."""
 
     network: RelayNetwork
     router: Router | None
@@ -108,29 +108,29 @@ class Case:
 
 @dataclass
 class Found(Rehearsed):
-    """What a case left: a run folder, and the packets of its network."""
+    """Results of a case: a run folder, and the packets of its network."""
 
     folder: Path
     network: RelayNetwork
 
     def packets(self, link: str) -> np.ndarray:
-        """What became of the packets of a link, see :data:`bridge.relay.router.PACKET`."""
+        """The packets of a link and their fate, see :data:`bridge.relay.router.PACKET`."""
         return np.array(self.network.of(link))
 
     def counts(self, node: str) -> Mapping[str, int]:
-        """What an arm's receiver made of the other's messages."""
+        """The counts of an arm's receiver for the other's messages."""
         return self.reports[node]["messages"][f"xi_{'slave' if node == 'master' else 'master'}"]
 
     def last_life(self, node: str) -> str:
-        """Of the lives of a node the one that began last."""
+        """The life of a node that began last."""
         return str(lives_of(self.rows, node)[-1])
 
     def silence(self, node: str, life: str = "") -> np.ndarray:
-        """What its controller is told: for how long nothing new has come, (slots,), s."""
+        """The silence that its controller is told, (slots,), s."""
         return self.signal(f"{node}_control.age", life)[:, 0]
 
     def taken_at(self, node: str) -> np.ndarray:
-        """How old each sample was when it was first held, by its slot and this one's, s."""
+        """The age of each sample when it was first held, by its slot and this one's, s."""
         rows, plan = self.rows[node], self.system.nodes[node]
         held = rows["inlets"]["held"][:, 0]
         fresh = 1 + np.flatnonzero(np.diff(held) > 0)
@@ -139,7 +139,7 @@ class Found(Rehearsed):
         )
 
     def transit(self, node: str) -> np.ndarray:
-        """What the network took, of the newest sample at each slot once there is one, s."""
+        """The time in the network of the newest sample at each slot once there is one, s."""
         rows = self.rows[node]["inlets"]
         return rows["transit_ns"][rows["newest"][:, 0] >= 0, 0] * 1e-9
 

@@ -28,7 +28,7 @@ class Evidence:
         return self._found[name]
 
     def _ended(self, name: str) -> Stop | None:
-        """How the case ended; it is run unless another process of these tests has done so."""
+        """The end of the case; it is run unless another process of these tests has done so."""
         ended = self.folder / f"{name}.json"
         with (self.folder / f"{name}.lock").open("w") as lock:
             fcntl.flock(lock, fcntl.LOCK_EX)

@@ -88,7 +88,7 @@ class Law:
     z: Pair = (0.0, 0.0)
 
     def xi(self, body: Body) -> Pair:
-        """What is sent."""
+        """The signal that is sent."""
         return tuple(v + self.alpha * u for u, v in zip(body.q, body.dq, strict=True))  # type: ignore[return-value]
 
     def act(self, body: Body, heard: Pair | None, h: float) -> Pair:

@@ -1,4 +1,4 @@
-"""What strict drives share: the log, the joint, faults by schedule, and the count of misdeeds."""
+"""Parts that strict drives share: log, joint, faults by schedule, and count of misdeeds."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ class Fault:
 
 @dataclass
 class Setup:
-    """What the drives of a bus have in common. Times in s."""
+    """Settings that the drives of a bus have in common. Times in s."""
 
     timeout: float = 0.0  # of the watchdog, as a tool has set it before; 0: off
     enable: float = 0.0  # from the request to the enabled power stage
@@ -271,7 +271,7 @@ class StrictDrive:
                 raise ValueError(f"no fault {kind!r}")
 
     def hears(self, m: can.Message, now: float) -> bool:
-        """Whether the drive is on the bus, and its controller takes a frame of this format."""
+        """True if the drive is on the bus, and its controller takes a frame of this format."""
         if now < self.silent_until or m.is_error_frame or m.is_extended_id:
             return False
         if not self.setup.fd:
@@ -287,7 +287,7 @@ class StrictDrive:
 
 
 def following(due: float, period: float, now: float) -> float:
-    """When something periodic is due again: in step, or from now on where it has fallen behind."""
+    """The next time of something periodic: in step, or from now on where it has fallen behind."""
     return due + period if now - due < period else now + period
 
 

@@ -1,4 +1,4 @@
-"""What strict drives say of a run: their logs, read and judged.
+"""Judgements of strict drives on a run, from their logs.
 
 The rules, from the first frame that enables a drive to the last that disables it:
 
@@ -43,7 +43,7 @@ class DriveLog:
         return [e["after"] for e in self.of("state")]
 
     def misdeeds(self) -> Iterator[str]:
-        """What was done to it that the rules forbid."""
+        """The acts that the rules forbid and that were done to it."""
         end = self.end
         if end["off"]:
             seen = self.of("torque while off")[:3]
@@ -57,7 +57,7 @@ class DriveLog:
             yield f"{self.name}: enabled without a watchdog"
 
     def worked(self) -> Iterator[str]:
-        """What is missing of a run in which it was enabled, and moved."""
+        """The parts that are missing of a run in which it was enabled, and moved."""
         if not self.end["enabled"]:
             yield f"{self.name}: never enabled: {self.states or self.end['state']}"
         elif not self.end["torques"]:

@@ -48,7 +48,7 @@ def without_delay(document: Document) -> Document:
 
 
 def scenario(document: Document, path: Path = CONFIG) -> Scenario:
-    """What the document says; files in it are relative to `path`."""
+    """The scenario in a document; files in it are relative to `path`."""
     return build(document, path)
 
 

@@ -15,7 +15,7 @@ _BLOCK = re.compile(r"(?:<!-- (?P<mark>[^>]+) -->\n)?```(?P<kind>\w+)\n(?P<text>
 
 @dataclass(frozen=True)
 class Block:
-    """What stands between two fences: its kind, and what the comment before it says of it."""
+    """A text between two fences: its kind, and what the comment before it says of it."""
 
     kind: str
     mark: str

@@ -33,7 +33,7 @@ class Frame:
     fd: bool = False
 
     def packed(self) -> bytes:
-        """As Linux takes it (`struct can_frame`, `struct canfd_frame`)."""
+        """The bytes that Linux takes (`struct can_frame`, `struct canfd_frame`)."""
         number = self.identifier | (EXTENDED if self.extended else 0)
         if self.fd:
             return _FD.pack(number, len(self.data), 0, self.data)
@@ -41,7 +41,7 @@ class Frame:
 
     @staticmethod
     def unpacked(packet: bytes) -> Frame:
-        """What a socket gave."""
+        """The frame in the bytes that a socket gave."""
         fd = len(packet) == _FD.size
         number, length, data = (
             (lambda i, n, _, d: (i, n, d))(*_FD.unpack(packet)) if fd else _CLASSIC.unpack(packet)
@@ -51,7 +51,7 @@ class Frame:
 
     @staticmethod
     def logged(line: str) -> Frame:
-        """From a line of ``candump -L``."""
+        """The frame in a line of ``candump -L``."""
         match = _LOGGED.match(line)
         assert match, line
         number, data, fd = match["id"], match["data"], match["data"].startswith("#")
@@ -90,7 +90,7 @@ def receive(sock: socket.socket, n: int) -> list[Frame]:
 
 
 def pending(sock: socket.socket) -> list[Frame]:
-    """What has arrived by now."""
+    """The frames that have arrived by now."""
     found = []
     sock.setblocking(False)
     with contextlib.suppress(BlockingIOError):
@@ -101,7 +101,7 @@ def pending(sock: socket.socket) -> list[Frame]:
 
 
 def listeners(bus: str) -> int:
-    """How many listen to everything on this bus."""
+    """The number of those that listen to everything on this bus."""
     text = Path("/proc/net/can/rcvlist_all").read_text()
     return sum(line.split()[:1] == [bus] for line in text.splitlines())
 

@@ -46,7 +46,7 @@ def bring_up() -> None:
 
 
 def settings(*changes: str) -> list[str]:
-    """As ``--set`` takes them."""
+    """Settings in the form that ``--set`` takes."""
     return [word for change in changes for word in ("--set", change)]
 
 
@@ -93,7 +93,7 @@ def interrupt(process: subprocess.Popen[str]) -> str:
 
 
 def ended(process: subprocess.Popen[str]) -> str:
-    """What a command said until it ended by itself."""
+    """The output of a command until it ended by itself."""
     return process.communicate(timeout=LONG)[0]
 
 
@@ -136,7 +136,7 @@ def dump(bus: str, file: Path) -> Iterator[Path]:
 
 
 def slots(journal: Path) -> int:
-    """How many slots a node has recorded by now; 0 where there is no journal yet."""
+    """The number of slots that a node has recorded by now; 0 where there is no journal yet."""
     try:
         return len(Journal.open(journal))
     except JournalError:

@@ -1,4 +1,4 @@
-"""What every bus does, whatever is behind it. A backend is a `connect` that gives two ends."""
+"""Rules for every bus, whatever is behind it. A backend is a `connect` that gives two ends."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -34,7 +34,7 @@ class Peer(Protocol):
     def send(self, frames: Sequence[Frame]) -> None: ...
 
     def take(self, n: int) -> list[Frame]:
-        """What has arrived, once it is n frames or nothing more comes."""
+        """The frames that have arrived, once they are n or nothing more comes."""
 
     def close(self) -> None: ...
 
@@ -46,7 +46,7 @@ class Pair:
     log: Journal
 
     def take(self, n: int) -> list[Frame]:
-        """What our end received, once it and what it counted as lost are n frames."""
+        """The frames that our end received, once they and those counted as lost are n."""
         return collect(self.ours.bus, n)
 
     def health(self) -> BusHealth:
@@ -209,7 +209,7 @@ class BusContract:
         assert moments == sorted(moments)
 
     def test_filters_take_identifier_mask_and_format(self, connect: Connect, tmp_path: Path):
-        """What is not taken is on record all the same, and counted."""
+        """Frames that are not taken are on record all the same, and counted."""
         accepts = [Accept(0x100, 0x7F0), Accept(0x18FF0000, 0x1FFF0000, Flags.EXTENDED)]
         with Journal.create(tmp_path / "frames", frame_dtype(), 100) as log:
             ours, peer = connect(log, accepts)

@@ -93,7 +93,7 @@ class EmulatedDrive:
 
     @property
     def state(self) -> DriveState:
-        """Where it is."""
+        """The state of its emulated drive."""
         return self.drive.state
 
     def _watch(self, now_ns: int) -> None:

@@ -1,4 +1,4 @@
-"""What vendors' documents say of a drive's states, as plain tables; one tick is half a millisecond.
+"""States of drives in their vendors' documents, as plain tables; a tick is half a millisecond.
 
 Written apart from ``bridge/c/vendor_*.c``: names of states, not codes; ticks, not events.
 """

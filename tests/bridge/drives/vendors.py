@@ -63,7 +63,7 @@ class Drive:
         self.call("fault", fault, code, self.t)
 
     def says(self, payload: bytes = bytes(8)) -> list[Said]:
-        """What it has sent until now; each feedback that it owes has this payload."""
+        """The frames sent until now; each feedback that it owes has this payload."""
         for part, (identifier, step) in enumerate(FEEDBACK[self.kind][:PARTS]):
             frame = Frame.of(identifier + step * self.v.node, payload)
             for _ in range(self.v.owed[part]):
@@ -71,7 +71,7 @@ class Drive:
         return self.sent()
 
     def sent(self) -> list[Said]:
-        """What it has sent until now."""
+        """The frames that it has sent until now."""
         found, frame = [], Frame()
         while self.call("next", self.t, c.byref(frame)):
             found.append(Said(frame.t_ns, frame.id, frame.payload, frame.flags))

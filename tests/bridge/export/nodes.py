@@ -90,7 +90,7 @@ def rounded(frames: Frames) -> Frames:
 
 
 def received_ps(folder: Path) -> list[int]:
-    """When frames were received in a run, ps, each time once."""
+    """The times at which frames were received in a run, ps, each once."""
     (table,) = folder.glob("*.operations.tsv")
     lines = (line.split("\t") for line in table.read_text("utf-8").splitlines()[1:])
     times = {

@@ -41,5 +41,5 @@ def message(identifier: int, data: bytes = b"", **fields: Any) -> can.Message:
 
 
 def everything(bus: can.BusABC, timeout: float = 0.1) -> list[can.Message]:
-    """What a bus receives until nothing comes for `timeout` seconds."""
+    """The frames that a bus receives until nothing comes for `timeout` seconds."""
     return list(iter(lambda: bus.recv(timeout), None))

@@ -48,7 +48,7 @@ class Fault(Exception):
 
 
 class Wrong(Exception):
-    """What a reader of a frame finds wrong."""
+    """An error that a reader of a frame finds."""
 
 
 class GoneOff(Exception):
@@ -116,7 +116,7 @@ def bits_to_send(frame: BusFrame, passive: bool) -> list[SentBit]:
 
 
 class Reader:
-    """What a receiver makes of the bits after the start of frame."""
+    """A receiver that reads the bits after the start of frame."""
 
     def __init__(self) -> None:
         self.raw = self.plain = "0"
@@ -219,7 +219,7 @@ class Noise:
         return sum((self.random() < int(c * 2**53)) << j for j, c in enumerate(self.chances))
 
     def strikes(self) -> bool:
-        """Whether it inverts this bit."""
+        """True if it inverts this bit."""
         if self.left == 0 and self.before > 0:
             self.before -= 1
             return False
@@ -264,7 +264,7 @@ class Node:
         return max(self.tec, self.rec) > 127
 
     def first(self) -> Pending | None:
-        """What it would send now."""
+        """The frame that it would send now."""
         while self.coming and self.coming[0].at <= self.bus.t:
             self.waiting.append(self.coming.pop(0))
         return min(self.waiting, key=lambda p: (p.priority, p.number), default=None)
@@ -572,7 +572,7 @@ class Wires:
         return any(self.bit < s.bit + s.length for s in self.acting)
 
     def next_start(self) -> int:
-        """When the idle bus becomes dominant."""
+        """The time at which the idle bus becomes dominant."""
         times = [
             max(self.t, n.earliest, (n.waiting or n.coming)[0].at)
             for n in self.nodes

@@ -22,7 +22,7 @@ VARYING: Document = {"law": "uniform", "low": 0.3, "high": 1.2, "hold": 0.03}
 
 
 def found(document: Mapping[str, Any], *, notes: bool = True) -> tuple[Finding, ...]:
-    """What is found in a document; each is assembled once."""
+    """The findings of a document; each is assembled once."""
     return _found(json.dumps(document, sort_keys=True), notes)
 
 

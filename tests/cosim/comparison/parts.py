@@ -111,7 +111,7 @@ def compared(
     seeds: Sequence[int] = (0,),
     jobs: int = 1,
 ) -> Comparison:
-    """What a variants file makes of CONFIG."""
+    """The comparison that a variants file makes of CONFIG."""
     variants, base = loaded(path, settings)
     chosen = variants.select(controllers, operators, links)
     check(base, variants, chosen)

@@ -86,7 +86,7 @@ class _PacketRows:
 
 
 def _last(look, tick, index, n):
-    """Of what arrived for each of `n` looks the last by (tick, index); -1 where nothing did.
+    """The last arrival for each of `n` looks, by (tick, index); -1 where nothing arrived.
 
     `tick` (packets,) is relative to the look, in (-n_r, 0].
     """

@@ -33,7 +33,7 @@ class End:
     sent: list[bytes] = field(default_factory=list)
 
     def ask(self, ticked: bool, at: int) -> None:
-        """When the Tx clock ticks next."""
+        """The time of the Tx clock's next tick."""
         if self.kind == "countdown" or (self.kind == "changing" and ticked):
             value, qualifier = self.interval()
             if qualifier == CHANGED:
@@ -46,7 +46,7 @@ class End:
         return value[0], qualifier[0]
 
     def start(self) -> None:
-        """What is asked in Initialization Mode."""
+        """Ask for interval and shift, in Initialization Mode."""
         if self.kind == "changing":
             self.due = round(self.interval()[0] / PS)
         elif self.kind in ("fixed", "tunable"):

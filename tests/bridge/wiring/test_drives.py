@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from bridge.native.commanded import Failure, Phase
 from bridge.wiring.commanded import EVENTS
 from tests.bridge.deployments import document, named, system_of
 from tests.bridge.slots import Slots
@@ -89,3 +90,26 @@ def test_only_messages_with_torques_have_the_age_of_the_drive(wired, tmp_path):
     bound = wired(system, "master").inlet_bindings
     ages = [bound._max_age(system.messages[name]) for name in ("LINK_2", "LINK_4", "STATE_3")]
     assert ages == [40 * MS, 70 * MS, 0]
+
+
+def test_drives_that_are_given_up_are_told_from_those_that_serve(wired):
+    """Of two drives one serves, and one is in trouble; those with one reason share a sentence."""
+    commanded = wired(named("can-damiao", SHORT), "master_control").commanded
+    first, second = commanded.structs
+    numbers = [drive.node for drive in commanded.drives]
+    first.phase = second.phase = Phase.SERVING
+    assert commanded.given_up() == commanded.not_ready() == []
+    second.phase = Phase.RISING
+    second.row = -1
+    assert commanded.given_up() == []
+    (text,) = commanded.not_ready()
+    assert text.startswith(f"drive {numbers[1]} on bus ") and "it tells nothing" in text
+    second.failure, second.phase = Failure.SILENT, Phase.FAILED
+    (text,) = commanded.given_up()
+    assert text.startswith(f"drive {numbers[1]} on bus ")
+    assert "has told nothing for 0.1 s, at last nothing" in text
+    first.failure, first.phase = Failure.SILENT, Phase.FAILED
+    (text,) = commanded.given_up()
+    assert text.startswith(f"drive {numbers[0]} (and {numbers[1]}) on bus ")
+    assert commanded.index(commanded.drives[1].bus, numbers[1]) == 1
+    assert commanded.index("no bus", numbers[1]) == -1

@@ -4,8 +4,12 @@ from __future__ import annotations
 
 import pytest
 
+from bridge.native import node as native
+from bridge.native.bus import Bus
 from bridge.native.commanded import Failure, Phase
+from bridge.native.frame import Ring
 from bridge.wiring.commanded import EVENTS
+from bridge.wiring.wiring import WiredNode
 from tests.bridge.deployments import document, named, system_of
 from tests.bridge.slots import Slots
 
@@ -113,3 +117,31 @@ def test_drives_that_are_given_up_are_told_from_those_that_serve(wired):
     assert text.startswith(f"drive {numbers[0]} (and {numbers[1]}) on bus ")
     assert commanded.index(commanded.drives[1].bus, numbers[1]) == 1
     assert commanded.index("no bus", numbers[1]) == -1
+
+
+@pytest.mark.parametrize("clock", [native.WALL, native.SIMULATED])
+def test_drives_of_vendors_tell_their_state_on_every_clock(tmp_path, clock):
+    system = named("can-damiao", SHORT)
+    names = system.buses_of("master_control")
+    buses = {bus: Bus.from_rings(Ring(64), Ring(64), n) for n, bus in enumerate(names)}
+    node = WiredNode(system, "master_control", buses, tmp_path / "journal", clock)
+    try:
+        assert [entry.within_ns for entry in node.commanded.structs] == [100 * MS, 100 * MS]
+    finally:
+        node.__exit__()
+
+
+def test_a_node_with_two_arms_gives_each_its_own_torque_position_and_velocity(wired, tmp_path):
+    found = document("can")
+    found["nodes"]["master"]["components"] = ["master", "slave"]
+    del found["nodes"]["slave"]
+    found["nodes"]["slave_control"]["requires"] = ["master"]
+    node = wired(system_of(found, tmp_path, SHORT), "master")
+    slots, seen = node.plan.plan.slots(), set()
+    for inlet, entry in zip(node.plan.inlets, node.inlet_bindings.inlets, strict=False):
+        if inlet.target.port == "tau":
+            name = inlet.component
+            assert entry.target == slots[f"{name}.tau"].start
+            assert (entry.q, entry.dq) == (slots[f"{name}.q"].start, slots[f"{name}.dq"].start)
+            seen.add(name)
+    assert seen == {"master", "slave"}

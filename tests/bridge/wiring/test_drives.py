@@ -108,6 +108,8 @@ def test_drives_that_are_given_up_are_told_from_those_that_serve(wired):
     assert commanded.given_up() == []
     (text,) = commanded.not_ready()
     assert text.startswith(f"drive {numbers[1]} on bus ") and "it tells nothing" in text
+    second.row, second.word = 0, 0x00  # what the first row of the table matches
+    assert "it tells DISABLED" in commanded.not_ready()[0]
     second.failure, second.phase = Failure.SILENT, Phase.FAILED
     (text,) = commanded.given_up()
     assert text.startswith(f"drive {numbers[1]} on bus ")

@@ -240,9 +240,10 @@ EXPECTED: dict[str, str] = {}
 
 @pytest.mark.parametrize("columns", [None, [5, 2, 9, 8, 1]])
 @pytest.mark.parametrize(
-    ("fmi", "how", "which"),
-    [("2.0", 6, (2,)), ("3.0", 6, (2,)), ("3.0", 6, (1,)), ("3.0", 5, (2,))]
-    + [("3.0", 6, x) for x in ((0, 4), (1, 3), (0, 2), (1, 2), (3, 4))],
+    ("fmi", "how", "which", "later"),
+    [("2.0", 6, (2,), 0.0), ("3.0", 6, (2,), 0.0), ("3.0", 6, (1,), 0.0), ("3.0", 5, (2,), 0.0)]
+    + [("3.0", 6, x, 0.0) for x in ((0, 4), (1, 3), (0, 2), (1, 2), (3, 4))]
+    + [("3.0", how, x, later) for how in (5, 6) for x in ((1, 3), (1, 2)) for later in (0.0, 0.1)],
 )
 def test_a_run_that_stops_leaves_what_it_leaves_tick_by_tick(
     tmp_path: Path,
@@ -250,16 +251,18 @@ def test_a_run_that_stops_leaves_what_it_leaves_tick_by_tick(
     fmi: str,
     how: int,
     which: tuple[int, ...],
+    later: float,
     columns: list[int] | None,
 ) -> None:
     """Some of five FMUs end the simulation, or its step fails, in the middle of a window.
 
-    The step of x1 is the first operation of a tick.
+    The step of x1 is the first operation of a tick. The second of two stops `later`, s.
     """
     export(strict2() if fmi == "2.0" else strict3(""), tmp_path / "strict.fmu")
     text = "[run]\nstep = 0.1\nstop = 10.0\n"
     for i in range(5):
-        end = f"{{ how = {how}, when = 2.95 }}" if i in which else "{ how = 0 }"
+        when = 2.95 + later * (i in which[1:])
+        end = f"{{ how = {how}, when = {when} }}" if i in which else "{ how = 0 }"
         text += f"[components.x{i}]\nmodel = 'strict.fmu'\nparameters = {end}\n"
         text += f"kind = '{'sampled' if i % 2 else 'continuous'}'\nstart = {{ u = {i + 1}.0 }}\n"
     (tmp_path / "s.toml").write_text(text)

@@ -3,9 +3,10 @@
 *Failed*: a node stopped before the end, the replay differs from the run, more or other samples were
 received than sent, values were out of range, an injected fault is not in the report, or a real
 drive was off or did not answer its torques (:mod:`bridge.results.drive_answers`).
-*Inconclusive*: a slow machine or bus can explain all problems, and was so late that it would cause
-them, although no fault made it late (:mod:`bridge.results.overload`); or there is no problem, but a
-node missed so many slots that this was another controller than the configured one.
+*Inconclusive*: a slow machine or bus can explain all problems (of a real drive: that it told
+nothing, or did not answer while a node stopped), and was so late that it would cause them, although
+no fault made it late (:mod:`bridge.results.overload`); or there is no problem, but a node missed so
+many slots that this was another controller than the configured one.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ import numpy as np
 
 from bridge.deployment.protection import drives_by
 from bridge.deployment.system import System
+from bridge.native.commanded import Failure
 from bridge.records.records import LifeEnd
 from bridge.results import overload
 from bridge.results.extra_senders import extra_frames, extra_services
@@ -63,9 +65,12 @@ class Verdict:
 def judge(system: System, outcome: RehearsalOutcome) -> Verdict:
     """Evaluate a finished run by its journals and reports."""
     timed = [*_timing_reasons(outcome), *_old_torques(system, outcome)]
-    found = list(_always(system, outcome))
-    if found:
-        return Verdict(Word.FAILED, (*found, *timed))
+    found, off = list(_always(system, outcome)), outcome.unanswered
+    if timed and off and not found:  # a machine that stands still starves drives, too
+        verdict = of_time(system, outcome, timed)
+        return Verdict(verdict.word, (*verdict.reasons, *off))
+    if found or off:
+        return Verdict(Word.FAILED, (*found, *off, *timed))
     if timed:
         return of_time(system, outcome, timed)
     missed = tuple(_missed_slots(system, outcome))
@@ -92,10 +97,19 @@ def _stopped_early(outcome: RehearsalOutcome, report: NodeReport) -> bool:
     return not outcome.finished and report.end is not LifeEnd.FINISHED
 
 
+def _of_time(report: NodeReport) -> bool:
+    """Whether a node stopped for a reason that lateness explains: also drives that told nothing."""
+    events = report.statement.drives if report.statement else ()
+    lost = {str(event["failure"]) for event in events if event["failure"]}
+    return bool(set(report.reasons) & OF_TIME) or (
+        "drive" in report.reasons and lost == {Failure.SILENT.name.lower()}
+    )
+
+
 def _always(system: System, outcome: RehearsalOutcome) -> Iterator[str]:
     """Reasons that lateness cannot explain."""
     for report in outcome.reports:
-        if _stopped_early(outcome, report) and not set(report.reasons) & OF_TIME:
+        if _stopped_early(outcome, report) and not _of_time(report):
             said = report.statement.error if report.statement else ""
             yield f"{report.life}: {report.why or said or report.end}"
     if outcome.replayed is None:
@@ -110,13 +124,12 @@ def _always(system: System, outcome: RehearsalOutcome) -> Iterator[str]:
                 yield f"{report.life}: {message}: {counts['range']} samples out of range"
     yield from map(str, extra_frames(system, outcome.rows, outcome.reports))
     yield from extra_services(system, outcome.reports)
-    yield from outcome.unanswered
 
 
 def _timing_reasons(outcome: RehearsalOutcome) -> Iterator[str]:
     """Reasons that a stalled machine can cause as well."""
     for report in outcome.reports:
-        if _stopped_early(outcome, report) and set(report.reasons) & OF_TIME:
+        if _stopped_early(outcome, report) and _of_time(report):
             yield f"{report.life}: {report.why}"
     if outcome.replayed is not None:  # too late for their counter
         yield from (str(a) for a in outcome.replayed.altered if a.misnumbered == a.count)

@@ -21,7 +21,11 @@ from tests.strict_drives.odrive import ODrive
 from tests.strict_drives.ours import Ours
 
 IP_MULTICAST_ALL = 49
+TIMES = ("timeout", "enable", "answer", "jitter", "boot", "period", "beat")
 LOOK = 1e-3  # s between two looks at the clock where nothing comes
+#: s after the last frame from which a bus is quiet, and then between two looks: others want to
+#: start meanwhile.
+QUIET, SELDOM = 0.5, 0.02
 
 
 class Group:
@@ -69,7 +73,7 @@ def arguments(words: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("--armed", action="store_true", help="ours: armed by a switch")
     parser.add_argument("--torques", action="store_true", help="odrive: Get_Torques cyclic")
     parser.add_argument("--host", type=int, default=0)
-    for name in ("timeout", "enable", "answer", "jitter", "boot", "period"):
+    for name in TIMES:
         default = getattr(Setup(), name) * 1e3
         parser.add_argument(f"--{name}", type=float, default=default, help="ms")
     for name, default in (("start", "0"), ("inertia", "1"), ("damping", "1"), ("spring", "0")):
@@ -85,8 +89,7 @@ def each(text: str, n: int) -> list[float]:
 
 def made(a: argparse.Namespace, log: EventLog) -> dict[int, StrictDrive]:
     """The drives of the command."""
-    times = ("timeout", "enable", "answer", "jitter", "boot", "period")
-    setup = Setup(host=a.host, fd=a.fd, **{name: getattr(a, name) * 1e-3 for name in times})
+    setup = Setup(host=a.host, fd=a.fd, **{name: getattr(a, name) * 1e-3 for name in TIMES})
     names = [int(x) for x in numbers(a.drives)]
     n = len(names)
     q, inertia, damping, spring = (
@@ -114,16 +117,18 @@ def serve(
 ) -> None:
     """Until the end: what has arrived first, then what the clocks of the drives bring."""
     due: list[tuple[float, int, can.Message]] = []
-    count = 0
+    count, heard = 0, 0.0
     while not ended():
         now = time.time()
-        m = bus.recv(0 if due and due[0][0] <= now else LOOK)
+        look = LOOK if now - heard < QUIET else SELDOM
+        m = bus.recv(0 if due and due[0][0] <= now else look)
         if m is None:
             for drive in drives.values():
                 drive.inject(now)
                 drive.tick(now)
         else:
             stamp = m.timestamp or now
+            heard = now
             for drive in drives.values():
                 drive.inject(stamp)
                 if drive.hears(m, stamp):

@@ -68,7 +68,7 @@ CASES: Mapping[str, Case] = {
     ),
     "odrive": Case(
         "odrive", "six_axis", "six_axis", (tuple(range(1, 7)), tuple(range(1, 7))),
-        ("--timeout", "50", "--period", "10", "--damping", "1e-3",
+        ("--timeout", "50", "--period", "10", "--beat", "10", "--damping", "1e-3",
          "--inertia", "4e-4,7e-4,2e-4,7e-5,2e-5,2e-5",
          "--spring", "0.05,0.05,0.05,0.02,0.02,0.02"),
         ("--start", "0.3"), ("--start", "0.6"), (*CALM, *slow(*FOUR, period="10 ms")),

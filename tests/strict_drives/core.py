@@ -88,6 +88,7 @@ class Setup:
     jitter: float = 0.0
     boot: float = 0.3
     period: float = 0.004  # of what is sent without a request
+    beat: float = 0.1  # of an ODrive's heartbeat
     host: int = 0  # node number of the host, where the protocol has one
     fd: bool = False
 

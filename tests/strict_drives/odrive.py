@@ -1,6 +1,6 @@
 """An ODrive axis on CANSimple.
 
-Facts: identifier = node << 5 | command, little endian. Heartbeat (0x01) every 100 ms: errors,
+Facts: identifier = node << 5 | command, little endian. Heartbeat (0x01) every `beat` ms: errors,
 axis state, procedure result. Set_Axis_State (0x07): 1 idle, 8 closed loop; refused while an error
 is there (procedure result 3, DISARMED). Set_Controller_Mode (0x0B), Set_Input_Torque (0x0E),
 Clear_Errors (0x18), Get_Encoder_Estimates (0x09, turns) cyclic, Get_Torques (0x1C), Get_Version
@@ -21,7 +21,6 @@ IDLE, CLOSED_LOOP = 1, 8
 SUCCESS, BUSY, DISARMED = 0, 1, 3
 WATCHDOG, ESTOP, OVER_CURRENT = 0x1000000, 0x2000000, 0x400
 TORQUE_MODE, PASSTHROUGH = 1, 1
-HEARTBEAT = 0.1
 TURN = 2 * pi
 
 
@@ -93,7 +92,7 @@ class ODrive(StrictDrive):
         if self.on_at and now >= self.on_at:
             self._close(now)
         if now >= self.next_beat:
-            self.next_beat = following(self.next_beat, HEARTBEAT, now)
+            self.next_beat = following(self.next_beat, self.setup.beat, now)
             self._beat(now)
         if now >= self.next_estimate:
             self.next_estimate = following(self.next_estimate, self.setup.period, now)

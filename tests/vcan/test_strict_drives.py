@@ -1,7 +1,7 @@
 """One rehearsal of each profile with ``--hardware`` on SocketCAN, next to strict drives.
 
 The one processor of the guest stands still at times, so the watchdogs here are longer than those of
-shipped profiles; nodes feed them at a share of their time.
+shipped profiles, and so are the ages that nodes accept; nodes feed drives at a share of that time.
 """
 
 from __future__ import annotations
@@ -11,12 +11,19 @@ from pathlib import Path
 
 import pytest
 
-from tests.strict_drives.cases import CASES, relaxed, run
+from tests.strict_drives.cases import CASES, CONTROLLERS, relaxed, run, slow
 from tests.strict_drives.judged import misdeeds
 
 WATCHDOG = 1000  # ms
-PATIENT = ('deploy.patience="200 s"',)
 NAMES = ("damiao", "odrive", "cia402", "ours")
+PATIENT = (
+    'deploy.patience="200 s"',
+    *slow(*CONTROLLERS, period="10 ms"),
+    *(
+        f'deploy.nodes.{node}.stale={{"{node}.q"={{stop="5 s"}},"{node}.xi_in"={{age="age[0]"}}}}'
+        for node in CONTROLLERS
+    ),
+)
 
 
 @pytest.mark.usefixtures("vcan")
@@ -25,7 +32,10 @@ def test_strict_drives_on_vcan(name: str, fresh_bus: str, tmp_path: Path) -> Non
     case = relaxed(CASES[name], tmp_path, WATCHDOG)
     case = replace(case, settings=(*case.settings, *PATIENT))
     channels = ("vcan0", "vcan1") if name == "ours" else ("vcan0", "vcan1", fresh_bus)
-    ended = run(case, tmp_path / "out", channels=channels, stop=1.5)
-    assert not misdeeds(ended.drives), ended.said
+    ended = run(case, tmp_path / "out", channels=channels, stop=3.0)
+    assert not [drive.name for drive in ended.drives if drive.end["off"]], ended.said
     assert not [text for drive in ended.drives for text in drive.worked()], ended.said
-    assert ended.code in (0, 3), ended.said  # 3: this machine was too slow
+    if ended.code == 3 and "inconclusive" in ended.said:
+        return  # this machine stood still, and said so; it may have starved drives
+    assert not misdeeds(ended.drives), ended.said
+    assert ended.code == 0, ended.said

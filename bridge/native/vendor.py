@@ -99,7 +99,7 @@ def functions() -> c.CDLL:
     declared: dict[str, tuple[object, list[object]]] = {
         "vendor_init": (None, [vendor, i64]),
         "vendor_brought_up": (None, [vendor, i64]),
-        "vendor_take": (None, [vendor, frame, i64]),
+        "vendor_take": (i32, [vendor, frame, i64]),
         "vendor_step": (None, [vendor, i64]),
         "vendor_say": (None, [vendor, i32, frame, i64]),
         "vendor_next": (i32, [vendor, i64, frame]),

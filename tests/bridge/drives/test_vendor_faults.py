@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes as c
 import struct
 from collections.abc import Callable
 from itertools import pairwise
@@ -10,9 +11,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from bridge.native.frame import Flags, Frame
 from bridge.native.vendor import VendorFault as Fault
 from bridge.native.vendor import VendorKind as Kind
 from tests.bridge.drives.vendors import (
+    FEEDBACK,
     MS,
     Drive,
     N,
@@ -165,6 +168,84 @@ def test_answers_take_their_time_by_the_seed(kind: Kind) -> None:
 
     assert times(1) == times(1) != times(2)
     assert all(MS // 10 <= t < MS // 10 + MS // 2 for t in times(1))
+
+
+def splitmix(seed: int) -> int:
+    """The first number of Steele's SplitMix64 with this seed."""
+    whole = (1 << 64) - 1
+    z = (seed + 0x9E3779B97F4A7C15) & whole
+    z = ((z ^ z >> 30) * 0xBF58476D1CE4E5B9) & whole
+    z = ((z ^ z >> 27) * 0x94D049BB133111EB) & whole
+    return z ^ z >> 31
+
+
+@pytest.mark.parametrize("seed", [0, 1, 7, 1 << 63])
+def test_the_time_of_an_answer_is_drawn_from_the_seed(seed: int) -> None:
+    drive = Drive(Kind.DAMIAO, answer_ns=100, jitter_ns=MS, seed=seed)
+    drive.hears(0x7FF, bytes([N, 0, 0x33, 9, 0, 0, 0, 0]))
+    drive.at(2 * MS)
+    assert [s.t_ns for s in drive.sent()] == [100 + splitmix(seed) % MS]
+
+
+@KINDS
+def test_a_drive_without_power_or_cable_and_frames_with_errors_are_nothing_to_it(
+    kind: Kind,
+) -> None:
+    def state(fault: Fault | None, flags: int) -> tuple[int, int]:
+        drive = Drive(kind)
+        if fault is not None:
+            drive.fault(fault)
+        for identifier, data in (
+            (N, b"\xff" * 7 + b"\xfc"),
+            (N << 5 | 7, bytes([8, 0, 0, 0])),
+            (0, bytes([1, N])),
+        ):
+            drive.hears(identifier, data, flags)
+        drive.call("step", 5 * MS)
+        return int(drive.v.state), int(drive.v.network)
+
+    heard = state(None, 0)
+    untouched = Drive(kind)
+    assert heard != (untouched.v.state, untouched.v.network)
+    assert state(None, int(Flags.ERROR)) == (untouched.v.state, untouched.v.network)
+    assert state(Fault.UNPLUG, 0) == (untouched.v.state, untouched.v.network)
+    assert state(Fault.REBOOT, 0)[1] == 0
+
+
+@KINDS
+def test_only_an_odrive_tells_its_position_without_a_question(kind: Kind) -> None:
+    drive = Drive(kind)
+    for part, (identifier, step) in enumerate(FEEDBACK[kind]):
+        frame = Frame.of(identifier + step * N, bytes(8))
+        drive.call("say", part, c.byref(frame), 0)
+    assert len(drive.sent()) == (2 if kind == Kind.ODRIVE else 0)
+
+
+@pytest.mark.parametrize(
+    ("kind", "identifier", "data", "asks"),
+    [
+        (Kind.DAMIAO, N, bytes(8), 0), (Kind.DAMIAO, N, b"\xff" * 7 + b"\xfd", 1),
+        (Kind.DAMIAO, N + 1, b"\xff" * 7 + b"\xfd", 0), (Kind.DAMIAO, 0x7FF, bytes(8), 1),
+        (Kind.ODRIVE, N << 5 | 0x0E, bytes(4), 0), (Kind.ODRIVE, N << 5 | 7, bytes(4), 1),
+        (Kind.ODRIVE, (N + 1) << 5 | 7, bytes(4), 0),
+        (Kind.CIA402, 0x200 + N, rpdo(0x0F), 0), (Kind.CIA402, 0x200 + N, rpdo(0x1F), 0),
+        (Kind.CIA402, 0x200 + N, rpdo(0x07), 1), (Kind.CIA402, 0x200 + N, rpdo(0x0F)[:4], 1),
+        (Kind.CIA402, 0x201 + N, rpdo(0x07), 0), (Kind.CIA402, 0x80, b"", 1),
+        (Kind.CIA402, 0, bytes([1, N]), 1), (Kind.CIA402, 0x702, b"\x05", 1),
+    ],
+)  # fmt: skip
+def test_a_frame_that_asks_for_something_else_than_torque_is_known(
+    kind: Kind, identifier: int, data: bytes, asks: int
+) -> None:
+    drive = Drive(kind)
+    assert drive.call("take", c.byref(Frame.of(identifier, data)), 0) == asks
+
+
+@KINDS
+def test_a_watchdog_of_0_never_trips(kind: Kind) -> None:
+    drive = ENABLED[kind](timeout_ns=0)
+    drive.at(10_000 * MS)
+    assert (drive.v.trips, drive.v.acts) == (0, 1)
 
 
 @settings(max_examples=80)

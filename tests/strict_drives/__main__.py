@@ -22,7 +22,6 @@ from tests.strict_drives.ours import Ours
 
 IP_MULTICAST_ALL = 49
 TIMES = ("timeout", "enable", "answer", "jitter", "boot", "period", "beat")
-LOOK = 1e-3  # s between two looks at the clock where nothing comes
 #: s after the last frame from which a bus is quiet, and then between two looks: others want to
 #: start meanwhile.
 QUIET, SELDOM = 0.5, 0.02
@@ -73,6 +72,7 @@ def arguments(words: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("--armed", action="store_true", help="ours: armed by a switch")
     parser.add_argument("--torques", action="store_true", help="odrive: Get_Torques cyclic")
     parser.add_argument("--host", type=int, default=0)
+    parser.add_argument("--look", type=float, default=1.0, help="ms between looks at the clock")
     for name in TIMES:
         default = getattr(Setup(), name) * 1e3
         parser.add_argument(f"--{name}", type=float, default=default, help="ms")
@@ -113,14 +113,20 @@ def made(a: argparse.Namespace, log: EventLog) -> dict[int, StrictDrive]:
 
 
 def serve(
-    bus: can.BusABC | Group, drives: dict[int, StrictDrive], ended: Callable[[], bool]
+    bus: can.BusABC | Group,
+    drives: dict[int, StrictDrive],
+    ended: Callable[[], bool],
+    often: float,
 ) -> None:
-    """Until the end: what has arrived first, then what the clocks of the drives bring."""
+    """Until the end: what has arrived first, then what the clocks of the drives bring.
+
+    `often`: s between two looks at the clock where nothing comes.
+    """
     due: list[tuple[float, int, can.Message]] = []
     count, heard = 0, 0.0
     while not ended():
         now = time.time()
-        look = LOOK if now - heard < QUIET else SELDOM
+        look = often if now - heard < QUIET else SELDOM
         m = bus.recv(0 if due and due[0][0] <= now else look)
         if m is None:
             for drive in drives.values():
@@ -159,7 +165,7 @@ def main(words: Sequence[str] | None = None) -> int:
         log = EventLog(file)
         drives = made(a, log)
         print("ready", flush=True)
-        serve(bus, drives, ended)
+        serve(bus, drives, ended, a.look * 1e-3)
         for drive in drives.values():
             drive.summary(time.time())
     bus.shutdown()

@@ -18,7 +18,7 @@ WATCHDOG = 1000  # ms
 NAMES = ("damiao", "odrive", "cia402", "ours")
 PATIENT = (
     'deploy.patience="200 s"',
-    *slow(*CONTROLLERS, period="10 ms"),
+    *slow(*CONTROLLERS, period="20 ms"),
     *(
         f'deploy.nodes.{node}.stale={{"{node}.q"={{stop="5 s"}},"{node}.xi_in"={{age="age[0]"}}}}'
         for node in CONTROLLERS
@@ -30,7 +30,7 @@ PATIENT = (
 @pytest.mark.parametrize("name", NAMES)
 def test_strict_drives_on_vcan(name: str, fresh_bus: str, tmp_path: Path) -> None:
     case = relaxed(CASES[name], tmp_path, WATCHDOG)
-    case = replace(case, settings=(*case.settings, *PATIENT))
+    case = replace(case, settings=(*case.settings, *PATIENT), words=(*case.words, "--look", "10"))
     channels = ("vcan0", "vcan1") if name == "ours" else ("vcan0", "vcan1", fresh_bus)
     ended = run(case, tmp_path / "out", channels=channels, stop=3.0)
     assert not [drive.name for drive in ended.drives if drive.end["off"]], ended.said

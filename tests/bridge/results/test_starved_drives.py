@@ -37,7 +37,8 @@ def outcome(failure: str, reasons: tuple[str, ...] = ("drive",), off: bool = Tru
 def late(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
     """The cause that the machine has."""
     monkeypatch.setattr(overload, "cause", lambda *_: request.param)
-    monkeypatch.setattr(verdict, "extra_frames", lambda *_: ())
+    for name in ("extra_frames", "extra_services"):
+        monkeypatch.setattr(verdict, name, lambda *_: ())
     monkeypatch.setattr(verdict, "_old_torques", lambda *_: ())
     return str(request.param)
 

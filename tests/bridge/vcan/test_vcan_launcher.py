@@ -266,7 +266,7 @@ def test_inside_the_kernel_is_the_hosts_own(kernel: None) -> None:
 
 
 #: Time limit of all tests that need CAN, on the one slow processor of the guest, s.
-WHOLE = 900
+WHOLE = 1200
 
 
 def passes_on_a_kernel_with_can(tmp_path: Path, least: int, *selection: str) -> None:
@@ -288,13 +288,23 @@ def passes_on_a_kernel_with_can(tmp_path: Path, least: int, *selection: str) -> 
 def test_buses_of_a_kernel_with_can(kernel: None, tmp_path: Path) -> None:
     """Frames only, and few of them: the guest's one processor is slow, and slower on a busy host.
 
-    The next test has the rest.
+    Another test has the rest.
     """
     few = "not burst and not of_two_buses"
     passes_on_a_kernel_with_can(tmp_path, 25, "-k", few, "tests/vcan/test_bus.py")
 
 
 @pytest.mark.slow
+@pytest.mark.live
+@pytest.mark.timeout(WHOLE + 2 * PATIENCE)
+def test_a_rehearsal_beside_strict_drives_on_a_kernel_with_can(
+    kernel: None, tmp_path: Path
+) -> None:
+    """With ``--hardware``, over vcan; the next test has the other kinds of drives."""
+    passes_on_a_kernel_with_can(tmp_path, 1, "-k", "damiao", "tests/vcan/test_strict_drives.py")
+
+
+@pytest.mark.slow
 @pytest.mark.timeout(WHOLE + 2 * PATIENCE)
 def test_all_of_tests_vcan_passes_on_a_kernel_with_can(kernel: None, tmp_path: Path) -> None:
-    passes_on_a_kernel_with_can(tmp_path, 38, "tests/vcan")
+    passes_on_a_kernel_with_can(tmp_path, 42, "tests/vcan")

@@ -212,45 +212,11 @@ def report_missing_inputs(
     each EPOCH until that returns True (t = 0 of the run was found), and sends ``unshared`` after
     `FAILURES` other results. An error of the thread stops the node, and `helping` has it.
     """
-    ended = threading.Event()
+    ended, watch = threading.Event(), _Watch(wired, say, ready, measured)
 
     def look() -> None:
-        refusals, said, deaf, joined = 0, False, False, False
-        unshared, failures, foreign = 0, 0, 0
-        drives: Mapping[str, Any] = {}
-        elapsed, next_ = stopwatch(), REPEAT
         while not ended.wait(LOOK):
-            struct = wired.struct
-            if not said:
-                missing = missing_before_start(wired)
-                if not missing or struct.begun:
-                    said = True
-                    say(ready())
-                elif elapsed() > next_:
-                    next_ = elapsed() + REPEAT
-                    say({"event": "waiting", "for": missing})
-            if struct.epoch.follows and not struct.begun and (found := _runs_unannounced(wired)):
-                foreign += 1
-                if foreign == UNANNOUNCED:
-                    say({"event": "waiting", "for": found})
-            if struct.refusals != refusals:
-                refusals = struct.refusals
-                say(_refusal_event(wired))
-            if struct.begun and not joined:
-                joined = True
-                if struct.first > 0:
-                    say({"event": "joined", "t": struct.first * struct.h})
-            if (event := _drives_event(wired)) not in (None, drives):
-                drives = event
-                say(drives)
-            if struct.epoch.unshared != unshared and not struct.begun:
-                unshared = struct.epoch.unshared
-                failures += not measured()
-                if failures == FAILURES:
-                    say({"event": "unshared"})
-            if struct.begun and not deaf and (lost := silent_messages(wired)):
-                deaf = True
-                say({"event": "deaf", "to": lost})
+            watch.look()
 
     thread = (helping or Helpers(Control(wired.struct))).start("watch", look)
     try:
@@ -258,3 +224,69 @@ def report_missing_inputs(
     finally:
         ended.set()
         thread.join()
+
+
+class _Watch:
+    """What has been said of a node so far."""
+
+    def __init__(
+        self,
+        wired: WiredNode,
+        say: Say,
+        ready: Callable[[], Mapping[str, Any]],
+        measured: Callable[[], bool],
+    ) -> None:
+        self._wired, self._say, self._ready, self._measured = wired, say, ready, measured
+        self._elapsed, self._next = stopwatch(), REPEAT
+        self._told_ready = self._told_deaf = self._told_joined = False
+        self._refusals = self._unshared = self._failures = self._unannounced = 0
+        self._drives: Mapping[str, Any] = {}
+
+    def look(self) -> None:
+        """Say what is new."""
+        struct = self._wired.struct
+        if not self._told_ready:
+            self._look_for_ready()
+        if not struct.begun:
+            self._look_for_runs()
+        if struct.refusals != self._refusals:
+            self._refusals = struct.refusals
+            self._say(_refusal_event(self._wired))
+        if struct.begun:
+            self._look_at_run()
+        event = _drives_event(self._wired)
+        if event is not None and event != self._drives:
+            self._drives = event
+            self._say(event)
+
+    def _look_for_ready(self) -> None:
+        missing = missing_before_start(self._wired)
+        if not missing or self._wired.struct.begun:
+            self._told_ready = True
+            self._say(self._ready())
+        elif self._elapsed() > self._next:
+            self._next = self._elapsed() + REPEAT
+            self._say({"event": "waiting", "for": missing})
+
+    def _look_for_runs(self) -> None:
+        """Runs that could be joined, if their t = 0 were known."""
+        epoch = self._wired.struct.epoch
+        if epoch.follows and (found := _runs_unannounced(self._wired)):
+            self._unannounced += 1
+            if self._unannounced == UNANNOUNCED:
+                self._say({"event": "waiting", "for": found})
+        if epoch.unshared != self._unshared:
+            self._unshared = epoch.unshared
+            self._failures += not self._measured()
+            if self._failures == FAILURES:
+                self._say({"event": "unshared"})
+
+    def _look_at_run(self) -> None:
+        struct = self._wired.struct
+        if not self._told_joined:
+            self._told_joined = True
+            if struct.first > 0:
+                self._say({"event": "joined", "t": struct.first * struct.h})
+        if not self._told_deaf and (lost := silent_messages(self._wired)):
+            self._told_deaf = True
+            self._say({"event": "deaf", "to": lost})

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import zipfile
 from pathlib import Path
 from typing import Any
@@ -18,11 +19,16 @@ from cosim.checks.preflight import check
 from cosim.linear.scenario import linearized
 from cosim.loading.files import load
 from cosim.record import Run
+from cosim.reporting.run_report import write_report
 from cosim.scenario.assemble import assemble
 from cosim.scenario.spec import build
 from cosim.ssp.export import write
 from tests.bridge.deployments import TELEOPERATION
 from tests.cosim.fmi.plain import TIME, P, U, Y, described, export, real
+from tests.cosim.reporting.test_report import data as page_data
+from tests.cosim.reporting.test_report import decoded
+from tests.system.runs import run as simulated
+from tests.system.runs import teleoperation
 
 VARIABLES = (
     real("u", U, "input"), real("p", P, "parameter"), real("y", Y, "output"),
@@ -190,3 +196,23 @@ def test_a_sweep_over_the_start(tmp_path: Path) -> None:
     )
     swept = cosim.sweep(tmp_path / "study.toml", tmp_path / "swept", jobs=1)
     assert sorted(row["first.settle_s"] for row in swept.records) == [0.0, 5.0, 8.0]
+
+
+def test_links_count_from_the_start_and_the_report_begins_there(tmp_path: Path) -> None:
+    """Nothing of the teleoperator depends on the time: its run is the same, 2 s later."""
+    runs = []
+    for start in (0.0, 2.0):
+        document = teleoperation(stop=start + 1.0)
+        document["run"]["start"] = start
+        runs.append(simulated(document, tmp_path / f"{start:g}"))
+    at_0, later = runs
+    assert np.allclose(later.t, at_0.t + 2.0, rtol=0, atol=1e-12)
+    for name in at_0.names:
+        assert np.array_equal(at_0.column(name), later.column(name))
+    drawn = page_data(write_report(later).read_text(encoding="utf-8"))
+    assert (drawn["begin"], drawn["start"], drawn["end"]) == (2.0, 2.0, 3.0)
+    t, _ = decoded(drawn["signals"]["master.q[0]"])  # from where the page begins
+    assert t[0] == 0.0 and t[-1] == pytest.approx(1.0)
+    frames = np.frombuffer(base64.b64decode(drawn["arms"][0]["q"][0]), "<f4")
+    assert len(frames) == pytest.approx(1.0 / drawn["frame"], abs=2)
+    assert frames[-1] == pytest.approx(later.column("master.q[0]")[-1], rel=1e-5)

@@ -111,7 +111,10 @@ def load_system(scenario: str | Path, deployment: str, settings: Sequence[str] =
 
 
 def make_system(scenario: Scenario, deployment: Deployment) -> System:
-    """Assemble and cut what has been read."""
+    """Assemble and cut what has been read.
+
+    Raises as :func:`load_system`, and ScenarioError for a run that begins at another time than 0.
+    """
     if scenario.seconds(scenario.run.start, "run.start"):
         raise ScenarioError(
             f"found {scenario.run.start}, expected 0 with a deployment: its nodes begin at 0",

@@ -74,12 +74,12 @@ class RecordLayout:
         return cls(**{**said, **lists})
 
     def times(self, ticks: NDArray[np.int64]) -> NDArray[np.float64]:
-        """The time of each tick, s."""
+        """The time (n,), s, of each of `ticks` (n,)."""
         times: NDArray[np.float64] = self.start + ticks * np.float64(self.h)
         return times
 
     def ticks(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
-        """The tick at each time, a whole number."""
+        """The tick (n,), a whole number, at each of `times` (n,), s."""
         found: NDArray[np.float64] = np.rint((times - self.start) / self.h)
         return found
 

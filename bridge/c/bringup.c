@@ -7,6 +7,10 @@
 
 enum { AGAIN_NS = 100000000, FEED_NS = 5000000, NOW_NS = 50000000, PERIODS = 4 };
 
+/* rad/s below which a joint may rest, and rad that no encoder hides. */
+#define SLOW 0.1
+#define UNSEEN 0.05
+
 static void note(node_t *n, const commanded_t *d, int64_t t_ns)
 {
     drive_events_t *e = &n->drive_events;
@@ -52,7 +56,6 @@ static void take_state(node_t *n, commanded_t *d, const frame_t *frame)
         fail(n, d, FAILED_FORMAT, frame->t_ns);
         return;
     }
-    if (row >= 0 && d->told[row].kind == TOLD_OTHER) return;
     d->word = word;
     if ((word & d->own_mask) != d->own) {
         fail(n, d, FAILED_NUMBER, frame->t_ns);
@@ -82,18 +85,45 @@ static int32_t take_answer(node_t *n, commanded_t *d, const frame_t *frame)
     return 1;
 }
 
+/* Whether a frame with the identifier of its state tells none, such as the answer of a register. */
+static int32_t is_other(const commanded_t *d, const frame_t *frame)
+{
+    const int32_t row = row_of(d, word_of(frame));
+    return row >= 0 && d->told[row].kind == TOLD_OTHER;
+}
+
 int32_t bringup_hear(node_t *n, const frame_t *frame)
 {
-    int32_t found = 0;
+    int32_t found = HEARD_NOT;
     for (int32_t i = 0; i < n->n_commanded; i++) {
         commanded_t *d = n->commanded + i;
         if (d->bus != frame->bus) continue;
-        found |= take_answer(n, d, frame);
+        if (take_answer(n, d, frame)) found = HEARD_ANSWER;
         if (d->n_told == 0 || !frame_accepted(&d->status, frame)) continue;
+        if (is_other(d, frame)) {
+            found = HEARD_ANSWER;
+            continue;
+        }
         take_state(n, d, frame);
-        found = 1;
+        if (found == HEARD_NOT) found = HEARD_STATE;
     }
     return found;
+}
+
+/* Whether new positions stay the same, bit by bit, for a way that its velocity cannot leave unseen. At rest
+ * a velocity may be some steps of its resolution beside 0. */
+static int32_t stands_still(const node_t *n, commanded_t *d)
+{
+    if (d->q_of < 0 || d->dq_of < 0) return 0;
+    const reception_t *r = n->receptions + d->q_of;
+    const double q = r->values[d->q_at], dq = n->receptions[d->dq_of].values[d->dq_at];
+    const int64_t passed = r->newest - d->q_newest;
+    if (passed <= 0) return 0;
+    const int32_t slow = dq < SLOW && dq > -SLOW, known = d->q_newest >= 0;
+    d->moved = known && !slow && q == d->q_last ? d->moved + dq * (double)(passed * r->period_ns) * 1e-9 : 0.0;
+    d->q_newest = r->newest;
+    d->q_last = q;
+    return d->moved > UNSEEN || d->moved < -UNSEEN;
 }
 
 void bringup_watch(node_t *n, int64_t now_ns)
@@ -104,6 +134,7 @@ void bringup_watch(node_t *n, int64_t now_ns)
         const int32_t enabled = d->row >= 0 && d->told[d->row].kind == TOLD_ENABLED;
         if (d->heard > 0 && !enabled) fail(n, d, FAILED_STATE, now_ns);
         else if (d->within_ns > 0 && now_ns - d->told_ns > d->within_ns) fail(n, d, FAILED_SILENT, now_ns);
+        else if (stands_still(n, d)) fail(n, d, FAILED_STILL, now_ns);
     }
 }
 
@@ -171,7 +202,15 @@ static void begin_rising(node_t *n, commanded_t *d, int64_t now_ns)
     d->told_ns = -1;
     d->heard = 0;
     d->row = -1;
+    d->q_newest = -1;
     note(n, d, now_ns);
+}
+
+/* Torque 0 that feeds a drive in the run is a frame of its message like others. */
+static void count_feed(node_t *n, const commanded_t *d)
+{
+    for (int32_t i = 0; n->begun && i < n->n_outlets; i++)
+        if (n->outlets[i].commanded == d) n->outlets[i].sent++;
 }
 
 static void feed(node_t *n, int64_t now_ns, int32_t all)
@@ -180,7 +219,9 @@ static void feed(node_t *n, int64_t now_ns, int32_t all)
     n->fed_ns = now_ns;
     for (int32_t i = 0; i < n->n_commanded; i++) {
         const commanded_t *d = n->commanded + i;
-        if (d->feeds && (d->phase == DRIVE_RISING || (all && d->phase == DRIVE_SERVING))) send_frame(n, &d->feed, now_ns);
+        if (!d->feeds || !(d->phase == DRIVE_RISING || (all && d->phase == DRIVE_SERVING))) continue;
+        send_frame(n, &d->feed, now_ns);
+        count_feed(n, d);
     }
 }
 

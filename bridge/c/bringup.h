@@ -5,7 +5,10 @@
 
 #include "node.h"
 
-/* Reads the state of a drive and the answers to a step from a frame. Returns 1 if it is one of these. */
+/* A frame is none of a drive; tells a state, and may carry values, too; or is an answer and nothing else. */
+enum { HEARD_NOT, HEARD_STATE, HEARD_ANSWER };
+
+/* Reads the state of a drive and the answers to a step from a frame. Returns HEARD_. */
 int32_t bringup_hear(node_t *n, const frame_t *frame);
 /* Raises WHY_DRIVE for a drive that is ready and tells another state than enabled, or nothing for too long. */
 void bringup_watch(node_t *n, int64_t now_ns);

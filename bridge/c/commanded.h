@@ -39,8 +39,10 @@ typedef struct {
 /* Phases. RESTING: nothing is sent. FAILED: its bring-up failed, or it was lost in the run. */
 enum { DRIVE_RESTING, DRIVE_RISING, DRIVE_SERVING, DRIVE_FAILED };
 /* Why a drive failed: no answer or a wrong one to a step; it told another state than enabled; it told
- * nothing for too long; it has another frame format; it answers with the number of another drive. */
-enum { FAILED_NOT, FAILED_ANSWER, FAILED_VALUE, FAILED_STATE, FAILED_SILENT, FAILED_FORMAT, FAILED_NUMBER };
+ * nothing for too long; it has another frame format; it answers with the number of another drive; its
+ * position stands still while its velocity says that it moves. */
+enum { FAILED_NOT, FAILED_ANSWER, FAILED_VALUE, FAILED_STATE, FAILED_SILENT, FAILED_FORMAT, FAILED_NUMBER,
+       FAILED_STILL };
 
 typedef struct {
     accept_t status;        /* the frame that tells its state, whatever its format */
@@ -65,6 +67,11 @@ typedef struct {
     int64_t began_ns, sent_ns;  /* the step; its frame, 0: not yet */
     int64_t up_ns;          /* when it became ready */
     int32_t answered, reserved;     /* of the step: its frame has come */
+
+    int32_t q_of, q_at;     /* its position: number of the message, of the value; -1: none */
+    int32_t dq_of, dq_at;   /* its velocity */
+    int64_t q_newest;       /* sample of the position that was looked at last; -1: none */
+    double q_last, moved;   /* that position; way by its velocity since it changed last, rad */
 } commanded_t;
 
 /* A change of what a drive tells, or of its phase; the first `capacity` are kept. */

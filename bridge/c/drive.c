@@ -34,7 +34,12 @@ API int32_t drive_request(drive_t *d, int32_t request, int64_t now_ns)
 {
     static const int32_t from[] = {-1, DRIVE_OFF, DRIVE_READY, DRIVE_ENABLED, DRIVE_FAULT, -1};
     static const int32_t to[] = {-1, DRIVE_READY, DRIVE_ENABLED, DRIVE_READY, DRIVE_READY, DRIVE_OFF};
-    if (request < DRIVE_POWER_ON || request > DRIVE_POWER_OFF) return d->state;
+    if (request < DRIVE_POWER_ON || request > DRIVE_TRIP) return d->state;
+    if (request == DRIVE_TRIP) {
+        d->faults += d->state == DRIVE_READY || d->state == DRIVE_ENABLED;
+        if (d->state != DRIVE_OFF) d->state = DRIVE_FAULT;
+        return d->state;
+    }
     if (request != DRIVE_POWER_OFF && d->state != from[request]) return d->state;
     d->state = to[request];
     watchdog_reset(&d->watchdog, now_ns);

@@ -11,7 +11,7 @@
 #include "watchdog.h"
 
 enum { DRIVE_OFF, DRIVE_READY, DRIVE_ENABLED, DRIVE_FAULT };
-enum { DRIVE_POWER_ON = 1, DRIVE_ENABLE, DRIVE_DISABLE, DRIVE_CLEAR, DRIVE_POWER_OFF };
+enum { DRIVE_POWER_ON = 1, DRIVE_ENABLE, DRIVE_DISABLE, DRIVE_CLEAR, DRIVE_POWER_OFF, DRIVE_TRIP };
 
 typedef struct {
     int32_t joints, state;
@@ -25,7 +25,8 @@ typedef struct {
     int64_t faults;
 } drive_t;
 
-/* OFF -ON-> READY -ENABLE-> ENABLED -DISABLE-> READY, FAULT -CLEAR-> READY, any -OFF-> OFF. A request
+/* OFF -ON-> READY -ENABLE-> ENABLED -DISABLE-> READY, FAULT -CLEAR-> READY, any -OFF-> OFF, and with power
+ * any -TRIP-> FAULT, which nobody asks for. A request
  * that does not fit changes nothing: FAULT is left by CLEAR (or OFF) only. Returns the state. */
 API int32_t drive_request(drive_t *d, int32_t request, int64_t now_ns);
 /* One tick of the plant: `command` (joints,) as received last -> torque that acts on the joints

@@ -110,6 +110,12 @@ typedef struct {
     int64_t later;          /* 1: a row is written before this is passed (plants), else 0 */
     motor_t *motor;         /* the drive is that of a vendor, who decides whether torque acts; or NULL */
     int64_t ignored;        /* motor: torques received until it was enabled last do not act */
+    const motor_fault_t *faults;    /* of a drive of our own protocol, in the order of time: VENDOR_TRIP, HOT, */
+    int32_t n_faults, happened;     /* DROP, and REBOOT with code 1: its power goes, 0: comes */
+    int32_t hot, drops;     /* of these faults, while they last */
+    uint32_t asked, reserved3;  /* requests that they make, as commands_add packs them, */
+    int64_t requests;       /* and those of this pass, which are in the journal */
+    int32_t tripped, reserved2;     /* its FAULT is not of its watchdog */
 } inlet_t;
 
 /* Whether a message contains the state of its sender: a status of 4 bits (classic CAN) does not. */

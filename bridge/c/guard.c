@@ -1,6 +1,8 @@
 /* guard.c: limits of a torque before it leaves a node; see guard.h. */
 #include "guard.h"
 
+#include <math.h>
+
 #include "life.h"
 
 enum { BITS = 7 };
@@ -111,6 +113,11 @@ API uint32_t guard_apply(guard_t *g, const double *tau, const double *q, const d
     if (scale == 0.0) bits &= ~(uint32_t)GUARD_RATE; /* nothing is given that could change */
     for (int32_t b = 0; b < BITS; b++) g->trips[b] += bits >> b & 1;
     return g->bits = bits;
+}
+
+API void guard_forget(guard_t *g)
+{
+    for (int32_t i = 0; i < g->joints; i++) g->last_q[i] = NAN;
 }
 
 API uint32_t guard_why(const guard_t *g)

@@ -41,6 +41,8 @@ typedef struct {
  * scale = 0 the torque starts from 0. `out` is finite and within tau_max for any input. */
 API uint32_t guard_apply(guard_t *g, const double *tau, const double *q, const double *dq,
                          double scale, double *out);
+/* The next position is compared with none before: there was none of now for a while. */
+API void guard_forget(guard_t *g);
 /* WHY_ bits that the last tick's GUARD_ bits raise: those in `stops`. */
 API uint32_t guard_why(const guard_t *g);
 

@@ -156,6 +156,7 @@ static void dispatch(node_t *n, const frame_t *frame)
     const int64_t t = node_started(n) ? frame->t_ns - n->start_ns : 0;
     const services_t *s = n->services + frame->bus;
     const int32_t asked = emulated_hear(n, frame), told = bringup_hear(n, frame);
+    if (told == HEARD_ANSWER) return; /* as a position it would be out of range */
     for (int32_t i = 0; i < n->n_receptions; i++) {
         reception_t *r = n->receptions + i;
         if (r->bus != frame->bus || !message_is(r->message, frame)) continue;

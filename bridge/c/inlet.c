@@ -65,6 +65,50 @@ static int64_t age_ns(const inlet_t *in)
     return in->node->now_ns + in->node->phase_ns - sent;
 }
 
+static void ask(inlet_t *in, int32_t request)
+{
+    in->asked = commands_add(in->asked, request);
+}
+
+/* Faults of the drive as requests, which are recorded. */
+static void suffer(inlet_t *in)
+{
+    const int32_t state = in->drive->state;
+    while (in->happened < in->n_faults && in->faults[in->happened].t_ns <= in->node->now_ns) {
+        const motor_fault_t *f = in->faults + in->happened++;
+        if (f->fault == VENDOR_HOT) in->hot = f->code;
+        if (f->fault == VENDOR_DROP) in->drops = f->code;
+        if (f->fault == VENDOR_TRIP) ask(in, DRIVE_TRIP);
+        if (f->fault == VENDOR_REBOOT) ask(in, f->code ? DRIVE_POWER_OFF : DRIVE_POWER_ON);
+    }
+    if (in->hot && state != DRIVE_FAULT) ask(in, DRIVE_TRIP);
+    if (in->drops && state == DRIVE_ENABLED) ask(in, DRIVE_DISABLE);
+}
+
+/* A drive of our own protocol follows its node, but not in what it does of itself. */
+static void obey(inlet_t *in)
+{
+    const node_t *n = in->node;
+    if (n->clock != CLOCK_REPLAY) suffer(in);
+    in->requests = n->clock == CLOCK_REPLAY ? recorded(in)->requests : (int64_t)in->asked;
+    in->asked = 0;
+    for (int64_t left = in->requests; left; left >>= 3) {
+        const int32_t what = (int32_t)(left & 7);
+        drive_request(in->drive, what, n->now_ns);
+        in->tripped |= what == DRIVE_TRIP;
+    }
+    in->tripped &= in->drive->state == DRIVE_FAULT;
+}
+
+/* Why its node has to stop for a drive of our own protocol. */
+static uint32_t why_off(const inlet_t *in)
+{
+    const int32_t state = in->drive->state, life = in->node->life.state;
+    if (in->motor || life == LIFE_FAULT) return 0;
+    if (state == DRIVE_FAULT) return in->tripped ? WHY_DRIVE : WHY_WATCHDOG;
+    return life == LIFE_ACTIVE && state != DRIVE_ENABLED ? WHY_DRIVE : 0;
+}
+
 /* The vendor's state machine has decided whether torque acts in this slot; until it does, there is none. */
 static void follow_motor(inlet_t *in)
 {
@@ -85,13 +129,14 @@ static void write_through_drive(inlet_t *in, const double *value, int32_t fresh,
 {
     node_t *n = in->node;
     if (in->motor) follow_motor(in);
+    else obey(in);
     const int32_t old = in->max_age_ns > 0 && in->held >= 0 && age_ns(in) > in->max_age_ns;
     if (old && fresh) in->reception->receiver->stale++;
     const int32_t ignored = in->motor && in->held <= in->ignored;
     if (value && !old && !ignored) give(in, value, in->command);
     drive_step(in->drive, in->command, fresh && in->held >= 0 && !old, signals + in->dq, n->now_ns,
                signals + in->target);
-    if (!in->motor && in->drive->state == DRIVE_FAULT && n->life.state != LIFE_FAULT) n->life.now |= WHY_WATCHDOG;
+    n->life.now |= why_off(in);
 }
 
 /* What is held; a link of the law `signal` may go back to what there was before the first. */
@@ -101,6 +146,13 @@ static void write_signal(inlet_t *in, const double *value, double *signals)
     if (value) give(in, value, target);
     else if (in->begun && in->held < 0)
         memcpy(target, in->initial, (size_t)in->count * sizeof *target);
+}
+
+/* A drive that is not enabled may tell no position: some only answer commands. A start waits for one. */
+static int32_t awaits(const inlet_t *in)
+{
+    const int32_t drive = in->reception->drive;
+    return drive < 0 || in->node->commanded[drive].phase == DRIVE_SERVING;
 }
 
 API int32_t inlet_pass(void *context, int64_t tick, double *signals)
@@ -124,6 +176,6 @@ API int32_t inlet_pass(void *context, int64_t tick, double *signals)
     const int64_t silence = n->now_ns - in->heard_ns;
     if (in->link_age >= 0) signals[in->link_age] = (double)age_ns(in) * 1e-9;
     if (in->age >= 0) signals[in->age] = (double)silence * 1e-9;
-    if (in->stop_ns > 0 && silence > in->stop_ns) n->life.now |= WHY_STALE;
+    if (in->stop_ns > 0 && silence > in->stop_ns && awaits(in)) n->life.now |= WHY_STALE;
     return 0;
 }

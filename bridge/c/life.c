@@ -72,7 +72,7 @@ static void latch(life_t *life, uint32_t raised)
     life->armed = 0;
     if (life->state == LIFE_ACTIVE) {
         life->state = LIFE_STOPPING;
-        life->ramp = life->ramp_ticks;
+        life->ramp = life->moves && raised & WHY_DRIVE ? 1 : life->ramp_ticks;
     } else if (life->state == LIFE_INACTIVE) {
         life->state = LIFE_FAULT;
     }

@@ -51,6 +51,8 @@ typedef struct {
     int32_t ramp;           /* ticks of the ramp left */
     uint32_t refused;       /* why the last command was refused, WHY_COMMAND: not in this state; 0: it was not */
     double scale;           /* of the torque: 1 ACTIVE, falling STOPPING, 0 else */
+    int32_t moves, reserved;    /* it is the node of drives of our own protocol: where one is off, there is
+                             * nothing to ramp down, and others have to know it at once */
 } life_t;
 
 /* One tick: applies the commands in their order, then the bits raised, which win. A STOP among them is

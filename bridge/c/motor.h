@@ -8,7 +8,7 @@
  * first kind to send, of the second. In the journal: a replay has these bits and no vendor. */
 enum { MOTOR_ACTS = 1, MOTOR_FAULT = 2, MOTOR_OWES = 4 };
 
-/* Something that happens to a drive: VENDOR_TRIP ..., at this time of the run. */
+/* Something that happens to a drive: VENDOR_TRIP ..., at this time of the run. Also to one of our own protocol. */
 typedef struct {
     int64_t t_ns;
     int32_t fault, code;

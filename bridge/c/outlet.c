@@ -44,11 +44,19 @@ static int32_t serves(const outlet_t *o)
     return !o->commanded || o->commanded->phase == DRIVE_SERVING;
 }
 
+/* Whether this node was stopped because a drive of our own protocol, which takes its torque, is off. */
+static int32_t drive_is_off(const outlet_t *o)
+{
+    return !o->commanded && o->node->life.reasons & WHY_DRIVE;
+}
+
 static void gather(outlet_t *o, const double *signals)
 {
     for (int32_t k = 0; k < o->width; k++) o->values[k] = signals[o->sources[k]];
     if (o->drive) measured(o);
+    if (o->guard && !serves(o)) guard_forget(o->guard);
     if (o->guard) guarded(o, signals);
+    if (o->guard && drive_is_off(o)) memset(o->values + o->guarded, 0, (size_t)o->joints * sizeof *o->values);
     if (!serves(o)) memset(o->values, 0, (size_t)o->width * sizeof *o->values);
 }
 

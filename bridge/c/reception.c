@@ -98,6 +98,14 @@ static int32_t torque_of_fault(const node_t *n, const reception_t *r, const head
     return 0;
 }
 
+/* A sample tells the state of its sender sooner than its heartbeat. */
+static void take_fault(node_t *n, const reception_t *r, const header_t *header)
+{
+    if (!tells_life(r->message) || (header->status & STATUS_LIFE) != LIFE_FAULT) return;
+    for (int32_t i = 0; i < n->n_peers; i++)
+        if ((int32_t)n->peers[i].number == r->sender) n->peers[i].state = LIFE_FAULT;
+}
+
 void reception_take(node_t *n, reception_t *r, const frame_t *frame)
 {
     header_t header;
@@ -124,6 +132,7 @@ void reception_take(node_t *n, reception_t *r, const frame_t *frame)
     }
     const int64_t j = receiver_accept(r->receiver, &header, t);
     if (j < 0) return;
+    take_fault(n, r, &header);
     r->transit_ns = t - r->receiver->sampled_ns;
     if (r->max_age_ns > 0 && r->transit_ns > r->max_age_ns) {
         r->receiver->stale++;

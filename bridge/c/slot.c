@@ -20,7 +20,8 @@ static void watch(node_t *n)
         if (n->buses[n->outlets[i].bus].state >= BUS_OFF) n->life.now |= WHY_BUS;
 }
 
-/* Emulated drives follow their node: RESET clears them, START enables them, FAULT stops them. */
+/* Emulated drives follow their node: RESET clears them, START enables them, FAULT stops
+ * them, and the end of a STOP disables them. */
 static void drives(node_t *n, int32_t before)
 {
     const int32_t state = n->life.state;
@@ -32,6 +33,7 @@ static void drives(node_t *n, int32_t before)
         if (before == LIFE_FAULT) drive_request(d, DRIVE_CLEAR, n->now_ns);
         if (state == LIFE_ACTIVE) drive_request(d, DRIVE_ENABLE, n->now_ns);
         else if (state == LIFE_FAULT && d->state == DRIVE_ENABLED) d->state = DRIVE_FAULT;
+        else if (state == LIFE_INACTIVE && d->state == DRIVE_ENABLED) drive_request(d, DRIVE_DISABLE, n->now_ns);
     }
 }
 
@@ -116,7 +118,7 @@ static void write_row(node_t *n, row_t *row, int64_t limit_ns, int64_t woke_ns, 
         in[i].held = x->held;
         in[i].newest = x->newest;
         in[i].transit_ns = x->reception->transit_ns;
-        in[i].requests = x->motor ? x->motor->power : 0;
+        in[i].requests = x->motor ? x->motor->power : x->requests;
         in[i].age_ns = x->held < 0 ? -1
                                    : limit_ns - x->held * x->reception->period_ns -
                                          x->reception->offset_ns;

@@ -142,6 +142,7 @@ API void vendor_init(vendor_t *v, int64_t t_ns)
     v->plugged = 1;
     power_up(v, t_ns);
     v->n_queue = 0; /* what it said then was long ago */
+    memset(v->owed, 0, sizeof v->owed);
 }
 
 API void vendor_brought_up(vendor_t *v, int64_t t_ns)

@@ -38,5 +38,6 @@ API uint32_t peer_check(peer_t *peer, int64_t now_ns)
     if (peer->state == LIFE_FINISHED) return 0;
     const int32_t lost = watchdog_check(&peer->heartbeat, now_ns);
     const int32_t stopped = peer->state == LIFE_STOPPING || peer->state == LIFE_FAULT;
-    return peer->required && (lost || stopped) ? WHY_PEER : 0;
+    const uint32_t off = peer->takes && peer->state == LIFE_FAULT ? WHY_DRIVE : 0;
+    return peer->required && (lost || stopped) ? WHY_PEER | off : 0;
 }

@@ -28,12 +28,14 @@ typedef struct {
     uint32_t boots;         /* changes when it restarts */
     uint32_t number;        /* node number */
     int64_t heard;          /* heartbeats */
+    int32_t takes, reserved;    /* it takes torques of this node: in FAULT its drives are off */
 } peer_t;
 
 /* A heartbeat has arrived. The life cycle latches, not the peer: a peer that is received again is present.
  * Returns WHY_PEER when a required peer has restarted, else 0. */
 API uint32_t peer_heartbeat(peer_t *peer, int32_t state, uint32_t boots, int64_t now_ns);
-/* WHY_PEER while a required peer is silent, STOPPING or in FAULT; one that has FINISHED may be silent. */
+/* WHY_PEER while a required peer is silent, STOPPING or in FAULT; one that has FINISHED may be silent. And
+ * WHY_DRIVE while one that takes torques is in FAULT. */
 API uint32_t peer_check(peer_t *peer, int64_t now_ns);
 
 #endif

@@ -29,6 +29,9 @@ from cosim.scenario.assemble import assemble
 from cosim.scenario.spec import Scenario
 from cosim.schedule.plan import Plan
 
+#: Rows of the log of a bus at least: somebody may babble.
+LEAST = 50_000
+
 
 @dataclass(frozen=True, slots=True)
 class System:
@@ -65,6 +68,17 @@ class System:
     def sync_ticks(self) -> int:
         """Base ticks between two SYNC: a slot of the slowest node."""
         return max(node.ticks for node in self.nodes.values() if node.plan.components)
+
+    def log_rows(self, bus: str) -> int:
+        """Rows of the log of a bus: twice what its messages are, and as much again for the rest.
+
+        Not more: pages of a log are written to the disk once, whether they hold frames or not.
+        """
+        seconds = self.plan.ticks * self.plan.h + 10.0
+        rate = sum(1e9 / m.period_ns for m in self.messages.values() if m.bus == bus)
+        nodes = sum(bus in self.buses_of(node) for node in self.nodes)
+        sync = 1.0 / (self.sync_ticks * self.plan.h)
+        return int(min(max(LEAST, 2.0 * (rate + sync + 20.0 * nodes) * seconds), 4e6))
 
     def subscriptions(self, node: str) -> tuple[Subscription, ...]:
         """Messages and services that a node listens to, with the bus and the format of each.

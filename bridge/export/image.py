@@ -97,6 +97,7 @@ _POINTERS: Mapping[type, Mapping[str, _Target]] = {
         "command": _many(c.c_double, "count"),
         "initial": _many(c.c_double, "count"),
         "motor": _one(node.MotorStruct),
+        "faults": _many(node.MotorFault, "n_faults"),
     },
     node.OutletStruct: {
         "node": _one(node.NodeStruct),

@@ -46,6 +46,7 @@ class Failure(IntEnum):
     SILENT = 4
     FORMAT = 5
     NUMBER = 6
+    STILL = 7
 
 
 class ToldStruct(c.Structure):
@@ -109,6 +110,13 @@ class CommandedStruct(c.Structure):
         ("up_ns", c.c_int64),
         ("answered", c.c_int32),
         ("reserved", c.c_int32),
+        ("q_of", c.c_int32),
+        ("q_at", c.c_int32),
+        ("dq_of", c.c_int32),
+        ("dq_at", c.c_int32),
+        ("q_newest", c.c_int64),
+        ("q_last", c.c_double),
+        ("moved", c.c_double),
     )
 
 

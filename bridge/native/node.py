@@ -161,6 +161,16 @@ class InletStruct(c.Structure):
         ("later", c.c_int64),
         ("motor", c.POINTER(MotorStruct)),
         ("ignored", c.c_int64),
+        ("faults", c.POINTER(MotorFault)),
+        ("n_faults", c.c_int32),
+        ("happened", c.c_int32),
+        ("hot", c.c_int32),
+        ("drops", c.c_int32),
+        ("asked", c.c_uint32),
+        ("reserved3", c.c_uint32),
+        ("requests", c.c_int64),
+        ("tripped", c.c_int32),
+        ("reserved2", c.c_int32),
     )
 
 

@@ -92,6 +92,7 @@ class DriveRequest(IntEnum):
     DISABLE = 3
     CLEAR = 4
     POWER_OFF = 5
+    TRIP = 6
 
 
 class LifeStruct(c.Structure):
@@ -107,6 +108,8 @@ class LifeStruct(c.Structure):
         ("ramp", c.c_int32),
         ("refused", c.c_uint32),
         ("scale", c.c_double),
+        ("moves", c.c_int32),
+        ("reserved", c.c_int32),
     )
 
 
@@ -155,6 +158,8 @@ class Peer(c.Structure):
         ("boots", c.c_uint32),
         ("number", c.c_uint32),
         ("heard", c.c_int64),
+        ("takes", c.c_int32),
+        ("reserved", c.c_int32),
     )
 
 

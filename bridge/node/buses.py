@@ -30,8 +30,6 @@ if TYPE_CHECKING:
 SIMULATED = "cosim"
 #: Multicast groups for buses whose channel is no address (administratively scoped, RFC 2365).
 GROUP = "239.74.163.{}"
-#: Rows of a log at least: somebody may babble.
-LEAST = 50_000
 
 
 def can_spec(deployment: Deployment, name: str) -> interface.CanBusSpec:
@@ -60,18 +58,6 @@ def _has_bitrate(spec: BusSpec) -> bool:
     return spec.interface not in ("socketcan", "virtual", "udp_multicast")
 
 
-def log_rows(system: System, bus: str) -> int:
-    """Rows of the log of a bus: twice what its messages are, and as much again for the rest.
-
-    Not more: pages of a log are written to the disk once, whether they hold frames or not.
-    """
-    seconds = system.plan.ticks * system.plan.h + 10.0
-    rate = sum(1e9 / m.period_ns for m in system.messages.values() if m.bus == bus)
-    nodes = sum(bus in system.buses_of(node) for node in system.nodes)
-    sync = 1.0 / (system.sync_ticks * system.plan.h)
-    return int(min(max(LEAST, 2.0 * (rate + sync + 20.0 * nodes) * seconds), 4e6))
-
-
 @contextmanager
 def open_buses(system: System, life: Life, folder: Path) -> Iterator[dict[str, Attachment]]:
     """All buses of a life's node, frames logged in ``FOLDER/LIFE.BUS.frames``. Raises BusError."""
@@ -82,7 +68,7 @@ def open_buses(system: System, life: Life, folder: Path) -> Iterator[dict[str, A
         for number, name in enumerate(system.buses_of(node)):
             zenoh = system.deployment.buses[name].kind == "zenoh"
             size = DATA if zenoh else 64
-            path, rows = folder / life.frames(name), log_rows(system, name)
+            path, rows = folder / life.frames(name), system.log_rows(name)
             log = Journal.create(path, frame_dtype(size), rows)
             stack.callback(log.close)
             if zenoh:

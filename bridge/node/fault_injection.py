@@ -38,14 +38,21 @@ def inject(wired: WiredNode, script: FaultScript, path: Path) -> NodeFaults | No
 
 
 def _let_drives_suffer(wired: WiredNode, script: FaultScript) -> None:
-    """Faults of the emulated drives of this node. Raises ScenarioError for an unknown number."""
-    motors = wired.inlet_bindings.motors
+    """Faults of the emulated drives of this node. Raises ScenarioError for an unknown number.
+
+    A drive of our own protocol has the number of its node, on each bus of that.
+    """
+    bindings, motors = wired.inlet_bindings, wired.inlet_bindings.motors
+    own = [(bus, wired.spec.number) for bus in wired.system.buses_of(wired.name)]
     known = [(drive.bus, drive.node) for drive in motors.drives]
+    known += own if bindings.own_drives else []
     for one in script.drives:
         numbers = [str(node) for bus, node in known if bus == one.bus]
         if numbers and str(one.drive) not in numbers:
             text = f"is {one.drive}; expected one of {', '.join(numbers)} on bus {one.bus}"
             raise ScenarioError(text, script.place(one.index, "drive"))
-    for bus, node in known:
+    mine = [f for f in script.drives if (f.bus, f.drive) in own]
+    bindings.suffer([(f.t, int(f.fault), f.code) for f in mine])
+    for bus, node in ((drive.bus, drive.node) for drive in motors.drives):
         mine = [f for f in script.drives if (f.bus, f.drive) == (bus, node)]
         motors.suffer(bus, node, [(f.t, int(f.fault), f.code) for f in mine])

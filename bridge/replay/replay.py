@@ -25,6 +25,7 @@ from bridge.native.safety import LifeState
 from bridge.records.lives import ByLife, Life, files
 from bridge.replay import received_and_sent
 from bridge.replay.received_and_sent import AlteredSamples, History
+from bridge.wiring.beginning import begin_active, begin_cold
 from bridge.wiring.outlets import Forwarding
 from bridge.wiring.wiring import HEARD, Rows, WiredNode, heard_dtype
 from cosim.base.errors import ScenarioError
@@ -133,10 +134,14 @@ def _wire(stack: ExitStack, system: System, life: Life, rows: Rows, folder: Path
     s.slot = s.first = int(rows["slot"][0])
     if s.slot > 0:
         node.begin(s.slot)
-    s.life.state, s.life.armed = LifeState.ACTIVE, 1
     _begin(node, rows)
-    native.functions().node_enable(c.byref(s), s.slot * s.h_ns)
+    (begin_cold if _was_cold(rows) else begin_active)(node)
     return node
+
+
+def _was_cold(rows: Rows) -> bool:
+    """Whether a life waited for commands in its first slot: none of that slot made it INACTIVE."""
+    return bool(rows["state"][0] == LifeState.INACTIVE and not rows["commands"][0])
 
 
 def _hear(

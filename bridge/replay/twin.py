@@ -8,17 +8,20 @@ buses are not: the next deadline is always on time, and CAN buses are simulated,
 from __future__ import annotations
 
 import ctypes as c
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
+from itertools import product
 from pathlib import Path
 
 from bridge.deployment.system import System
 from bridge.native import node as native
 from bridge.native.bus import Bus, BusKind
-from bridge.native.frame import Ring
-from bridge.native.safety import LifeState
+from bridge.native.frame import DATA, Ring, frame_dtype
+from bridge.native.journal import Journal
+from bridge.native.safety import Command
 from bridge.records.lives import Life
 from bridge.replay.networks import Networks
+from bridge.wiring.beginning import begin_active, begin_cold
 from bridge.wiring.wiring import WiredNode
 from cosim.base.errors import RunError
 from cosim.base.interrupts import stop_on_signal
@@ -27,6 +30,8 @@ from cosim.base.interrupts import stop_on_signal
 RING = 1024
 #: Simulated time between two looks at whether the run is to stop, ns.
 LOOK_NS = 1_000_000_000
+#: Commands to all nodes, and when (ns).
+Commands = Sequence[tuple[int, Sequence[Command]]]
 
 
 def simulate(system: System, folder: Path) -> dict[str, Path]:
@@ -41,9 +46,18 @@ def simulate(system: System, folder: Path) -> dict[str, Path]:
 
 @contextmanager
 def wired_nodes(
-    system: System, folder: Path, prepare: Callable[[WiredNode], None] = lambda node: None
+    system: System,
+    folder: Path,
+    prepare: Callable[[WiredNode], None] = lambda node: None,
+    *,
+    cold: bool = False,
+    logged: bool = False,
 ) -> Iterator[dict[str, WiredNode]]:
-    """All nodes, enabled; `prepare` may change each before."""
+    """All nodes, enabled; `prepare` may change each before.
+
+    `cold`: they wait for commands instead, and their drives are off. `logged`: with the log of each
+    bus at each node, ``FOLDER/LIFE.BUS.frames``.
+    """
     folder = folder.absolute()  # an FMU may change the working directory
     with ExitStack() as stack:
         nodes = {
@@ -59,9 +73,10 @@ def wired_nodes(
             for name in system.nodes
         }
         for node in nodes.values():
+            if logged:
+                _log(system, node, folder)
             prepare(node)
-            node.struct.life.state, node.struct.life.armed = LifeState.ACTIVE, 1
-            native.functions().node_enable(c.byref(node.struct), 0)
+            (begin_cold if cold else begin_active)(node)
         yield nodes
 
 
@@ -72,22 +87,43 @@ def _buses(system: System, node: str) -> dict[str, Bus]:
     }
 
 
-def run(system: System, nodes: Mapping[str, WiredNode]) -> None:
-    """All nodes to the end. Raises RunError, and KeyboardInterrupt where a signal ends the run."""
+def _log(system: System, node: WiredNode, folder: Path) -> None:
+    """Log each bus of a node; the logs are closed with it."""
+    for name, bus in zip(system.buses_of(node.name), node.buses, strict=True):
+        size = 64 if system.deployment.buses[name].kind == "can" else DATA
+        path = folder / Life(node.name).frames(name)
+        bus.log = Journal.create(path, frame_dtype(size), system.log_rows(name))
+        bus.struct.log = c.pointer(bus.log.struct)
+        node.keep(bus.log)
+
+
+def run(system: System, nodes: Mapping[str, WiredNode], commands: Commands = ()) -> None:
+    """All nodes to the end, with `commands` to all of them in the order of time.
+
+    Raises RunError, and KeyboardInterrupt where a signal ends the run.
+    """
     networks = Networks(system, {n.name: n.buses for n in nodes.values()})
     pointers = (c.c_void_p * len(nodes))(*(c.addressof(w.struct) for w in nodes.values()))
     end = 1 + max(n.struct.slots * n.struct.h_ns + n.struct.phase_ns for n in nodes.values())
     pressed: list[bool] = []
     with stop_on_signal(lambda: pressed.append(True)):
-        for until in range(LOOK_NS, end + LOOK_NS, LOOK_NS):
+        for until, told in _pauses(end, commands):
             result = native.functions().nodes_simulate(
                 pointers, len(nodes), networks.structs, networks.count,
                 networks.routes, networks.width, until,
             )  # fmt: skip
             if result or pressed:
                 break
+            for node, command in product(nodes.values(), told):
+                native.functions().node_tell(c.byref(node.struct), command)
     if result and not any(w.engine.end(w.struct.result) for w in nodes.values()):
         raise _failed(nodes, result)
+
+
+def _pauses(end: int, commands: Commands) -> list[tuple[int, Sequence[Command]]]:
+    """Times at which the run pauses until its `end` (ns), and the commands that follow there."""
+    looks = [(t, ()) for t in range(LOOK_NS, end + LOOK_NS, LOOK_NS)]
+    return sorted([*looks, *commands], key=lambda pause: pause[0])
 
 
 def _failed(wired: Mapping[str, WiredNode], result: int) -> BaseException:

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any, final
 
 from bridge.deployment.drive_sequences import Foreign, feed_ns
+from bridge.deployment.system import System
 from bridge.drives.raw_frames import Raw
 from bridge.native.bus import KIND, Accept
 from bridge.native.commanded import (
@@ -54,6 +55,22 @@ class CommandedDrives:
             struct.drive_events.events = self._events
             struct.drive_events.capacity = EVENTS
 
+    def watch(self, system: System, receptions: Iterable[str]) -> None:
+        """Let the node compare positions of its drives with their velocities.
+
+        `receptions`: the messages that it receives, in the order of their numbers.
+        """
+        for number, name in enumerate(receptions):
+            spec, at = system.deployment.messages[name], 0
+            index = self.index(spec.bus, spec.drive) if spec.profile else -1
+            for part in system.messages[name].outlet.parts if index >= 0 else ():
+                entry = self.structs[index]
+                if part.port == "q" and part.size == 1:
+                    entry.q_of, entry.q_at = number, at
+                if part.port == "dq" and part.size == 1:
+                    entry.dq_of, entry.dq_at = number, at
+                at += part.size
+
     def index(self, bus: str, node: int) -> int:
         """The place of a drive among them; -1: it is not commanded by this node."""
         found = [i for i, d in enumerate(self.drives) if (d.bus, d.node) == (bus, node)]
@@ -97,6 +114,7 @@ class CommandedDrives:
     def _bind(self, drive: Foreign, entry: CommandedStruct) -> None:
         profile, status = drive.profile, drive.profile.status
         entry.bus, entry.row, entry.told_ns = self._buses.index(drive.bus), -1, -1
+        entry.q_of = entry.dq_of = entry.q_newest = -1
         entry.format = int(profile.format & Flags.FD)
         entry.feeds = profile.watchdog.fed_by in ("frame", "torque")
         entry.feed = self._frame(drive, *drive.torque(0.0))
@@ -168,6 +186,8 @@ def _reason(drive: Foreign, s: CommandedStruct) -> str:
             found, expected = kinds if Flags.FD in drive.profile.format else reversed(kinds)
             cure = "set its bit rate or take another profile"
             return f"answers with frames of {found}, expected {expected}: {cure}"
+        case Failure.STILL:
+            return "sends old positions: they stand still while its velocity says that it moves"
         case Failure.NUMBER:
             number = f"{int(s.failed_word) & status.number:#x}"
             return f"answers with the number of another drive ({number})"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import ctypes as c
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, final
 
 import numpy as np
@@ -19,11 +19,14 @@ from bridge.drives import model
 from bridge.native import message as messages
 from bridge.native import node as native
 from bridge.native.delay import DelayLine
+from bridge.native.vendor import VendorFault
 from bridge.wiring.motors import EmulatedMotors
 from cosim.schedule.parts import Wire
 
 #: A node waits at least so many periods of a message, however short the deployment's `silence`.
 PERIODS = 4
+#: s from power to a drive of our own protocol that can be enabled (assumed).
+BOOT = 0.3
 
 
 @final
@@ -48,6 +51,25 @@ class InletBindings:
         self._aparts()
         self.motors = EmulatedMotors(system, name, struct)
         self.inlets = self._inlets()
+
+    @property
+    def own_drives(self) -> list[native.InletStruct]:
+        """The torque inputs behind emulated drives of our own protocol."""
+        there = list(self.inlets)[: len(self._plan.inlets)]
+        return [x for x in there if x.drive and not x.motor]
+
+    def suffer(self, faults: Sequence[tuple[float, int, int]]) -> None:
+        """Let faults (t in s, VENDOR_..., code) happen to the drives of our own protocol."""
+        found: list[native.MotorFault] = []
+        for t, fault, code in faults:
+            reboots = fault == VendorFault.REBOOT
+            found.append(native.MotorFault(round(t * 1e9), fault, 1 if reboots else code))
+            if reboots:
+                found.append(native.MotorFault(round((t + BOOT) * 1e9), fault, 0))
+        table = (native.MotorFault * max(1, len(found)))(*sorted(found, key=lambda f: f.t_ns))
+        for entry in self.own_drives:
+            entry.faults, entry.n_faults, entry.happened = table, len(found), 0
+        self._alive.append(table)
 
     def _receptions(self) -> Mapping[str, native.Reception]:
         heard = self._system.received_by(self._name)

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.deployment.cut import NodePlan
+from bridge.deployment.protection import drives_by
 from bridge.deployment.services import BEATS, Service
 from bridge.deployment.system import System
 from bridge.drives import model as drives
@@ -117,6 +118,8 @@ class WiredNode:
         self._bind_buses()
         self.inlet_bindings = InletBindings(system, name, self.struct, real=real)
         self.outlet_bindings = OutletBindings(system, name, self.struct, self.inlet_bindings.motors)
+        self.struct.life.moves = len(self.inlet_bindings.own_drives) > 0
+        self.commanded.watch(system, self.inlet_bindings.receptions)
         self.forwarding = forwardings(system, name, self.inlet_bindings.receptions)
         self.struct.gateway = len(self.forwarding) > 0
         self._bind_peers()
@@ -301,6 +304,7 @@ class WiredNode:
         for i, other in enumerate(known):
             required = other in self.spec.requires
             peers[i] = limits.PeerSpec(d.nodes[other].number, within, required).build(0)
+            peers[i].takes = self._takes_torque(other)
         s.peers, s.n_peers = c.addressof(peers), len(known)
         self.peers = dict(zip(known, peers, strict=False))
         services = (native.Services * max(1, len(self._names)))()
@@ -308,6 +312,12 @@ class WiredNode:
             self._bind_services(bus, entry, known)
         s.services = services
         self._alive += [peers, services]
+
+    def _takes_torque(self, other: str) -> bool:
+        """Whether drives of another node take torques of this one."""
+        plan, spec = self.system.nodes[other], self.system.deployment.nodes[other]
+        sent = (name for name, m in self.system.messages.items() if m.node == self.name)
+        return any(drives_by(plan, spec, name) for name in sent)
 
     def _bind_services(self, bus: str, entry: native.Services, peers: Sequence[str]) -> None:
         """The services of one bus, and the heartbeats of `peers` there."""

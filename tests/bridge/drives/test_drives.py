@@ -95,12 +95,16 @@ def test_no_command_gets_more_than_tau_max_out(
 
 
 def test_every_request_in_every_state() -> None:
-    """OFF -ON-> READY -ENABLE-> ENABLED -DISABLE-> READY; FAULT -CLEAR-> READY; any -OFF-> OFF."""
+    """OFF -ON-> READY -ENABLE-> ENABLED -DISABLE-> READY; FAULT -CLEAR-> READY; any -OFF-> OFF; and
+    with power any -TRIP-> FAULT.
+    """
     allowed = {
         (DriveState.OFF, DriveRequest.POWER_ON): DriveState.READY,
         (DriveState.READY, DriveRequest.ENABLE): DriveState.ENABLED,
         (DriveState.ENABLED, DriveRequest.DISABLE): DriveState.READY,
         (DriveState.FAULT, DriveRequest.CLEAR): DriveState.READY,
+        (DriveState.READY, DriveRequest.TRIP): DriveState.FAULT,
+        (DriveState.ENABLED, DriveRequest.TRIP): DriveState.FAULT,
     }
     drive = SPEC.build(1, H)
     for state in DriveState:

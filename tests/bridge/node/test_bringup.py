@@ -234,10 +234,9 @@ def test_the_answer_of_a_register_is_no_position_and_no_state(tmp_path):
         node.control.start(monotonic_ns() + 300 * MS)
         until(lambda: node.struct.begun and node.struct.slot > 5)
         node.put("left", Frame.of(0x11, answer))
-        until(lambda: receiver.range == 1)
         seen = node.struct.slot
         until(lambda: node.struct.slot > seen + 5)
-        assert node.struct.life.state == LifeState.ACTIVE
+        assert node.struct.life.state == LifeState.ACTIVE and receiver.range == 0
 
 
 def test_all_drives_of_shipped_profiles_tell_states_and_expect_them():

@@ -30,6 +30,7 @@ from bridge.native.message import COUNTERS
 from bridge.records.lives import Life
 from bridge.records.records import Done, Missed, Refused
 from bridge.rehearsal.babbler import accept
+from bridge.results.detection_drives import drive_evidence
 from bridge.results.detection_links import RecordedNetwork, link_evidence
 from bridge.results.findings import Evidence, Place, Sign, Signs
 from bridge.results.symptoms import SIGNS, FinishedRun
@@ -78,6 +79,7 @@ def find(
                 places=list(_of_events(events, shown, network)),
             )
         )
+    found += drive_evidence(script, shown)
     return sorted(found, key=lambda e: e.index)
 
 

@@ -11,13 +11,14 @@ from bridge.records.records import Note, Record
 
 class Sign(Record, frozen=True, kw_only=True):
     """A sign of a fault: what (:data:`bridge.results.symptoms.SIGNS`), how many or how long (s),
-    whose.
+    whose; of a drive, what it `said`.
     """
 
     what: str
     number: float = 0.0
     life: Life | None = None
     note: Note | None = None
+    said: str = ""
 
     def __str__(self) -> str:
         """For people: ``41 lost``, ``0.48 s late``."""
@@ -33,6 +34,12 @@ class Sign(Record, frozen=True, kw_only=True):
                 return f"{self.life} has ended"
             case "stopped":
                 return f"{self.life} has stopped"
+            case "told":
+                return f"{self.life} was told {self.said} at {n:.3f} s"
+            case "waited":
+                return f"it was enabled {n:.2f} s after its bring-up began"
+            case "still":
+                return f"its position stood still for {n:.2f} s"
             case "life":
                 return f"{self.life} began"
             case "health":

@@ -49,6 +49,7 @@ SIGNS: Mapping[str, tuple[str, ...]] = {
     "absurd": ("range", "rate", "invalid", "altered"),
     "flood": ("wrong_sequence", "reordered", "repeated", "resyncs", "surplus"),
     "babble": ("frames",),
+    "drive": ("told", "silence", "still", "waited"),
     "net-down": ("silence", "lost"),
     "net-delay": ("age", "silence"),
     "net-loss": ("lost",),

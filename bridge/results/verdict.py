@@ -1,8 +1,9 @@
 """The verdict of a rehearsal: passed, failed or inconclusive, with reasons.
 
-*Failed*: a node stopped before the end, the replay differs from the run, more or other samples were
-received than sent, values were out of range, an injected fault is not in the report, or a real
-drive was off or did not answer its torques (:mod:`bridge.results.drive_answers`).
+*Failed*: a node stopped before the end, also where it was started again, the replay differs from
+the run, more or other samples were received than sent, values were out of range, an injected fault
+is not in the report, a drive told old positions that no node noticed, or a real drive was off or
+did not answer its torques (:mod:`bridge.results.drive_answers`).
 *Inconclusive*: a slow machine or bus can explain all problems (of a real drive: that it told
 nothing, or did not answer while a node stopped), and was so late that it would cause them, although
 no fault made it late (:mod:`bridge.results.overload`); or there is no problem, but a node missed so
@@ -20,8 +21,10 @@ import numpy as np
 from bridge.deployment.protection import drives_by
 from bridge.deployment.system import System
 from bridge.native.commanded import Failure
-from bridge.records.records import LifeEnd
+from bridge.native.safety import LifeState, Why
+from bridge.records.records import LifeEnd, reason_names, reason_text
 from bridge.results import overload
+from bridge.results.detection_drives import told_words
 from bridge.results.extra_senders import extra_frames, extra_services
 from bridge.results.rehearsal_outcome import RehearsalOutcome
 from bridge.results.report import NodeReport
@@ -66,13 +69,14 @@ def judge(system: System, outcome: RehearsalOutcome) -> Verdict:
     """Evaluate a finished run by its journals and reports."""
     timed = [*_timing_reasons(outcome), *_old_torques(system, outcome)]
     found, off = list(_always(system, outcome)), outcome.unanswered
+    drives = list(_detected_drives(outcome))
     if timed and off and not found:  # a machine that stands still starves drives, too
         verdict = of_time(system, outcome, timed)
-        return Verdict(verdict.word, (*verdict.reasons, *off))
+        return Verdict(verdict.word, (*verdict.reasons, *off, *drives))
     if found or off:
-        return Verdict(Word.FAILED, (*found, *off, *timed))
+        return Verdict(Word.FAILED, (*found, *off, *timed, *drives))
     if timed:
-        return of_time(system, outcome, timed)
+        return of_time(system, outcome, [*timed, *drives])
     missed = tuple(_missed_slots(system, outcome))
     return Verdict(Word.INCONCLUSIVE if missed else Word.PASSED, missed)
 
@@ -106,12 +110,35 @@ def _of_time(report: NodeReport) -> bool:
     )
 
 
+def _stopped_before(outcome: RehearsalOutcome) -> Iterator[tuple[str, bool]]:
+    """Stops after which a life was started again, and whether lateness can cause them."""
+    for report in outcome.reports:
+        rows = outcome.rows[report.life]
+        stopped = np.isin(rows["state"], (LifeState.STOPPING, LifeState.FAULT))
+        bits = rows["reasons"] & np.uint32(~Why.COMMAND & 0xFFFFFFFF)
+        at = np.flatnonzero(stopped & (bits != 0))
+        if not len(at) or _stopped_early(outcome, report):
+            continue  # never, or it is the end of the life
+        names = reason_names(int(np.bitwise_or.reduce(bits[at])))
+        t = float(rows["deadline_ns"][at[0]]) * 1e-9
+        why = reason_text(names, list(dict.fromkeys(_lost(report))))
+        yield f"{report.life} was stopped at t = {t:.3f} s: {why}", set(names) <= OF_TIME
+
+
+def _lost(report: NodeReport) -> Iterator[str]:
+    """A sentence for each time that a life gave a drive up."""
+    for change in report.statement.drives if report.statement else ():
+        if change["phase"] == "failed":
+            yield f"{change['drive']} told {told_words(change)} at {change['t']:.3f} s"
+
+
 def _always(system: System, outcome: RehearsalOutcome) -> Iterator[str]:
     """Reasons that lateness cannot explain."""
     for report in outcome.reports:
         if _stopped_early(outcome, report) and not _of_time(report):
             said = report.statement.error if report.statement else ""
             yield f"{report.life}: {report.why or said or report.end}"
+    yield from (text for text, timed in _stopped_before(outcome) if not timed)
     if outcome.replayed is None:
         yield f"cannot be replayed: {outcome.replay_error}"
     elif outcome.replayed.first is not None:
@@ -124,6 +151,10 @@ def _always(system: System, outcome: RehearsalOutcome) -> Iterator[str]:
                 yield f"{report.life}: {message}: {counts['range']} samples out of range"
     yield from map(str, extra_frames(system, outcome.rows, outcome.reports))
     yield from extra_services(system, outcome.reports)
+    for fault in outcome.faults:
+        for place in fault.places:
+            if place.signs and {sign.what for sign in place.signs} <= {"still"}:
+                yield f"{place}: {place.signs[0]} while its joint moved, and no node noticed"
 
 
 def _timing_reasons(outcome: RehearsalOutcome) -> Iterator[str]:
@@ -131,11 +162,19 @@ def _timing_reasons(outcome: RehearsalOutcome) -> Iterator[str]:
     for report in outcome.reports:
         if _stopped_early(outcome, report) and _of_time(report):
             yield f"{report.life}: {report.why}"
+    yield from (text for text, timed in _stopped_before(outcome) if timed)
     if outcome.replayed is not None:  # too late for their counter
         yield from (str(a) for a in outcome.replayed.altered if a.misnumbered == a.count)
     for fault in outcome.faults:
         if fault.missing:
             yield f"not in the report: {fault.text()}"
+
+
+def _detected_drives(outcome: RehearsalOutcome) -> Iterator[str]:
+    """Injected faults of drives that the report shows: what a run with problems is due to."""
+    for fault in outcome.faults:
+        if fault.kind == "drive" and fault.verdict == "seen":
+            yield f"injected and noticed: {fault.text()}"
 
 
 def _old_torques(system: System, outcome: RehearsalOutcome) -> Iterator[str]:

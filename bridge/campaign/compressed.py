@@ -33,12 +33,14 @@ def run(
     settings: Sequence[str] = (),
     *,
     blind: bool = False,
+    commands: twin.Commands = (),
 ) -> RehearsalOutcome:
     """Simulate with the faults of a script, and complete the run folder.
 
     `settings`: those that `system` was made with. `blind`: without the checks of CRC and counter in
-    every receiver, to show that what depends on them is noticed. Raises CosimError, RunError where
-    a component fails.
+    every receiver, to show that what depends on them is noticed. `commands`: of nodes that begin
+    INACTIVE, their drives off; none: all are ACTIVE from the first slot on. Raises CosimError,
+    RunError where a component fails.
     """
     nodes = folder / NODES
     nodes.mkdir(parents=True, exist_ok=True)
@@ -55,8 +57,9 @@ def run(
         if blind:
             kept.extend(_blinded(node))
 
-    with twin.wired_nodes(system, nodes, prepare) as wired:
-        twin.run(system, wired)
+    cold = bool(commands)
+    with twin.wired_nodes(system, nodes, prepare, cold=cold, logged=True) as wired:
+        twin.run(system, wired, commands)
         for name, node in wired.items():
             failed = node.struct.life.state in (LifeState.FAULT, LifeState.STOPPING)
             result = native.FAULT if failed else native.FINISHED

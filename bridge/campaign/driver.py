@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from bridge.campaign import compressed, judgement, soak
+from bridge.campaign.drive_judge import judge_drives
 from bridge.campaign.plan import Many, document
 from bridge.campaign.soak_driver import UNOBSERVED, Record, RunsObserver, drive
 from bridge.campaign.soak_judgement import RunDone
@@ -18,6 +19,7 @@ from bridge.campaign.soak_spec import Table
 from bridge.campaign.spec import CampaignRunSpec
 from bridge.deployment.system import System, load_system
 from bridge.rehearsal.hosts import groups
+from cosim.record.folder import NODES
 from cosim.sweeps.run_point import StudyRow
 
 
@@ -84,6 +86,12 @@ def _simulated(
     script = soak.script_of(drawn, folder)
     outcome = compressed.run(system, script, folder, changes, blind=blind)
     judged = judgement.judge(system, CampaignRunSpec(script=str(script.path)), outcome)
+    wrong = [
+        f"{len(drive.forbidden)} torques to {drive.name}, which had told that it was off"
+        for drive in judge_drives(system, script, folder / NODES, cold=False)
+        if drive.forbidden
+    ]
+    judged = replace(judged, failures=(*judged.failures, *wrong))
     return RunDone(system, script, outcome, judged, ())
 
 

@@ -17,8 +17,8 @@
     for = ["0.2 s", "0.6 s"]
 
 In a simulated run each stream of frames (a node and a message it hears) meets one fault in each of
-some windows of time, or one hostile peer. A rehearsed run has faults of processes as well, and of
-the network where there is one.
+some windows of time, or one hostile peer, and at its end one of its emulated drives has a fault. A
+rehearsed run has faults of processes instead, and of the network where there is one.
 """
 
 from __future__ import annotations
@@ -30,7 +30,9 @@ from typing import Any
 import msgspec
 import numpy as np
 
+from bridge.campaign.drive_draw import draw_drive_fault, drives_of
 from bridge.campaign.soak_spec import (
+    DRIVE,
     FRAMES,
     LINKS,
     Soak,
@@ -151,6 +153,10 @@ def document(
         away = {t["node"] for t in tables if t["kind"] in ("restart", "kill")}
         tables += _of_links(many, links, random)
     tables += _of_frames(many, system, random, away, WINDOWS_REHEARSED if rehearsed else WINDOWS)
+    drives = drives_of(system) if DRIVE in many.kinds and not rehearsed else []
+    if drives:  # behind all others: it may stop nodes
+        end = many.run - LAST
+        tables.append(draw_drive_fault(drives, random, end, end + LAST / 2))
     return {"title": f"run {k} of seed {seed}", "seed": seed * 100_003 + k, "fault": tables}
 
 
@@ -160,7 +166,10 @@ def _of_frames(
     hostile = [kind for kind in HOSTILE if kind in many.kinds]
     plain = [kind for kind in FRAMES if kind in many.kinds]
     length = (many.run - FIRST - LAST) / windows
-    streams = [(n, m) for n in system.nodes if n not in away for m in system.received_by(n)]
+    own = {name for name, spec in system.deployment.messages.items() if not spec.profile}
+    heard = [(n, m) for n in system.nodes if n not in away for m in system.received_by(n)]
+    # frames of vendors have neither counter nor CRC: nothing would show what was done to them
+    streams = [(n, m) for n, m in heard if m in own or m not in system.deployment.messages]
     for node, message in streams:
         at = range(windows)
         if hostile and random.random() < HOSTILE_PART:

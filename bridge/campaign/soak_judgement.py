@@ -31,6 +31,7 @@ STOPS: Mapping[str, frozenset[str]] = {
     "freeze": frozenset({"overrun"}),
     "clock-jump": frozenset({"overrun"}),
     "restart": frozenset({"apart"}),
+    "drive": frozenset({"drive"}),
     **dict.fromkeys(HOSTILE, frozenset({"guard", "component"})),
 }
 #: What a process says on standard error when it has crashed.

@@ -26,6 +26,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
+from bridge.campaign.drive_draw import draw_drive_fault, drives_of
 from bridge.deployment.system import System
 from bridge.faults.script import HOSTILE
 from bridge.faults.spec import SPECS
@@ -38,6 +39,8 @@ FRAMES = ("drop", "burst", "corrupt", "duplicate", "reorder", "delay", "jitter")
 PROCESSES = ("restart", "freeze")
 #: Kinds that only a campaign of many faults draws.
 OTHERS = ("sync-loss", "kill", "clock-jump")
+#: Of emulated drives; :mod:`bridge.campaign.drive_draw` draws what a drive does, and for how long.
+DRIVE = "drive"
 LINKS = ("net-down", "net-delay", "net-loss", "net-rate")
 _DRAWN = {"kind", "node", "message", "bus", "link", "at", "from", "to"}
 _UNITS = {"probability": "1", "burst": "1", "weight": "1", "rate": "bit/s"}
@@ -118,19 +121,20 @@ def load_soak(scenario: str | Path, given: str | Path | None) -> Soak:
 
 def kind_of(kind: str, table: dict[str, Any], path: Path) -> dict[str, Value]:
     """What is drawn for a kind, by key. Raises ScenarioError with file and place."""
-    known = (*FRAMES, *HOSTILE, *PROCESSES, *OTHERS, *LINKS)
+    known = (*FRAMES, *HOSTILE, *PROCESSES, *OTHERS, *LINKS, DRIVE)
     if kind not in known:
         raise ScenarioError(
             f"unknown kind {kind!r}; expected one of {', '.join(known)}", f"{path} at kinds"
         )
-    keys = sorted({*SPECS[kind].__struct_encode_fields__, "for", "weight"} - _DRAWN)
+    own = () if kind == DRIVE else (*SPECS[kind].__struct_encode_fields__, "for")
+    keys = sorted({*own, "weight"} - _DRAWN)
     found: dict[str, Value] = {}
     for key, value in table.items():
         place = f"{path} at kinds.{kind}.{key}"
         if key not in keys:
             raise ScenarioError(f"unknown key; expected one of {', '.join(keys)}", place)
         found[key] = _value(value, _unit(kind, key), place)
-    if "for" not in found and kind not in OTHERS:
+    if "for" not in found and kind not in (*OTHERS, DRIVE):
         raise ScenarioError("no for", f"{path} at kinds.{kind}")
     return found
 
@@ -168,6 +172,8 @@ def draw(soak: Soak, system: System, links: tuple[str, ...], seed: int, k: int) 
     """
     random = np.random.default_rng((seed, k))
     kinds = [kind for kind in soak.kinds if links or kind not in LINKS]
+    drives = drives_of(system)
+    kinds = [kind for kind in kinds if drives or kind != DRIVE]
     weights = np.array([float(_one(soak.kinds[kind].get("weight", 1.0))) for kind in kinds])
     wanted = int(random.integers(soak.spec.faults[0], soak.spec.faults[1] + 1))
     tables: list[Table] = []
@@ -175,7 +181,10 @@ def draw(soak: Soak, system: System, links: tuple[str, ...], seed: int, k: int) 
         if len(tables) == wanted:
             break
         kind = kinds[int(random.choice(len(kinds), p=weights / weights.sum()))]
-        table = _table(soak, kind, system, links, random)
+        if kind == DRIVE:
+            table = draw_drive_fault(drives, random, soak.first, soak.last)
+        else:
+            table = _table(soak, kind, system, links, random)
         if all(_agree(table, other) and _agree(other, table) for other in tables):
             tables.append(table)
     return {"title": f"run {k} of seed {seed}", "seed": seed * 100_003 + k, "fault": tables}
@@ -220,8 +229,11 @@ def _agree(a: Table, b: Table) -> bool:
     """Whether the effects of both faults can be distinguished in the results.
 
     Counters are lost with a node that is killed; a duplicated frame may be corrupted once; of two
-    faults of a link, one would hide the other.
+    faults of a link, one would hide the other. A drive that begins again with its node forgets what
+    has happened to it.
     """
+    if a["kind"] == DRIVE:
+        return b["kind"] not in (DRIVE, "restart")
     node = a.get("node", a.get("link")) == b.get("node", b.get("link"))
     if a["kind"] in PROCESSES and node:
         return a["kind"] == "freeze" and b["kind"] in FRAMES

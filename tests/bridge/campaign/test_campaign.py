@@ -167,7 +167,7 @@ def test_the_campaign_of_the_project_has_every_script():
     assert [run.script for run, _ in buses.runs] == ["buses.toml"] * 16
     scripts.add("buses.toml")
     others = {FILE.name, buses.path.name}
-    others |= {"drive.toml", "many.toml", "soak.toml", "soak-can.toml", "soak-mixed.toml"}
+    others |= {"many.toml", "soak.toml", "soak-can.toml", "soak-mixed.toml"}
     assert scripts == {p.name for p in FILE.parent.glob("*.toml")} - others
 
 

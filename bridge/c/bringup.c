@@ -1,6 +1,8 @@
 /* bringup.c: drives with protocols of their own, for the node that commands them; see bringup.h. */
 #include "bringup.h"
 
+#include <stddef.h>
+
 #include "pace.h"
 #include "send.h"
 #include "service.h"
@@ -126,6 +128,20 @@ static int32_t stands_still(const node_t *n, commanded_t *d)
     return d->moved > UNSEEN || d->moved < -UNSEEN;
 }
 
+/* Whether a position or velocity of a drive is older than it may be: no sample came, and none waits here. */
+static int32_t is_stale(const node_t *n, int32_t drive)
+{
+    const commanded_t *d = n->commanded + drive;
+    for (int32_t i = 0; n->begun && i < n->n_inlets; i++) {
+        const inlet_t *in = n->inlets + i;
+        const ptrdiff_t of = in->reception - n->receptions;
+        const int32_t mine = of == d->q_of || of == d->dq_of;
+        if (!mine || in->stop_ns <= 0 || in->reception->newest != in->last_newest) continue;
+        if (n->now_ns - in->heard_ns > in->stop_ns) return 1;
+    }
+    return 0;
+}
+
 void bringup_watch(node_t *n, int64_t now_ns)
 {
     for (int32_t i = 0; i < n->n_commanded; i++) {
@@ -134,6 +150,7 @@ void bringup_watch(node_t *n, int64_t now_ns)
         const int32_t enabled = d->row >= 0 && d->told[d->row].kind == TOLD_ENABLED;
         if (d->heard > 0 && !enabled) fail(n, d, FAILED_STATE, now_ns);
         else if (d->within_ns > 0 && now_ns - d->told_ns > d->within_ns) fail(n, d, FAILED_SILENT, now_ns);
+        else if (d->heard > 0 && is_stale(n, i)) fail(n, d, FAILED_SILENT, now_ns);
         else if (stands_still(n, d)) fail(n, d, FAILED_STILL, now_ns);
     }
 }

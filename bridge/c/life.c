@@ -72,10 +72,16 @@ static void latch(life_t *life, uint32_t raised)
     life->armed = 0;
     if (life->state == LIFE_ACTIVE) {
         life->state = LIFE_STOPPING;
-        life->ramp = life->moves && raised & WHY_DRIVE ? 1 : life->ramp_ticks;
+        life->ramp = life->ramp_ticks;
     } else if (life->state == LIFE_INACTIVE) {
         life->state = LIFE_FAULT;
     }
+}
+
+/* A node whose drive is off has nothing to ramp down. */
+static void cut_ramp(life_t *life)
+{
+    if (life->moves && life->reasons & WHY_DRIVE && life->state == LIFE_STOPPING) life->ramp = 1;
 }
 
 /* One tick of the ramp. Stopped by command only: INACTIVE, else FAULT. */
@@ -103,6 +109,7 @@ API int32_t life_step(life_t *life)
     }
     raised |= obey(life, raised);
     latch(life, raised);
+    cut_ramp(life);
     if (life->state == LIFE_STOPPING) ramp_down(life);
     life->scale = scale(life);
     return life->state;

@@ -112,7 +112,7 @@ def _is_own(system: System, node: str) -> bool:
 @final
 @dataclass(frozen=True, slots=True)
 class _Host:
-    """A life that commands a drive: what it did with it, and what it heard of it. `h`: of a slot, s.
+    """A life with slots of `h` s that commands a drive: what it did with it, and heard of it.
 
     `changes`: of the drive, of its node's statement, `others`: of all drives of its bus. `slots`:
     when (s) the node had slots, `wanted`: whether it gave the drive torque then, or brought it up.
@@ -243,7 +243,8 @@ def _host(shown: FinishedRun, life: Life, drive: Foreign, bit: int) -> _Host | N
     slots = rows["deadline_ns"] * 1e-9
     serving = (rows["serving"] >> np.uint64(bit) & np.uint64(1)) != 0
     return _Host(
-        life, shown.system.nodes[life.node].h, drive, changes, of_bus, slots, serving | _rising(slots, changes),
+        life, shown.system.nodes[life.node].h, drive, changes, of_bus, slots,
+        serving | _rising(slots, changes),
         (state["t_ns"] - said.start_ns) * 1e-9, (position["t_ns"] - said.start_ns) * 1e-9,
         _payloads(position), joint, joint_t,
     )  # fmt: skip

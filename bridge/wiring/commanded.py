@@ -180,7 +180,7 @@ def _reason(drive: Foreign, s: CommandedStruct) -> str:
         case Failure.VALUE:
             return f"is not enabled: its {drive.wrong_value(int(s.failed_word))}"
         case Failure.SILENT:
-            return f"has told nothing for {status.within:g} s, at last {told}"
+            return f"has told nothing for too long, at last {told}"
         case Failure.FORMAT:
             kinds = ("classic CAN", "CAN FD")
             found, expected = kinds if Flags.FD in drive.profile.format else reversed(kinds)

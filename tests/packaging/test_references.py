@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import re
+import tomllib
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
@@ -12,6 +13,8 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGES = ("cosim", "bridge", "fmus")
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+GROUPS = set(PROJECT.get("entry-points", {}))  # of entry points: named like modules
 PAGES = [
     *(ROOT / name for name in ("README.md", "CONTRIBUTING.md")),
     *sorted((ROOT / "docs").rglob("*.md")),
@@ -77,7 +80,7 @@ def defined(path: Path, parts: list[str]) -> bool:
 def exists(name: str) -> bool:
     """Whether a dotted name leads to a module, or to a name in one."""
     parts = name.split(".")
-    if len(parts) == 1 and parts[0] in PACKAGES:
+    if (len(parts) == 1 and parts[0] in PACKAGES) or name in GROUPS:
         return True
     for n in range(len(parts), 0, -1):
         path = file_of(parts[:n])
@@ -138,6 +141,17 @@ def test_what_a_page_names_is_there(page: Path) -> None:
     lost += [name for name in FILE.findall(text) if not (ROOT / name).is_file()]
     lost = [name for name in lost if not re.search(r"[A-Z]{4}", name)]
     assert lost == []
+
+
+@pytest.mark.parametrize("folder", [*PACKAGES, "configs", "examples"])
+def test_pages_that_code_and_messages_name_are_there(folder: str) -> None:
+    places = (p for p in (ROOT / folder).rglob("*") if p.suffix in (".py", ".c", ".h", ".toml"))
+    named = {
+        (str(place.relative_to(ROOT)), page)
+        for place in places
+        for page in re.findall(r"docs/[\w/-]+\.md", place.read_text(encoding="utf-8"))
+    }
+    assert sorted(x for x in named if not (ROOT / x[1]).is_file()) == []
 
 
 def test_a_name_that_is_not_there_is_noticed() -> None:

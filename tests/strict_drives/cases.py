@@ -146,12 +146,17 @@ def run(
     return beside(case, folder, _command(case, folder, stop, channels), faults, channels)
 
 
-def doctor(case: Case, folder: Path, faults: Sequence[str] = ()) -> Ended:
-    """``cosim doctor --deploy`` with the case's drives."""
+def doctor(case: Case, folder: Path, faults: Sequence[str] = (), answers: str = "") -> Ended:
+    """``cosim doctor --deploy`` with the case's drives; `answers`: to its questions, "": --yes.
+
+    With answers the faults are those of both buses.
+    """
     path = Path(case.deploy)
     path = path if path.is_file() else CONFIGS / "deploy" / f"{case.deploy}.toml"
-    words = ["doctor", "--deploy", str(path), "-i", "udp_multicast", "--yes"]
-    return beside(case, folder, [*COSIM, *words], faults)
+    words = ["doctor", "--deploy", str(path), "-i", "udp_multicast"]
+    if answers:
+        return beside(case, folder, [*COSIM, *words], faults, right=faults, answers=answers)
+    return beside(case, folder, [*COSIM, *words, "--yes"], faults)
 
 
 def beside(
@@ -160,8 +165,10 @@ def beside(
     command: Sequence[str],
     faults: Sequence[str] = (),
     channels: Sequence[str] = (),
+    right: Sequence[str] = (),
+    answers: str = "",
 ) -> Ended:
-    """A command beside the drives of a case."""
+    """A command beside the drives of a case; faults of the left and the right bus."""
     folder.mkdir(parents=True, exist_ok=True)
     logs = [folder / f"{side}.jsonl" for side in ("left", "right")]
     interface = "socketcan" if channels else "udp_multicast"
@@ -171,13 +178,14 @@ def beside(
         numbers = ",".join(map(str, case.drives[k]))
         words = [case.kind, "--interface", interface, "--channel", channel, "--drives", numbers]
         words += ["--log", str(log), *case.words, *own]
-        drives.append([*words, *(w for f in faults if k == 0 for w in ("--fault", f))])
+        drives.append([*words, *(w for f in (faults, right)[k] for w in ("--fault", f))])
     spec = folder / "bench.json"
     spec.write_text(json.dumps({"drives": drives, "command": list(command)}), "utf-8")
     bench = [sys.executable, "-m", "tests.strict_drives.bench", str(spec)]
     done = subprocess.run(
         bench if channels else [*NAMESPACE, *bench], cwd=ROOT, capture_output=True, text=True,
         timeout=GUEST if channels else PATIENCE, env=environment(folder / "lib"),
+        input=answers,
     )  # fmt: skip
     return Ended(done.returncode, done.stdout + done.stderr, read(logs), folder / "run")
 

@@ -24,6 +24,7 @@ OFF, READY, ON, ENABLED, FAULT = (
 )  # fmt: skip
 #: With voltage enabled (bit 4), remote (bit 9), and in torque mode "follows" (bit 12).
 WORDS = {OFF: 0x0250, READY: 0x0231, ON: 0x0233, ENABLED: 0x1237, FAULT: 0x0218}
+NAME = b"a strict CiA 402 drive"
 PRE_OPERATIONAL, OPERATIONAL, STOPPED = 0x7F, 0x05, 0x04
 LOST, OVER_CURRENT = 0x8130, 0x2310
 
@@ -38,6 +39,9 @@ class Cia402(StrictDrive):
         self.mode, self.host_at, self.on_at = 0, 0.0, 0.0
         self.next_cycle = self.next_beat = 0.0
         self.booted = False
+        self.rest = b""  # of a text that is read in segments
+        self.changed: dict[tuple[int, int], int] = {}  # objects with other values
+        self.hidden: set[tuple[int, int]] = set()  # objects that it does not have
 
     @property
     def enabled(self) -> bool:
@@ -141,18 +145,42 @@ class Cia402(StrictDrive):
     def _emergency(self, code: int, now: float) -> None:
         self.send(now, 0x080 + self.number, struct.pack("<HB5x", code, 0x21), tells=False)
 
-    def _sdo(self, data: bytes, now: float) -> None:
-        """Expedited uploads of what names the drive and tells its settings."""
-        index, sub = struct.unpack("<HB", data[1:4])
-        known = {
-            (0x1000, 0): 0x00020192, (0x1018, 1): 0x1A0, (0x1018, 2): 0x402, (0x1018, 3): 0x10002,
-            (0x6041, 0): WORDS[self.state], (0x6061, 0): self.mode & 0xFF,
-            (0x6064, 0): int(self.joint.q * COUNTS / (2 * pi)) & 0xFFFFFFFF,
-            (0x6076, 0): round(RATED * 1e3), (0x1016, 0): 1,
-            (0x1016, 1): self.setup.host << 16 | round(self.setup.timeout * 1e3),
+    def _objects(self) -> dict[tuple[int, int], tuple[int, int]]:
+        """Objects that can be read: value and bytes. PDOs as a tool has mapped them before."""
+        n, four = self.number, 4
+        return {
+            (0x1000, 0): (0x00020192, four), (0x1018, 1): (0x1A0, four), (0x1018, 2): (0x402, four),
+            (0x1018, 3): (0x10002, four), (0x1016, 0): (1, 1), (0x1017, 0): (100, 2),
+            (0x1016, 1): (self.setup.host << 16 | round(self.setup.timeout * 1e3), four),
+            (0x6041, 0): (WORDS[self.state], 2), (0x6061, 0): (self.mode & 0xFF, 1),
+            (0x6064, 0): (int(self.joint.q * COUNTS / (2 * pi)) & 0xFFFFFFFF, four),
+            (0x6072, 0): (3000, 2), (0x6076, 0): (round(RATED * 1e3), four),
+            (0x1400, 1): (0x200 + n, four), (0x1400, 2): (0xFF, 1), (0x1600, 0): (3, 1),
+            (0x1600, 1): (0x60400010, four), (0x1600, 2): (0x60600008, four),
+            (0x1600, 3): (0x60710010, four),
+            (0x1800, 1): (0x180 + n, four), (0x1800, 2): (1, 1), (0x1A00, 0): (3, 1),
+            (0x1A00, 1): (0x60410010, four), (0x1A00, 2): (0x60640020, four),
+            (0x1A00, 3): (0x60770010, four),
+            (0x1801, 1): (0x280 + n, four), (0x1801, 2): (1, 1), (0x1A01, 0): (1, 1),
+            (0x1A01, 1): (0x606C0020, four),
         }  # fmt: skip
-        if data[0] == 0x40 and (index, sub) in known:
-            answer = b"\x43" + data[1:4] + struct.pack("<I", known[index, sub])
+
+    def _sdo(self, data: bytes, now: float) -> None:
+        """Uploads of what names the drive and tells its settings; texts in segments."""
+        index, sub = struct.unpack("<HB", data[1:4])
+        known = self._objects() | {key: (value, 4) for key, value in self.changed.items()}
+        known = {key: value for key, value in known.items() if key not in self.hidden}
+        if data[0] & 0xEF == 0x60 and self.rest:
+            piece, self.rest = self.rest[:7], self.rest[7:]
+            head = data[0] & 0x10 | (7 - len(piece)) << 1 | (not self.rest)
+            answer = bytes([head]) + piece.ljust(7, b"\0")
+        elif data[0] == 0x40 and (index, sub) == (0x1008, 0):
+            self.rest = NAME
+            answer = b"\x41" + data[1:4] + struct.pack("<I", len(NAME))
+        elif data[0] == 0x40 and (index, sub) in known:
+            value, size = known[index, sub]
+            head = 0x43 | (4 - size) << 2
+            answer = bytes([head]) + data[1:4] + value.to_bytes(4, "little")
         else:
             answer = b"\x80" + data[1:4] + struct.pack("<I", 0x06020000)
         self.send(now, 0x580 + self.number, answer, tells=False)

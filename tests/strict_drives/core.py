@@ -59,23 +59,25 @@ class Joint:
 
 @dataclass
 class Fault:
-    """Something that happens `t` s after the drive was enabled first (`at_start`: at once)."""
+    """Something that happens `t` s after the drive was enabled for the `nth` time."""
 
     kind: str
     value: float
     t: float
     drives: tuple[int, ...] = ()  # (): all
+    nth: int = 1
 
     @classmethod
     def parse(cls, text: str) -> Fault:
-        """``KIND[=VALUE]@T`` for all drives, ``N:KIND[=VALUE]@T`` for one."""
+        """``KIND[=VALUE]@T[#NTH]`` for all drives, ``N:KIND[=VALUE]@T[#NTH]`` for one."""
         drive, colon, rest = text.rpartition(":")
-        what, at, t = rest.partition("@")
+        what, at, when = rest.partition("@")
+        t, _, nth = when.partition("#")
         kind, _, value = what.partition("=")
         if not at or (colon and not drive.isdigit()):
             raise ValueError(f"fault {text!r}: expected [DRIVE:]KIND[=VALUE]@SECONDS")
         number = float(int(value, 0)) if value[:2].lower() == "0x" else float(value or 0)
-        return cls(kind, number, float(t), (int(drive),) if colon else ())
+        return cls(kind, number, float(t), (int(drive),) if colon else (), int(nth or 1))
 
 
 @dataclass
@@ -114,6 +116,7 @@ class StrictDrive:
         self.late, self.other, self.old = 0.0, 0, False
         self.sign, self.drops, self.refuses = 1.0, False, False
         self.first_enabled = self.fed_at = 0.0
+        self.enabled_at: list[float] = []
         self.told: float | None = 0.0  # since when it has told that it is not enabled
         self.under_way = 0
         self.counts = dict.fromkeys(
@@ -152,6 +155,7 @@ class StrictDrive:
         if self.enabled and not was:
             self.counts["enabled"] += 1
             self.first_enabled = self.first_enabled or now
+            self.enabled_at.append(now)
             self.fed_at, self.told, self.under_way = now, None, 0
             self.tau = 0.0
             if self.drops:
@@ -238,7 +242,8 @@ class StrictDrive:
         """Faults that are due by now."""
         for fault in list(self.faults):
             immediate = fault.kind in ("drop", "refuse", "nothing", "wrong") and fault.t == 0
-            due = self.first_enabled and now >= self.first_enabled + fault.t
+            times = self.enabled_at
+            due = len(times) >= fault.nth and now >= times[fault.nth - 1] + fault.t
             if immediate or due:
                 self.faults.remove(fault)
                 self.log(now, self.number, "fault", kind=fault.kind, value=fault.value)

@@ -19,6 +19,7 @@ RANGES = {"4310": (12.5, 30.0, 10.0), "4340": (12.5, 10.0, 28.0), "8009": (12.5,
 DISABLED, ENABLED, OVER_CURRENT, HOT, LOST = 0, 1, 0xA, 0xB, 0xD
 REGISTERS, MASTER = 0x7FF, 0x10
 TIMEOUT, MODE = 9, 10
+CLASSIC_1M, FD_5M = 4, 9  # of register 35, the bit rate
 FLOATS = (21, 22, 23)
 UNIT = 50e-6  # s
 
@@ -32,7 +33,10 @@ class Damiao(StrictDrive):
         super().__init__(number, setup, joint, log)
         self.state, self.nibble, self.on_at = "disabled", DISABLED, 0.0
         self.ranges, self.hot = RANGES[kind], False
-        fixed = {7: MASTER + number, 8: number, 13: 5017, 14: 4, 15: 1000 + number, 35: 9}
+        self.told_ranges: dict[int, bytes] = {}  # registers that read otherwise
+        self.told_number = number
+        rate = FD_5M if setup.fd else CLASSIC_1M
+        fixed = {7: MASTER + number, 8: number, 13: 4, 14: 5017, 15: 1000 + number, 35: rate}
         self.registers = {TIMEOUT: round(setup.timeout / UNIT), MODE: 1, **fixed}
 
     @property
@@ -100,7 +104,9 @@ class Damiao(StrictDrive):
             self.log(now, self.number, "written", register=register, value=self.registers[register])
         if what not in (0x33, 0x55):
             return
-        if register in FLOATS:
+        if register in self.told_ranges:
+            value = self.told_ranges[register]
+        elif register in FLOATS:
             value = struct.pack("<f", self.ranges[register - FLOATS[0]])
         else:
             value = struct.pack("<I", self.registers.get(register, 0))
@@ -120,7 +126,7 @@ class Damiao(StrictDrive):
         ]
         p, v, t = codes
         warm = 110 if self.hot else 30
-        head = (self.other or self.number) & 15 | self.nibble << 4
+        head = (self.other or self.told_number) & 15 | self.nibble << 4
         body = [head, p >> 8, p & 255, v >> 4, (v & 15) << 4 | t >> 8, t & 255, warm, warm]
         self.send(now, self._master, bytes(body))
 

@@ -94,7 +94,7 @@ static int32_t is_other(const commanded_t *d, const frame_t *frame)
     return row >= 0 && d->told[row].kind == TOLD_OTHER;
 }
 
-int32_t bringup_hear(node_t *n, const frame_t *frame)
+API int32_t bringup_hear(node_t *n, const frame_t *frame)
 {
     int32_t found = HEARD_NOT;
     for (int32_t i = 0; i < n->n_commanded; i++) {
@@ -249,7 +249,7 @@ static int32_t count(const node_t *n, int32_t phase)
     return found;
 }
 
-void bringup_rest(node_t *n, int64_t now_ns)
+API void bringup_rest(node_t *n, int64_t now_ns)
 {
     n->disable_ns = now_ns + AGAIN_NS;
     n->deferred = 0;
@@ -270,7 +270,7 @@ static int32_t is_wanted(const node_t *n)
     return state == LIFE_ACTIVE || state == LIFE_STOPPING || (state == LIFE_INACTIVE && n->life.armed);
 }
 
-uint32_t bringup_step(node_t *n, int64_t now_ns, int32_t feed_all)
+API uint32_t bringup_step(node_t *n, int64_t now_ns, int32_t feed_all)
 {
     if (n->n_commanded == 0 || n->clock == CLOCK_REPLAY) return 0;
     if (!is_wanted(n)) {

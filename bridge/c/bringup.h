@@ -9,16 +9,16 @@
 enum { HEARD_NOT, HEARD_STATE, HEARD_ANSWER };
 
 /* Reads the state of a drive and the answers to a step from a frame. Returns HEARD_. */
-int32_t bringup_hear(node_t *n, const frame_t *frame);
+API int32_t bringup_hear(node_t *n, const frame_t *frame);
 /* Raises WHY_DRIVE for a drive that is ready and tells another state than enabled, or nothing for too long. */
 void bringup_watch(node_t *n, int64_t now_ns);
 /* Called in each slot and before the first one: begins and continues the bring-up of an armed node, sends
  * torque 0 to drives that nothing else feeds (`feed_all`: also to those that are ready), and disables the
  * drives of a node that is neither armed nor running, in FAULT again every 100 ms.
  * Returns ROW_ENABLED when the last drive becomes ready, ROW_DISABLED when they are disabled, else 0. */
-uint32_t bringup_step(node_t *n, int64_t now_ns, int32_t feed_all);
+API uint32_t bringup_step(node_t *n, int64_t now_ns, int32_t feed_all);
 /* Disables all drives now. */
-void bringup_rest(node_t *n, int64_t now_ns);
+API void bringup_rest(node_t *n, int64_t now_ns);
 /* Whether all drives are ready and their positions are those of now. */
 API int32_t bringup_ready(const node_t *n, int64_t now_ns);
 /* Bits of the drives that torques are sent to; and the same in a replay. */

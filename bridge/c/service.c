@@ -38,7 +38,7 @@ static double canopen_state(int32_t life)
     }
 }
 
-void node_host(node_t *n, int64_t now_ns)
+API void node_host(node_t *n, int64_t now_ns)
 {
     const double state = canopen_state(n->life.state);
     const header_t header = {0, 0, 0, 0};
@@ -63,7 +63,7 @@ void node_host_sync(node_t *n, int64_t now_ns)
             send_host_sync(n, b, now_ns);
 }
 
-void node_host_sync_early(node_t *n, int64_t now_ns)
+API void node_host_sync_early(node_t *n, int64_t now_ns)
 {
     for (int32_t b = 0; b < n->n_buses; b++) {
         const services_t *s = n->services + b;

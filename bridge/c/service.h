@@ -9,10 +9,10 @@
 void node_heartbeat(node_t *n, int64_t now_ns);
 void node_preview(node_t *n, int64_t now_ns);
 void node_sync(node_t *n, int64_t now_ns);
-void node_host(node_t *n, int64_t now_ns);
+API void node_host(node_t *n, int64_t now_ns);
 void node_host_sync(node_t *n, int64_t now_ns);
 /* The same before the first slot, at most as often: drives tell their state and position at a SYNC. */
-void node_host_sync_early(node_t *n, int64_t now_ns);
+API void node_host_sync_early(node_t *n, int64_t now_ns);
 /* ESTOP: the node that raised it repeats it every 10 ms until RESET; a node that receives it forwards it
  * ten times on all its buses (a gateway forwards it immediately the first time). */
 void node_alarm(node_t *n, int64_t now_ns);

@@ -75,7 +75,7 @@ def doctor(
 
     With --deploy: interfaces, drives, registers, watchdogs, directions and emergency stop of a
     deployment with real drives, which move with 1 % of their torque. Exit status 1 if something
-    that is needed is missing.
+    that is needed is missing; with --deploy, 3 if nothing is, but a step was not checked.
     """
     if deploy is not None:
         from bridge.cli.doctor_deploy import check_deployment
@@ -87,8 +87,11 @@ def doctor(
             _print(found)
     if as_json:
         typer.echo(json.dumps({"schema": "cosim.doctor/1", "checks": [asdict(c) for c in found]}))
-    if any(c.state == "missing" for c in found):
+    states = {c.state for c in found}
+    if "missing" in states:
         raise typer.Exit(1)
+    if deploy is not None and "limited" in states:
+        raise typer.Exit(3)
 
 
 def _print(found: list[MachineCheck]) -> None:

@@ -7,8 +7,9 @@ from pathlib import Path
 
 import typer
 
-from bridge.commission.drive_line import DriveLine, LineDrive, line_drives
+from bridge.commission.drive_line import DriveLine
 from bridge.commission.interfaces import StepFinding, check_interfaces
+from bridge.commission.line_drives import LineDrive, line_drives
 from bridge.commission.steps import Question, drive_steps
 from bridge.deployment import spec as deployments
 from bridge.deployment.spec import Deployment
@@ -69,9 +70,7 @@ def first_run(d: Deployment, drives: Sequence[LineDrive]) -> str:
     """The command to run next: the controllers with 5 % of the torque of each drive."""
     by_node: dict[str, list[float]] = {}
     for drive in drives:
-        component = drive.joint.partition(".")[0]
-        node = next(n for n, s in d.nodes.items() if component in s.components)
-        by_node.setdefault(node, []).append(round(FIRST * drive.limit, 4))
+        by_node.setdefault(drive.host, []).append(round(FIRST * drive.limit, 4))
     sets = " ".join(
         f"--set 'deploy.nodes.{node}.guard.tau_max={list(values)}'"
         for node, values in by_node.items()

@@ -28,7 +28,7 @@ def check_interfaces(d: Deployment, buses: tuple[str, ...]) -> Iterator[StepFind
     for name in buses:
         spec = d.buses[name]
         if spec.interface != "socketcan":
-            text = f"{spec.interface} {spec.channel}: no interface of the kernel"
+            text = f"not checked: {spec.interface} is no interface of the kernel"
             yield StepFinding(f"bus {name}", "limited", text, "use SocketCAN for real drives")
             continue
         yield interface_finding(name, spec, _link(spec.channel))
@@ -59,7 +59,8 @@ def interface_finding(name: str, spec: BusSpec, link: Mapping[str, Any] | str) -
     kind, facts = info.get("info_kind", "?"), info.get("info_data", {})
     if kind == "vcan":
         good = not fd or int(link.get("mtu", 0)) >= 72
-        text = f"{spec.channel} is up, a virtual bus: no bit timing" + ("" if good else ", not FD")
+        text = f"{spec.channel} is up; not checked: a virtual bus has no bit timing"
+        text += "" if good else "; not FD"
         return StepFinding(label, "limited" if good else "missing", text, set_up)
     wrong = list(_wrong(spec, facts))
     rate = facts.get("bittiming", {}).get("bitrate", "?")

@@ -1,12 +1,14 @@
-"""The steps with drives: found, registers, watchdog, direction of each joint, emergency stop."""
+"""The steps with drives: found, settings, watchdog, direction of each joint, emergency stop."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 
-from bridge.commission.drive_line import DriveLine, LineDrive, answer
+from bridge.commission.drive_line import TRIES, DriveLine
 from bridge.commission.interfaces import StepFinding
-from bridge.safety.limits import to_si
+from bridge.commission.line_drives import LineDrive
+from bridge.commission.registers import registers
+from bridge.native.commanded import Failure
 from cosim.base.clock import monotonic_ns
 from cosim.base.errors import CosimError
 
@@ -14,29 +16,43 @@ from cosim.base.errors import CosimError
 WIGGLE, FAR, LONG = 0.01, 0.05, 0.5
 #: rad: a joint that moves less has not moved.
 NEAR = 1e-3
+#: Times of its watchdog for which a drive is fed, and then not.
+FED, UNFED = 2, 2
 #: s for a person to press the emergency stop.
 PRESS = 30.0
 #: A question to a person, and whether the answer is yes.
 Question = Callable[[str], bool]
 
 
-def find(line: DriveLine, drive: LineDrive) -> StepFinding:
-    """A drive answers, tells a state of its profile, and no error that stays."""
-    status = drive.foreign.profile.status
-    if not status.message:
-        return StepFinding(
-            drive.name, "limited", "its profile has no [status]: its state is unknown"
-        )
-    line.ask(drive)
-    why = line.raise_drive(drive, "clear")
-    end = monotonic_ns() + round(max(0.5, 2 * status.within) * 1e9)
-    while drive.word is None and monotonic_ns() < end:
+def find(line: DriveLine, drive: LineDrive) -> Iterator[StepFinding]:
+    """A drive answers, tells a state of its profile and no error, and has its watchdog's time."""
+    profile = drive.foreign.profile
+    if not profile.status.message:
+        text = "not checked: its profile has no [status], so its state is unknown"
+        yield StepFinding(drive.name, "limited", text, "write its states into the profile")
+        return
+    why = line.bring_up([drive], enable=False).removeprefix(f"{drive.name} ")
+    end = monotonic_ns() + round(max(0.5, 2 * profile.status.within) * 1e9)
+    while not drive.heard and not why and monotonic_ns() < end:
         line.serve(0.02)  # some drives tell their state by themselves, now and then
-    if drive.word is None:
-        return StepFinding(
-            drive.name, "missing", "does not answer", "power, number, bit rate, wiring"
-        )
+    assert drive.entry is not None
+    own = profile.watchdog
+    if Failure(drive.entry.failure) is Failure.VALUE:
+        cure = "write it with the vendor's tool"
+        yield StepFinding(f"{drive.name}: {own.register}", "missing", why, cure)
+        return
+    yield _found(drive, why)
+    if own.read is not None and not why:
+        text = f"{profile.timeout * 1e3:g} ms, written and read back"
+        yield StepFinding(f"{drive.name}: {own.register}", "good", text)
+
+
+def _found(drive: LineDrive, why: str) -> StepFinding:
     state = drive.state
+    assert drive.entry is not None
+    if not drive.heard and drive.entry.failure not in (Failure.FORMAT, Failure.NUMBER):
+        cure = "power, number, bit rate, wiring"
+        return StepFinding(drive.name, "missing", "does not answer", cure)
     if why or state is None or state.kind == "fault":
         cure = state.cure if state is not None else "compare its firmware with the profile"
         return StepFinding(drive.name, "missing", why or f"tells {drive.says}", cure)
@@ -44,69 +60,88 @@ def find(line: DriveLine, drive: LineDrive) -> StepFinding:
     return StepFinding(drive.name, "good", f"{drive.foreign.profile.title}: {drive.says}{place}")
 
 
-def register(line: DriveLine, drive: LineDrive) -> StepFinding:
-    """The time-out of the drive's watchdog, written and read back."""
-    profile = drive.foreign.profile
-    own, name = profile.watchdog, f"{drive.name}: {profile.watchdog.register or 'watchdog'}"
-    if own.read is None or own.reply is None:
-        text = f"is not read by frames; expected {profile.timeout * 1e3:g} ms"
-        return StepFinding(name, "limited", text, "read it with the vendor's tool")
-    if own.write is not None:
-        line.send(drive, own.write, own.raw(profile.timeout))
-    value = answer(line, drive, own.read, own.reply)
-    if value is None:
-        return StepFinding(name, "missing", "no answer", "is the number of the drive right?")
-    seconds = value * to_si(own.unit, "s", "watchdog.unit")
-    if value != own.raw(profile.timeout):
-        text = f"reads {seconds:g} s, expected {profile.timeout:g} s"
-        return StepFinding(name, "missing", text, "write it with the vendor's tool")
-    return StepFinding(name, "good", f"{seconds * 1e3:g} ms, as the profile has it")
-
-
-def watchdog(line: DriveLine, drive: LineDrive) -> StepFinding:
+def watchdog(line: DriveLine, drive: LineDrive) -> Iterator[StepFinding]:
     """Enabled at torque 0 and then not fed: the drive has to leave its enabled state by itself."""
     name, timeout = f"{drive.name}: watchdog", drive.foreign.profile.timeout
-    if why := line.raise_drive(drive, "clear", "enable"):
-        return StepFinding(name, "missing", why, "see the state in the vendor's tool")
-    line.serve(4 * timeout)
-    state = drive.state
-    if state is None or state.kind != "enabled":
-        text = f"tells {drive.says} although it was fed every {timeout / 4 * 1e3:g} ms"
-        line.disable(drive)
-        return StepFinding(name, "missing", text, "is its watchdog shorter than the profile's?")
+    for _ in range(TRIES):
+        if why := line.bring_up([drive]).removeprefix(f"{drive.name} "):
+            yield StepFinding(name, "missing", why, "see the state in the vendor's tool")
+            return
+        often = _fed(line, drive)
+        stays = _tells_enabled(drive)
+        if stays or line.late < timeout / 2:
+            break
+    if not stays:
+        if line.late >= timeout / 2:
+            text = f"not checked: this machine stood still for {line.late:.3f} s"
+            yield StepFinding(name, "limited", text, "stop other work (docs/real-time.md)")
+            return
+        text = f"tells {drive.says} although it was fed in time"
+        yield StepFinding(name, "missing", text, "is its watchdog shorter than the profile's?")
+        return
+    if often * timeout < 1:
+        text = f"comes {often:.1f} times a second: after a trip, torques go to it for so long"
+        cure = "let it tell its state more often (ODrive: heartbeat_msg_rate_ms = 10)"
+        yield StepFinding(f"{drive.name}: state", "limited", text, cure)
+    yield _unfed(line, drive, name)
+
+
+def _fed(line: DriveLine, drive: LineDrive) -> float:
+    """Feed an enabled drive for some times of its watchdog; states that it told in a second."""
+    profile = drive.foreign.profile
+    heard, began = drive.heard, monotonic_ns()
+    line.serve(max(FED * profile.timeout, profile.status.within))
+    return (drive.heard - heard) / (monotonic_ns() - began) * 1e9
+
+
+def _unfed(line: DriveLine, drive: LineDrive, name: str) -> StepFinding:
+    """The finding on an enabled drive that gets no frame for some times of its watchdog."""
+    profile = drive.foreign.profile
     line.feeding = False
-    line.serve(3 * timeout)
-    line.ask(drive)  # torque 0, to be told
-    line.serve(max(0.02, drive.foreign.profile.status.within))
+    line.serve(UNFED * profile.timeout)
+    heard = drive.heard
+    line.ask_state(drive)
+    line.serve(max(0.02, profile.status.within))
     line.feeding = True
-    tripped, said = drive.state is not None and drive.state.kind != "enabled", drive.says
-    line.disable(drive)
-    line.serve(0.02)
-    if not tripped:
-        text = f"still {said} after {3 * timeout * 1e3:.0f} ms without a frame"
+    if drive.heard == heard:
+        text = f"tells nothing any more, at last {drive.says}"
+        return StepFinding(name, "missing", text, "power, wiring")
+    if drive.is_enabled():
+        waited = UNFED * profile.timeout * 1e3
+        text = f"still {drive.says} after {waited:.0f} ms without a frame"
         return StepFinding(name, "missing", text, "its watchdog is off: set it, and do not go on")
-    return StepFinding(name, "good", f"tripped without frames: {said}")
+    return StepFinding(name, "good", f"tripped without frames: {drive.says}")
 
 
 def direction(line: DriveLine, drive: LineDrive, ask: Question) -> StepFinding:
     """1 % of the torque: the joint has to turn in the direction of the torque."""
-    name = f"{drive.name}: direction of {drive.joint}"
-    tau = WIGGLE * drive.limit
+    name, tau = f"{drive.name}: direction of {drive.joint}", WIGGLE * drive.limit
     if not tau or drive.q is None:
-        return StepFinding(name, "limited", "no tau_max in guard or profile, or no position came")
+        text = "not checked: no tau_max in guard or profile, or no position came"
+        return StepFinding(name, "limited", text, "tau_max of the guard")
     if not ask(f"Turn {drive.joint} ({drive.name}, at {drive.q:.4f} rad) with {tau:.3g} N.m?"):
-        return StepFinding(name, "limited", "not tried", "run the step again")
-    if why := line.raise_drive(drive, "clear", "enable"):
+        return StepFinding(name, "limited", "not checked: not tried", "run the step again")
+    if why := line.bring_up([drive]).removeprefix(f"{drive.name} "):
         return StepFinding(name, "missing", why, "see the state in the vendor's tool")
     start, end = drive.q, monotonic_ns() + round(LONG * 1e9)
-    drive.tau = tau
-    while monotonic_ns() < end and abs(drive.q - start) < FAR:
+    line.torque(drive, tau)
+    while monotonic_ns() < end and abs(drive.q - start) < FAR and drive.is_enabled():
         line.serve(0.01)
-    moved = drive.q - start
-    line.disable(drive)
+    moved, enabled, said = drive.q - start, drive.is_enabled(), drive.says
+    line.rest()
     line.serve(0.02)
+    if not enabled:
+        return StepFinding(name, "missing", f"with {tau:.3g} N.m it tells {said}", "see its error")
+    return _direction(drive, name, tau, (start, moved), ask)
+
+
+def _direction(
+    drive: LineDrive, name: str, tau: float, at: tuple[float, float], ask: Question
+) -> StepFinding:
+    """The finding on a motion; `at`: where it began, and how far it went, rad."""
+    start, moved = at
     if abs(moved) < NEAR:
-        text = f"did not move with {tau:.3g} N.m (friction, brake, or no power)"
+        text = f"not checked: did not move with {tau:.3g} N.m (friction, brake, or no power)"
         return StepFinding(name, "limited", text, "turn it by hand: does q follow?")
     if moved < 0:
         text = f"turned by {moved:.4f} rad with a positive torque"
@@ -123,24 +158,26 @@ def emergency_stop(line: DriveLine, drives: Sequence[LineDrive], ask: Question) 
     """All drives enabled at torque 0 until somebody presses the emergency stop."""
     name = "emergency stop"
     if not ask(f"Press the emergency stop within {PRESS:g} s after this answer. Ready?"):
-        return StepFinding(name, "limited", "not proven", "run this step with a person at the arm")
-    for drive in drives:
-        if why := line.raise_drive(drive, "clear", "enable"):
-            return StepFinding(name, "missing", f"{drive.name}: {why}", "see the earlier steps")
+        text = "not checked: nobody was ready"
+        return StepFinding(name, "limited", text, "run this step with a person at the arm")
+    if why := line.bring_up(drives):
+        return StepFinding(name, "missing", why, "see the earlier steps")
     end = monotonic_ns() + round(PRESS * 1e9)
-    while monotonic_ns() < end:
-        line.serve(0.05)
-        left = [d for d in drives if _alive(d)]
-        if not left:
-            return StepFinding(name, "good", "every drive is off")
-    names = ", ".join(d.name for d in left)
-    return StepFinding(name, "missing", f"still enabled: {names}", "it has to cut the power")
+    left = list(drives)
+    while left and monotonic_ns() < end:
+        line.serve(0.02)
+        left = [drive for drive in drives if _tells_enabled(drive)]
+    line.rest()
+    if left:
+        names = ", ".join(drive.name for drive in left)
+        return StepFinding(name, "missing", f"still enabled: {names}", "it has to cut the power")
+    return StepFinding(name, "good", f"all {len(drives)} drives are off")
 
 
-def _alive(drive: LineDrive) -> bool:
-    """Tell if a drive still says that it is enabled."""
-    old = monotonic_ns() - drive.told_ns > 2e9 * max(0.1, drive.foreign.profile.status.within)
-    return not old and drive.state is not None and drive.state.kind == "enabled"
+def _tells_enabled(drive: LineDrive) -> bool:
+    """Tell if a drive has said not long ago that it is enabled."""
+    within = 2e9 * max(0.1, drive.foreign.profile.status.within)
+    return monotonic_ns() - drive.told_ns <= within and drive.is_enabled()
 
 
 def drive_steps(
@@ -150,17 +187,36 @@ def drive_steps(
 
     `alone`: nobody is at the arm, so the emergency stop is not asked for.
     """
+    good = True
     for drive in drives:
-        for step in (find, register, watchdog, lambda li, dr: direction(li, dr, ask)):
-            try:
-                found = step(line, drive)
-            except CosimError as error:
-                found = StepFinding(drive.name, "missing", str(error))
+        for found in _steps_of(line, drive, ask):
+            good &= found.state != "missing"
             yield found
-            if found.state == "missing":
-                break
-    if alone:
-        text = "not proven: nobody was asked (--yes)"
-        yield StepFinding("emergency stop", "limited", text, "run this without --yes")
+        line.rest()
+    if alone or not good:
+        text = "nobody was asked (--yes)" if alone else "a drive is not ready for it"
+        cure = "run this without --yes" if alone else "see the earlier steps"
+        yield StepFinding("emergency stop", "limited", f"not checked: {text}", cure)
     else:
         yield emergency_stop(line, drives, ask)
+
+
+def _steps_of(line: DriveLine, drive: LineDrive, ask: Question) -> Iterator[StepFinding]:
+    """The steps of one drive, until one is missing."""
+    steps: tuple[Callable[[], Iterator[StepFinding]], ...] = (
+        lambda: find(line, drive),
+        lambda: registers(line, drive),
+        lambda: watchdog(line, drive),
+        lambda: iter((direction(line, drive, ask),)),
+    )
+    for step in steps:
+        missing = False
+        try:
+            for found in step():
+                missing |= found.state == "missing"
+                yield found
+        except CosimError as error:
+            yield StepFinding(drive.name, "missing", str(error))
+            missing = True
+        if missing:
+            return

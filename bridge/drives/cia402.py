@@ -58,6 +58,11 @@ def configure(sdo: Sdo, profile: DriveProfile, node: int, host: int, timeout: fl
         _map(sdo, node, communication, mapping, cob_id + node, objects)
 
 
+def transmission(communication: int) -> int:
+    """The type of a PDO with this communication record: when it is taken or sent."""
+    return _AT_ONCE if communication < _FIRST_SENT else _EVERY_SYNC
+
+
 def _map(
     sdo: Sdo,
     node: int,
@@ -68,8 +73,7 @@ def _map(
 ) -> None:
     """Configure one PDO: disable it, map its objects, enable it; CiA 301 requires this order."""
     _put(sdo, communication, 1, cob_id | _INVALID, 4)
-    when = _AT_ONCE if communication < _FIRST_SENT else _EVERY_SYNC
-    _write(sdo, node, communication, 2, when, 1)
+    _write(sdo, node, communication, 2, transmission(communication), 1)
     _put(sdo, mapping, 0, 0, 1)
     count = 0
     for index, bits in objects:

@@ -364,6 +364,11 @@ def functions() -> c.CDLL:
     )
     found.nodes_simulate.restype = i32
     found.bringup_ready.argtypes, found.bringup_ready.restype = (node, c.c_int64), i32
+    found.bringup_hear.argtypes, found.bringup_hear.restype = (node, c.POINTER(Frame)), i32
+    found.bringup_step.argtypes = (node, c.c_int64, i32)
+    found.bringup_step.restype = c.c_uint32
+    for function in (found.bringup_rest, found.node_host, found.node_host_sync_early):
+        function.argtypes, function.restype = (node, c.c_int64), None
     found.bringup_feed_until.argtypes = (node, c.POINTER(i32))
     found.bringup_feed_until.restype = None
     found.node_step.argtypes, found.node_step.restype = (node,), i32

@@ -84,7 +84,7 @@ class EmulatedMotors:
 
 def _vendor(drive: Foreign, host: int) -> VendorStruct:
     profile, kind = drive.profile, VendorKind[drive.profile.vendor.upper()]
-    ranges = _ranges(profile) if kind == VendorKind.DAMIAO else {}
+    ranges: dict[str, Any] = damiao_ranges(profile) if kind == VendorKind.DAMIAO else {}
     return VendorStruct(
         kind=kind,
         node=drive.node,
@@ -99,8 +99,8 @@ def _vendor(drive: Foreign, host: int) -> VendorStruct:
     )
 
 
-def _ranges(profile: DriveProfile) -> dict[str, Any]:
-    """P_MAX, V_MAX and T_MAX of a Damiao drive that fits its profile: where the codes begin."""
+def damiao_ranges(profile: DriveProfile) -> dict[str, float]:
+    """P_MAX (rad), V_MAX (rad/s) and T_MAX (N.m) of drives of this profile: where codes begin."""
     layout = profile.layout(profile.command, 1)
     names = {"p_max": "q_des", "v_max": "dq_des", "t_max": profile.command.tau[0]}
     return {name: -layout.signal(signal).offset for name, signal in names.items()}

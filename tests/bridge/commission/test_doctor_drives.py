@@ -21,39 +21,30 @@ def checked(name: str, folder: Path, *faults: str, **changes: object) -> Ended:
 @pytest.mark.parametrize("name", ["damiao", "cia402", "odrive"])
 def test_drives_that_are_well_pass_every_step(name: str, tmp_path: Path) -> None:
     ended = checked(name, tmp_path)
-    assert ended.code == 0 and "✗" not in ended.said, ended.said
-    assert "emergency stop: not proven" in ended.said
+    assert ended.code == 3 and "✗" not in ended.said, ended.said  # nothing is wrong, but
+    assert "emergency stop: not checked: nobody was asked" in ended.said
+    assert "bus left: not checked: udp_multicast" in ended.said
     assert "deploy.nodes.master_control.guard.tau_max=" in ended.said
     for drive in ended.drives:
         end = drive.end
-        assert end["trips"] == 1 and end["enabled"] == 2 and not end["off"], (drive.name, end)
+        assert end["trips"] >= 1 and end["enabled"] >= 2 and not end["off"], (drive.name, end)
         assert f"drive {end['drive']} on bus" in ended.said
 
 
-FAULTS = {
-    "1:wrong@0": "drive 1 on bus left: direction of master_control.tau[0]: turned by -",
-    "2:refuse@0": "drive 2 on bus left: watchdog: enable: it tells DISABLED, expected enabled",
-    "1:unplug@0": "drive 1 on bus left: ",
-}
+def test_the_emergency_stop_is_proven_with_a_person_at_the_arm(tmp_path: Path) -> None:
+    """The power is cut half a second after the drives are enabled for the third time."""
+    case: Case = relaxed(CASES["damiao"], tmp_path, WATCHDOG)
+    ended = doctor(case, tmp_path / "out", ["unplug@0.5#3"], answers="y\n" * 9)
+    assert "✓ emergency stop: all 4 drives are off" in ended.said, ended.said
+    assert "not checked: nobody" not in ended.said and "✗" not in ended.said
+    assert all(drive.end["enabled"] >= 3 for drive in ended.drives)
 
 
-@pytest.mark.parametrize("fault", FAULTS)
-def test_a_drive_that_is_not_well_is_named_with_its_step(fault: str, tmp_path: Path) -> None:
-    ended = checked("damiao", tmp_path, fault)
+def test_a_drive_that_is_not_well_is_named_with_its_step(tmp_path: Path) -> None:
+    ended = checked("damiao", tmp_path, "1:wrong@0", "2:refuse@0")
     assert ended.code == 1, ended.said
-    assert any(x.startswith(f"✗ {FAULTS[fault]}") for x in ended.said.splitlines()), ended.said
-    assert "next: a first run" not in ended.said
-
-
-def test_a_watchdog_that_is_off_is_found(tmp_path: Path) -> None:
-    """A tool has left it at 0 in an ODrive, where no frame of the profile sets it."""
-    words = tuple("0" if w == str(WATCHDOG) else w for w in relaxed(
-        CASES["odrive"], tmp_path, WATCHDOG).words)  # fmt: skip
-    ended = checked("odrive", tmp_path, words=words)
-    assert ended.code == 1
-    assert "still CLOSED_LOOP_CONTROL after 1200 ms without a frame" in ended.said, ended.said
-
-
-def test_a_bus_without_drives_names_each(tmp_path: Path) -> None:
-    ended = checked("damiao", tmp_path, drives=((5,), (5,)))
-    assert ended.code == 1 and ended.said.count("does not answer") == 4, ended.said
+    lines = [line for line in ended.said.splitlines() if line.startswith("✗")]
+    assert lines[0].startswith("✗ drive 1 on bus left: direction of master_control.tau[0]: turned")
+    said = "watchdog: did not follow: expected enabled, it tells DISABLED"
+    assert lines[1:] == [f"✗ drive 2 on bus left: {said}"], lines
+    assert "emergency stop: not checked" in ended.said and "next: a first run" not in ended.said

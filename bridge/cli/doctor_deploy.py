@@ -67,16 +67,22 @@ def _print(found: StepFinding) -> None:
 
 
 def first_run(d: Deployment, drives: Sequence[LineDrive]) -> str:
-    """The command to run next: the controllers with 5 % of the torque of each drive."""
-    by_node: dict[str, list[float]] = {}
+    """The command to run next: the controllers with 5 % of the torque of each drive.
+
+    Guards hold the limit, and controllers that the deployment tells theirs know it.
+    """
+    limits: dict[str, list[float]] = {}
+    told: dict[str, float] = {}
     for drive in drives:
-        by_node.setdefault(drive.host, []).append(round(FIRST * drive.limit, 4))
-    sets = " ".join(
-        f"--set 'deploy.nodes.{node}.guard.tau_max={list(values)}'"
-        for node, values in by_node.items()
-    )
-    nodes = ",".join(by_node)
+        limit = round(FIRST * drive.limit, 4)
+        limits.setdefault(drive.host, []).append(limit)
+        known = f"components.{drive.joint.partition('.')[0]}.parameters.tau_max"
+        if known in d.set:
+            told[known] = min(told.get(known, limit), limit)
+    sets = [f"deploy.nodes.{node}.guard.tau_max={values}" for node, values in limits.items()]
+    sets += [f"{name}={value}" for name, value in told.items()]
     return (
         "next: a first run with 5 % of the torque, cosim monitor in another terminal:\n"
-        f"  cosim rehearse SCENARIO --deploy {d.path} --nodes {nodes} --hardware {sets}"
+        f"  cosim rehearse SCENARIO --deploy {d.path} --nodes {','.join(limits)} --hardware "
+        + " ".join(f"--set '{setting}'" for setting in sets)
     )

@@ -148,6 +148,7 @@ def rehearse(
     settings = Settings(
         scenario=scenario, deployment=path, changes=tuple(changes), realtime=realtime,
         real=hardware, script=str(faults) if faults else "", nodes=_selected_nodes(system, nodes),
+        say=(lambda text: None) if quiet else typer.echo,
     )  # fmt: skip
     _run(
         system,

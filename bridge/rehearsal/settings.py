@@ -42,7 +42,10 @@ class ScheduledEvent:
 
 @dataclass(frozen=True, slots=True)
 class Settings:
-    """How a rehearsal is run; `real`: its nodes may move real drives."""
+    """How a rehearsal is run; `real`: its nodes may move real drives.
+
+    `say`: called with a sentence at each step of a run with real drives.
+    """
 
     scenario: Path
     deployment: Path
@@ -54,6 +57,7 @@ class Settings:
     events: Sequence[ScheduledEvent] = ()
     nodes: tuple[str, ...] = ()  # those started here; empty: all
     on_host: OnHost = lambda node: nullcontext()  # the host a node's process is started on
+    say: Callable[[str], None] = lambda text: None
 
 
 @dataclass(slots=True)

@@ -59,6 +59,8 @@ class Rehearsal:
         self.current: dict[str, NodeHandle] = {}
         self.expected: set[str] = set()  # nodes whose end is part of the plan
         self._stopped = False  # all were told to stop
+        self._over = False
+        self._lost: list[NodeHandle] = []  # nodes that gave up a drive in the run
         buses = system.deployment.buses.values()
         alone = any(b.kind == "can" and b.interface == IN_PROCESS for b in buses)
         # without the wall clock nothing says when the end is
@@ -117,7 +119,9 @@ class Rehearsal:
         self._all_ready()
         for wait in prepared:
             wait()
+        self._say(f"ready: {', '.join(self.current)}")
         self._arm()
+        self._say(f"torques act in {LEAD:g} s, as far as the guards let them")
         self.ended.start_ns = monotonic_ns() + round(LEAD * 1e9)
         self._announce()
         for process in self.current.values():
@@ -142,6 +146,15 @@ class Rehearsal:
             process.send_command("quit")
         with self._drives:
             self._stack.close()
+        if not self._over:
+            self._over = True
+            ends = (f"{n} {p.done['end'] if p.done else 'killed'}" for n, p in self.current.items())
+            self._say(f"no torque any more, drives were disabled: {', '.join(ends)}")
+
+    def _say(self, text: str) -> None:
+        """Say a step of a run with real drives."""
+        if self.settings.real and self.current:
+            self.settings.say(text)
 
     @property
     def t(self) -> float:
@@ -176,6 +189,7 @@ class Rehearsal:
         if real:
             sleep(LEAD)  # heartbeats and first positions have been heard
             self._drives.enter_context(disabled_at_the_end(self.system, self.current))
+        self._say("drives are cleared and enabled, and get torque 0")
         for name in self.current if real else commanding:
             self.current[name].send_command("arm")
         end = monotonic_ns() + round(DRIVES * 1e9)
@@ -190,6 +204,7 @@ class Rehearsal:
                     raise RunError(f"node {process.start.life}: {'; '.join(process.drives)}")
                 if process.drives is not None:
                     waiting.remove(name)
+                    self._say(f"{name}: all drives are enabled")
             if monotonic_ns() > end:
                 self.stop()
                 raise RunError(
@@ -239,6 +254,9 @@ class Rehearsal:
             process.poll()
             self._refused(process)
             self._stop_without_input(process)
+            if process.drives and process not in self._lost:
+                self._lost.append(process)
+                self._say(f"{name} stops: {'; '.join(process.drives)}")
             if process.code is None or name in self.expected:
                 continue
             end = LifeEnd(process.done["end"]) if process.done else LifeEnd.KILLED

@@ -18,6 +18,8 @@ WIGGLE, FAR, LONG = 0.01, 0.05, 0.5
 NEAR = 1e-3
 #: Times of its watchdog for which a drive is fed, and then not.
 FED, UNFED = 2, 2
+#: Times of its profile's `every` after which a drive tells its state too seldom.
+SELDOM = 3
 #: s for a person to press the emergency stop.
 PRESS = 30.0
 #: A question to a person, and whether the answer is yes.
@@ -63,6 +65,7 @@ def _found(drive: LineDrive, why: str) -> StepFinding:
 def watchdog(line: DriveLine, drive: LineDrive) -> Iterator[StepFinding]:
     """Enabled at torque 0 and then not fed: the drive has to leave its enabled state by itself."""
     name, timeout = f"{drive.name}: watchdog", drive.foreign.profile.timeout
+    status = drive.foreign.profile.status
     for _ in range(TRIES):
         if why := line.bring_up([drive]).removeprefix(f"{drive.name} "):
             yield StepFinding(name, "missing", why, "see the state in the vendor's tool")
@@ -79,10 +82,10 @@ def watchdog(line: DriveLine, drive: LineDrive) -> Iterator[StepFinding]:
         text = f"tells {drive.says} although it was fed in time"
         yield StepFinding(name, "missing", text, "is its watchdog shorter than the profile's?")
         return
-    if often * timeout < 1:
-        text = f"comes {often:.1f} times a second: after a trip, torques go to it for so long"
-        cure = "let it tell its state more often (ODrive: heartbeat_msg_rate_ms = 10)"
-        yield StepFinding(f"{drive.name}: state", "limited", text, cure)
+    if 0 < often * SELDOM * status.every < 1:
+        text = f"comes {often:.1f} times a second, the profile has every {status.every:g} s: "
+        text += "after a trip, torques go to it for so long"
+        yield StepFinding(f"{drive.name}: state", "limited", text, f"set {status.register}")
     yield _unfed(line, drive, name)
 
 

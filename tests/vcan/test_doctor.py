@@ -21,4 +21,6 @@ def test_the_steps_to_real_drives_on_vcan(name: str, tmp_path: Path) -> None:
     for drive in ended.drives:
         assert drive.end["trips"] >= 1 and not drive.end["off"], (drive.name, drive.end)
         for step in ("firmware", "settings"):
-            assert f"✓ drive {drive.end['drive']} on bus {drive.name.split()[0]}: {step}" in ended.said
+            assert (
+                f"✓ drive {drive.end['drive']} on bus {drive.name.split()[0]}: {step}" in ended.said
+            )

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from cosim.record import Run
-from tests.strict_drives.cases import CASES, CONFIGS, COSIM, beside, doctor, relaxed
+from tests.strict_drives.cases import CASES, CONFIGS, COSIM, beside, doctor, relaxed, run
 
 pytestmark = pytest.mark.slow
 
@@ -41,3 +41,11 @@ def test_the_command_of_the_first_run_works_and_says_each_state(tmp_path: Path) 
     assert re.findall(r"guard.tau_max=\[([\d., ]+)\]", said) == ["0.35, 0.35"] * 2  # of 7 N.m
     tau = Run.open(tmp_path / "run").array("master_control.tau")
     assert 0.01 < np.abs(tau).max() <= 0.35
+
+
+def test_a_drive_that_stops_its_node_is_said_at_once(tmp_path: Path) -> None:
+    case = relaxed(CASES["damiao"], tmp_path, 400)
+    ended = run(case, tmp_path / "out", faults=["1:trip=0xA@1"], stop=2.0)
+    said = "master_control stops: drive 1 on bus left tells OVER_CURRENT (lower tau_max)"
+    assert -1 < ended.said.find("torques act in 0.5 s") < ended.said.find(said), ended.said
+    assert ended.said.find(said) < ended.said.find("no torque any more") and ended.code == 1

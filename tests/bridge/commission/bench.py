@@ -61,7 +61,7 @@ def bench(name: str, folder: Path, *words: str, first: int = 1) -> Iterator[Benc
     given = [case.kind, "--channel", channel, "--drives", ",".join(map(str, numbers))]
     drives = made(arguments([*given, "--log", "-", *single, *case.left, *words]), EventLog(log))
     bus = can.Bus(interface="virtual", channel=channel, fd=case.kind == "damiao")
-    thread = threading.Thread(target=serve, args=(bus, drives, ended.is_set), daemon=True)
+    thread = threading.Thread(target=serve, args=(bus, drives, ended.is_set, 1e-3), daemon=True)
     thread.start()
     try:
         with DriveLine(d, known) as line:

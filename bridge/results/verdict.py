@@ -114,11 +114,13 @@ def _stopped_before(outcome: RehearsalOutcome) -> Iterator[tuple[str, bool]]:
     """Stops after which a life was started again, and whether lateness can cause them."""
     for report in outcome.reports:
         rows = outcome.rows[report.life]
+        if _stopped_early(outcome, report) or not len(rows["slot"]):
+            continue  # it is the end of the life
         stopped = np.isin(rows["state"], (LifeState.STOPPING, LifeState.FAULT))
         bits = rows["reasons"] & np.uint32(~Why.COMMAND & 0xFFFFFFFF)
         at = np.flatnonzero(stopped & (bits != 0))
-        if not len(at) or _stopped_early(outcome, report):
-            continue  # never, or it is the end of the life
+        if not len(at):
+            continue
         names = reason_names(int(np.bitwise_or.reduce(bits[at])))
         t = float(rows["deadline_ns"][at[0]]) * 1e-9
         why = reason_text(names, list(dict.fromkeys(_lost(report))))

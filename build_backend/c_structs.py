@@ -27,7 +27,7 @@ _FIELD = """
 if TYPE_CHECKING:
     Read = TypeVar("Read")
     Written = TypeVar("Written")
-    Field = c._CField[Any, Read, Written]"""
+    Seen = c._CField[Any, Read, Written]"""
 
 
 @dataclass(frozen=True)
@@ -65,6 +65,20 @@ LIBRARIES = (
     Library(
         "cosim.native", "cosim/c",
         ("engine.h", "fmu_log.h", "mailbox.h", "mujoco.h", "start.h", "tables.h"),
+    ),
+    Library(
+        "bridge.native", "bridge/c",
+        plain=frozenset({
+            "accept_t", "apart_t", "delay_t", "drive_event_t", "drive_events_t", "epoch_t",
+            "fault_t", "faults_t", "field_t", "frame_t", "guard_t", "header_t", "histogram_t",
+            "inside_t", "limit_t", "message_t", "motor_fault_t", "peer_t", "receiver_t",
+            "reception_t", "services_t",
+        }),
+        bases={
+            "accept_t": "bridge.native.methods.AcceptMethods",
+            "frame_t": "bridge.native.methods.FrameMethods",
+        },
+        pointers=True,
     ),
 )  # fmt: skip
 
@@ -160,17 +174,17 @@ class _Structs:
     def _seen(self, m: Member) -> str:
         """The type of a member for mypy: what is read from it, and what may be written to it."""
         if m.pointers and not m.shape:
-            return "Field[Any, Any]"
+            return "Seen[Any, Any]"
         if m.shape and (m.type, len(m.shape), m.pointers) == ("char", 1, 0):
-            return "Field[bytes, bytes]"
+            return "Seen[bytes, bytes]"
         if m.shape:
             text = self._element(m) if not m.pointers else "Any"
             for _ in m.shape:
                 text = f"c.Array[{text}]"
-            return f"Field[{text}, Any]"
+            return f"Seen[{text}, Any]"
         python = {"double": "float", "float": "float", "_Bool": "bool", "char": "bytes"}
         text = self._classes.get(m.type) or python.get(m.type, "int")
-        return f"Field[{text}, {text}]"
+        return f"Seen[{text}, {text}]"
 
     def _declare(self) -> Iterator[str]:
         yield "\n\ndef declare(library: c.CDLL) -> c.CDLL:"

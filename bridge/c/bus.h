@@ -17,9 +17,9 @@
 #include "journal.h"
 #include "traffic.h"
 
-enum { BUS_SOCKET = 1, BUS_RING = 2, BUS_MEMORY = 3 };
+enum bus_kind { BUS_SOCKET = 1, BUS_RING = 2, BUS_MEMORY = 3 };
 enum { BUS_BATCH = 8 };
-enum { BUS_ACTIVE, BUS_WARNING, BUS_PASSIVE, BUS_OFF, BUS_DOWN };
+enum bus_state { BUS_ACTIVE, BUS_WARNING, BUS_PASSIVE, BUS_OFF, BUS_DOWN };
 
 typedef struct {
     int32_t kind;

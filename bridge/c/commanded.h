@@ -13,7 +13,7 @@
 #include "frame.h"
 
 /* Meaning of a state. TOLD_OTHER: the frame does not tell a state. */
-enum { TOLD_OTHER, TOLD_DISABLED, TOLD_RAMPING, TOLD_ENABLED, TOLD_FAULT };
+enum told { TOLD_OTHER, TOLD_DISABLED, TOLD_RAMPING, TOLD_ENABLED, TOLD_FAULT };
 
 /* A state: (word & mask) == value, or != where `differs`; the word is the first eight bytes of the frame,
  * little endian. The first row of a table that fits holds. */
@@ -24,7 +24,7 @@ typedef struct {
 
 /* Answer of a step: none; a state among `states`; a frame `answer` whose first eight bytes are `value`
  * under `mask`, and all of `exact` then. */
-enum { STEP_NO_ANSWER, STEP_STATE, STEP_FRAME };
+enum step_kind { STEP_NO_ANSWER, STEP_STATE, STEP_FRAME };
 
 typedef struct {
     frame_t frame;          /* `bus`: its number in the node */
@@ -37,11 +37,11 @@ typedef struct {
 } step_t;
 
 /* Phases. RESTING: nothing is sent. FAILED: its bring-up failed, or it was lost in the run. */
-enum { DRIVE_RESTING, DRIVE_RISING, DRIVE_SERVING, DRIVE_FAILED };
+enum phase { DRIVE_RESTING, DRIVE_RISING, DRIVE_SERVING, DRIVE_FAILED };
 /* Why a drive failed: no answer or a wrong one to a step; it told another state than enabled; it told
  * nothing for too long; it has another frame format; it answers with the number of another drive; its
  * position stands still while its velocity says that it moves. */
-enum { FAILED_NOT, FAILED_ANSWER, FAILED_VALUE, FAILED_STATE, FAILED_SILENT, FAILED_FORMAT, FAILED_NUMBER,
+enum failure { FAILED_NOT, FAILED_ANSWER, FAILED_VALUE, FAILED_STATE, FAILED_SILENT, FAILED_FORMAT, FAILED_NUMBER,
        FAILED_STILL };
 
 typedef struct {

@@ -10,8 +10,8 @@
 #include "frame.h"
 #include "watchdog.h"
 
-enum { DRIVE_OFF, DRIVE_READY, DRIVE_ENABLED, DRIVE_FAULT };
-enum { DRIVE_POWER_ON = 1, DRIVE_ENABLE, DRIVE_DISABLE, DRIVE_CLEAR, DRIVE_POWER_OFF, DRIVE_TRIP };
+enum drive_state { DRIVE_OFF, DRIVE_READY, DRIVE_ENABLED, DRIVE_FAULT };
+enum drive_request { DRIVE_POWER_ON = 1, DRIVE_ENABLE, DRIVE_DISABLE, DRIVE_CLEAR, DRIVE_POWER_OFF, DRIVE_TRIP };
 
 typedef struct {
     int32_t joints, state;

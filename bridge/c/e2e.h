@@ -6,9 +6,9 @@
 
 #include "frame.h"
 
-enum { E2E_NONE = 0, E2E_P02 = 2, E2E_P04 = 4, E2E_P05 = 5 };
+enum E2E_profile { E2E_NONE = 0, E2E_P02 = 2, E2E_P04 = 4, E2E_P05 = 5 };
 /* What became of a frame that was checked and decoded (message.h). */
-enum { DECODE_OK, DECODE_LENGTH, DECODE_CRC, DECODE_INVALID, DECODE_RANGE };
+enum decoded { DECODE_OK, DECODE_LENGTH, DECODE_CRC, DECODE_INVALID, DECODE_RANGE };
 
 /* The protection alone, for bytes that are not made of fields: `data` has room for the header of the
  * profile (P02: 2, P05: 3, P04: 12 bytes) at its start. */

@@ -18,8 +18,9 @@
 #endif
 
 enum { FRAME_DATA = 232 };
-enum { FRAME_FD = 1, FRAME_BRS = 2, FRAME_ESI = 4, FRAME_REMOTE = 8, FRAME_EXTENDED = 16,
-       FRAME_ERROR = 32, FRAME_SENT = 64 /* in a log: sent by this node, not received */ };
+enum flags { FRAME_FD = 1 << 0, FRAME_BRS = 1 << 1, FRAME_ESI = 1 << 2, FRAME_REMOTE = 1 << 3,
+       FRAME_EXTENDED = 1 << 4, FRAME_ERROR = 1 << 5,
+       FRAME_SENT = 1 << 6 /* in a log: sent by this node, not received */ };
 /* The flags that tell two frames of one identifier apart. The bit rate of the data (BRS) and the
  * sender's error state (ESI) do not. */
 enum { FRAME_FORMAT = FRAME_FD | FRAME_REMOTE | FRAME_EXTENDED | FRAME_ERROR };

@@ -11,8 +11,8 @@
 
 enum { SAFETY_JOINTS = 32 };     /* the most joints a guard or a drive can have */
 
-enum { GUARD_FINITE = 1, GUARD_TORQUE = 2, GUARD_RATE = 4, GUARD_POSITION = 8, GUARD_VELOCITY = 16,
-       GUARD_POWER = 32, GUARD_JUMP = 64 };
+enum guard_bit { GUARD_FINITE = 1 << 0, GUARD_TORQUE = 1 << 1, GUARD_RATE = 1 << 2, GUARD_POSITION = 1 << 3,
+                 GUARD_VELOCITY = 1 << 4, GUARD_POWER = 1 << 5, GUARD_JUMP = 1 << 6 };
 
 typedef struct {
     int32_t joints;

@@ -10,12 +10,12 @@
 #include "frame.h"
 
 /* Status: the byte that travels with every sample. */
-enum { STATUS_LIFE = 7 /* mask: LIFE_ of the sender */, STATUS_DEADMAN = 8 /* held */,
-       STATUS_ESTOP = 16 /* latched */, STATUS_SATURATED = 32, STATUS_STALE = 64,
-       STATUS_SIMULATED = 128 /* a rehearsal: never for a real drive */ };
+enum status { STATUS_LIFE = 7 /* mask: LIFE_ of the sender */, STATUS_DEADMAN = 1 << 3 /* held */,
+       STATUS_ESTOP = 1 << 4 /* latched */, STATUS_SATURATED = 1 << 5, STATUS_STALE = 1 << 6,
+       STATUS_SIMULATED = 1 << 7 /* a rehearsal: never for a real drive */ };
 
-enum { LIFE_UNCONFIGURED, LIFE_INACTIVE, LIFE_ACTIVE, LIFE_STOPPING, LIFE_FAULT, LIFE_FINISHED };
-enum { COMMAND_NONE, COMMAND_ARM, COMMAND_START, COMMAND_STOP, COMMAND_RESET };
+enum life_state { LIFE_UNCONFIGURED, LIFE_INACTIVE, LIFE_ACTIVE, LIFE_STOPPING, LIFE_FAULT, LIFE_FINISHED };
+enum command { COMMAND_NONE, COMMAND_ARM, COMMAND_START, COMMAND_STOP, COMMAND_RESET };
 /* The commands of one slot, in the order in which they came: octal digits, the first is the lowest. Of
  * more than ten the last ones are dropped, but never a STOP. */
 enum { COMMANDS_BITS = 30 };
@@ -35,9 +35,10 @@ static inline int32_t commands_have(uint32_t commands, int32_t command)
     return 0;
 }
 /* Why: bits, latched in `reasons` until COMMAND_RESET. */
-enum { WHY_COMMAND = 1, WHY_ESTOP = 2, WHY_PEER = 4, WHY_STALE = 8, WHY_GUARD = 16, WHY_WATCHDOG = 32,
-       WHY_OVERRUN = 64, WHY_COMPONENT = 128, WHY_BUS = 256, WHY_SYNC = 512, WHY_APART = 1024,
-       WHY_JUMP = 2048, WHY_DRIVE = 4096 /* a drive that it commands is not enabled */ };
+enum why { WHY_COMMAND = 1 << 0, WHY_ESTOP = 1 << 1, WHY_PEER = 1 << 2, WHY_STALE = 1 << 3,
+       WHY_GUARD = 1 << 4, WHY_WATCHDOG = 1 << 5, WHY_OVERRUN = 1 << 6, WHY_COMPONENT = 1 << 7,
+       WHY_BUS = 1 << 8, WHY_SYNC = 1 << 9, WHY_APART = 1 << 10,
+       WHY_JUMP = 1 << 11, WHY_DRIVE = 1 << 12 /* a drive that it commands is not enabled */ };
 /* What is normal before all nodes are ready: while a node is INACTIVE and not armed, these bits refuse
  * ARM and START in the tick that raises them, and are not latched. */
 enum { WHY_NOT_YET = WHY_PEER | WHY_STALE | WHY_WATCHDOG | WHY_OVERRUN | WHY_SYNC | WHY_APART };

@@ -17,7 +17,7 @@
 #include "e2e.h"
 #include "frame.h"
 
-enum { FIELD_UNSIGNED, FIELD_SIGNED, FIELD_FLOAT };     /* FLOAT: 32 or 64 bits, IEEE 754 */
+enum field_kind { FIELD_UNSIGNED, FIELD_SIGNED, FIELD_FLOAT };     /* FLOAT: 32 or 64 bits, IEEE 754 */
 enum { MESSAGE_FIELDS = 256 };      /* the most values a message may have */
 
 typedef struct {

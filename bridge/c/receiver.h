@@ -32,7 +32,7 @@ typedef struct {
 /* Maximum time by which a sample is accepted early, if its period is less; number of wraps of a short time
  * stamp among which the counter decides. */
 enum { RECEIVE_EARLY_NS = 2000000, RECEIVE_TURNS = 64 };
-enum { RECEIVE_REPEATED = -1, RECEIVE_OLDER = -2, RECEIVE_WRONG = -3 };
+enum rejection { RECEIVE_REPEATED = -1, RECEIVE_OLDER = -2, RECEIVE_WRONG = -3 };
 
 /* The number of the sample in a frame that arrived at t_ns; M = 2^counter_bits.
  *

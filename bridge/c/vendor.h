@@ -12,13 +12,13 @@
 
 #include "frame.h"
 
-enum { VENDOR_DAMIAO = 1, VENDOR_ODRIVE, VENDOR_CIA402 };
+enum vendor_kind { VENDOR_DAMIAO = 1, VENDOR_ODRIVE, VENDOR_CIA402 };
 /* Faults; what `code` says. TRIP: the drive's own error code. REBOOT. UNPLUG, PLUG: of its CAN cable; the
  * drive itself goes on. LATE: ns by which each answer is later, 0: none. OTHER_ID: added to the identifiers
  * it sends, 0: none. OLD: 1: sends the positions of now for ever, 0: no more. HOT: over-temperature (1: of
  * the electronics, 2: of the motor) that no request clears, 0: cool again. DROP: 1: is enabled and leaves
  * that state at its next cycle, without an error, 0: no more. */
-enum { VENDOR_TRIP = 1, VENDOR_REBOOT, VENDOR_UNPLUG, VENDOR_PLUG, VENDOR_LATE, VENDOR_OTHER_ID,
+enum vendor_fault { VENDOR_TRIP = 1, VENDOR_REBOOT, VENDOR_UNPLUG, VENDOR_PLUG, VENDOR_LATE, VENDOR_OTHER_ID,
        VENDOR_OLD, VENDOR_HOT, VENDOR_DROP };
 enum { VENDOR_QUEUE = 16, VENDOR_PARTS = 2 };
 

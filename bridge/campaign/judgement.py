@@ -20,6 +20,7 @@ from bridge.deployment.system import System
 from bridge.native import message as messages
 from bridge.native.bus import Accept
 from bridge.native.journal import Journal
+from bridge.native.message import counter_bits
 from bridge.native.safety import Why
 from bridge.records.lives import Life, lives_of
 from bridge.records.records import LifeEnd
@@ -205,7 +206,7 @@ def _sequences(rows: Rows, carried: Carried) -> NDArray[np.int64]:
     return injected.sequences(
         rows,
         lambda data: messages.check(profile, ids, data)[1],
-        profile.counter_bits,
+        counter_bits(profile),
         carried.period_ns,
         carried.offset_ns,
     )

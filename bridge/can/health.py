@@ -6,7 +6,7 @@ import os
 from dataclasses import dataclass
 from pathlib import Path
 
-from bridge.native.bus import Bus, BusState, Rate
+from bridge.native.bus import Bus, BusState, Rate, last_second
 
 #: What may be wrong with a bus, in words, by the count that tells it.
 WRONG = {
@@ -95,7 +95,7 @@ def bus_health(bus: Bus, name: str, now_ns: int, interface: str = "") -> BusHeal
         clock_steps=s.clock_steps,
         log_dropped=bus.log.dropped if bus.log is not None else 0,
         last_error=os.strerror(s.last_errno) if s.last_errno else "",
-        last_second=bus.traffic.last_second(now_ns),
+        last_second=last_second(bus.traffic, now_ns),
         interface=interface_counters(interface) if interface else None,
         foreign=s.foreign,
     )

@@ -10,7 +10,7 @@ from difflib import get_close_matches
 from fractions import Fraction
 
 from bridge.native.frame import DATA, Flags
-from bridge.native.message import E2EProfile, FieldKind
+from bridge.native.message import E2EProfile, FieldKind, header_bytes
 from cosim.base.errors import CosimError
 from cosim.bus.timing import LONG
 
@@ -157,7 +157,7 @@ def check(layout: MessageLayout) -> None:
             f"{layout.place} has {layout.length} bytes; expected 0 to 8, "
             f"{', '.join(map(str, LONG[:-1]))} or {LONG[-1]}, as CAN FD has"
         )
-    taken: dict[int, str] = dict.fromkeys(range(8 * layout.profile.header), "")
+    taken: dict[int, str] = dict.fromkeys(range(8 * header_bytes(layout.profile)), "")
     nibble = (
         range(12, 16) if layout.profile is E2EProfile.P02 else ()
     )  # the status, beside the counter

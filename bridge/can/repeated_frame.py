@@ -30,7 +30,7 @@ def repeat(
         deadline = start + round(k * 1e9 / rate)
         while pace.now() < deadline and not stop.value:
             pace.wait(min(deadline, pace.now() + LONGEST_WAIT), 0, stop)
-        frame.data[: min(length, 4)] = k.to_bytes(8, "little")[: min(length, 4)]
+        frame.data[: min(length, 4)] = [*k.to_bytes(8, "little")][: min(length, 4)]
         frame.t_ns = 0
         failed += bus.send(frame) != 0
         k += 1

@@ -10,6 +10,7 @@ from bridge.monitor import window
 from bridge.monitor.listener import Listener
 from bridge.monitor.messages import SPAN_NS, Beat, ReceivedMessage
 from bridge.monitor.view import TextTable, View, result, values
+from bridge.native.bus import last_second
 from cosim.analysis.metrics import MetricResult
 
 
@@ -127,7 +128,7 @@ def _time_since(t_ns: int, now_ns: int) -> str:
 
 def _bus_row(listener: Listener, name: str, now_ns: int) -> tuple[str, ...]:
     spec = listener.system.deployment.buses[name]
-    rate = listener.ears[name].traffic.last_second(now_ns)
+    rate = last_second(listener.ears[name].traffic, now_ns)
     if name in listener.nets:
         return (name, str(rate.frames), "", listener.nets[name].note)
     load = rate.load(spec.bitrate, spec.data_bitrate if spec.fd else None)

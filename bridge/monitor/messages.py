@@ -12,7 +12,16 @@ from numpy.typing import NDArray
 from bridge.deployment.carried import Carried
 from bridge.native import message as native
 from bridge.native.frame import Frame
-from bridge.native.message import Decoded, E2EProfile, Header, Message, Receiver
+from bridge.native.message import (
+    Decoded,
+    E2EProfile,
+    Header,
+    Message,
+    Receiver,
+    accept,
+    carries_state,
+    is_preview,
+)
 from bridge.native.safety import LifeState, Status, Why
 from bridge.safety.limits import REASONS, names
 
@@ -102,7 +111,7 @@ class ReceivedMessage:
         if found not in (Decoded.OK, Decoded.INVALID):
             return
         t, stamp = int(frame.t_ns), int(header.t_us)
-        if self.message.is_preview(header.status):
+        if is_preview(self.message, header.status):
             stamp = NO_STAMP
             self.receiver.sequence = -1  # its counter begins with the run
         elif self.message.e2e and not self._counted(header.counter, t):
@@ -120,7 +129,7 @@ class ReceivedMessage:
         if r.sequence < 0:
             r.lead_ns = 0
             r.offset_ns = t - (counter + (1 << r.counter_bits) // 4) * r.period_ns
-        return r.accept(counter, t) >= 0
+        return accept(r, counter, t) >= 0
 
     def _refuse(self, why: Decoded) -> None:
         r = self.receiver
@@ -164,7 +173,7 @@ class ReceivedMessage:
         """State and flags of the sender; a status of 4 bits (classic CAN) contains no state."""
         if self.message.status < 0 or self.t_ns < 0:
             return ""
-        state = [_state(self.status & Status.LIFE)] if self.message.carries_state else []
+        state = [_state(self.status & Status.LIFE)] if carries_state(self.message) else []
         return " ".join((*state, *names(Status(self.status & ~Status.LIFE & 0xFF))))
 
 

@@ -4,68 +4,20 @@ from __future__ import annotations
 
 import ctypes as c
 from collections.abc import Sequence
-from functools import lru_cache
 from typing import final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from bridge.native import enums
 from bridge.native.library import library
+from bridge.native.structs import Delay, SampleStruct, WaitingStruct
 from cosim.base.errors import PlanError
 
-NONE, SIGNAL, LAST, STAMP, FIFO, PLAYOUT = range(6)
+__all__ = ["Delay", "DelayLine", "SampleStruct", "WaitingStruct"]
+NONE, SIGNAL, LAST = enums.DELAY_NONE, enums.DELAY_SIGNAL, enums.DELAY_LAST
+STAMP, FIFO, PLAYOUT = enums.DELAY_STAMP, enums.DELAY_FIFO, enums.DELAY_PLAYOUT
 FloatArray = NDArray[np.float64]
-
-
-@final
-class SampleStruct(c.Structure):
-    """A sample that is kept (`sample_t`)."""
-
-    _fields_ = (
-        ("sequence", c.c_int64),
-        ("sent_ns", c.c_int64),
-        ("arrival_ns", c.c_int64),
-        ("due", c.c_int64),
-    )
-
-
-@final
-class WaitingStruct(c.Structure):
-    """A sample on its way (`waiting_t`)."""
-
-    _fields_ = (("due", c.c_int64), ("sequence", c.c_int64))
-
-
-@final
-class Delay(c.Structure):
-    """`delay_t`; the arrays it points to belong to a :class:`DelayLine`."""
-
-    _fields_ = (
-        ("kind", c.c_int32),
-        ("width", c.c_int32),
-        ("period", c.c_int32),
-        ("look", c.c_int32),
-        ("h", c.c_double),
-        ("buffer", c.c_double),
-        ("phase_ns", c.c_int64),
-        ("delays", c.c_void_p),
-        ("n_delays", c.c_int64),
-        ("capacity", c.c_int64),
-        ("samples", c.c_void_p),
-        ("values", c.c_void_p),
-        ("queue", c.c_void_p),
-        ("n_queue", c.c_int64),
-        ("newest", c.c_int64),
-        ("visible", c.c_int64),
-        ("network_ns", c.c_int64),
-        ("last_due", c.c_int64),
-        ("held", c.c_int64),
-        ("given", SampleStruct),
-        ("lost", c.c_int64),
-        ("ignored", c.c_int64),
-        ("forgotten", c.c_int64),
-        ("reserved", c.c_int64 * 2),
-    )
 
 
 @final
@@ -105,10 +57,10 @@ class DelayLine:
         self.struct.buffer, self.struct.phase_ns = buffer, phase_ns
         self.struct.delays, self.struct.n_delays = self._delays.ctypes.data, self._delays.size
         self.struct.capacity = capacity
-        self.struct.samples = c.addressof(self._samples)
-        self.struct.queue = c.addressof(self._queue)
+        self.struct.samples = self._samples
+        self.struct.queue = self._queue
         self.struct.values = self._values.ctypes.data
-        self._library = _declared()
+        self._library = library()
         self.reset()
 
     @property
@@ -138,17 +90,3 @@ class DelayLine:
         """What is held, (width,), a copy; without a meaning while nothing is."""
         held: FloatArray = self._values[-1].copy()
         return held
-
-
-@lru_cache(maxsize=1)
-def _declared() -> c.CDLL:
-    lib = library()
-    line = c.POINTER(Delay)
-    lib.delay_reset.argtypes = (line,)
-    lib.delay_reset.restype = None
-    lib.delay_put.argtypes = (line, c.c_int64, c.c_int64, c.c_int64, c.POINTER(c.c_double))
-    lib.delay_put.restype = None
-    lib.delay_lead_ns.argtypes, lib.delay_lead_ns.restype = (line,), c.c_int64
-    lib.delay_take.argtypes = (line, c.c_int64, c.c_int64)
-    lib.delay_take.restype = c.c_int64
-    return lib

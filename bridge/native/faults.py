@@ -4,87 +4,25 @@ from __future__ import annotations
 
 import ctypes as c
 from collections.abc import Sequence
-from functools import lru_cache
 from typing import Any, final
 
 import numpy as np
 
-from bridge.native.bus import Accept
-from bridge.native.frame import Frame
+from bridge.native import enums
 from bridge.native.library import library
-from bridge.native.message import Message
+from bridge.native.structs import Fault, Faults, Frame, InjectedStruct, JournalStruct
 from cosim.base.errors import PlanError
 
-DROP, BURST, DELAY, JITTER, DUPLICATE, REORDER, CORRUPT, FORGE, REPLAY, ABSURD, FLOOD = range(11)
+__all__ = ["FOREVER", "HOSTILE", "INJECTED", "Fault", "Faults", "Injector"]
+DROP, BURST, DELAY = enums.FAULT_DROP, enums.FAULT_BURST, enums.FAULT_DELAY
+JITTER, DUPLICATE, REORDER = enums.FAULT_JITTER, enums.FAULT_DUPLICATE, enums.FAULT_REORDER
+CORRUPT, FORGE, REPLAY = enums.FAULT_CORRUPT, enums.FAULT_FORGE, enums.FAULT_REPLAY
+ABSURD, FLOOD = enums.FAULT_ABSURD, enums.FAULT_FLOOD
 HOSTILE = (FORGE, REPLAY, ABSURD, FLOOD)
 FOREVER = 2**63 - 1
 
 #: A row of the journal of what was injected (`injected_t`).
-INJECTED: np.dtype[Any] = np.dtype(
-    [
-        ("t_ns", "<i8"),
-        ("through_ns", "<i8"),
-        ("id", "<u4"),
-        ("sequence", "<u4"),
-        ("crc", "<u4"),
-        ("crc_after", "<u4"),
-        ("rule", "<i4"),
-        ("kinds", "<u4"),
-        ("length", "<u2"),
-        ("flags", "u1"),
-        ("bus", "u1"),
-        ("copies", "<i4"),
-        ("data", "u1", (64,)),
-    ]
-)
-
-
-@final
-class Fault(c.Structure):
-    """One rule (`fault_t`)."""
-
-    _fields_ = (
-        ("kind", c.c_int32),
-        ("count", c.c_int32),
-        ("t0_ns", c.c_int64),
-        ("t1_ns", c.c_int64),
-        ("accept", Accept),
-        ("bus", c.c_int32),
-        ("reserved", c.c_int32),
-        ("probability", c.c_double),
-        ("a", c.c_double),
-        ("b", c.c_double),
-        ("random", c.c_uint64),
-        ("left", c.c_int64),
-        ("last_ns", c.c_int64),
-        ("asked", c.c_int64),
-        ("hits", c.c_int64),
-        ("message", c.POINTER(Message)),
-        ("values", c.c_void_p),
-        ("store", c.POINTER(Frame)),
-        ("stored", c.c_int64),
-        ("taken", c.c_int64),
-    )
-
-
-@final
-class Faults(c.Structure):
-    """`faults_t`; the arrays it points to belong to an :class:`Injector`."""
-
-    _fields_ = (
-        ("rules", c.c_void_p),
-        ("n_rules", c.c_int64),
-        ("waiting", c.c_void_p),
-        ("first", c.c_int64),
-        ("n_waiting", c.c_int64),
-        ("capacity", c.c_int64),
-        ("journal", c.c_void_p),
-        ("frames", c.c_int64),
-        ("injected", c.c_int64),
-        ("dropped", c.c_int64),
-        ("corrupted", c.c_int64),
-        ("overflow", c.c_int64),
-    )
+INJECTED: np.dtype[Any] = np.dtype(InjectedStruct)
 
 
 @final
@@ -103,10 +41,11 @@ class Injector:
         self.rules = (Fault * len(rules))(*rules)
         self._room = [self._room_for(rule) for rule in self.rules]
         self._waiting = (Frame * capacity)()
-        self.struct = Faults(n_rules=len(rules), capacity=capacity, journal=journal)
-        self.struct.rules = c.addressof(self.rules)
-        self.struct.waiting = c.addressof(self._waiting)
-        self._library = _declared()
+        self.struct = Faults(n_rules=len(rules), capacity=capacity)
+        self.struct.rules, self.struct.waiting = self.rules, self._waiting
+        if journal is not None:
+            self.struct.journal = c.cast(journal, c.POINTER(JournalStruct))
+        self._library = library()
 
     @staticmethod
     def _room_for(rule: Fault) -> tuple[object, ...]:
@@ -136,13 +75,3 @@ class Injector:
     def hits(self) -> tuple[int, ...]:
         """How many frames each rule did something to."""
         return tuple(rule.hits for rule in self.rules)
-
-
-@lru_cache(maxsize=1)
-def _declared() -> c.CDLL:
-    lib = library()
-    lib.faults_put.argtypes = (c.POINTER(Faults), c.POINTER(Frame), c.c_int64, c.c_int32)
-    lib.faults_put.restype = None
-    lib.faults_get.argtypes = (c.POINTER(Faults), c.POINTER(Frame), c.c_int64)
-    lib.faults_get.restype = c.c_int32
-    return lib

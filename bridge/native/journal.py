@@ -25,9 +25,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.native.library import library_path
+from bridge.native.structs import JournalStruct, declare
 from cosim.base.errors import CosimError
 from cosim.record.live import unlock
 
+__all__ = ["Journal", "JournalError", "JournalStruct", "row_of"]
 MAGIC, VERSION, HEADER = b"cosimjnl", 1, 64
 #: Bytes of rows for which there is room ahead of the writer.
 AHEAD = 1 << 24
@@ -38,22 +40,6 @@ Rows = NDArray[np.void]
 
 class JournalError(CosimError, ValueError):
     """A file is not a journal, or a journal cannot be created."""
-
-
-class JournalStruct(c.Structure):
-    """``journal_t``: the first 64 bytes."""
-
-    _fields_ = (
-        ("magic", c.c_char * 8),
-        ("version", c.c_uint32),
-        ("row_size", c.c_uint32),
-        ("capacity", c.c_uint64),
-        ("rows", c.c_uint64),
-        ("dropped", c.c_uint64),
-        ("description", c.c_uint64),
-        ("limit", c.c_uint64),
-        ("descriptor", c.c_int64),
-    )
 
 
 @final
@@ -138,7 +124,7 @@ class Journal:
     def make_room(self) -> None:
         """Take disk and memory for the rows of the next `AHEAD` bytes. Raises OSError."""
         rows = len(self) + 1 + AHEAD // int(self.struct.row_size)
-        number = _functions().journal_grow(self.address, rows)
+        number = _functions().journal_grow(c.byref(self.struct), rows)
         if number:
             raise OSError(number, os.strerror(number))
 
@@ -230,7 +216,8 @@ def _mapped(file: int, size: int) -> tuple[Any, bool]:
         number = c.get_errno() or errno.ENOMEM
         raise OSError(number, os.strerror(number))
     memory = (c.c_char * size).from_address(address)
-    weakref.finalize(memory, functions.journal_release, address, size).atexit = False
+    own = c.cast(address, c.POINTER(JournalStruct))
+    weakref.finalize(memory, functions.journal_release, own, size).atexit = False
     return memory, True
 
 
@@ -242,12 +229,8 @@ def _write(file: int, text: bytes, at: int) -> None:
 
 @lru_cache(maxsize=1)
 def _functions() -> c.CDLL:
-    """The library with the functions of ``journal.h`` declared."""
-    lib = c.CDLL(str(library_path()), use_errno=True)
-    lib.journal_reserve.argtypes, lib.journal_reserve.restype = (c.c_int32, c.c_uint64), c.c_void_p
-    lib.journal_release.argtypes, lib.journal_release.restype = (c.c_void_p, c.c_uint64), None
-    lib.journal_grow.argtypes, lib.journal_grow.restype = (c.c_void_p, c.c_uint64), c.c_int32
-    return lib
+    """The library, whose functions leave the number of an error where ctypes finds it."""
+    return declare(c.CDLL(str(library_path()), use_errno=True))
 
 
 def _header(path: Path, memory: mmap.mmap | bytes) -> JournalStruct:

@@ -7,6 +7,7 @@ import sys
 from functools import lru_cache
 from pathlib import Path
 
+from bridge.native import structs
 from cosim.base.errors import CosimError
 
 
@@ -18,11 +19,15 @@ def library_path() -> Path:
 
 @lru_cache(maxsize=1)
 def library() -> c.CDLL:
-    """The library, loaded once; each module of this package declares the functions it calls.
-
-    Raises CosimError when it is missing.
-    """
+    """The library, loaded once. Raises CosimError when it is missing."""
     path = library_path()
     if not path.is_file():
         raise CosimError(f"{path} is missing: install the project (pip install .), which builds it")
-    return c.CDLL(str(path))
+    return structs.declare(c.CDLL(str(path)))
+
+
+def address(name: str) -> int:
+    """The address of a function of the library."""
+    value = c.cast(getattr(library(), name), c.c_void_p).value
+    assert value is not None
+    return value

@@ -7,10 +7,10 @@ import threading
 from collections.abc import Callable
 from functools import lru_cache
 
-from bridge.native.frame import Frame, Ring, RingStruct
+from bridge.native.enums import MAIL_ASLEEP
+from bridge.native.frame import Ring
 from bridge.native.library import library, library_path
-
-_ASLEEP = 2
+from bridge.native.structs import Frame, declare
 
 
 def frame_writer(ring: Ring, number: int) -> Callable[[bytes], None]:
@@ -19,10 +19,10 @@ def frame_writer(ring: Ring, number: int) -> Callable[[bytes], None]:
     Frames that do not fit are counted. The GIL is held, so there is one writer at a time, but it is
     released while a waiting thread is woken.
     """
-    bring, wake, struct = _holding().mail_bring, _declared().mail_wake, c.byref(ring.struct)
+    bring, wake, struct = _holding().mail_bring, library().mail_wake, c.byref(ring.struct)
 
     def brought(data: bytes) -> None:
-        if bring(struct, number, data, len(data)) == _ASLEEP:
+        if bring(struct, number, data, len(data)) == MAIL_ASLEEP:
             wake(struct)
 
     return brought
@@ -33,13 +33,13 @@ def frame_reader(ring: Ring, descriptor: int, frame: Frame) -> Callable[[], int]
 
     It sleeps on `descriptor` without the GIL, and returns 0 if it was woken without a frame.
     """
-    take, arguments = _declared().mail_next, (c.byref(ring.struct), descriptor, c.byref(frame))
+    take, arguments = library().mail_next, (c.byref(ring.struct), descriptor, c.byref(frame))
     return lambda: int(take(*arguments))
 
 
 def wait(ring: Ring, deadline_ns: int) -> bool:
     """Sleep until `ring` has something, or until a time (monotonic, ns); whether it has."""
-    return bool(_declared().mail_wait(c.byref(ring.struct), deadline_ns))
+    return bool(library().mail_wait(c.byref(ring.struct), deadline_ns))
 
 
 def keep_thread() -> None:
@@ -60,18 +60,5 @@ _kept: set[int] = set()
 def _holding() -> c.PyDLL:
     """The functions that are called without giving Python's lock away."""
     lib = c.PyDLL(str(library_path()))
-    lib.mail_bring.argtypes = (c.POINTER(RingStruct), c.c_uint32, c.c_char_p, c.c_int64)
-    lib.mail_bring.restype = c.c_int32
-    return lib
-
-
-@lru_cache(maxsize=1)
-def _declared() -> c.CDLL:
-    lib = library()
-    lib.mail_next.argtypes = (c.POINTER(RingStruct), c.c_int32, c.POINTER(Frame))
-    lib.mail_next.restype = c.c_int32
-    lib.mail_wake.argtypes = (c.POINTER(RingStruct),)
-    lib.mail_wake.restype = None
-    lib.mail_wait.argtypes = (c.POINTER(RingStruct), c.c_int64)
-    lib.mail_wait.restype = c.c_int32
+    declare(lib)
     return lib

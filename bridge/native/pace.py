@@ -3,42 +3,33 @@
 from __future__ import annotations
 
 import ctypes as c
-from functools import lru_cache
-from typing import final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from bridge.native.enums import PACE_BINS
 from bridge.native.library import library
+from bridge.native.structs import Histogram
 
-BINS = 2048
+__all__ = ["BINS", "Histogram", "add", "counts", "edges", "now", "quantile", "run", "wait"]
+BINS = PACE_BINS
 _LINEAR, _PER_OCTAVE = 1024, 64
 _STEP = _LINEAR // _PER_OCTAVE
 
 
-@final
-class Histogram(c.Structure):
-    """Counts by lateness (`histogram_t`): 1 us wide to 1024 us, then 64 bins a factor of two."""
+def add(histogram: Histogram, ns: int) -> None:
+    """Count one value, ns; below 0 it counts in the first bin, beyond 67 s in the last."""
+    library().histogram_add(c.byref(histogram), ns)
 
-    _fields_ = (
-        ("count", c.c_int64),
-        ("minimum", c.c_int64),
-        ("maximum", c.c_int64),
-        ("sum", c.c_double),
-        ("bins", c.c_int64 * BINS),
-    )
 
-    def add(self, ns: int) -> None:
-        """Count one value, ns; below 0 it counts in the first bin, beyond 67 s in the last."""
-        _declared().histogram_add(c.byref(self), ns)
+def quantile(histogram: Histogram, q: float) -> float:
+    """Upper edge, ns, of the bin of the ⌈q·count⌉-th smallest; NaN when empty."""
+    return float(library().histogram_quantile(c.byref(histogram), q))
 
-    def quantile(self, q: float) -> float:
-        """Upper edge, ns, of the bin of the ⌈q·count⌉-th smallest; NaN when empty."""
-        return float(_declared().histogram_quantile(c.byref(self), q))
 
-    def counts(self) -> NDArray[np.int64]:
-        """The bins, (2048,), a copy."""
-        return np.ctypeslib.as_array(self.bins).copy()
+def counts(histogram: Histogram) -> NDArray[np.int64]:
+    """The bins, (2048,), a copy: 1 us wide to 1024 us, then 64 bins a factor of two."""
+    return np.ctypeslib.as_array(histogram.bins).copy()
 
 
 def edges() -> NDArray[np.int64]:
@@ -50,7 +41,7 @@ def edges() -> NDArray[np.int64]:
 
 def now() -> int:
     """The monotonic clock, ns: the same as ``cosim.base.clock.monotonic_ns``."""
-    return int(_declared().pace_now())
+    return int(library().pace_now())
 
 
 def wait(deadline_ns: int, spin_ns: int = 0, stop: c.c_int32 | None = None) -> int:
@@ -61,7 +52,7 @@ def wait(deadline_ns: int, spin_ns: int = 0, stop: c.c_int32 | None = None) -> i
     must be set by another thread or by C.
     """
     flag = None if stop is None else c.byref(stop)
-    return int(_declared().pace_wait(deadline_ns, spin_ns, flag))
+    return int(library().pace_wait(deadline_ns, spin_ns, flag))
 
 
 def run(
@@ -71,23 +62,4 @@ def run(
     woke = np.zeros(n, np.int64)
     flag = None if stop is None else c.byref(stop)
     pointer = woke.ctypes.data_as(c.POINTER(c.c_int64))
-    return woke[: _declared().pace_run(start_ns, period_ns, n, spin_ns, flag, pointer)]
-
-
-@lru_cache(maxsize=1)
-def _declared() -> c.CDLL:
-    lib = library()
-    flag = c.POINTER(c.c_int32)
-    lib.histogram_add.argtypes = (c.POINTER(Histogram), c.c_int64)
-    lib.histogram_add.restype = None
-    lib.histogram_quantile.argtypes = (c.POINTER(Histogram), c.c_double)
-    lib.histogram_quantile.restype = c.c_double
-    lib.pace_now.argtypes = ()
-    lib.pace_now.restype = c.c_int64
-    lib.pace_wait.argtypes = (c.c_int64, c.c_int64, flag)
-    lib.pace_wait.restype = c.c_int64
-    lib.pace_run.argtypes = (
-        c.c_int64, c.c_int64, c.c_int64, c.c_int64, flag, c.POINTER(c.c_int64),
-    )  # fmt: skip
-    lib.pace_run.restype = c.c_int64
-    return lib
+    return woke[: library().pace_run(start_ns, period_ns, n, spin_ns, flag, pointer)]

@@ -166,7 +166,7 @@ def _configured(
     struct.first = lcm(*(s.period for s in wired.plan.plan.components))
     clock, epoch = host_clock(), struct.epoch
     epoch.host, epoch.kept, epoch.follows = clock.number, clock.kept, options.alone
-    epoch.identity[:] = clock.identity
+    epoch.identity[:] = [*clock.identity]
     control = Control(struct)
     helping = Helpers(control)
     answer(wired, buses, control)

@@ -11,7 +11,7 @@ from bridge.deployment import ranges
 from bridge.deployment.protection import emulated
 from bridge.deployment.services import BEATS, commanding_nodes
 from bridge.deployment.system import System
-from bridge.native.message import STAMP_TURNS, E2EProfile
+from bridge.native.message import STAMP_TURNS, E2EProfile, counter_bits
 from bridge.preflight.bus_checks import MessageTimeout, check_buses
 from bridge.preflight.feeding import feeding, slow_states
 from bridge.preflight.identifiers import collisions
@@ -111,7 +111,7 @@ def overruns(system: System) -> list[Finding]:
         if m.encoding.message.time >= 0:
             continue
         profile = E2EProfile(m.encoding.message.e2e)
-        turn = (1 << profile.counter_bits) * m.period_ns * 1e-9
+        turn = (1 << counter_bits(profile)) * m.period_ns * 1e-9
         overrun = d.seconds(d.nodes[m.node].overrun, "nodes", m.node, "overrun")
         if profile is E2EProfile.NONE or 0 < overrun < turn:
             continue
@@ -139,7 +139,7 @@ def forwarding_overruns(system: System) -> list[Finding]:
         if m.forward is None or message.e2e == E2EProfile.NONE:
             continue
         stamp = message.header[message.time].length if message.time >= 0 else 0
-        counter = (1 << E2EProfile(message.e2e).counter_bits) * m.period_ns * 1e-9
+        counter = (1 << counter_bits(E2EProfile(message.e2e))) * m.period_ns * 1e-9
         latest = STAMP_TURNS * (1 << stamp) * 1e-6 if stamp else 0.75 * counter
         allowed = system.messages[m.forward.of].max_age_ns * 1e-9
         if latest > LATE or 0 < allowed <= latest:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from bridge.deployment.carried import Carried
 from bridge.deployment.system import System
 from bridge.native import node as native
-from bridge.native.message import E2EProfile
+from bridge.native.message import E2EProfile, counter_bits
 from bridge.records.lives import Life, lives_of
 from bridge.wiring.wiring import Rows
 from cosim.base.errors import ScenarioError
@@ -194,7 +194,7 @@ def _altered_samples(
     if not at.size:
         return
     numbers, values = rows["sequence"][at], values[at]
-    turn = 1 << E2EProfile(message.e2e).counter_bits
+    turn = 1 << counter_bits(E2EProfile(message.e2e))
     wrong = np.zeros(at.size, np.bool_)
     for k in range(-TURNS, TURNS + 1):
         meant = numbers + k * turn

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from bridge.can.codec import Codec
 from bridge.native.bus import Accept
 from bridge.native.faults import CORRUPT
-from bridge.native.message import Decoded
+from bridge.native.message import Decoded, is_preview
 from cosim.links.laws import IntArray
 
 Rows = NDArray[np.void]
@@ -38,7 +38,7 @@ def frames_of_run(rows: Rows, encoding: Codec) -> NDArray[np.bool_]:
     """
     decoded = (encoding.decode(bytes(row["data"][: row["length"]])) for row in rows)
     return np.array(
-        [r is not Decoded.OK or not encoding.message.is_preview(h.status) for r, _, h in decoded],
+        [r is not Decoded.OK or not is_preview(encoding.message, h.status) for r, _, h in decoded],
         dtype=np.bool_,
     )
 

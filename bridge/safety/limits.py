@@ -278,9 +278,9 @@ def vector(values: ArrayLike, joints: int, place: str) -> Array:
     return found
 
 
-def address(values: Array) -> object:
-    """Return a pointer for C to the values (n,), of any unit."""
-    return values.ctypes.data_as(native.Doubles)
+def address(values: Array) -> int:
+    """The address of values (n,), of any unit, for C: the caller keeps them."""
+    return values.ctypes.data
 
 
 def step(life: LifeStruct) -> LifeState:

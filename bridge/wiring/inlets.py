@@ -76,7 +76,7 @@ class InletBindings:
         made = (native.Reception * max(1, len(heard)))()
         for i, name in enumerate(heard):
             self._reception(made[i], self._system.messages[name])
-        self._struct.receptions, self._struct.n_receptions = c.addressof(made), len(heard)
+        self._struct.receptions, self._struct.n_receptions = made, len(heard)
         self._alive.append(made)
         return dict(zip(heard, made, strict=False))
 
@@ -129,7 +129,7 @@ class InletBindings:
             system.deployment, self._name, system.messages, self.receptions
         )
         aparts = (native.Apart * max(1, len(found)))(*found)
-        self._struct.aparts, self._struct.n_aparts = c.addressof(aparts), len(found)
+        self._struct.aparts, self._struct.n_aparts = aparts, len(found)
         self._alive.append(aparts)
 
     def _inlets(self) -> c.Array[native.InletStruct]:
@@ -140,7 +140,7 @@ class InletBindings:
                 native.address("inlet_pass"),
                 c.addressof(inlets) + i * c.sizeof(native.InletStruct),
             )
-        self._struct.inlets = c.addressof(inlets)
+        self._struct.inlets = inlets
         self._struct.n_inlets = len(self._plan.inlets)
         return inlets
 

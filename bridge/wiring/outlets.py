@@ -14,6 +14,7 @@ from bridge.deployment.cut import Outlet, guard_gate
 from bridge.deployment.protection import Span, emulated, span
 from bridge.deployment.system import System
 from bridge.native import node as native
+from bridge.native.pace import quantile
 from bridge.native.safety import JOINTS
 from bridge.safety.limits import GuardSpec, TorqueGuard
 from bridge.wiring.commanded import CommandedDrives
@@ -61,7 +62,7 @@ class OutletBindings:
                 native.address("outlet_pass"),
                 c.addressof(outlets) + i * c.sizeof(native.OutletStruct),
             )
-        self._struct.outlets = c.addressof(outlets)
+        self._struct.outlets = outlets
         self._struct.n_outlets = len(self._plan.outlets)
         return outlets
 
@@ -136,7 +137,7 @@ class OutletBindings:
                     setattr(entry, field, slot.start)
             self.guards[torque.name] = guard
             self.gates[guard_gate(torque)] = native.address("inside_pass"), c.addressof(entry)
-        self._struct.insides, self._struct.n_insides = c.addressof(insides), len(guarded)
+        self._struct.insides, self._struct.n_insides = insides, len(guarded)
         self._alive.append(insides)
 
     def _built(self, spec: GuardSpec, at: Span, period: float, place: str) -> TorqueGuard:
@@ -195,7 +196,7 @@ class Forwarding:
 def forwarded_facts(entry: native.ForwardStruct) -> dict[str, Any]:
     """Samples sent and not handed over; us from their arrival to their hand-over (wall clock)."""
     transit = entry.transit
-    us = {f"p{q:g}": transit.quantile(q / 100) / 1e3 for q in (50, 99) if transit.count}
+    us = {f"p{q:g}": quantile(transit, q / 100) / 1e3 for q in (50, 99) if transit.count}
     if transit.count:
         us["max"] = transit.maximum / 1e3
     return {"sent": int(entry.sent), "failed": int(entry.failed), "transit_us": us}

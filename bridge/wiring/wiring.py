@@ -145,7 +145,7 @@ class WiredNode:
         self._initialize(0)
         self.struct.lead_ns = round((LEAD + LONGER * began()) * 1e9)
         self._joined = native.Joined(self._join)
-        self.struct.joined = self._joined
+        self.struct.joined = c.cast(self._joined, c.c_void_p)
         return self
 
     def _join(self, slot: int) -> int:
@@ -292,7 +292,7 @@ class WiredNode:
             heard = self.system.accepts(self.name, self._names[i])
             bus.accept([one.any_format() for one in heard])  # a wrong format is counted by message
         pending, has = (Frame * max(1, n))(), (c.c_int32 * max(1, n))()
-        self.struct.buses, self.struct.n_buses = c.addressof(structs), n
+        self.struct.buses, self.struct.n_buses = structs, n
         self.struct.pending, self.struct.has_pending = pending, c.addressof(has)
         self._alive += [structs, pending, has]
 
@@ -305,7 +305,7 @@ class WiredNode:
             required = other in self.spec.requires
             peers[i] = limits.PeerSpec(d.nodes[other].number, within, required).build(0)
             peers[i].takes = self._takes_torque(other)
-        s.peers, s.n_peers = c.addressof(peers), len(known)
+        s.peers, s.n_peers = peers, len(known)
         self.peers = dict(zip(known, peers, strict=False))
         services = (native.Services * max(1, len(self._names)))()
         for bus, entry in zip(self._names, services, strict=False):

@@ -19,6 +19,7 @@ from bridge.deployment.services import Encoding
 from bridge.deployment.zenoh_keys import Names
 from bridge.native.frame import Frame
 from bridge.native.message import Header, encode
+from bridge.native.pace import quantile
 from bridge.native.safety import LifeState
 from bridge.realtime.host_clock import host_clock
 from bridge.safety.limits import explain
@@ -97,7 +98,7 @@ def state(wired: WiredNode, end: ZenohAttachment, unheard: Sequence[str]) -> dic
         "slots": int(s.slots),
         "t": s.slot * s.h,
         "missed": int(s.missed),
-        "late_us": {f"p{q:g}": s.late.quantile(q / 100) / 1e3 for q in (50, 99) if s.late.count},
+        "late_us": {f"p{q:g}": quantile(s.late, q / 100) / 1e3 for q in (50, 99) if s.late.count},
         "peers": sorted(end.presence.there),
         "unheard": list(unheard),
         "messages": {

@@ -9,7 +9,8 @@ import sys
 
 import pytest
 
-from bridge.native.bus import BATCH, Bus
+from bridge.native.bus import Bus
+from bridge.native.enums import BUS_BATCH as BATCH
 from bridge.native.frame import Frame
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="sockets of the tick are Linux's")

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from bridge.can.codec import Codec
 from bridge.can.layout import stream
-from bridge.native.message import Decoded, E2EProfile, check, protect
+from bridge.native.message import Decoded, E2EProfile, check, counter_bits, protect
 from tests.bridge.can.layouts import LINKS, layout, layouts
 
 IDS = bytes(range(16, 0, -1))
@@ -89,7 +89,7 @@ def others(profile: E2EProfile, ids: bytes, counter: int, data: bytes) -> bytes:
 @given(st.data())
 def test_the_same_as_autosar_e2e_and_cantools(profile, data):
     ids = data.draw(st.binary(min_size=16, max_size=16))
-    counter = data.draw(st.integers(0, 2**profile.counter_bits - 1))
+    counter = data.draw(st.integers(0, 2 ** counter_bits(profile) - 1))
     text = data.draw(st.binary(min_size=max(4, LIMITS[profile]), max_size=232))
     made = protect(profile, ids, counter, text)
     assert made == others(profile, ids, counter, text)

@@ -64,7 +64,7 @@ def test_a_pointer_that_nobody_knows_is_refused():
     outlet = (native.OutletStruct * 1)()
     history = native.HistoryStruct()
     outlet[0].history = c.pointer(history)
-    struct.outlets, struct.n_outlets = c.addressof(outlet), 1
+    struct.outlets, struct.n_outlets = outlet, 1
     with pytest.raises(CosimError, match=r"OutletStruct\.history: found a pointer, expected none"):
         NodeImage(struct)
 

@@ -12,7 +12,7 @@ from bridge.native.bus import Accept
 from bridge.native.delay import DelayLine
 from bridge.native.faults import FOREVER, INJECTED, Fault, Injector
 from bridge.native.journal import Journal
-from bridge.native.message import Decoded, Header, receiver
+from bridge.native.message import Decoded, Header, accept, receiver
 from bridge.results.undetected import corrupted_frames, sequences, undetected
 from tests.bridge.can.layouts import layout
 
@@ -56,7 +56,7 @@ def run(rules, journal=None):
                 heard.crc += result is Decoded.CRC
                 continue
             t = frame.t_ns - START
-            j = heard.accept(header.counter, t, header.t_us)
+            j = accept(heard, header.counter, t, header.t_us)
             if j >= 0:
                 accepted.append((j, values))
                 line.put(j, j * PERIOD, t, values)

@@ -80,7 +80,7 @@ def test_limits_and_states_that_are_no_numbers_let_no_more_through(
     guard = SPEC.build(2, H)
     for name, values in zip(guard.limits, limits, strict=True):
         if name != "tau_max":
-            setattr(guard.struct, name, values.ctypes.data_as(native.Doubles))
+            setattr(guard.struct, name, values.ctypes.data)
     guard.struct.brake, guard.struct.h = brake, h
     guard.last_tau[:], guard.last_q[:] = last, last
     for tau, q, dq, scale in ticks:

@@ -35,7 +35,7 @@ T = TypeVar("T")
 
 
 @final
-class _Host:
+class _LineHost:
     """A node of the deployment, as far as the drives that it commands hear it before a run."""
 
     def __init__(
@@ -48,7 +48,7 @@ class _Host:
         self._commanded: CommandedDrives | None = None
         sent = (BusStruct * len(self._buses))(*(ends[bus].bus.struct for bus in self._buses))
         services = (Services * len(self._buses))()
-        self.struct.buses, self.struct.n_buses = c.addressof(sent), len(self._buses)
+        self.struct.buses, self.struct.n_buses = sent, len(self._buses)
         self.struct.services = services
         self._alive: list[Any] = [sent, services]
         for bus, entry in zip(self._buses, services, strict=True):
@@ -121,7 +121,7 @@ class DriveLine:
     def __init__(self, d: Deployment, drives: Sequence[LineDrive]) -> None:
         self.deployment, self.drives = d, tuple(drives)
         self._ends: dict[str, Attachment] = {}
-        self._hosts: list[_Host] = []
+        self._hosts: list[_LineHost] = []
         self._stack = ExitStack()
         self._heard: list[tuple[str, Frame]] = []
         self.feeding = True
@@ -134,7 +134,7 @@ class DriveLine:
             self._stack.callback(self._ends[bus].close)
         for name in dict.fromkeys(drive.host for drive in self.drives):
             own = [drive for drive in self.drives if drive.host == name]
-            self._hosts.append(_Host(self.deployment, name, own, self._ends))
+            self._hosts.append(_LineHost(self.deployment, name, own, self._ends))
         return self
 
     def __exit__(self, *_: object) -> None:

@@ -107,7 +107,7 @@ READINGS = {
 
 @dataclass(frozen=True, slots=True)
 class JudgedDrive:
-    """What the judge says of one drive: `torques` (other than 0) that its `host` has sent to it.
+    """The judge's account of one drive: `torques` (other than 0) that its `host` has sent to it.
 
     `forbidden`: when (s) torques were sent that must not be; `unheard`: torques to a drive that
     was off and could not have told so; `off`: from when to when it was off (s), the last one until
@@ -126,7 +126,7 @@ class JudgedDrive:
 def judge_drives(
     system: System, script: FaultScript, nodes: Path, cold: bool
 ) -> Iterator[JudgedDrive]:
-    """Of each drive of a vendor that a node commands.
+    """The accounts of all drives of a vendor that a node commands.
 
     `nodes`: the folder with the logs of a run in simulated time; `cold`: its drives began disabled.
     """
@@ -228,14 +228,14 @@ def _data(rows: Log) -> list[bytes]:
 
 
 def _times(log: Log, there: Bools, wanted: Callable[[bytes], bool]) -> Times:
-    """When frames were there that are wanted, ns."""
+    """The times of the wanted frames, ns."""
     rows = log[there]
     chosen = np.array([wanted(d) for d in _data(rows)], bool)
     return np.asarray(rows["t_ns"][chosen], np.int64)
 
 
 def _told(log: Log, sent: Bools, node: int, reading: Reading, cold: bool) -> tuple[Times, Bools]:
-    """When something was known of the drive's state (n,), ns, and whether it was enabled (n,).
+    """Times (n,), ns, at which the drive's state was known, and a mask (n,): it was enabled.
 
     The first entry is before the log; a request to disable it makes its state known, too.
     """
@@ -254,7 +254,7 @@ def _told(log: Log, sent: Bools, node: int, reading: Reading, cold: bool) -> tup
 def _off(
     told: Times, on: Bools, faults: Sequence[DriveFault], timeout: int, end: int
 ) -> list[tuple[int, int]]:
-    """From when to when (ns) the drive was off: what it told, and what faults did to it.
+    """Intervals (ns) in which the drive was off, by what it told and what faults did to it.
 
     A fault switches it off at once, its cable when its watchdog has run out; then it is off until
     it has told so, and has told that it is enabled again.
@@ -279,7 +279,7 @@ def _off(
 
 
 def _struck(faults: Sequence[DriveFault], timeout: int) -> Iterator[int]:
-    """When a drive that is enabled goes off by a fault, ns."""
+    """The times at which a drive that is enabled goes off by a fault, ns."""
     plugged = [round(f.t * NS) for f in faults if f.fault is VendorFault.PLUG]
     for one in faults:
         t = round(one.t * NS)

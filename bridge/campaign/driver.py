@@ -25,7 +25,7 @@ from cosim.sweeps.run_point import StudyRow
 
 @dataclass(frozen=True, slots=True)
 class CampaignSetup:
-    """What all runs of a campaign have in common.
+    """The common part of all runs of a campaign.
 
     `blind`: simulated receivers check neither CRC nor counter, so that the campaign has to fail.
     `hosted`: there are network namespaces, so that runs can be rehearsed; else all are simulated.
@@ -45,7 +45,7 @@ class CampaignSetup:
 
 
 def runs_for(job: CampaignSetup, faults: int) -> int:
-    """How many runs, from the first one on, have so many faults."""
+    """The number of runs, from the first one on, that have so many faults."""
     total = 0
     for k in count():
         if total >= faults:

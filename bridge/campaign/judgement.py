@@ -118,7 +118,7 @@ def _expected(
 def _broken_invariants(
     system: System, outcome: RehearsalOutcome, judged: JudgedRun
 ) -> Iterator[str]:
-    """What holds in every run, where it does not."""
+    """Statements that hold in every good run and do not hold in this one."""
     if judged.undetected:
         yield f"{judged.undetected} corrupted frames accepted"
     if not judged.torque <= 1.0:
@@ -215,7 +215,7 @@ def _sequences(rows: Rows, carried: Carried) -> NDArray[np.int64]:
 def _accepted(
     system: System, outcome: RehearsalOutcome, report: NodeReport, message: str
 ) -> dict[int, int]:
-    """When (ns, its arrival) each sequence number was first accepted."""
+    """The arrival (ns) at which each sequence number was first accepted."""
     path = outcome.folder / NODES / report.life.file(HEARD)
     rows = Journal.open(path)
     mine = rows[rows["message"] == system.received_by(report.life.node).index(message)]
@@ -228,7 +228,7 @@ def _accepted(
 
 
 def _shares(system: System, rows: Mapping[Life, Rows]) -> Iterator[float]:
-    """Of every guarded torque that was sent, in each row: the greatest share of `tau_max`."""
+    """The greatest share of `tau_max` in each row, for every guarded torque that was sent."""
     for life, recorded in rows.items():
         name = life.node
         spec = system.deployment.nodes[name].guard

@@ -62,7 +62,7 @@ KILL = 1.2
 
 
 class ChannelSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """What carries the frames: a deployment, changed for this campaign."""
+    """A deployment that carries the frames, changed for this campaign."""
 
     deploy: str
     weight: int = 1
@@ -99,11 +99,11 @@ class Many(msgspec.Struct, frozen=True):
         return (self.path.parent / self.spec.scenario).resolve()
 
     def deployment(self, channel: str) -> Path:
-        """Of a channel. Raises ScenarioError."""
+        """The deployment of a channel. Raises ScenarioError."""
         return deploy.find(self.scenario, self.spec.channels[channel].deploy).resolve()
 
     def changes(self, channel: str, rehearsed: bool) -> tuple[str, ...]:
-        """Of scenario and deployment."""
+        """Changes of scenario and deployment."""
         spec = self.spec.channels[channel]
         return (*spec.settings, *(spec.rehearsal if rehearsed else ()), f"run.stop={self.run}")
 

@@ -118,7 +118,7 @@ def _sent(system: System, name: str, recorded: Rows) -> Iterator[float]:
 
 
 def _arm_distance(soak: Soak, done: RunDone) -> float:
-    """How far the arms are from each other at the end."""
+    """The distance of the arms from each other at the end."""
     assert soak.spec.together is not None
     wanted = [
         m
@@ -130,7 +130,7 @@ def _arm_distance(soak: Soak, done: RunDone) -> float:
 
 
 def _broken_invariants(soak: Soak, done: RunDone, measures: Mapping[str, float]) -> Iterator[str]:
-    """What had to be otherwise, however slow the machine."""
+    """Statements that had to hold, however slow the machine, and did not."""
     yield from done.judged.failures
     yield from _crashes(done)
     yield from _unsent_samples(done)
@@ -143,7 +143,7 @@ def _broken_invariants(soak: Soak, done: RunDone, measures: Mapping[str, float])
 
 
 def _timed(soak: Soak, done: RunDone, measures: Mapping[str, float]) -> Iterator[str]:
-    """What had to be otherwise, but a machine that stands still can cause as well."""
+    """Statements that did not hold, which a machine that stands still can cause as well."""
     yield from (f"not in the report: {f.text()}" for f in done.outcome.faults if f.missing)
     yield from _stops(done, of_time=True)
     yield from _separated_arms(soak, done, measures)

@@ -120,7 +120,7 @@ def load_soak(scenario: str | Path, given: str | Path | None) -> Soak:
 
 
 def kind_of(kind: str, table: dict[str, Any], path: Path) -> dict[str, Value]:
-    """What is drawn for a kind, by key. Raises ScenarioError with file and place."""
+    """The values that are drawn for a kind, by key. Raises ScenarioError with file and place."""
     known = (*FRAMES, *HOSTILE, *PROCESSES, *OTHERS, *LINKS, DRIVE)
     if kind not in known:
         raise ScenarioError(
@@ -226,7 +226,7 @@ def round_duration(value: float) -> float:
 
 
 def _agree(a: Table, b: Table) -> bool:
-    """Whether the effects of both faults can be distinguished in the results.
+    """True if the effects of both faults can be distinguished in the results.
 
     Counters are lost with a node that is killed; a duplicated frame may be corrupted once; of two
     faults of a link, one would hide the other. A drive that begins again with its node forgets what

@@ -83,7 +83,7 @@ def _check_sizes(path: str) -> None:
 
 @final
 class CantoolsMessage:
-    """What cantools makes of one message of a file. Raw values are numbers by signal name."""
+    """One message of a file, as cantools reads it. Raw values are numbers by signal name."""
 
     def __init__(self, layout: MessageLayout) -> None:
         self._message = read(layout.source).get_message_by_name(layout.name)

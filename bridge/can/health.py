@@ -22,7 +22,7 @@ WRONG = {
 
 @dataclass(frozen=True)
 class InterfaceCounters:
-    """Of a network interface since it exists, as /proc/net/dev has it: frames, not packets."""
+    """Counters of a network interface since it exists, from /proc/net/dev: frames, not packets."""
 
     received: int
     receive_errors: int
@@ -66,7 +66,7 @@ class BusHealth:
 
     @property
     def ok(self) -> bool:
-        """Whether the bus works and nothing was lost at this end."""
+        """True if the bus works and nothing was lost at this end."""
         lost = self.overruns or self.send_failed or self.log_dropped
         return self.state <= BusState.WARNING and not lost
 
@@ -79,7 +79,7 @@ class BusHealth:
 
 
 def bus_health(bus: Bus, name: str, now_ns: int, interface: str = "") -> BusHealth:
-    """Of a bus now (`now_ns`, monotonic); `interface`: the network interface to ask, if any."""
+    """The health of a bus now (`now_ns`, monotonic); `interface`: the one to ask, if any."""
     s = bus.struct
     return BusHealth(
         name=name,

@@ -29,7 +29,7 @@ from bridge.native.journal import Journal
 
 @dataclass(frozen=True)
 class CanBusSpec:
-    """Which bus: python-can's names. What is "" or None comes from python-can's configuration."""
+    """A bus by python-can's names. What is "" or None comes from python-can's configuration."""
 
     name: str
     """In the deployment, for messages and logs."""
@@ -52,7 +52,7 @@ class Attachment(Protocol):
 
     @property
     def bus(self) -> Bus:
-        """As the tick sees it."""
+        """The bus as the tick sees it."""
 
     def health(self, now_ns: int) -> BusHealth:
         """State and counts at `now_ns` (monotonic)."""

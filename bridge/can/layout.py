@@ -86,7 +86,7 @@ class MessageLayout:
 
     @property
     def place(self) -> str:
-        """Where it is described, for messages."""
+        """The place of its description, for messages."""
         return f"{self.source}: message {self.name}" if self.source else f"message {self.name}"
 
     @property
@@ -202,7 +202,7 @@ def _check_signal(signal: Signal, where: str, header: list[Signal]) -> None:
 
 
 def _held(kind: FieldKind, length: int) -> tuple[int, int]:
-    """What the bits hold; an unsigned field of 64 bits ends at 2^63 - 1."""
+    """The range that the bits hold; an unsigned field of 64 bits ends at 2^63 - 1."""
     if kind is FieldKind.SIGNED:
         return -(1 << length - 1), (1 << length - 1) - 1
     return 0, (1 << min(length, 63)) - 1

@@ -71,7 +71,7 @@ class DbcMessage:
             self.attribute("GenMsgSendType", 0)
 
     def attribute(self, name: str, value: int | str) -> None:
-        """Of the message; an entry of an enumeration is its number."""
+        """Set an attribute of the message; an entry of an enumeration is its number."""
         shown = f'"{value}"' if isinstance(value, str) else value
         self.extra.append(f'BA_ "{name}" BO_ {self.identifier} {shown};')
 
@@ -168,7 +168,7 @@ def common(nodes: Sequence[int] = NODES) -> list[DbcMessage]:
 
 
 def emcy(n: int) -> DbcMessage:
-    """As in CiA 301: code, register, five bytes of the manufacturer."""
+    """The emergency message of CiA 301: code, register, five bytes of the manufacturer."""
     found = DbcMessage(f"EMCY_{n}", 0x080 + n, 8, f"N{n}")
     found.unsigned("code", 0, 16)
     found.unsigned("register", 16, 8)
@@ -178,7 +178,7 @@ def emcy(n: int) -> DbcMessage:
 
 
 def heartbeat(n: int) -> DbcMessage:
-    """Where the node is in its life, and why it stopped."""
+    """The message on where the node is in its life, and why it stopped."""
     found = DbcMessage(f"HEARTBEAT_{n}", 0x700 + n, 8, f"N{n}", 50)
     found.p02(n)
     found.unsigned("state", 16, 3, high=5, table=LIFE)

@@ -51,7 +51,7 @@ def planned_load(frames: Iterable[tuple[int, FrameFormat, float]], timing: BusTi
 
 
 def seconds(bits: Bits, timing: BusTiming) -> float:
-    """How long so many bits take, s."""
+    """The time that so many bits take, s."""
     data_rate = timing.data_bitrate or timing.bitrate
     return bits.nominal / timing.bitrate + bits.data / data_rate
 
@@ -91,7 +91,7 @@ def log_bits(
 
 
 def _start(key: int) -> tuple[int, int, int, int, int, int]:
-    """Of a header: its `Start`, length on the bus, and phases.
+    """The `Start` of a header, its length on the bus, and phases.
 
     Phases: -2 error frame, -1 remote, 0 classic, 1 FD without, 2 FD with BRS.
     """
@@ -151,7 +151,7 @@ def _crc_stuffed(state: NDArray[np.int32], crc: NDArray[np.int32]) -> NDArray[np
 
 
 def log_times(bits: IntArray, timing: BusTiming) -> IntArray:
-    """How long frames take, (N,) ns, to the nearest. `bits`: (N, 2)."""
+    """The time that frames take, (N,) ns, to the nearest. `bits`: (N, 2)."""
     data_rate = timing.data_bitrate or timing.bitrate
     ns = bits[:, 0] * 1e9 / timing.bitrate + bits[:, 1] * 1e9 / data_rate + 0.5
     return ns.astype(np.int64)
@@ -173,7 +173,7 @@ class Measured:
 
     @property
     def possible(self) -> bool:
-        """Whether one bus of these bit rates can have carried the log (2 % for its clock)."""
+        """True if one bus of these bit rates can have carried the log (2 % for its clock)."""
         return self.peak <= 1.02
 
 
@@ -210,7 +210,7 @@ def load_of_log(
 
 
 def durations(rows: NDArray[np.void], timing: BusTiming) -> IntArray:
-    """How long the frames of a log, (N,) as in :func:`load_of_log`, took, (N,) ns.
+    """The time that the frames of a log, (N,) as in :func:`load_of_log`, took, (N,) ns.
 
     Raises TimingError where a frame cannot be one.
     """
@@ -219,7 +219,7 @@ def durations(rows: NDArray[np.void], timing: BusTiming) -> IntArray:
 
 
 class _Busy:
-    """How long the bus was busy up to a time, ns: exact, integers."""
+    """The time that the bus was busy up to a time, ns: exact, integers."""
 
     def __init__(self, starts: IntArray, ends: IntArray) -> None:
         self.edges = [np.sort(starts), np.sort(ends)]

@@ -86,7 +86,7 @@ class BusMessage:
 
     @property
     def kind(self) -> FrameFormat:
-        """What its frames are."""
+        """The format of its frames."""
         flags = Flags.EXTENDED * self.extended | Flags.FD * self.fd | Flags.BRS * self.brs
         return kind_of(flags)
 

@@ -73,7 +73,7 @@ def probe() -> None:
 
 @final
 class MulticastBus(can.BusABC):
-    """What `open_group` opens. `lost`: packets dropped on arrival because the queue was full."""
+    """A bus that `open_group` opens. `lost`: packets dropped because the queue was full."""
 
     def __init__(
         self,
@@ -129,7 +129,7 @@ class MulticastBus(can.BusABC):
             raise can.CanOperationError(str(error), error.errno) from error
 
     def fileno(self) -> int:
-        """Of the socket that frames arrive at."""
+        """The file descriptor of the socket that frames arrive at."""
         return self._in.fileno()
 
     def shutdown(self) -> None:

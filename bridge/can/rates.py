@@ -1,4 +1,4 @@
-"""What a layout of messages does on a simulated bus: response times, and the rate it can reach."""
+"""Response times of a layout of messages on a simulated bus, and the rate it can reach."""
 
 from __future__ import annotations
 

@@ -81,7 +81,7 @@ def _raw(channel: str) -> socket.socket:
 
 
 def _check(sock: socket.socket, channel: str, fd: bool) -> None:
-    """Whether the interface is there, up, and has frames of that size."""
+    """True if the interface is there, up, and has frames of that size."""
     if channel not in (name for _, name in socket.if_nameindex()):
         raise BusError(f"{channel}: no such network interface; {_interface_names()}")
     virtual = channel.startswith(("vcan", "vxcan"))

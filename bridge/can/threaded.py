@@ -155,7 +155,7 @@ def to_message(
 
 
 def _descriptors() -> tuple[int, int]:
-    """Where the sender sleeps, and what wakes it."""
+    """The descriptors at which the sender sleeps, and by which it is woken."""
     if sys.platform == "linux":
         descriptor = os.eventfd(0, os.EFD_CLOEXEC)
         return descriptor, descriptor

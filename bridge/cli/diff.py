@@ -72,7 +72,7 @@ def diff(
 
 
 def lines(found: RunDifference) -> list[str]:
-    """What is printed."""
+    """The printed lines."""
     from cosim.cli.show import aligned
 
     text = [f"a  {found.a}", f"b  {found.b}", f"{found.rows} rows to {found.t_end:g} s"]

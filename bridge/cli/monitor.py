@@ -219,7 +219,7 @@ def _listen(system: System, once: bool, connect: list[str], who: str, only: list
 
 
 def _reject_file_options(said: Mapping[str, object]) -> None:
-    """What goes with files only."""
+    """Refuse options that go with files only."""
     from cosim.base.errors import ScenarioError
 
     for name, value in said.items():

@@ -65,7 +65,7 @@ def bus_settings(
 
 
 def clock_settings(deployment: Deployment, clock: str) -> list[str]:
-    """What a clock other than the wall's changes in a deployment. Raises ScenarioError."""
+    """The changes of a deployment for a clock other than the wall's. Raises ScenarioError."""
     if clock == "wall":
         return []
     if clock == "simulated":

@@ -288,7 +288,7 @@ def _echo(system: System, bus: str, node: str, other: str) -> None:
 
 
 def lines(found: PingResult) -> list[str]:
-    """What was measured, a line each."""
+    """The measured values, a line each."""
     shown = [f"{len(found.sent)} pings, {found.loss:.2%} lost, jitter {found.jitter * 1e3:.3f} ms"]
     for label, values in (("round trip", found.rtt), ("there", found.there), ("back", found.back)):
         shown.append(f"{label:<12} {_quantiles(values)}")

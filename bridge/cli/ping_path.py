@@ -55,7 +55,7 @@ class OpenedPath:
 
 @dataclass(frozen=True, slots=True)
 class PredictionOptions:
-    """What to predict: nothing without a `scenario`; the options of the command."""
+    """The options of a prediction; nothing is predicted without a `scenario`."""
 
     scenario: Path | None = None
     link: str = ""
@@ -94,7 +94,7 @@ class PathRequest:
 
     @property
     def plan(self) -> PingPlan:
-        """Of its questions."""
+        """The plan of its questions."""
         from bridge.ping.measure import PingPlan
 
         count = max(1, round(self.rate * self.duration)) if self.duration else None
@@ -103,7 +103,7 @@ class PathRequest:
 
 @dataclass(frozen=True, slots=True)
 class PathOutcome:
-    """What a measurement found: `data` for JSON, and the alarms that sounded."""
+    """The outcome of a measurement: `data` for JSON, and the alarms that sounded."""
 
     data: dict[str, Any]
     sounded: list[str]
@@ -261,7 +261,7 @@ def _path_trace(kind: str, result: PathResult) -> PathTrace:
 
 @dataclass(frozen=True, slots=True)
 class ShownPrediction:
-    """What was predicted: `data` for JSON; `scenario` and `controllers` in lines."""
+    """A prediction: `data` for JSON; `scenario` and `controllers` in lines."""
 
     data: dict[str, Any] | None = None
     scenario: tuple[str, ...] = ()

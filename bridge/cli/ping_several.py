@@ -26,7 +26,7 @@ _stop: list[Event] = []
 
 @dataclass(frozen=True, slots=True)
 class FailedPath:
-    """Why a path could not be measured."""
+    """The reason why a path could not be measured."""
 
     reason: str
 

@@ -301,7 +301,7 @@ def rewrite_report(folder: Path) -> Path:
 
 
 def header(system: System) -> str:
-    """What is about to run."""
+    """The line that says what is about to run."""
     d = system.deployment
     nodes = ", ".join(f"{n} ({1 / p.h:g} Hz)" for n, p in system.nodes.items())
     buses = ", ".join(

@@ -87,7 +87,7 @@ def replay(
 
 
 def _data(found: ReplayReport) -> dict[str, Any]:
-    """What a replay found, as plain data."""
+    """The outcome of a replay, as plain data."""
     return {
         "exact": found.first is None and not found.altered,
         "slots": {str(life): slots for life, slots in found.slots.items()},

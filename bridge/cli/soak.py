@@ -113,7 +113,7 @@ def _job(
     set_: list[str] | None,
     interface: str | None,
 ) -> SoakSetup:
-    """What was asked for. Raises ScenarioError."""
+    """The soak test that was asked for. Raises ScenarioError."""
     from bridge.campaign.soak import SoakSetup
     from bridge.campaign.soak_spec import load_soak
     from bridge.cli.options import bus_settings

@@ -39,12 +39,12 @@ class LineDrive:
 
     @property
     def heard(self) -> int:
-        """How often it has told a state since its last bring-up began."""
+        """The number of states it has told since its last bring-up began."""
         return 0 if self.entry is None else int(self.entry.heard)
 
     @property
     def told_ns(self) -> int:
-        """When it told its state last, CLOCK_MONOTONIC; -1: never."""
+        """The time of the last state it told, CLOCK_MONOTONIC; -1: never."""
         return -1 if self.entry is None else int(self.entry.told_ns)
 
     @property

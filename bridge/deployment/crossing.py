@@ -1,4 +1,4 @@
-"""What crosses the cuts of a deployment, and which value of which message carries it."""
+"""Signals that cross the cuts of a deployment, and the values of messages that carry them."""
 
 from __future__ import annotations
 
@@ -123,7 +123,7 @@ def _buses(
 
 
 def _chosen(there: Sequence[tuple[str, int]], d: Deployment, buses: set[str]) -> tuple[str, int]:
-    """Of the messages with a value the one with the shortest way to a bus a node is on.
+    """The message with a value that has the shortest way to a bus a node is on.
 
     A node that is on none of their buses listens to the first sender.
     """

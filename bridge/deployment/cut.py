@@ -73,7 +73,7 @@ class Inlet:
 
 @dataclass(frozen=True, slots=True)
 class NodePlan:
-    """What one node executes: a slot is `ticks` base ticks long, `h` seconds.
+    """The plan that one node executes: a slot is `ticks` base ticks long, `h` seconds.
 
     `guarded`: torques of the node's guard that are used in the node itself; the gate of each is
     :func:`guard_gate`.
@@ -208,7 +208,7 @@ def _step(name: str, spec: NodeSpec, plan: Plan, d: Deployment) -> int:
 
 
 def _multiple(seconds: float, of: float, what: str, place: str) -> int:
-    """How many times `of` (s) fits. Raises ScenarioError if this is not a whole number.
+    """The number of times that `of` (s) fits. Raises ScenarioError if this is not a whole number.
 
     `what`: the owner of the period `of`, for the message.
     """

@@ -91,7 +91,7 @@ class Foreign:
 
 
 def commands(d: Deployment, outlet: Outlet) -> bool:
-    """Whether an outlet's message carries torque to a drive with its own protocol."""
+    """True if an outlet's message carries torque to a drive with its own protocol."""
     return bool(d.messages[outlet.message].profile) and any(p.port == "tau" for p in outlet.parts)
 
 

@@ -37,7 +37,7 @@ class Forward:
 
 
 def carried_signals(plan: Plan, m: MessageSpec, place: str) -> tuple[Slot, ...]:
-    """What a message carries: outputs, or entries of them, of one component.
+    """The signals of a message: outputs, or entries of them, of one component.
 
     Raises ScenarioError if it carries nothing, outputs of several components, or an unknown output.
     """

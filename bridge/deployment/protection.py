@@ -70,7 +70,7 @@ def torque_age(spec: DriveSpec, d: Deployment, place: str) -> int:
 
 
 def drives_by(plan: NodePlan, spec: NodeSpec, message: str) -> bool:
-    """Whether a message carries torques of the node's drive."""
+    """True if a message carries torques of the node's drive."""
     port = spec.drive.port if spec.drive else None
     return any(i.message == message and i.target.port == port for i in plan.inlets)
 

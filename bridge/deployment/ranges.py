@@ -71,7 +71,7 @@ def unlimited(system: System, node: str, carried: Carried) -> list[str]:
 
 
 def values(carried: Carried) -> Iterator[Value]:
-    """Of a message, in their order."""
+    """The values of a message, in their order."""
     for part in carried.outlet.parts:
         index = part.name.partition("[")[2].rstrip("]").rpartition(",")[2]
         first = int(index) - part.base if not part.shape and index.isdigit() else 0

@@ -28,7 +28,7 @@ BEATS = 4
 
 
 class Encoding(Protocol):
-    """What a message is made of bytes by: a :class:`bridge.can.codec.Codec`, or one of Zenoh."""
+    """The coder of a message: a :class:`bridge.can.codec.Codec`, or one of Zenoh."""
 
     @property
     def message(self) -> Message:
@@ -145,7 +145,7 @@ def _in_file(d: Deployment, bus: str, layouts: Sequence[MessageLayout]) -> Servi
 
 
 def _streamed(d: Deployment, bus: str) -> Service:
-    """Of a Zenoh bus: it has no SYNC."""
+    """The services of a Zenoh bus: it has no SYNC."""
     keys = zenoh_keys.names_of(d, bus)
     beats = {spec.number: zenoh_keys.heartbeat(keys, node, spec) for node, spec in d.nodes.items()}
     return Service(

@@ -213,7 +213,7 @@ def _carried(
 
 
 def _streamed(outlet: Outlet, node: str, d: Deployment, signals: Sequence[str]) -> Encoding:
-    """Of a message on a Zenoh bus."""
+    """The coder of a message on a Zenoh bus."""
     key = names.names_of(d, outlet.bus).message(node, outlet.component, outlet.message)
     return names.codec(key, names.numbers(d, outlet.bus)[outlet.message], signals)
 

@@ -92,7 +92,7 @@ def codec(key: str, number: int, signals: Sequence[str]) -> Codec:
 
 
 def numbers(deployment: Deployment, bus: str) -> Mapping[str, int]:
-    """Of the messages on a bus, by name, in their order."""
+    """The numbers of the messages on a bus, by name, in their order."""
     there = sorted(name for name, m in deployment.messages.items() if m.bus == bus)
     return {name: FIRST + i for i, name in enumerate(there)}
 
@@ -114,5 +114,5 @@ def estop(names: Names) -> Codec:
 
 
 def epoch(names: Names) -> Codec:
-    """Which run this is, and when its t = 0 was: ``bridge/c/epoch.h``."""
+    """The message on which run this is, and when its t = 0 was: ``bridge/c/epoch.h``."""
     return codec(names.shared("epoch"), EPOCH, (*EPOCH_SIGNALS, *EPOCH_IDENTITY))

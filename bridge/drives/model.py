@@ -106,7 +106,7 @@ class Drive:
 
     @property
     def state(self) -> DriveState:
-        """Where the drive is."""
+        """The state of the drive."""
         return DriveState(self.struct.state)
 
     def request(self, request: DriveRequest, now_ns: int) -> DriveState:

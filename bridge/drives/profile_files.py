@@ -206,7 +206,7 @@ def _raw(table: dict[str, Any], place: str) -> Raw:
 
 
 def _drive(table: Mapping[str, Any], place: str) -> DriveSpec:
-    """Of the ``[drive]`` table of a profile; an array is one number a joint."""
+    """The drive of the ``[drive]`` table of a profile; an array is one number a joint."""
     _known(table, set(VALUES), place)
     values: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in table.items()}
     return DriveSpec(**values).over(DEFAULTS)

@@ -66,7 +66,7 @@ class Joint:
 
 @dataclass(frozen=True, slots=True)
 class DriveProfile:
-    """What a profile's file says; `limits` in SI, `drive` describes the emulated one."""
+    """The content of a profile's file; `limits` in SI, `drive` describes the emulated one."""
 
     path: str
     title: str
@@ -88,7 +88,7 @@ class DriveProfile:
 
     @property
     def format(self) -> Flags:
-        """Of all frames to and from these drives, as their command has it: FD, BRS, or none."""
+        """The format of all frames of these drives, that of the command: FD, BRS, or none."""
         flags = find(self.layouts, self.command.message.format(node=1)).flags
         return Flags(flags) & (Flags.FD | Flags.BRS)
 

@@ -50,7 +50,7 @@ _NAMES: Mapping[type, str] = {
 
 @dataclass(frozen=True, slots=True)
 class _Target:
-    """What a pointer points to: `count` elements; `kept`: the node does not change them."""
+    """The target of a pointer: `count` elements; `kept`: the node does not change them."""
 
     kind: Any
     count: Count

@@ -63,7 +63,7 @@ def export_nodes(
 
 
 def check(system: System, name: str) -> None:
-    """Whether a node can be a network FMU. Raises ScenarioError."""
+    """True if a node can be a network FMU. Raises ScenarioError."""
     d = system.deployment
     if name not in d.nodes:
         raise ScenarioError(
@@ -82,7 +82,7 @@ def check(system: System, name: str) -> None:
 
 
 def notes(system: System, name: str) -> list[str]:
-    """What the FMU does differently from the node of a rehearsal, for its user."""
+    """The differences of the FMU from the node of a rehearsal, for its user."""
     spec = system.deployment.nodes[name]
     buses = system.buses_of(name)
     queues = ", ".join(sorted({system.deployment.buses[bus].queue for bus in buses}))
@@ -108,7 +108,7 @@ def notes(system: System, name: str) -> list[str]:
 
 
 def _constant(link: Link) -> bool:
-    """Whether its delay is the same for all samples."""
+    """True if its delay is the same for all samples."""
     return isinstance(link.table, DrawnTable) and isinstance(link.table.law, Constant)
 
 
@@ -143,7 +143,7 @@ def _write(node: WiredNode, target: Path, platforms: Sequence[str] | None, objec
 
 
 def _check_tables(node: WiredNode) -> None:
-    """Whether what was drawn for the run has a size for C. Raises ScenarioError."""
+    """True if what was drawn for the run has a size for C. Raises ScenarioError."""
     sizes = {f"delays of the link to {name}": x.struct.n_delays for name, x in node.lines.items()}
     hits = {c.name: node.plan.slots // c.period for c in node.plan.plan.components}
     for player in node.plan.plan.players:

@@ -198,7 +198,7 @@ def _operation(o: Operation, node: str) -> str:
 
 
 def _gates(node: WiredNode, image: NodeImage) -> list[str]:
-    """What the plan calls at each of its gates, with the struct that it is given."""
+    """The calls of the plan at each of its gates, with the struct that each is given."""
     kinds = {
         native.address("inlet_pass"): ("inlet_pass", native.InletStruct),
         native.address("outlet_pass"): ("outlet_pass", native.OutletStruct),

@@ -179,7 +179,7 @@ def _tuple(names: Names) -> tuple[str, ...]:
 
 
 def _events(spec: Spec, place: _Place) -> list[FaultEvent]:
-    """What happens to the targets of a table, each on its own."""
+    """The faults of the targets of a table, each on its own."""
     if isinstance(spec, BabbleSpec):
         t0, t1 = place.span(spec.start, spec.end)
         rate = place.value("rate", spec.rate, "1/s", 1e-3, 1e6)

@@ -71,7 +71,7 @@ class FrameFault:
     b: float
 
     def about(self, listened: Iterable[Subscription]) -> list[Subscription]:
-        """Those of what a node listens to that this is a fault of."""
+        """The subscriptions of a node that this fault touches."""
         return [one for one in listened if self.bus in ("", one.bus) and self._names(one)]
 
     def _names(self, one: Subscription) -> bool:
@@ -103,7 +103,7 @@ class FaultEvent:
 
     @property
     def text(self) -> str:
-        """As a rehearsal notes it."""
+        """The fault as a rehearsal notes it."""
         return f"{self.action} {self.target}"
 
 
@@ -159,7 +159,7 @@ class FaultScript:
         journal: int | None = None,
         capacity: int = 4096,
     ) -> NodeFaults | None:
-        """What happens to frames as `node` receives them; None: nothing.
+        """Faults of frames as `node` receives them; None: there are none.
 
         `listened`: what it hears, SYNC among it; `buses`: their numbers in the node; `samples`:
         the messages of the deployment among them, by name, which a hostile peer can make (they
@@ -230,7 +230,7 @@ def _numbered(number: int) -> Accept:
 
 
 def _same_identifier(a: Accept, b: Accept) -> bool:
-    """Whether two are of one identifier, of 11 or 29 bits."""
+    """True if two are of one identifier, of 11 or 29 bits."""
     return a.id == b.id and not (a.flags ^ b.flags) & Flags.EXTENDED
 
 

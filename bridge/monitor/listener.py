@@ -152,7 +152,7 @@ class Listener:
                 heard.renew()
 
     def there(self, node: str) -> bool | None:
-        """Whether a node's token is there; None: it is on no Zenoh bus."""
+        """True if a node's token is there; None: it is on no Zenoh bus."""
         known = [net.nodes[node] for net in self.nets.values() if node in net.nodes]
         return any(known) if known else None
 

@@ -15,7 +15,7 @@ from cosim.analysis.metrics import MetricResult
 
 
 def view(listener: Listener, now_ns: int) -> View:
-    """What is known at `now_ns` (monotonic), to be shown."""
+    """All that is known at `now_ns` (monotonic), to be shown."""
     beats = listener.beats.items()
     there = [f"{n} {how}" for n, b in beats if (how := _node_status(listener, n, b, now_ns))]
     heard = listener.heard.values()
@@ -27,7 +27,7 @@ def view(listener: Listener, now_ns: int) -> View:
 
 
 def tables(listener: Listener, now_ns: int) -> list[TextTable]:
-    """What is known, as tables; empty ones are left out."""
+    """All that is known, as tables; empty ones are left out."""
     known = window.metrics(listener.system, listener.heard.values(), now_ns)
     return _tables(listener, now_ns, known)
 

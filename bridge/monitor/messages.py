@@ -86,7 +86,7 @@ class ReceivedMessage:
 
     @property
     def message(self) -> Message:
-        """As C sees it."""
+        """The message as C sees it."""
         return self.carried.encoding.message
 
     @property
@@ -122,7 +122,7 @@ class ReceivedMessage:
             self.recent.append(HeardSample(t, stamp, values))
 
     def _counted(self, counter: int, t: int) -> bool:
-        """Whether it is new. A listener does not know t = 0: the first frame is taken to be late
+        """True if it is new. A listener does not know t = 0: the first frame is taken to be late
         by a quarter of a turn of the counter, so that faster ones may follow.
         """
         r = self.receiver

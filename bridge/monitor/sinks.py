@@ -1,4 +1,4 @@
-"""Where messages of :mod:`bridge.monitor.topics` go: an MCAP file, Foxglove, PlotJuggler.
+"""Receivers of the messages of :mod:`bridge.monitor.topics`: an MCAP file, Foxglove, PlotJuggler.
 
 MCAP and the WebSocket are the Foxglove SDK's (``foxglove-sdk``), imported when one is wanted.
 """

@@ -43,7 +43,7 @@ class Broadcast:
 
     @property
     def full(self) -> bool:
-        """Whether there are as many pages as there may be."""
+        """True if there are as many pages as there may be."""
         return len(self._pages) >= PAGES
 
     async def run(self) -> None:

@@ -1,4 +1,4 @@
-"""What messages carried in the last second, on one time axis: what metrics read of it."""
+"""Values of messages in the last second, on one time axis, for metrics."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ STEP = 0.005
 
 @final
 class Recent:
-    """As :class:`cosim.analysis.signals.Signals`: a value holds until the next one.
+    """Signals like :class:`cosim.analysis.signals.Signals`: a value holds until the next one.
 
     Before its first one holds too; of what has not come for a second all is NaN. `t` ends at 0,
     which is `now_ns` (monotonic).
@@ -53,7 +53,7 @@ class Recent:
         return self._scalars(prefix)
 
     def has(self, prefix: str) -> bool:
-        """Whether messages carry all of a signal."""
+        """True if messages carry all of a signal."""
         return all(name in self._places for name in self._scalars(prefix))
 
     def _scalars(self, prefix: str) -> tuple[str, ...]:

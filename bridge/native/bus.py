@@ -27,7 +27,8 @@ FORMAT = FRAME_FORMAT
 
 @dataclass(frozen=True)
 class Rate:
-    """Of a bus in one second: frames, bits at the nominal rate, bits of CAN FD data phases.
+    """The rate of a bus in one second: frames, bits at the nominal rate, bits of CAN FD data
+    phases.
 
     Bits contain inter-frame space and the stuff bits of random data (one in 30), not those of the
     frames that were there.
@@ -110,14 +111,16 @@ class Bus:
         return bus
 
     def accept(self, accepts: Sequence[Accept] | None) -> None:
-        """Which frames are given from now on; None: all. Others are logged and counted only."""
+        """Choose the frames that are given from now on; None: all. Others are logged and counted
+        only.
+        """
         if accepts is not None:
             self._accepts = (Accept * len(accepts))(*accepts)
             self.struct.accepts, self.struct.n_accepts = self._accepts, len(accepts)
 
     @property
     def state(self) -> BusState:
-        """Of controller and interface, as far as frames and errors told."""
+        """The state of controller and interface, as far as frames and errors told."""
         return BusState(self.struct.state)
 
     def receive(self, frame: Frame) -> bool:

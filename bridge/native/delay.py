@@ -70,7 +70,7 @@ class DelayLine:
 
     @property
     def address(self) -> int:
-        """Of the `delay_t`, valid as long as this lives."""
+        """The address of the `delay_t`, valid as long as this lives."""
         return c.addressof(self.struct)
 
     def reset(self) -> None:
@@ -87,6 +87,6 @@ class DelayLine:
         return int(self._library.delay_take(c.byref(self.struct), row, now_ns))
 
     def values(self) -> FloatArray:
-        """What is held, (width,), a copy; without a meaning while nothing is."""
+        """The held values, (width,), a copy; without a meaning while nothing is held."""
         held: FloatArray = self._values[-1].copy()
         return held

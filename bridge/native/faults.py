@@ -59,7 +59,7 @@ class Injector:
 
     @property
     def address(self) -> int:
-        """Of the `faults_t`, valid as long as this lives."""
+        """The address of the `faults_t`, valid as long as this lives."""
         return c.addressof(self.struct)
 
     def put(self, frame: Frame, start_ns: int) -> None:
@@ -73,5 +73,5 @@ class Injector:
         return frame if found else None
 
     def hits(self) -> tuple[int, ...]:
-        """How many frames each rule did something to."""
+        """The number of frames that each rule did something to."""
         return tuple(rule.hits for rule in self.rules)

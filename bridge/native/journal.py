@@ -108,7 +108,7 @@ class Journal:
 
     @property
     def address(self) -> int:
-        """Of `journal_t`, for C; valid until `close`."""
+        """The address of `journal_t`, for C; valid until `close`."""
         return c.addressof(self.struct)
 
     @property
@@ -249,7 +249,7 @@ def _header(path: Path, memory: mmap.mmap | bytes) -> JournalStruct:
 
 
 def row_of(path: Path, text: bytes, size: int) -> np.dtype[Any]:
-    """What a row is made of, from the text behind the rows. Raises JournalError."""
+    """The fields of a row, from the text behind the rows. Raises JournalError."""
     try:
         row = np.lib.format.descr_to_dtype(ast.literal_eval(text.decode()))
     except (SyntaxError, ValueError, TypeError) as error:

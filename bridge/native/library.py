@@ -1,4 +1,4 @@
-"""Where the library is, and how it is loaded."""
+"""The place of the library, and the way it is loaded."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from cosim.base.errors import CosimError
 
 
 def library_path() -> Path:
-    """Where the shared library is, built at installation next to the package's sources."""
+    """The path of the shared library, built at installation next to the package's sources."""
     suffix = {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
     return Path(__file__).parent.with_name(f"_bridge{suffix}")
 

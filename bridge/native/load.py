@@ -18,6 +18,6 @@ def frame_bits_exact(frame: Frame) -> tuple[int, int]:
 
 
 def frame_time_ns(frame: Frame, timing: BusTiming) -> int:
-    """How long a frame occupies its bus, ns; 0: no CAN frame."""
+    """The time that a frame occupies its bus, ns; 0: no CAN frame."""
     lib = library()
     return int(lib.frame_time_ns(c.byref(frame), timing.bitrate, timing.data_bitrate or 0.0))

@@ -42,12 +42,12 @@ def header_bytes(profile: E2EProfile) -> int:
 
 
 def carries_state(message: Message) -> bool:
-    """Whether its status contains the state of the sender; 4 bits (classic CAN) do not."""
+    """True if its status contains the state of the sender; 4 bits (classic CAN) do not."""
     return bool(message.status >= 0 and message.header[message.status].scale == 1.0)
 
 
 def is_preview(message: Message, status: int) -> bool:
-    """Whether this status byte is from a configured sender that waits for its start.
+    """True if this status byte is from a configured sender that waits for its start.
 
     Such a frame contains the values with which its sender will start. It is not a sample of a run,
     and receivers do not count it.
@@ -99,7 +99,7 @@ def protect(profile: E2EProfile, data_ids: bytes, counter: int, data: bytes) -> 
 
 
 def check(profile: E2EProfile, data_ids: bytes, data: bytes) -> tuple[Decoded, int]:
-    """Whether length and CRC are right, and the counter. `data_ids`: 16 bytes."""
+    """True if length and CRC are right, and the counter. `data_ids`: 16 bytes."""
     counter = c.c_uint32()
     result = library().e2e_check(profile, data_ids, data, len(data), c.byref(counter))
     return Decoded(result), counter.value

@@ -76,12 +76,12 @@ class AcceptMethods(c.Structure):
         return cls(message.id, ALL_BITS, message.flags & KIND, KIND)
 
     def takes(self, frame: IdAndFlags) -> bool:
-        """Whether it is one of these frames."""
+        """True if it is one of these frames."""
         same = not (frame.id ^ self.id) & self.mask
         return same and not (frame.flags ^ self.flags) & self.flag_mask
 
     def among(self, rows: NDArray[np.void]) -> NDArray[np.bool_]:
-        """Which rows of a log or record (fields `id` and `flags`) are such frames, (rows,)."""
+        """A mask (rows,) of such frames in a log or record (fields `id` and `flags`)."""
         other_id = (rows["id"] ^ np.uint32(self.id)) & np.uint32(self.mask)
         flags = rows["flags"].astype(np.uint32)
         other_format = (flags ^ np.uint32(self.flags)) & np.uint32(self.flag_mask)

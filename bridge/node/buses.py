@@ -54,7 +54,7 @@ def can_spec(deployment: Deployment, name: str) -> interface.CanBusSpec:
 
 
 def _has_bitrate(spec: BusSpec) -> bool:
-    """Whether the interface needs a bit rate; some have none, or the kernel sets it."""
+    """True if the interface needs a bit rate; some have none, or the kernel sets it."""
     return spec.interface not in ("socketcan", "virtual", "udp_multicast")
 
 

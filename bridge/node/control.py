@@ -65,7 +65,7 @@ class Control:
         self._struct.alarm = native.RAISED
 
     def jump(self, by_ns: int) -> None:
-        """From now on this node takes it to be so much later: a clock that was set."""
+        """Let this node take it to be so much later from now on: a clock that was set."""
         self._struct.start_ns -= by_ns
 
     def stop(self) -> None:
@@ -179,7 +179,7 @@ def room_ahead(journals: Sequence[Journal], helping: Helpers) -> Iterator[None]:
 
 
 def refusal_text(struct: native.NodeStruct) -> str:
-    """Why the last ARM or START was refused, in words."""
+    """The reason why the last ARM or START was refused, in words."""
     return refusal(reason_names(struct.refused), bool(struct.life.armed))
 
 

@@ -29,12 +29,12 @@ class NodeStart:
     script: str = ""
 
     def text(self) -> str:
-        """As JSON."""
+        """The report as JSON."""
         return json.dumps(asdict(self), default=str)
 
     @classmethod
     def parse(cls, text: str) -> Self:
-        """Of :meth:`text`."""
+        """The report that :meth:`text` wrote."""
         said = json.loads(text)
         paths = {key: Path(said[key]) for key in ("scenario", "deployment", "folder")}
         life = Life(**said["life"])
@@ -42,7 +42,7 @@ class NodeStart:
 
 
 def missing_text(waiting: Sequence[str]) -> str:
-    """What a node that is not ready waits for, according to its last report."""
+    """The inputs that a node that is not ready waits for, according to its last report."""
     if waiting:
         return f"has not received from {', '.join(waiting)}"
     return "opens its buses and loads its components"
@@ -121,4 +121,4 @@ class NodeHandle(ABC):
 
     @abstractmethod
     def reason(self) -> str:
-        """Why it ended too early, if it reported that."""
+        """The reason why it ended too early, if it reported that."""

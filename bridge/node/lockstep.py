@@ -32,7 +32,7 @@ PATIENCE = 30.0
 
 
 def is_lockstep(system: System) -> bool:
-    """Whether a deployment asks for lock-step. Raises ScenarioError where it cannot be."""
+    """True if a deployment asks for lock-step. Raises ScenarioError where it cannot be."""
     d = system.deployment
     asked = [name for name, bus in d.buses.items() if bus.options.get("lockstep")]
     others = [name for name in d.buses if name not in asked]
@@ -51,7 +51,7 @@ def is_lockstep(system: System) -> bool:
 
 
 def looks_ahead(system: System) -> bool:
-    """Whether nodes run ahead of samples that the delays of links still hold back."""
+    """True if nodes run ahead of samples that the delays of links still hold back."""
     return all(bus.options.get("lookahead", True) for bus in system.deployment.buses.values())
 
 
@@ -125,7 +125,7 @@ class Lockstep:
         )
 
     def _lead(self, message: str) -> int:
-        """How long after it was sent a sample has its first effect here, ns."""
+        """The time after which a sample that was sent has its first effect here, ns."""
         bindings, plan = self.wired.inlet_bindings, self.wired.plan
         leads = [
             0 if struct.drive else self.wired.lines[inlet.target.name].lead_ns
@@ -139,7 +139,7 @@ class Lockstep:
         return native.run(self.struct)
 
     def error(self, result: int) -> str:
-        """Which sample did not come; "" where it ended for another reason."""
+        """The sample that did not come; "" where it ended for another reason."""
         s = self.wired.struct
         if result not in (native.STALLED, native.LOST, native.REFUSED):
             return ""

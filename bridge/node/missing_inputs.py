@@ -37,7 +37,7 @@ USUAL = 10.0
 
 
 def missing_before_start(wired: WiredNode) -> list[str]:
-    """What is missing before a start, a phrase each; empty: the node is ready."""
+    """The inputs missing before a start, a phrase each; empty: the node is ready."""
     functions, struct, system = native.functions(), wired.struct, wired.system
     node, now = c.byref(struct), monotonic_ns()
     found = [
@@ -156,7 +156,7 @@ def _silence_text(wired: WiredNode, message: str, silence: float) -> str:
 
 
 def _refused_counts(receiver: Receiver) -> str:
-    """How many frames of a message came in the run and were refused, by reason."""
+    """The numbers of frames of a message that came in the run and were refused, by reason."""
     said = ", ".join(f"{n} {name}" for name, n in _refused(receiver).items())
     return f" (refused in the run: {said})" if said else ""
 
@@ -227,7 +227,7 @@ def report_missing_inputs(
 
 
 class _Watch:
-    """What has been said of a node so far."""
+    """The sentences said of a node so far."""
 
     def __init__(
         self,

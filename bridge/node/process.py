@@ -68,7 +68,7 @@ class Process(NodeHandle):
 
     @property
     def pid(self) -> int:
-        """Of the process."""
+        """The number of the process."""
         return self._popen.pid
 
     @property
@@ -103,7 +103,7 @@ class Process(NodeHandle):
                     stream.close()
 
     def reason(self) -> str:
-        """Why it ended too early, if it reported that."""
+        """The reason why it ended too early, if it reported that."""
         if self.failed:
             return str(self.failed["error"])
         text = self.errors.read_text(encoding="utf-8", errors="replace").strip()

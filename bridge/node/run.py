@@ -111,7 +111,7 @@ def _in_lockstep(
     say: Say,
     listen: Callable[[Control], None],
 ) -> Statement:
-    """As :func:`run_node`, without a clock."""
+    """Run a node like :func:`run_node`, without a clock."""
     with (
         open_buses(system, options.life, options.folder) as buses,
         lockstep.Lockstep(system, options.life.node, buses, journal) as stepping,
@@ -137,7 +137,7 @@ def _in_simulated_time(
     say: Say,
     listen: Callable[[Control], None],
 ) -> Statement:
-    """As :func:`run_node`, in the time of simulated buses."""
+    """Run a node like :func:`run_node`, in the time of simulated buses."""
     with open_buses(system, options.life, options.folder) as buses:
         rings = {name: end.bus for name, end in buses.items()}
         wired = WiredNode(system, options.life.node, rings, journal, native.SIMULATED)
@@ -262,7 +262,7 @@ def node_statement(
 
 
 def _end_and_reason(wired: WiredNode, result: int) -> tuple[LifeEnd, str]:
-    """How it ended, and what went wrong in a sentence."""
+    """The end of a life, and what went wrong in a sentence."""
     s = wired.struct
     if result > 0:
         end = wired.engine.end(result)

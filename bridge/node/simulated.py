@@ -27,7 +27,7 @@ LOOK = 0.001
 
 
 def is_simulated(system: System) -> bool:
-    """Whether a deployment asks for simulated time. Raises ScenarioError where it cannot be."""
+    """True if a deployment asks for simulated time. Raises ScenarioError where it cannot be."""
     d = system.deployment
     if d.clock != "simulated":
         return False
@@ -49,7 +49,7 @@ def is_simulated(system: System) -> bool:
 
 
 def end_ns(system: System) -> int:
-    """When the last slot of any node has its deadline, ns."""
+    """The deadline of the last slot of any node, ns."""
     d = system.deployment
     phases = {n: d.seconds(d.nodes[n].phase, "nodes", n, "phase") for n in system.nodes}
     return max(

@@ -48,7 +48,7 @@ class Thread(NodeHandle):
 
     @property
     def pid(self) -> int:
-        """Of the thread."""
+        """The number of the thread."""
         return self._thread.native_id or 0
 
     @property
@@ -71,5 +71,5 @@ class Thread(NodeHandle):
         self._commands.put(None)
 
     def reason(self) -> str:
-        """Why it ended too early, if it reported that."""
+        """The reason why it ended too early, if it reported that."""
         return str(self.failed["error"]) if self.failed else "the thread has ended"

@@ -95,7 +95,7 @@ def _lognormal(T: Floats, hold: float | None) -> Lognormal:
 
 
 def _quantiles(law: Gamma | Lognormal) -> Floats:
-    """Of 20000 draws, (200,), s."""
+    """Quantiles of 20000 draws, (200,), s."""
     drawn = replace(law, hold=None).stream(Fraction(1, 100), generator(0, "ping")).take(20_000)
     return np.asarray(np.quantile(drawn, _SHARES))
 
@@ -162,7 +162,7 @@ def link_toml(file: str, semantics: str) -> str:
 
 
 def semantics_of(kind: str, result: PathResult) -> str:
-    """How a receiver on such a path takes samples: UDP and CAN numbered, Zenoh in order."""
+    """The semantics of a receiver on such a path: UDP and CAN numbered, Zenoh in order."""
     if kind == "zenoh" and not result.loss.share:
         return "fifo"
     return "newest-stamp" if kind == "udp" else "last-arrival"

@@ -41,7 +41,7 @@ class CanQuestion:
 
     @property
     def flags(self) -> int:
-        """Of its frame."""
+        """The flags of its frame."""
         extended = Flags.EXTENDED if self.identifier > 0x7FF else 0
         return int(extended | (Flags.REMOTE if self.remote else 0))
 
@@ -51,7 +51,8 @@ class CanQuestion:
 
 
 def parse_question(ask: str, answer: str) -> CanQuestion:
-    """From ``ID#DATA`` (hexadecimal, as candump and cansend write them; ``ID#R``: a remote frame).
+    """The question in ``ID#DATA`` (hexadecimal, as candump and cansend write them; ``ID#R``: a
+    remote frame).
 
     `answer`: identifier of the answer, hexadecimal. Raises ScenarioError.
     """
@@ -104,7 +105,7 @@ class CanPath:
 
 
 def frame_ns(frame: Frame, timing: BusTiming) -> int:
-    """How long a frame occupies a bus, ns, with the stuff bits of its data."""
+    """The time that a frame occupies a bus, ns, with the stuff bits of its data."""
     flags = frame.flags
     fd = bool(flags & Flags.FD)
     kind = FrameFormat(
@@ -183,7 +184,7 @@ class CanResponder:
 
 
 def transmission(question: CanQuestion, timing: BusTiming) -> tuple[float, float]:
-    """How long a question and an answer of 8 bytes 0 take on a free bus, s."""
+    """The times of a question and an answer of 8 bytes 0 on a free bus, s."""
     asked = frame_ns(question.frame(question.data or bytes(8)), timing)
     answered = frame_ns(
         Frame.of(question.answer, bytes(8), Flags.EXTENDED if question.answer > 0x7FF else 0),
@@ -195,7 +196,7 @@ def transmission(question: CanQuestion, timing: BusTiming) -> tuple[float, float
 def can_lines(
     path: CanPath, question: CanQuestion, timing: BusTiming | None, median: float, took: float
 ) -> list[str]:
-    """What is known of the time on the bus. `median`: of the round trips, s; `took`: s measured."""
+    """Lines on the time on the bus. `median`: of the round trips, s; `took`: s measured."""
     if timing is None:
         return [f"{path.others} other frames; --bitrate tells transmission from queueing"]
     asked, answered = transmission(question, timing)

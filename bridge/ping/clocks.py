@@ -175,7 +175,7 @@ def _lines(sent: Floats, F: Floats, returned: Floats, B: Floats) -> OffsetLines 
 
 
 def _where_positive(x: Floats, y: Floats) -> Floats:
-    """Those of the points `x` (m,) where a concave, piecewise linear `y` (m,) is not negative,
+    """The points of `x` (m,) where a concave, piecewise linear `y` (m,) is not negative,
     and where it is zero between them.
     """
     inside = y >= 0

@@ -1,4 +1,4 @@
-"""What a ping records: for each question its stamps, in bounded memory, and what else came."""
+"""The record of a ping: for each question its stamps, in bounded memory, and what else came."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class PingPath(Protocol):
         """Send; `to`: the `sender` of an arrival. Raises RunError where that is not possible."""
 
     def receive(self, until_ns: int) -> Sequence[Arrival]:
-        """What has arrived, or arrives first before `until_ns`; empty if nothing does."""
+        """The arrivals so far, or the first ones before `until_ns`; empty if there are none."""
 
     def close(self) -> None:
         """Let go of it."""
@@ -65,7 +65,7 @@ class ReceivedAnswer:
 
 
 class PingCodec(Protocol):
-    """How questions and answers look on a path."""
+    """The form of questions and answers on a path."""
 
     def question(self, k: int, t1_ns: int) -> bytes:
         """The data of question `k`, sent at `t1_ns`."""

@@ -68,7 +68,7 @@ def autocorrelation(x: Floats) -> float:
 
 @dataclass(frozen=True, slots=True)
 class PathResult:
-    """What was measured. Arrays (n,) are in the order of the questions, s, NaN: lost.
+    """The measured delays of a path. Arrays (n,) are in the order of the questions, s, NaN: lost.
 
     `sent`: times of the questions from the first; `rtt`: round trip without the other end's
     turn-round; `there`, `back`: as an application has them, None where only the sum is known;

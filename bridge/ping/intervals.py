@@ -68,7 +68,7 @@ def _spread(q: float, inflation: float, n: int) -> float:
 
 
 def dependence(below: NDArray[np.bool_]) -> float:
-    """How many times larger the variance of the mean of `below` (n,) is than if its elements were
+    """The factor by which the variance of the mean of `below` (n,) exceeds that of elements
     independent of each other; dimensionless, at least 1.
     """
     n, share = below.size, float(below.mean())

@@ -43,7 +43,7 @@ def zenoh_sample(
     t_ns: int,
     date_ns: int,
 ) -> StreamSample:
-    """What a Zenoh sample says: by rmw_zenoh, else by the time stamp of Zenoh (`stamped_ns`).
+    """The content of a Zenoh sample: by rmw_zenoh, else by the time stamp of Zenoh (`stamped_ns`).
 
     Times in ns; `t_ns` monotonic, the others since 1970.
     """
@@ -80,7 +80,7 @@ class StreamFigures:
 
 @final
 class HeardStreams:
-    """What is heard, by key or identifier, in bounded memory. `ignored`: of further streams."""
+    """Streams heard, by key or identifier, in bounded memory. `ignored`: further streams."""
 
     def __init__(self) -> None:
         self._rows: dict[str, np.ndarray[Any, np.dtype[np.int64]]] = {}

@@ -1,4 +1,4 @@
-"""What a ping found as a page to look at: delays over time and by frequency, and all its lines."""
+"""The page of a ping: delays over time and by frequency, and all its lines."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ MARKED = 200
 
 @dataclass(frozen=True, slots=True)
 class PingNotes:
-    """What stands below the figures: `links` by direction, each its lines by kind; `prediction` of
+    """The notes below the figures: `links` by direction, each its lines by kind; `prediction` of
     a scenario and `controllers` that come to rest, in lines; `command`: to measure again.
     """
 

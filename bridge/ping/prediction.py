@@ -1,4 +1,4 @@
-"""What a measured path will do: a scenario offline, with the measured delays on its links.
+"""Predictions for a measured path: a scenario offline, with the measured delays on its links.
 
 The trace of a path is repeated for as long as the scenario lasts, and started at several places,
 one run each. In every second run a sample arrives one period of its receiver later: what comes just
@@ -169,7 +169,7 @@ def _link_line(path: Path, settings: Sequence[str], i: int, back: bool) -> str:
 
 
 def directions(document: Mapping[str, Any], path: Path, link: str = "") -> dict[int, bool]:
-    """Whether each link that is replaced, by number, is the way back. Raises ScenarioError."""
+    """True if each link that is replaced, by number, is the way back. Raises ScenarioError."""
     links = document.get("links", [])
     if not links:
         raise ScenarioError("no links; expected at least one, whose delay is replaced", str(path))
@@ -197,7 +197,7 @@ def _on(
 
 
 def _longest_period(path: Path, settings: Sequence[str], ways: Mapping[int, bool]) -> float:
-    """Of the components that receive by these links, s."""
+    """The longest period of the components that receive by these links, s."""
     plan = assemble(build(_document(path, settings), path))
     links = _document(path, settings)["links"]
     receivers = [str(links[i]["to"]).partition(".")[0] for i in ways]
@@ -275,7 +275,7 @@ def survivors(
     path: Path, variants: Path, trace: PathTrace, folder: Path,
     settings: Sequence[str] = (), jobs: int = 1,
 ) -> list[ControllerSurvival]:  # fmt: skip
-    """Which controllers of a comparison come to rest on a path, with each of its operators.
+    """The controllers of a comparison that come to rest on a path, with each of its operators.
 
     Writes ``compare.toml`` into `folder`: the variants file with a link law ``measured``. `jobs`:
     processes, a pure number. Raises ScenarioError.

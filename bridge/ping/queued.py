@@ -27,7 +27,7 @@ class QueuedPath:
         self.sender(data, to)
 
     def receive(self, until_ns: int) -> Sequence[Arrival]:
-        """What arrived first, at the latest at `until_ns`; `wake_ns`: its time in the queue."""
+        """The first arrivals, at the latest at `until_ns`; `wake_ns`: its time in the queue."""
         try:
             first = self._queue.get(timeout=max(0.0, (until_ns - monotonic_ns()) * 1e-9))
         except queue.Empty:

@@ -45,7 +45,7 @@ class RampStep:
 
     @property
     def sent_all(self) -> bool:
-        """Whether this host sent at the rate."""
+        """True if this host sent at the rate."""
         return self.reached >= REACHED * self.rate
 
 
@@ -120,7 +120,7 @@ def ramp(
 
 
 def limit(steps: list[RampStep]) -> RateLimit:
-    """What steps in any order say: the lowest rate that broke, and the highest sent below it."""
+    """The limit that steps in any order show: lowest rate that broke, highest sent below it."""
     ordered = sorted(steps, key=lambda step: step.rate)
     broke = next((s for s in ordered if s.verdict), None)
     good = [s.rate for s in ordered if s.sent_all and (broke is None or s.rate < broke.rate)]

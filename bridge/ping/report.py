@@ -1,4 +1,4 @@
-"""What a ping found: as text, and as values for JSON."""
+"""The result of a ping: as text, and as values for JSON."""
 
 from __future__ import annotations
 
@@ -112,7 +112,7 @@ def _clock_lines(result: PathResult) -> list[str]:
 
 
 def _dates_line(kept: tuple[float, float]) -> str:
-    """Whether runs in lock-step and limits of age can rely on the dates of both hosts."""
+    """True if runs in lock-step and limits of age can rely on the dates of both hosts."""
     lacking = [host for host, error in zip(("here", "there"), kept, strict=True) if error == inf]
     if lacking:
         return (

@@ -34,7 +34,7 @@ class RosAttachment(NamedTuple):
 
 
 def attachment(data: bytes) -> RosAttachment | None:
-    """What an attachment says; None if it is not one of rmw_zenoh."""
+    """The content of an attachment; None if it is not one of rmw_zenoh."""
     if data.startswith(_LABEL):
         second = data.find(_SECOND)
         if second != len(_LABEL) + 8 or len(data) < second + len(_SECOND) + 8:

@@ -45,7 +45,7 @@ class PingAlarm:
 
     @staticmethod
     def parse(text: str) -> PingAlarm:
-        """From a text like ``p99 > 20 ms``. Raises ScenarioError."""
+        """The alarm of a text like ``p99 > 20 ms``. Raises ScenarioError."""
         found = re.fullmatch(r"\s*([\w.]+)\s*>\s*([\d.eE+-]+)\s*([\w%]+)\s*", text)
         known = ", ".join(QUANTITIES)
         if found is None or found[1] not in QUANTITIES:

@@ -39,7 +39,7 @@ class SentIdentifier:
     message: bool = False
 
     def collides(self, other: SentIdentifier) -> bool:
-        """Whether two parties cannot both have it."""
+        """True if two parties cannot both have it."""
         same = (self.identifier, self.extended) == (other.identifier, other.extended)
         together = self.of and self.of == other.of and not (self.message and other.message)
         return same and not together

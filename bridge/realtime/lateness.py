@@ -50,7 +50,7 @@ class Spread:
 
     @classmethod
     def of(cls, values: ArrayLike, what: str = "durations") -> Spread:
-        """Of `values` (n,), ns. Raises CosimError for none."""
+        """The spread of `values` (n,), ns. Raises CosimError for none."""
         x = np.sort(np.asarray(values, np.int64).ravel())
         if not len(x):
             raise CosimError(f"{what}: found no values, expected one or more")
@@ -192,7 +192,7 @@ def _joined(bins: tuple[tuple[int, int], ...]) -> list[tuple[int, int]]:
 
 
 def draw(reports: Mapping[str, Lateness], path: str | Path) -> Path:
-    """How many slots (log) were at least so late (us), drawn into the PNG `path`.
+    """Draw the numbers of slots (log) that were at least so late (us) into the PNG `path`.
 
     Unlike a histogram, such a line has no gaps where slots are rare, which is what matters here.
 

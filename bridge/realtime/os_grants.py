@@ -138,7 +138,7 @@ ASKED: tuple[tuple[str, Callable[[Realtime], bool], Callable[[Realtime, ExitStac
 
 
 def reason(name: str, spec: Realtime, error: OSError) -> str:
-    """Why the item `name` was refused, and what would help."""
+    """The reason why the item `name` was refused, and what would help."""
     code = errno.errorcode.get(error.errno or 0, "error")
     if error.errno == errno.ENOSYS:
         return f"{platform.system()} has no such thing, or not under this name"
@@ -212,7 +212,7 @@ def _limit(name: str) -> int:
 
 
 def _capable(capability: int) -> bool:
-    """Whether this thread has a capability (capabilities(7)) in effect."""
+    """True if this thread has a capability (capabilities(7)) in effect."""
     lines = _read("/proc/thread-self/status").splitlines()
     masks = [line.split()[1] for line in lines if line.startswith("CapEff:")]
     return bool(masks) and bool(int(masks[0], 16) >> capability & 1)

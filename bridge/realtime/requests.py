@@ -49,7 +49,7 @@ class RealtimeError(CosimError, RuntimeError):
 @dataclass(slots=True)
 @final
 class Granted:
-    """What was granted; leaving it (``with``, or :meth:`leave`) gives everything back."""
+    """The granted requests; leaving them (``with``, or :meth:`leave`) gives everything back."""
 
     mode: Mode
     kernel: str
@@ -68,7 +68,7 @@ class Granted:
 
     @property
     def refused(self) -> tuple[Item, ...]:
-        """What was asked for and not granted."""
+        """The requests that were not granted."""
         return tuple(item for item in self.items if not item.granted)
 
     def rows(self) -> list[list[str]]:

@@ -59,7 +59,7 @@ class JournalTail:
 
     @property
     def closed(self) -> bool:
-        """Whether its writer has ended normally; a full journal looks the same."""
+        """True if its writer has ended normally; a full journal looks the same."""
         header = self._header()
         return bool(header.rows == header.capacity)
 

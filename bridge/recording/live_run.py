@@ -31,7 +31,7 @@ Rows = NDArray[np.void]
 
 @dataclass(frozen=True, slots=True)
 class Facts:
-    """What a run is. `pid`: of its supervisor, 0: none known.
+    """The facts of a run. `pid`: its supervisor, 0: none known.
 
     `start_ns`: t = 0, monotonic; `wall_ns`: the same, since 1970; 0: not known.
     """
@@ -45,7 +45,7 @@ class Facts:
 
 
 def read_facts(folder: Path) -> Facts:
-    """Of a rehearsal, running or finished. Raises ScenarioError where there is neither."""
+    """The facts of a rehearsal, running or finished. Raises ScenarioError for neither."""
     started = folder / STARTED
     try:
         if started.is_file():
@@ -88,7 +88,7 @@ def journals(folder: Path) -> dict[Life, Path]:
 
 
 def is_live(folder: Path) -> bool:
-    """Whether a run's supervisor is running and has not finished the folder."""
+    """True if a run's supervisor is running and has not finished the folder."""
     started = folder / STARTED
     try:
         if not started.is_file() or read_metadata(folder).get("status", RUNNING) != RUNNING:
@@ -99,7 +99,7 @@ def is_live(folder: Path) -> bool:
 
 
 def alive(pid: int) -> bool:
-    """Whether a process of this machine runs; where that cannot be asked, it does."""
+    """True if a process of this machine runs; where that cannot be asked, it does."""
     if pid <= 0 or sys.platform == "win32":
         return pid > 0
     try:
@@ -208,7 +208,7 @@ class LiveRun:
 
     @property
     def running(self) -> bool:
-        """Whether anything may still come."""
+        """True if anything may still come."""
         if not is_live(self.folder):
             return False
         return not self.lives or not all(tail.closed for tail in self.lives.values())

@@ -36,7 +36,7 @@ IntArray = NDArray[np.int64]
 
 @dataclass(frozen=True, slots=True)
 class Collected:
-    """What was collected: base ticks, ages of what links held, and the log of each bus."""
+    """The collected data: base ticks, ages of what links held, and the log of each bus."""
 
     ticks: int
     ages: Mapping[str, LinkStatistics]
@@ -130,7 +130,7 @@ def at_hits(
     of: Callable[[Rows], NDArray[Any]],
     before: float,
 ) -> NDArray[Any]:
-    """What `of` takes from a node's rows, (rows,), at each hit of a component, (hits,).
+    """The values of `of` in a node's rows, (rows,), at each hit of a component, (hits,).
 
     `ticks`: base ticks between two hits. Hits without a row (a node that was dead) have what was
     there before them, at first `before`.

@@ -1,4 +1,4 @@
-"""What nodes and their supervisor report, as typed records, and the lives they belong to.
+"""Reports of nodes and their supervisor, as typed records, and the lives they belong to.
 
 Input: the counters of a node and how it ended. Output: JSON files, and the same records read back.
 """

@@ -36,7 +36,7 @@ class Life:
 
     @classmethod
     def parse(cls, text: str) -> Self:
-        """Of the text form. A text that no life has (``x@one``) raises ValueError."""
+        """The life of a text. A text that no life has (``x@one``) raises ValueError."""
         node, separator, boot = text.rpartition(SEPARATOR)
         found = cls(unquote(node), int(boot)) if separator else cls(unquote(text))
         if str(found) != text:

@@ -23,7 +23,7 @@ Counts: TypeAlias = Mapping[str, int]
 
 
 class LifeEnd(StrEnum):
-    """How a life of a node ended."""
+    """The end of a life of a node."""
 
     FINISHED = "finished"
     STOPPED = "stopped"
@@ -44,13 +44,13 @@ class Record(msgspec.Struct, frozen=True, kw_only=True):
     """Something that is written as JSON."""
 
     def facts(self) -> dict[str, Any]:
-        """As plain data, for JSON."""
+        """The record as plain data, for JSON."""
         found: dict[str, Any] = msgspec.to_builtins(self)
         return found
 
     @classmethod
     def of(cls, facts: Mapping[str, Any]) -> Self:
-        """From plain data, as :meth:`facts` gives it; other keys are ignored."""
+        """The record of plain data, as :meth:`facts` gives it; other keys are ignored."""
         return msgspec.convert(facts, cls)
 
 
@@ -138,7 +138,7 @@ class _Note(Record, frozen=True, kw_only=True, tag_field="kind"):
     t: float
 
     def describe(self) -> str:
-        """What happened."""
+        """A sentence on what happened."""
         raise NotImplementedError
 
     def __str__(self) -> str:
@@ -232,7 +232,7 @@ def note_of(facts: Mapping[str, Any]) -> Note:
 
 
 def record_note(what: str | FaultEvent, t: float) -> Note:
-    """Of something done to a rehearsal at `t` (s)."""
+    """A note of something done to a rehearsal at `t` (s)."""
     if isinstance(what, str):
         return Remark(t=t, remark=what)
     return Done(t=t, action=what.action, target=what.target, index=what.index, by=what.by)

@@ -23,7 +23,7 @@ from cosim.base.python import python_call
 
 
 def command(event: FaultEvent, interface: str, channel: str, *, fd: bool = False) -> list[str]:
-    """What starts the peer that an event of a fault script asks for."""
+    """The command that starts the peer that an event of a fault script asks for."""
     said = python_call("bridge.rehearsal.babbler", "-i", interface, "-c", channel)
     said += ["--id", f"{event.id:#x}", "--rate", f"{event.rate:g}", "--length", f"{event.length}"]
     return [*said, "--fd"] if fd else said

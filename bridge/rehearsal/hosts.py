@@ -94,7 +94,7 @@ class Hosts:
 
     @property
     def addresses(self) -> Mapping[str, str]:
-        """Of each host; of the only one: loopback."""
+        """The addresses of the hosts; the only one has loopback."""
         if self.network is not None:
             return self.network.addresses
         return dict.fromkeys(self.hosts, "127.0.0.1")

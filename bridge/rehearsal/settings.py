@@ -34,7 +34,7 @@ class ScheduledEvent:
 
     @property
     def sets_interface(self) -> bool:
-        """Whether another process carries it out, which takes a while on a busy machine: it has
+        """True if another process carries it out, which takes a while on a busy machine: it has
         happened when `action` returns, not when `action` is called.
         """
         return isinstance(self.what, FaultEvent) and self.what.action in ("bus-down", "bus-up")
@@ -42,7 +42,7 @@ class ScheduledEvent:
 
 @dataclass(frozen=True, slots=True)
 class Settings:
-    """How a rehearsal is run; `real`: its nodes may move real drives.
+    """The settings of a rehearsal; `real`: its nodes may move real drives.
 
     `say`: called with a sentence at each step of a run with real drives.
     """

@@ -163,7 +163,7 @@ class Rehearsal:
 
     @property
     def length(self) -> float:
-        """Of the run, s."""
+        """The length of the run, s."""
         return self.system.plan.ticks * self.system.plan.h
 
     def _announce(self) -> None:
@@ -350,5 +350,5 @@ class Rehearsal:
 
 
 def _will_restart(events: Sequence[ScheduledEvent], length: float) -> bool:
-    """Whether a node is still to be started, in time."""
+    """True if a node is still to be started, in time."""
     return any(e.restarts_node and e.t < length for e in events)

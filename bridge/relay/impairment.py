@@ -40,7 +40,7 @@ class RelayLinkSpec:
 
     @classmethod
     def of(cls, given: Mapping[str, Any], place: str) -> RelayLinkSpec:
-        """From a table. Raises ScenarioError for unknown keys."""
+        """The specification in a table. Raises ScenarioError for unknown keys."""
         for key in given:
             if key not in _KEYS:
                 raise ScenarioError(

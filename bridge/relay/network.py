@@ -97,7 +97,7 @@ class RelayNetwork:
         self._process.stdin.flush()
 
     def packets(self) -> NDArray[np.void]:
-        """What was recorded so far, (n,), of type :data:`bridge.relay.router.PACKET`."""
+        """The packets recorded so far, (n,), of type :data:`bridge.relay.router.PACKET`."""
         return Journal.open(self.record)
 
     def of(self, link: str) -> NDArray[np.void]:

@@ -44,7 +44,7 @@ class LoggedSample:
 
     @property
     def running(self) -> bool:
-        """Whether its sender was in the run, according to the status."""
+        """True if its sender was in the run, according to the status."""
         return self.life not in (LifeState.UNCONFIGURED, LifeState.INACTIVE)
 
 
@@ -124,7 +124,7 @@ def start_of(system: System, heard: Mapping[str, Sequence[LoggedSample]]) -> int
 
 
 def _origin(sample: LoggedSample) -> int:
-    """Where t = 0 would be if the frame was not held up: as early as it can be; ns."""
+    """The time that t = 0 would have if the frame was not held up: the earliest possible; ns."""
     return sample.t_ns - sample.wire_ns - 1000 * sample.stamp_us
 
 
@@ -137,7 +137,7 @@ def _time_bits(carried: Carried) -> int:
 def _at_guesses(
     carried: Carried, asked: Sequence[LoggedSample], start: int, span: int
 ) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:
-    """Whether samples have the counters that they would have, and ns from their slots to them.
+    """True if samples have the counters that they would have, and ns from their slots to them.
 
     (GUESSES,) each, of t = 0 at `start` and some `span` (ns) before. One counter in ten may be
     wrong. Samples are stamped with the begin of a slot: at another t = 0 they would lie between.
@@ -151,14 +151,14 @@ def _at_guesses(
 
 
 def counter_bits(carried: Carried) -> int:
-    """Of a message's counter; 0: it has none."""
+    """The number of bits of a message's counter; 0: it has none."""
     codec = carried.encoding
     assert isinstance(codec, Codec)
     return codec.layout.counter.length if codec.layout.counter else 0
 
 
 def sent_ns(carried: Carried, sample: LoggedSample, start: int) -> int:
-    """When it was sent since `start`, by its stamp, else by the log; ns."""
+    """The time since `start` at which it was sent, by its stamp, else by the log; ns."""
     arrival = sample.t_ns - start
     bits = _time_bits(carried)
     if not bits:

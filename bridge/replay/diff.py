@@ -54,7 +54,7 @@ class SignalDifference:
 
     @property
     def within(self) -> bool:
-        """Whether it is within its bounds, or need not be."""
+        """True if it is within its bounds, or need not be."""
         near = self.rms <= self.bound_rms and self.largest <= self.bound
         return near or not self.judged
 
@@ -71,7 +71,7 @@ class MetricDifference:
 
 @dataclass(frozen=True, slots=True)
 class RunDifference:
-    """What two runs have in common: `signals`, the largest differences by their bounds first.
+    """The difference of two runs: `signals`, the largest differences by their bounds first.
 
     `period`: T of the bounds, s; `tolerance`: in place of all bounds, in each signal's unit;
     `only`: signals that one of them lacks, (a, b).
@@ -156,7 +156,7 @@ def compare_runs(
 
 
 def _is_selected(name: str, signals: Sequence[str]) -> bool:
-    """Whether a scalar is one of these, an entry of one, or a port of one."""
+    """True if a scalar is one of these, an entry of one, or a port of one."""
     return not signals or any(
         name == s
         or name.startswith((f"{s}[", f"{s}."))
@@ -170,7 +170,7 @@ def _missing_signals(run: Run, other: Run) -> tuple[str, ...]:
 
 
 def _share(s: SignalDifference) -> float:
-    """Of its bound."""
+    """The share of its bound."""
     if s.bound_rms > 0.0:
         return s.rms / s.bound_rms
     return inf if s.rms > 0.0 else 0.0

@@ -69,7 +69,7 @@ class ControllerReplay:
 
     @property
     def exact(self) -> bool:
-        """Whether every frame is what was sent."""
+        """True if every frame is what was sent."""
         return self.compared > 0 and all(v.differ == 0 for v in self.values)
 
 
@@ -83,7 +83,7 @@ class LogReplay:
 
     @property
     def exact(self) -> bool:
-        """Whether every controller sent what it computes here."""
+        """True if every controller sent what it computes here."""
         return bool(self.nodes) and all(n.exact for n in self.nodes)
 
 

@@ -47,7 +47,7 @@ class History:
         )
 
     def known(self, numbers: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Which of these samples are there, (n,)."""
+        """A mask (n,) of the samples that are there."""
         k = numbers - self.first
         inside = (k >= 0) & (k < self.there.size)
         return np.asarray(inside & (self.there[np.where(inside, k, 0)] == native.THERE))
@@ -210,7 +210,7 @@ def _altered_samples(
 
 
 def _differ(history: History, numbers: NDArray[np.int64], values: Values) -> NDArray[np.bool_]:
-    """Which of these samples are known, and have other values; not one bit may differ."""
+    """A mask of the samples that are known and have other values; not one bit may differ."""
     known = history.known(numbers)
     true = history.at(np.where(known, numbers, history.first))
     return np.asarray(known & (_bits(true) != _bits(values)).any(axis=1))
@@ -223,7 +223,7 @@ def _bits(values: Values) -> NDArray[np.int64]:
 def _never_sent(
     system: System, recorded: Mapping[Life, Rows], message: str, numbers: NDArray[np.int64]
 ) -> NDArray[np.bool_]:
-    """Which numbers the sender has not sent, (n,).
+    """A mask (n,) of the numbers that the sender has not sent.
 
     After the last row of a life there may be a few: of its end, or one whose row it did not live to
     write. After its last life nothing is known.

@@ -140,7 +140,7 @@ def _wire(stack: ExitStack, system: System, life: Life, rows: Rows, folder: Path
 
 
 def _was_cold(rows: Rows) -> bool:
-    """Whether a life waited for commands in its first slot: none of that slot made it INACTIVE."""
+    """True if a life waited for commands in its first slot: none of that slot made it INACTIVE."""
     return bool(rows["state"][0] == LifeState.INACTIVE and not rows["commands"][0])
 
 

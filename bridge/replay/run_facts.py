@@ -41,7 +41,7 @@ def period(run: Run, remarks: list[str]) -> float:
 
 
 def is_compared(run: Run) -> Callable[[str], bool]:
-    """Whether a scalar is a plant's, or goes somewhere; everything without a scenario."""
+    """True if a scalar is a plant's, or goes somewhere; everything without a scenario."""
     try:
         scenario = stored_scenario(run)
     except CosimError:

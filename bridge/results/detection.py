@@ -89,7 +89,7 @@ def find(
 @final
 @dataclass(frozen=True, slots=True)
 class Received:
-    """What was done to frames as a life received them: `record` (INJECTED), and by bus and name of
+    """Faults of frames as a life received them: `record` (INJECTED), and by bus and name of
     what it listens to and counts, which rows, (rows,), are frames of it.
     """
 
@@ -151,7 +151,7 @@ def _of_frames(
 
 
 def _counted_as(fault: FrameFault, other: FrameFault, node: str) -> bool:
-    """Whether another fault at this node has its symptoms in the same counters only."""
+    """True if another fault at this node has its symptoms in the same counters only."""
     signs = set(SIGNS[other.kind])
     there = "*" in other.nodes or node in other.nodes
     return there and signs <= set(COUNTERS) and signs == set(SIGNS[fault.kind])

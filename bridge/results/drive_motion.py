@@ -44,7 +44,7 @@ class TorqueAnswer:
 
     @classmethod
     def of(cls, sent: Array, answer: Array, step: float) -> TorqueAnswer:
-        """Of values (n,) of windows, N.m; `step`: the least difference of the answer, N.m."""
+        """The answer in values (n,) of windows, N.m; `step`: its least difference, N.m."""
         power = float(sent @ sent)
         if power <= 0 or len(sent) < LEAST:
             return cls(0.0, np.inf)

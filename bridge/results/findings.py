@@ -61,7 +61,7 @@ Signs: TypeAlias = tuple[Sign, ...]
 
 
 class Place(Record, frozen=True, kw_only=True):
-    """Where a fault did something `done` times: a life and a message, a node or a bus."""
+    """A place where a fault did something `done` times: a life and a message, a node or a bus."""
 
     target: str
     message: str = ""
@@ -86,7 +86,7 @@ class Evidence(Record, frozen=True, kw_only=True):
 
     @property
     def done(self) -> int:
-        """How often it did something."""
+        """The number of times that it did something."""
         return sum(p.done for p in self.places)
 
     @property

@@ -111,7 +111,7 @@ def _received_signal(
 
 
 def _as_sent(system: System, rows: Mapping[Life, Rows], node: str, inlet: Inlet) -> bool:
-    """Whether a link gave what its sender computed, sample by sample, none before it was sent."""
+    """True if a link gave what its sender computed, sample by sample, none before it was sent."""
     if inlet.link is None:
         return False
     sender = next(n for n, p in system.nodes.items() if _has(p, inlet.source.name))
@@ -146,7 +146,7 @@ def _has(plan: NodePlan, name: str) -> bool:
 
 
 def _source(plan: NodePlan, source: Slot) -> int:
-    """Where a node's vector has a slot of the whole plan."""
+    """The place of a slot of the whole plan in a node's vector."""
     for name, slot in plan.plan.slots().items():
         if source.name == name:
             return slot.start

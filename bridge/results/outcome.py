@@ -324,7 +324,7 @@ def lines(system: System, outcome: RehearsalOutcome) -> list[str]:
 
 
 def replay_text(outcome: RehearsalOutcome) -> str:
-    """Whether everything could be computed again."""
+    """True if everything could be computed again."""
     found = outcome.replayed
     if found is None:
         return f"failed: {outcome.replay_error}"

@@ -57,7 +57,7 @@ def cause(system: System, outcome: RehearsalOutcome) -> str:
 def missed_slots(
     system: System, outcome: RehearsalOutcome, report: NodeReport
 ) -> NDArray[np.bool_]:
-    """Whether each slot (slots,) of a life was missed without a fault that makes it late."""
+    """True if each slot (slots,) of a life was missed without a fault that makes it late."""
     found: NDArray[np.bool_] = _late(outcome, report) >= system.nodes[report.life.node].plan.h * 1e9
     return found
 
@@ -135,7 +135,7 @@ def transits(nodes: Path, bus: str) -> tuple[Times, Times]:
 
 
 def _transits(sent: NDArray[np.void], heard: NDArray[np.void]) -> tuple[Times, Times]:
-    """Of the frames of one listener."""
+    """The transit times of the frames of one listener."""
     both = np.concatenate([sent, heard])
     if not len(sent) or not len(heard):
         return np.zeros(0, np.int64), np.zeros(0, np.int64)

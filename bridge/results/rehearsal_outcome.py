@@ -16,7 +16,7 @@ from bridge.wiring.wiring import Rows
 
 @dataclass(frozen=True, slots=True)
 class RehearsalOutcome:
-    """What a rehearsal was; `twin_rms`: rad, of joint positions; NaN: not compared.
+    """The outcome of a rehearsal; `twin_rms`: rad, of joint positions; NaN: not compared.
 
     `unanswered`: a sentence for each real drive that was off or did not answer its torques.
     """
@@ -35,7 +35,7 @@ class RehearsalOutcome:
 
     @property
     def finished(self) -> bool:
-        """Whether every node came to the end of the run without a stop.
+        """True if every node came to the end of the run without a stop.
 
         Where an FMU ended the simulation, that is the end, and all others stop for it.
         """

@@ -45,7 +45,7 @@ class NodeReport:
 
     @property
     def end(self) -> LifeEnd:
-        """How it ended; without a statement it was killed."""
+        """The end of a life; without a statement it was killed."""
         return self.statement.end if self.statement else LifeEnd.KILLED
 
     @property
@@ -66,7 +66,7 @@ class NodeReport:
         )
 
     def parts(self) -> str:
-        """What its slots took, median and p99 in us, and the period that was measured."""
+        """The time of its slots, median and p99 in us, and the period that was measured."""
         said = [
             f"{name} {part.p50 / 1e3:.0f} / {part.p99 / 1e3:.0f}"
             for name, part in self.lateness.parts.items()
@@ -168,7 +168,7 @@ def _by_ports(inlets: Sequence[Inlet]) -> dict[tuple[str, str], list[int]]:
 
 
 def _age(signal: str, heard: Rows, link: bool) -> SignalAge:
-    """Of received samples (n,); `link`: with a configured delay."""
+    """The ages of received samples (n,); `link`: with a configured delay."""
     if not len(heard):
         return SignalAge(signal, received=False)
     real, total = heard["transit_ns"] / 1e6, heard["age_ns"] / 1e6
@@ -223,7 +223,7 @@ def bus_reports(
 def _frames(
     system: System, bus: str, rows: NDArray[np.void], start_ns: int
 ) -> dict[str, NDArray[np.float64]]:
-    """When the frames of each message ended, s of the run; without a name: by its identifier."""
+    """The times (s of the run) at which the frames of each message ended, by name or identifier."""
     named = {int(e.message.id): name for name, e in system.services[bus].named().items()}
     named |= {int(m.encoding.message.id): m.name for m in system.messages.values() if m.bus == bus}
     found: dict[str, NDArray[np.float64]] = {}
@@ -238,7 +238,7 @@ def _frames(
 
 
 def forward_lines(reports: Sequence[NodeReport]) -> list[str]:
-    """What each gateway passed on, and how long after it came."""
+    """Lines on what each gateway passed on, and how long after it came."""
     return [
         line("forwarded", f"{report.life}: {message}: {_forwarded(facts)}")
         for report in reports
@@ -257,7 +257,7 @@ def _forwarded(facts: Mapping[str, Any]) -> str:
 
 
 def fault_lines(reports: Sequence[NodeReport]) -> list[str]:
-    """What receivers refused and guards did, where anything was."""
+    """Lines on refusals of receivers and acts of guards, where there were any."""
     lines = []
     for report in reports:
         said = report.statement
@@ -289,7 +289,7 @@ def fault_lines(reports: Sequence[NodeReport]) -> list[str]:
 
 
 def _health(health: Mapping[str, Any]) -> str:
-    """What was wrong with a bus, in words; nothing: ""."""
+    """The troubles of a bus in words; none: ""."""
     said = [f"{health[key]} {text}" for key, text in WRONG.items() if health.get(key)]
     state = int(health.get("state", 0))
     if state:

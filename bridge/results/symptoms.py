@@ -1,4 +1,4 @@
-"""What a rehearsal's journals and reports show of faults: the signs of
+"""Signs of faults in a rehearsal's journals and reports, for
 :mod:`bridge.results.detection`.
 
 Times are s since the start of the run.
@@ -82,7 +82,7 @@ class FinishedRun:
         return next((r.statement for r in self.reports if r.life == life), None)
 
     def lives(self, node: str) -> list[Life]:
-        """Of a node, the first one first."""
+        """The lives of a node, the first one first."""
         return lives_of(self.rows, node)
 
     def record(self, life: Life) -> Rows | None:
@@ -124,7 +124,7 @@ class FinishedRun:
     # ---- times -------------------------------------------------------------------------------
 
     def age(self, life: Life, message: str, t0: float, t1: float, least: float) -> Signs:
-        """How long a sample of this time was on the way, if that is nearly `least` s.
+        """The time that a sample of this time was on the way, if that is nearly `least` s.
 
         Where clocks differ, by how much longer than before. What a gateway hears is seen where it
         arrives that the gateway makes of it.
@@ -169,7 +169,7 @@ class FinishedRun:
             yield np.sort(rows["arrival_ns"][rows["message"] == number]) * 1e-9
 
     def late(self, node: str, t0: float, t1: float) -> Signs:
-        """How late a slot of this time was, if that is nearly as long."""
+        """The lateness of a slot of this time, if that is nearly as long."""
         worst = 0.0
         for life in self.lives(node):
             rows = self.rows[life]
@@ -180,25 +180,25 @@ class FinishedRun:
         return (Sign(what="late", number=worst),) if worst >= LONG * (t1 - t0) > 0 else ()
 
     def ended(self, node: str, t0: float, t1: float) -> Signs:
-        """Whether a life of the node was ended in this time."""
+        """True if a life of the node was ended in this time."""
         for life in self.lives(node):
             if t0 - 0.2 <= self._t(life)[-1] <= t1 + AFTER and self.statement(life) is None:
                 return (Sign(what="ended", life=life),)
         return ()
 
     def over(self, node: str, t: float) -> bool:
-        """Whether every life of the node had come to its last slot before `t`, and has reported."""
+        """True if every life of the node had come to its last slot before `t`, and has reported."""
         lives = self.lives(node)
         return bool(lives) and all(
             self.statement(x) is not None and self.last(x) < t for x in lives
         )
 
     def last(self, life: Life) -> float:
-        """When the last slot of a life was due, s."""
+        """The time at which the last slot of a life was due, s."""
         return float(self._t(life)[-1])
 
     def stopped(self, node: str, t0: float) -> Signs:
-        """Whether a life of the node stopped itself after this time."""
+        """True if a life of the node stopped itself after this time."""
         for report in self.reports:
             late = report.life.node == node and self._t(report.life)[-1] >= t0
             if late and report.end is LifeEnd.FAULT:
@@ -222,7 +222,7 @@ class FinishedRun:
         return ran
 
     def arrives(self, life: Life, message: str, t0: float, t1: float) -> bool:
-        """Whether its age can be seen, here or where it is forwarded to; all have slots then."""
+        """True if its age can be seen, here or where it is forwarded to; all have slots then."""
         if not ((self._t(life) >= t0) & (self._t(life) <= t1)).any():
             return False
         onwards = self._onwards(life, message)
@@ -258,7 +258,7 @@ class FinishedRun:
         return found
 
     def _jumps(self, node: str) -> list[Done]:
-        """When the clock of a node was set."""
+        """The times at which the clock of a node was set."""
         done = (n for n in self.notes if isinstance(n, Done))
         return [n for n in done if (n.action, n.target) == ("clock-jump", node)]
 
@@ -287,7 +287,7 @@ class FinishedRun:
         return np.asarray(self.rows[life]["slot"] * h, dtype=np.float64)
 
     def _t(self, life: Life) -> NDArray[np.float64]:
-        """When each slot was due, (rows,), s, by the clock of the run, although its own was set."""
+        """The times (rows,), s, at which slots were due by the clock of the run, not its own."""
         t = self._own(life)
         for note in self._jumps(life.node):
             if t[0] <= note.t <= t[-1]:

@@ -32,7 +32,7 @@ def corrupted_frames(rows: Rows, accept: Accept) -> Rows:
 
 
 def frames_of_run(rows: Rows, encoding: Codec) -> NDArray[np.bool_]:
-    """Which frames of a record were samples of the run, (rows,); the others were previews.
+    """A mask (rows,) of the frames that were samples of the run; the others were previews.
 
     Receivers count no preview, so nothing that was done to one shows in a counter.
     """

@@ -56,7 +56,7 @@ class Verdict:
 
     @property
     def exit_code(self) -> int:
-        """Of a command."""
+        """The exit code of a command with this verdict."""
         return EXIT[self.word]
 
     def text(self, well: str = "") -> str:
@@ -97,12 +97,12 @@ def _missed_slots(system: System, outcome: RehearsalOutcome) -> Iterator[str]:
 
 
 def _stopped_early(outcome: RehearsalOutcome, report: NodeReport) -> bool:
-    """Whether a life of a node ended otherwise than it should."""
+    """True if a life of a node ended otherwise than it should."""
     return not outcome.finished and report.end is not LifeEnd.FINISHED
 
 
 def _of_time(report: NodeReport) -> bool:
-    """Whether a node stopped for a reason that lateness explains: also drives that told nothing."""
+    """True if a node stopped for a reason that lateness explains: also drives that told nothing."""
     events = report.statement.drives if report.statement else ()
     lost = {str(event["failure"]) for event in events if event["failure"]}
     return bool(set(report.reasons) & OF_TIME) or (

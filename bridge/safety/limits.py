@@ -212,7 +212,8 @@ class TorqueGuard:
     def apply(
         self, tau: ArrayLike, q: ArrayLike | None, dq: ArrayLike | None, scale: float = 1.0
     ) -> tuple[Array, GuardBit]:
-        """What may act of `tau` (joints,), N.m, at q, dq (joints,); and what was done to it.
+        """The part of `tau` (joints,), N.m, that may act at q, dq (joints,); and what was done to
+        it.
 
         Raises ScenarioError where a shape does not fit.
         """
@@ -224,7 +225,7 @@ class TorqueGuard:
         return out, GuardBit(bits)
 
     def why(self) -> Why:
-        """What the last tick's bits raise in the life cycle."""
+        """The reason that the last tick's bits raise in the life cycle."""
         return Why(native.functions().guard_why(c.byref(self.struct)))
 
     def trips(self) -> dict[str, int]:

@@ -206,7 +206,7 @@ def _only_end(found: Urdf, base: str) -> str:
 
 
 def _words(robot: Robot, name: str, folder: Path, base: str, tip: str) -> dict[str, object]:
-    """What the templates need, as TOML."""
+    """The words of the templates, as TOML."""
     low = np.where(np.isfinite(robot.lower), robot.lower, -REACH)
     high = np.where(np.isfinite(robot.upper), robot.upper, REACH)
     effort = np.where(np.isfinite(robot.effort), robot.effort, TORQUE)
@@ -250,7 +250,7 @@ def _number(value: float) -> str:
 
 
 def _without_bus(robot: Robot) -> str:
-    """Why the messages of the DBC file do not fit the arm, or ""."""
+    """The reason why the messages of the DBC file do not fit the arm, or ""."""
     sliding: Iterable[str] = (
         joint for joint, kind in zip(robot.names, robot.table.joint_type, strict=True) if kind
     )

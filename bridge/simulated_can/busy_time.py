@@ -1,4 +1,4 @@
-"""When a simulated wire is busy: the transmission under way, and those of the last seconds."""
+"""Busy times of a simulated wire: the transmission under way, and those of the last seconds."""
 
 from __future__ import annotations
 
@@ -37,12 +37,12 @@ class BusyTime:
 
     @property
     def sending(self) -> bool:
-        """Whether a frame is on the wire."""
+        """True if a frame is on the wire."""
         return bool(self._sent)
 
     @property
     def under_way(self) -> bool:
-        """Whether a frame or an error frame is on the wire."""
+        """True if a frame or an error frame is on the wire."""
         return bool(self._sent) or self._troubled
 
     def start(self, time_ps: int, node: WireNode, frame: BusFrame | None) -> None:
@@ -71,12 +71,12 @@ class BusyTime:
         self.free_ps, self._troubled = time_ps, False
 
     def next_end(self, now_ps: int) -> int | None:
-        """When the frame on the wire ends, if nothing disturbs it; None: there is none."""
+        """The end of the frame on the wire, if nothing disturbs it; None: there is none."""
         ends = [start_ps + self.length_ps(frame) for start_ps, frame in self._sent.values()]
         return min((end_ps for end_ps in ends if end_ps > now_ps), default=None)
 
     def length_ps(self, frame: BusFrame) -> int:
-        """From the start of frame to the end of its last bit, ps."""
+        """The time from the start of frame to the end of its last bit, ps."""
         nominal, data = bits_on_bus(frame)
         return (nominal - _INTERMISSION) * self._bit_ps + data * self._data_bit_ps
 

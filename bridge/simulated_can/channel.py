@@ -90,7 +90,7 @@ class Channel:
 
     @property
     def now_ps(self) -> int:
-        """How far the channel is, ps."""
+        """The time that the channel has reached, ps."""
         return self._wire.now_ps
 
     def open(self, options: PortOptions) -> ChannelPort:
@@ -247,7 +247,9 @@ class Channel:
             self.lock.notify_all()
 
     def next_ps(self) -> int | None:
-        """When something may happen next, ps; None: nothing will by itself. Needs the lock."""
+        """The next time at which something may happen, ps; None: nothing will by itself. Needs the
+        lock.
+        """
         found = [self._wire.next_ps(), self._due[0][0] if self._due else None]
         return min((t for t in found if t is not None), default=None)
 

@@ -21,7 +21,7 @@ class _Given:
 
 @final
 class Disturbances:
-    """What disturbs a wire; a bus that is made later gets what is left of it."""
+    """Disturbances of a wire; a bus that is made later gets those that are left."""
 
     def __init__(self) -> None:
         self._given: list[_Given] = []
@@ -39,7 +39,7 @@ class Disturbances:
         self._attempts[frame.identifier, frame.format.extended] += 1
 
     def left(self, now_ps: int) -> list[Disturbance]:
-        """What is still to come, for a bus whose time 0 is `now_ps` (ps)."""
+        """Disturbances still to come, for a bus whose time 0 is `now_ps` (ps)."""
         found: list[Disturbance] = []
         for given in self._given:
             change = given.disturbance

@@ -20,7 +20,7 @@ from cosim.bus.timing import BusTiming
 
 
 class BusPlace(Protocol):
-    """What a bus object asks of its channel. Times are seconds of the channel."""
+    """The questions of a bus object to its channel. Times are seconds of the channel."""
 
     @property
     def timing(self) -> BusTiming:

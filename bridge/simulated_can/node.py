@@ -27,7 +27,7 @@ class WireNode:
 
     @property
     def recovering(self) -> bool:
-        """Whether it comes back to the bus by itself."""
+        """True if it comes back to the bus by itself."""
         off = self.state == ControllerState.OFF or self.state == ControllerState.INTEGRATING
         return off and self.settings.recovers
 

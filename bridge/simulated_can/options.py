@@ -32,7 +32,7 @@ class ChannelTimeoutError(ChannelOperationError, can.CanTimeoutError):
 
 @dataclass(frozen=True, slots=True)
 class ChannelOptions:
-    """What all buses of a channel have in common. None: not said.
+    """The common options of all buses of a channel. None: not said.
 
     `speed`: seconds of the channel in a second of the wall clock; 0: simulated time.
     """
@@ -47,7 +47,7 @@ class ChannelOptions:
 
 @dataclass(frozen=True, slots=True)
 class PortOptions:
-    """What each bus object says for itself. Lengths in frames; `rx_queue_size` 0: no limit."""
+    """The options of each bus object. Lengths in frames; `rx_queue_size` 0: no limit."""
 
     queue: QueueKind = QueueKind.FIFO
     tx_queue_size: int = 1000

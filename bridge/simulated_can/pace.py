@@ -18,7 +18,7 @@ class Participant(Protocol):
     """Whom simulated time waits for: a thread, of this process or (bus_server) of another."""
 
     def is_alive(self) -> bool:
-        """Whether it can still use the channel."""
+        """True if it can still use the channel."""
 
 
 _acting = threading.local()
@@ -41,10 +41,10 @@ class Paced(Protocol):
 
     @property
     def now_ps(self) -> int:
-        """Where the channel is."""
+        """The time of the channel, ps."""
 
     def next_ps(self) -> int | None:
-        """When something may happen next; None: never, by itself."""
+        """The next time at which something may happen; None: never, by itself."""
 
     def advance(self, until_ps: int) -> None:
         """Go on, and hand out what arrives."""
@@ -55,7 +55,7 @@ class BusPace(Protocol):
 
     @property
     def epoch(self) -> float:
-        """What time stamps add to the time of the channel, s."""
+        """The offset of time stamps from the time of the channel, s."""
 
     def catch_up(self, channel: Paced) -> None:
         """Bring the channel to where it has to be now."""
@@ -115,7 +115,7 @@ class _Waiter:
     """The time of the channel at its end matters, not only that it ends."""
 
     def is_due(self, channel: Paced) -> bool:
-        """Whether its call returns now; it has only to wake."""
+        """True if its call returns now; it has only to wake."""
         return self.ready() or _reached(channel, self.until_ps)
 
 
@@ -193,7 +193,7 @@ class SimulatedPace:
         channel.lock.wait(min(waits) / 1e9 if waits else None)
 
     def _missing(self) -> int | None:
-        """How long to wait for threads that are elsewhere, ns; None: there are none."""
+        """The time to wait for threads that are elsewhere, ns; None: there are none."""
         latest = 0
         for thread in [t for t in self._seen if t not in self._waiters]:
             if thread.is_alive():

@@ -17,7 +17,7 @@ from bridge.simulated_can.options import ChannelOperationError
 
 
 class Sender(Protocol):
-    """Where the messages go."""
+    """The receiver of the messages."""
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
         """Queue a message, waiting up to `timeout` s."""
@@ -94,11 +94,11 @@ class _PeriodicRun:
         self.count = 0
 
     def over(self, due_ps: int, duration: float | None) -> bool:
-        """Whether the duration (s; None or 0: no end) has passed at `due_ps` (ps)."""
+        """True if the duration (s; None or 0: no end) has passed at `due_ps` (ps)."""
         if self._start_ps is None:
             self._start_ps = due_ps
         return bool(duration) and due_ps - self._start_ps >= round((duration or 0) * 1e12)
 
     def fire(self, due_ps: int) -> int | None:
-        """Of the channel's schedule."""
+        """Send the messages of the channel's schedule that are due."""
         return self._task.step(self, due_ps)

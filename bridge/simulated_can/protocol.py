@@ -1,4 +1,4 @@
-"""How a program and the process that has a simulated bus talk: calls and answers, one at a time.
+"""The protocol of a program and the process that has a simulated bus: calls and answers.
 
 A call is a list ``[method, argument, ...]``, an answer ``["ok", value]`` or ``["error", class,
 text]``; each is msgpack with its length in front (4 bytes, big endian), over TCP or a Unix socket.
@@ -21,7 +21,7 @@ _MOST = 1 << 24
 
 
 class BusAddress(NamedTuple):
-    """Where a simulated bus is served: the channel's name, and a host with a port or a path."""
+    """The address of a simulated bus: the channel's name, and a host with a port or a path."""
 
     channel: str
     host: str
@@ -30,7 +30,7 @@ class BusAddress(NamedTuple):
 
     @property
     def place(self) -> str:
-        """As it is written behind the ``@``."""
+        """The address as it is written behind the ``@``."""
         return self.path or f"{self.host}:{self.port}"
 
 
@@ -48,7 +48,7 @@ def parse_address(text: str) -> BusAddress:
 
 
 def is_remote(channel: Hashable) -> bool:
-    """Whether a channel is served by another process."""
+    """True if a channel is served by another process."""
     return isinstance(channel, str) and "@" in channel
 
 

@@ -1,4 +1,4 @@
-"""What happened on a simulated channel in its last seconds: an account, and a picture."""
+"""The last seconds of a simulated channel: an account, and a picture."""
 
 from __future__ import annotations
 

@@ -129,7 +129,7 @@ class RemoteThread:
         self._lock = threading.Lock()
 
     def is_alive(self) -> bool:
-        """Whether it has a connection."""
+        """True if it has a connection."""
         return self._connections > 0
 
     def __enter__(self) -> None:

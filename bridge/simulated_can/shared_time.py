@@ -25,7 +25,7 @@ class SharedTime:
 
     @property
     def now_ps(self) -> int:
-        """Where all channels are, ps."""
+        """The time of all channels, ps."""
         return self._now
 
     def join(self, channel: Paced) -> None:
@@ -35,7 +35,9 @@ class SharedTime:
             self._channels.append(channel)
 
     def next_ps(self) -> int | None:
-        """When something may happen next on a channel, ps; None: nothing will by itself."""
+        """The next time at which something may happen on a channel, ps; None: nothing will by
+        itself.
+        """
         found = (channel.next_ps() for channel in self._channels)
         return min((t for t in found if t is not None), default=None)
 

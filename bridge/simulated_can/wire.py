@@ -85,7 +85,7 @@ class CanWire:
         self._offered.extend(frames)
 
     def waiting(self, node: WireNode) -> int:
-        """How many frames are in the transmit queue of a node."""
+        """The number of frames in the transmit queue of a node."""
         early = sum(owner is node for owner, _ in self._early) if self._early else 0
         return len(node.pending) + early
 
@@ -118,7 +118,9 @@ class CanWire:
         return found + self._run(until_ps)
 
     def next_ps(self) -> int | None:
-        """When a frame may next be received, ps: not later than it is; None: nothing is sent."""
+        """The next time at which a frame may be received, ps: never too late; None: nothing is
+        sent.
+        """
         end = self._busy.next_end(self.now_ps)
         if end is not None:
             return end
@@ -139,7 +141,7 @@ class CanWire:
         return self._busy.share(self.now_ps, window_ps)
 
     def _next_gap(self) -> int:
-        """When the transmission under way may be over, ps."""
+        """The time at which the transmission under way may be over, ps."""
         if not self._busy.sending and self._busy.free_ps > self.now_ps:
             return self._busy.free_ps
         return self.next_ps() or self.now_ps + self._bit_ps
@@ -179,7 +181,7 @@ class CanWire:
         return True
 
     def _retire(self) -> None:
-        """Whether a node can go now: the bus is made anew without it."""
+        """True if a node can go now: the bus is made anew without it."""
         if any(node.leaving and not self.waiting(node) for node in self._members):
             self._stale = True
 
@@ -233,7 +235,7 @@ class CanWire:
         return found
 
     def _read(self, bus: SimulatedBus, row: tuple[int, ...]) -> Happening | None:
-        """What an event means for its node; None for events of which no program is told."""
+        """The meaning of an event for its node; None for events of which no program is told."""
         time, request, frame, bit, number, tec, rec, kind, code, role, _ = row
         time_ps = time + self._start_ps
         if kind == BusEvent.FREE:

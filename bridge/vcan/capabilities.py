@@ -1,4 +1,4 @@
-"""What this host can do, found out by doing it."""
+"""Abilities of this host, found out by trying them."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _UNITS = {"K": 2**10, "M": 2**20, "G": 2**30}
 
 @dataclass(frozen=True)
 class Ability:
-    """Whether a backend would work here, and why or why not."""
+    """True if a backend would work here, and why or why not."""
 
     backend: str
     possible: bool
@@ -45,7 +45,7 @@ def namespace_command() -> list[str]:
 
 
 def host() -> Ability:
-    """Whether the host's own kernel has vcan, and lets us make interfaces."""
+    """True if the host's own kernel has vcan, and lets us make interfaces."""
     for tool in ("unshare", "ip"):
         if not shutil.which(tool):
             return Ability("host", False, f"{tool} was not found (util-linux, iproute2)")
@@ -59,7 +59,7 @@ def host() -> Ability:
 
 
 def uml(memory: str = "1G") -> Ability:
-    """Whether User-Mode Linux can run here with so much memory."""
+    """True if User-Mode Linux can run here with so much memory."""
     try:
         _check_platform()
         _check_ptrace()

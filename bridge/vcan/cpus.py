@@ -1,4 +1,4 @@
-"""Which CPU a guest is pinned to: pinned, its system calls take half the time."""
+"""The CPU that a guest is pinned to: pinned, its system calls take half the time."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What keeps a command from getting a kernel with CAN."""
+"""Reasons that keep a command from getting a kernel with CAN."""
 
 from __future__ import annotations
 

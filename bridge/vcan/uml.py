@@ -84,7 +84,7 @@ def _boot(
 
 
 def environment(memory: Path, folder: Path) -> dict[str, str]:
-    """Of the kernel as a process; what is loaded first is ``bridge/c/xstate.c``."""
+    """The environment of the kernel as a process; ``bridge/c/xstate.c`` is loaded first."""
     found = {"TMPDIR": str(memory), "HOME": str(folder), "PATH": os.defpath}
     return {**found, "LD_PRELOAD": str(library_path())}
 

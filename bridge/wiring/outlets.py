@@ -50,7 +50,7 @@ class OutletBindings:
         self._insides()
 
     def keep(self, forwarded: Forwarding) -> None:
-        """As long as the outlets it is bound to."""
+        """Keep an object as long as the outlets it is bound to."""
         self._alive.append(forwarded)
 
     def _outlets(self) -> c.Array[native.OutletStruct]:

@@ -314,7 +314,7 @@ class WiredNode:
         self._alive += [peers, services]
 
     def _takes_torque(self, other: str) -> bool:
-        """Whether drives of another node take torques of this one."""
+        """True if drives of another node take torques of this one."""
         plan, spec = self.system.nodes[other], self.system.deployment.nodes[other]
         sent = (name for name, m in self.system.messages.items() if m.node == self.name)
         return any(drives_by(plan, spec, name) for name in sent)

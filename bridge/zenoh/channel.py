@@ -217,7 +217,7 @@ class ZenohAttachment:
                 return
 
     def _receiver(self, key: str, number: int) -> zenoh.handlers.Callback[zenoh.Sample]:
-        """Of one key: called on Zenoh's threads, of which there may be several."""
+        """The receiver of one key: called on Zenoh's threads, of which there may be several."""
         bring, counts = frame_writer(self._rx, number), self._silence.counts
         counts.setdefault(key, 0)
         self._oversized.setdefault(key, 0)
@@ -254,7 +254,7 @@ class ZenohAttachment:
             self._put(frame)
 
     def _send_batches(self) -> None:
-        """As :meth:`_send`; all frames of a message that wait, as one payload."""
+        """Send like :meth:`_send`; all frames of a message that wait, as one payload."""
         frame = Frame()
         take = frame_reader(self._tx, self._wake.out, frame)
         while not self._stop.is_set():

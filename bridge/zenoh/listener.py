@@ -102,7 +102,7 @@ class ZenohEar:
         close_session(self.session)
 
     def _subscribe(self, key: str, number: int) -> zenoh.Subscriber[None]:
-        """What comes of a key is a frame of this number."""
+        """Subscribe to a key, whose payloads are frames of this number."""
         bring = frame_writer(self._ring, number)
 
         def receive(sample: zenoh.Sample) -> None:

@@ -51,7 +51,7 @@ def traffic_of(system: System, bus: str, node: str) -> ZenohTraffic:
 
 
 def _first(system: System, message: str) -> bool:
-    """Whether its sender makes it; a gateway is silent where what it forwards is."""
+    """True if its sender makes it; a gateway is silent where what it forwards is."""
     return system.messages[message].forward is None
 
 

@@ -45,7 +45,7 @@ class Offset:
 
     @property
     def running(self) -> bool:
-        """Whether it is in a run."""
+        """True if it is in a run."""
         return bool(self.answer["running"])
 
     def describe(self) -> str:
@@ -114,7 +114,7 @@ def judge(d: Deployment, offsets: Iterable[Offset], most: float) -> list[str]:
 
 
 def start_lead_time(offsets: Sequence[Offset]) -> float:
-    """From EPOCH to t = 0, s: half a second, and time for START to reach the slowest node."""
+    """The time from EPOCH to t = 0, s: half a second, and time to reach the slowest node."""
     return 0.5 + 4.0 * max((o.bound for o in offsets), default=0.0)
 
 

@@ -174,7 +174,7 @@ def check_endpoint(endpoint: str, place: str, *, insecure: bool) -> None:
 
 
 def is_loopback(host: str) -> bool:
-    """Whether an address is of this machine only."""
+    """True if an address is of this machine only."""
     if host == "localhost":
         return True
     try:

@@ -38,7 +38,7 @@ _PATIENCE = 3.0
 
 
 class Stoppable(Protocol):
-    """What arms and stops a node: :class:`bridge.node.control.Control`."""
+    """The object that arms and stops a node: :class:`bridge.node.control.Control`."""
 
     def arm(self) -> None:
         """Torque may follow START."""
@@ -109,7 +109,8 @@ def state(wired: WiredNode, end: ZenohAttachment, unheard: Sequence[str]) -> dic
 
 
 def parameters(wired: WiredNode) -> dict[str, Any]:
-    """What a node is: its components' parameters as the scenario has them, and its messages.
+    """The parameters of a node: its components' parameters as the scenario has them, and its
+    messages.
 
     Of each message it sends: number of bytes, period (s), signals in their order.
     """
@@ -189,7 +190,7 @@ def wait_until_ready(
 
 
 def _missing_inputs(session: zenoh.Session, names: Names, node: str) -> list[str]:
-    """What a node waits for; nothing of one that does not answer."""
+    """The inputs that a node waits for; none of one that does not answer."""
     try:
         return list(ask(session, names, node, "state", 1.0)["unheard"])
     except RunError:

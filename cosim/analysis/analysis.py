@@ -142,7 +142,7 @@ def analyse(
 
 
 def _few(system: AnalyzedSystem) -> bool:
-    """Whether a system can be simulated for an hour or so within a minute."""
+    """True if a system can be simulated for an hour or so within a minute."""
     return len(system.plan.components) <= MANY
 
 

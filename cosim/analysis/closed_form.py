@@ -36,7 +36,7 @@ def felt_damping(net: RobotNetwork, K: float, friction: float = 0.0) -> float:
 
 
 def _is_spring(net: RobotNetwork, K: float, friction: float, damping: float) -> bool:
-    """Whether what seems a `damping` at :data:`_ZERO` becomes less as the motion becomes faster.
+    """True if what seems a `damping` at :data:`_ZERO` becomes less as the motion becomes faster.
 
     A spring seems ten times less at ten times the rate, and the sum of many robots the same.
     """
@@ -45,7 +45,7 @@ def _is_spring(net: RobotNetwork, K: float, friction: float, damping: float) -> 
 
 
 def felt_when_pushed(net: RobotNetwork, q: Sequence[float], K: Sequence[float]) -> list[float]:
-    """What a constant push on every joint alike feels at each joint, N.m.s/rad; `K` of each joint.
+    """The damping that a constant push on all joints feels at each, N.m.s/rad; `K` of each joint.
 
     Gravity g(q) that a held torque compensates is late by T_s/2, which is a damping g'(q) T_s/2
     that couples the joints; without it each joint is a case of O4. `q` (m,) rad.
@@ -211,7 +211,7 @@ def damped(K: Sequence[float], arm: Arm) -> tuple[float, ...]:
 
 
 def grip_stable(law: DynamicFeedback, M: float, K: float, k_p: float, k_d: float) -> bool:
-    """Whether a grip on a robot of inertia M, theta known, is stable (Routh).
+    """True if a grip on a robot of inertia M, theta known, is stable (Routh).
 
     M p³ + (K + alpha M + k_d) p² + (alpha K + lambda_M k_d + k_p) p + lambda_M k_p = 0, with `M` in
     kg.m2, `k_p` in N.m/rad, `K` and `k_d` in N.m.s/rad.

@@ -1,4 +1,4 @@
-"""When O6 bounds M^t of a run, and what of that does not hold in a scenario.
+"""The conditions under which O6 bounds M^t of a run, and those that a scenario breaks.
 
 O6 is a gain from the force at the port to the position there, of robots that know their parameters
 and start together at rest: then the response without the force is 0. It says nothing of a run in
@@ -49,7 +49,7 @@ def _unmet_conditions(system: AnalyzedSystem, net: RobotNetwork) -> Iterator[str
 
 
 def constant(system: AnalyzedSystem, net: RobotNetwork) -> bool:
-    """Whether delays and weights stay as they are: else a frequency response is one on average."""
+    """True if delays and weights stay as they are: else a frequency response is one on average."""
     switching = any(
         isinstance(p.source, EdgeWeight) and len(p.source.topology.graphs) > 1
         for p in system.plan.players
@@ -58,13 +58,13 @@ def constant(system: AnalyzedSystem, net: RobotNetwork) -> bool:
 
 
 def _known(arm: Arm, law: DynamicFeedback) -> bool:
-    """Whether the law has the true parameters and keeps them."""
+    """True if the law has the true parameters and keeps them."""
     true = (*arm.parameters, *arm.gravity)[: len(law.theta_hat)]
     return not any(law.Gamma) and bool(np.allclose(law.theta_hat, true, rtol=1e-9, atol=0))
 
 
 def _pushed(system: AnalyzedSystem, name: str) -> bool:
-    """Whether a grip, a wall or another component acts on an arm."""
+    """True if a grip, a wall or another component acts on an arm."""
     arm = system.arms[name]
     inside = arm.grip.is_present or any(arm.wall.stiffness) or any(arm.wall.damping)
     return inside or is_driven(system.plan, f"{name}.{arm.external}")

@@ -36,7 +36,7 @@ Phase = Literal["rms_free", "rms_contact"]
 
 @dataclass(frozen=True, slots=True)
 class PhaseError:
-    """How far a signal is from its target in one phase; `kind` as in the table above.
+    """The distance of a signal from its target in one phase; `kind` as in the table above.
 
     `target`: a number per entry, or a signal; `contact`: signals that are 0 in free motion.
     """

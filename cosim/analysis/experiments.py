@@ -119,7 +119,7 @@ class Bench:
         return {name: np.zeros((1, slots[name].size)) for name in names if is_driven(plan, name)}
 
     def _true(self, name: str, law: DynamicFeedback) -> Vector:
-        """What the estimate of a law should be."""
+        """The true parameters, which the estimate of a law should reach."""
         arm = self.system.arms.get(self.system.arm_of(name) or "")
         if arm is None:
             raise ScenarioError(f"{name} controls no arm whose inertia is known")
@@ -138,7 +138,7 @@ class Bench:
         return found
 
     def push(self, seconds: float, force: float = FORCE) -> SignalTrace:
-        """What a constant push on every joint for so many seconds, from rest, adds to the motion.
+        """The motion that a constant push on every joint for so many seconds adds, from rest.
 
         `force` is in N.m (N for a port in space). Force and response are recorded. Raises
         ScenarioError if the port has no input for a test force, RunError if the run stops.
@@ -258,12 +258,12 @@ class Bench:
         return self.arm
 
     def decays(self, change: Change, rates: Sequence[str]) -> bool:
-        """Whether motion dies away: velocities swing less in the last quarter than before it."""
+        """True if motion dies away: velocities swing less in the last quarter than before it."""
         swings = self._swings(change, rates)
         return swings is not None and (swings[3] < 0.98 * swings[2] or swings[3] < 1e-9)
 
     def does_not_grow(self, change: Change, rates: Sequence[str]) -> bool:
-        """Whether motion does not grow: no more swing in the last quarter than in the second.
+        """True if motion does not grow: no more swing in the last quarter than in the second.
 
         Up to a fifth: what hardly decays may beat.
         """

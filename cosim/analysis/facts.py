@@ -49,7 +49,7 @@ class Spring:
 
     @property
     def is_present(self) -> bool:
-        """Whether it does anything."""
+        """True if it does anything."""
         return any(self.stiffness) or any(self.damping)
 
 
@@ -144,11 +144,11 @@ class TipTask:
     posture: bool = True
 
     def has(self, c: int) -> bool:
-        """Whether the arm has the coordinate `c`."""
+        """True if the arm has the coordinate `c`."""
         return c < len(self.lacks) and not self.lacks[c]
 
     def hears(self, row: int, c: int) -> bool:
-        """Whether coordinate `c` of the neighbour of a row counts."""
+        """True if coordinate `c` of the neighbour of a row counts."""
         return self.has(c) and (row >= len(self.listens) or self.listens[row][c] > 0)
 
 
@@ -254,7 +254,7 @@ class Servo:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ServoCommand:
-    """What turns a torque (the input `torque`) into a command of a servo that is like `servo`."""
+    """A component that turns a torque (input `torque`) into a command of a servo like `servo`."""
 
     servo: Servo
     torque: str = "tau"
@@ -262,7 +262,7 @@ class ServoCommand:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TipContact:
-    """What acts at the tip of an arm as a separate, sampled component: springs and dampers.
+    """Springs and dampers at the tip of an arm, in a separate, sampled component.
 
     `hand` and `wall`: stiffness N/m and damping N.s/m of the stiffest direction; `jacobian(q)`
     (3, m) of the tip.

@@ -24,7 +24,7 @@ CONDITION = 1e-4
 
 @dataclass(frozen=True, slots=True)
 class FeltImpedance:
-    """Of one joint in the window from `start` to `stop`, s; SI; `residual`: share unexplained."""
+    """Impedance felt at one joint from `start` to `stop`, s; SI; `residual`: share unexplained."""
 
     joint: int
     start: float
@@ -70,5 +70,5 @@ def _fit(X: Array, f: Array) -> tuple[float, float, float, float] | None:
 
 
 def is_operator(found: FeltImpedance) -> bool:
-    """Whether this is the operator's own spring and damper, seen from the robot."""
+    """True if this is the operator's own spring and damper, seen from the robot."""
     return found.damping <= 0 and found.stiffness <= 0 and found.residual < 1e-3

@@ -287,7 +287,7 @@ def each_feedback(net: RobotNetwork | None, m: int) -> list[float]:
 
 
 def felt_free(quantities: list[Quantity]) -> float:
-    """What a push felt, N.m.s/rad: the softest joint; inf where it came to rest or is not known."""
+    """The damping that a push felt, N.m.s/rad: the softest joint; inf if at rest or not known."""
     for q in quantities:
         if q.name == "push_damping" and not q.missing:
             return min(q.values)

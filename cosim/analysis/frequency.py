@@ -157,7 +157,7 @@ class PortGain:
         return float(self.real_part()[at]), float(self.omega[at]), float(share[at])
 
     def passive(self) -> bool | None:
-        """Whether Re Y is nowhere below 0; None where the uncertainty leaves it open.
+        """True if Re Y is nowhere below 0; None where the uncertainty leaves it open.
 
         A share of |Y| within `LOSSLESS` of 0 counts as 0. As many frequencies are looked at, a
         verdict takes twice the uncertainty of one of them.

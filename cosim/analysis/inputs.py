@@ -22,7 +22,7 @@ def feeders(plan: Plan, slot: Slot) -> tuple[Wire | Link | Player, ...]:
 
 
 def is_driven(plan: Plan, name: str) -> bool:
-    """Whether anything feeds the input `name`, or the scenario holds it at other than 0."""
+    """True if anything feeds the input `name`, or the scenario holds it at other than 0."""
     slot = plan.slots().get(name)
     if slot is None:
         return False

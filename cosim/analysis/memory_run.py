@@ -26,7 +26,7 @@ _CHUNK, _TICKS = 1 << 18, 8192
 
 @dataclass(frozen=True, slots=True)
 class SignalTrace:
-    """What was recorded of some signals, every so often; `stopped`: why it ended early, or "".
+    """Samples recorded of some signals; `stopped`: the reason why it ended early, or "".
 
     `t` (n,) s; the rest is as for a run read back from its folder.
     """
@@ -39,7 +39,7 @@ class SignalTrace:
 
     @property
     def constant(self) -> bool:
-        """Whether no signal changes."""
+        """True if no signal changes."""
         return all((x == x[0]).all() for x in self.columns.values())
 
     def less(self, other: SignalTrace) -> SignalTrace:
@@ -115,11 +115,11 @@ class RepeatedValues:
     values: Array
 
     def stream(self) -> _Playing:
-        """From the first value on."""
+        """The recorded values from the first one on."""
         return _Playing(self.values)
 
     def facts(self) -> dict[str, Any]:
-        """How many there are."""
+        """The number of recorded values, as plain data."""
         return {"values": len(self.values)}
 
 

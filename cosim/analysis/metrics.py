@@ -53,7 +53,7 @@ _TAKES = {**_NEEDS, "error": ("target", "within")}
 
 @dataclass(frozen=True, slots=True)
 class Error:
-    """How far signals are from a target: E(t) = max over `of` of ‖x(t) - target(t)‖.
+    """The distance of signals from a target: E(t) = max over `of` of ‖x(t) - target(t)‖.
 
     `target`: a number per entry, or a signal. `norm`: the largest entry ("max", by which settle
     times of joints are told here) or the Euclidean norm. The settle time is the last exit from
@@ -227,7 +227,7 @@ def _tail_mean(s: Stack, window: float) -> _Measured:
 
 
 def _tail(s: Stack, window: float) -> tuple[NDArray[np.bool_], str]:
-    """Which rows are in the last `window` seconds (n,), and words for it."""
+    """A mask (n,) of the rows in the last `window` seconds, and words for it."""
     words = f"over the last {window:.4g} s"
     if s.t[-1] - s.t[0] < window * (1 - 1e-9):
         words = f"{interval_text(s.t)}, which is all there is"

@@ -90,7 +90,7 @@ class RobotNetwork:
 
     @property
     def around(self) -> Array:
-        """What each robot is coupled by to all others, (n,), 1/s."""
+        """The sum of the weights that couple each robot to the others, (n,), 1/s."""
         return self.couplings.around(len(self.laws)) + self.outside
 
     def L(self, p: ArrayLike) -> Complex:
@@ -179,7 +179,9 @@ class Linear:
     weight: Array | None = None
 
     def A(self, p: ArrayLike) -> Complex:
-        """From positions to torques, (..., n m, n m), N.m/rad, for one p or several, (...)."""
+        """The transfer function from positions to torques, (..., n m, n m), N.m/rad, for one p or
+        several, (...).
+        """
         p = np.asarray(p, dtype=np.complex128)
         n, m = self.M.shape[:2]
         blocks = np.einsum("...iab,...ij->...iajb", self._feedback(p), self.net.L(p))
@@ -189,14 +191,14 @@ class Linear:
         return np.asarray(blocks.reshape(*p.shape, n * m, n * m))
 
     def _feedback(self, p: Complex) -> Complex:
-        """What L(p) of each robot is multiplied by, (..., n, m, m), N.m.s/rad."""
+        """The factor of L(p) of each robot, (..., n, m, m), N.m.s/rad."""
         alpha = np.array([law.alpha for law in self.net.laws])[:, None, None]
         lambda_M = np.array([law.lambda_M for law in self.net.laws])[:, None, None]
         s = p[..., None, None, None]
         return np.asarray((self.M_hat * s + self.K) * (s + alpha) / (s + lambda_M))
 
     def _alone(self, p: Complex) -> Iterator[Complex]:
-        """What each robot adds that the couplings do not change, (..., n, m, m), N.m/rad."""
+        """The part of each robot that the couplings do not change, (..., n, m, m), N.m/rad."""
         s = p[..., None, None, None]
         friction = self.friction[:, :, None] * np.eye(self.M.shape[1])
         yield np.asarray((self.M - self.M_hat) * s * s + friction * s)
@@ -209,11 +211,15 @@ class Linear:
         return np.asarray(self._column(p)[..., self.net.port, :, :])
 
     def mean_gain(self, p: ArrayLike) -> Complex:
-        """From torque at the port to the mean position of all robots, (..., m, m), rad/(N.m)."""
+        """The transfer function from torque at the port to the mean position of all robots, (...,
+        m, m), rad/(N.m).
+        """
         return np.asarray(self._column(p).mean(axis=-3))
 
     def _column(self, p: ArrayLike) -> Complex:
-        """From torque at the port to the positions of all robots, (..., n, m, m), rad/(N.m)."""
+        """The transfer functions from torque at the port to all positions, (..., n, m, m),
+        rad/(N.m).
+        """
         p = np.asarray(p, dtype=np.complex128)
         n, m = self.M.shape[:2]
         if n > DENSE:

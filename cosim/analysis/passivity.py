@@ -69,7 +69,7 @@ def passive_range(net: RobotNetwork, q: Sequence[float]) -> PassiveRange:
 
 
 def is_passive(net: RobotNetwork, q: Sequence[float]) -> bool:
-    """Whether lambda_M of the port is in its passive range, all robots at `q` (m,)."""
+    """True if lambda_M of the port is in its passive range, all robots at `q` (m,)."""
     alone, fast = _fast_limits(net, q)
     if fast == alone or fast < net.law.lambda_M or len(net.laws) * len(q) > closed.WHOLE:
         return net.law.lambda_M <= fast

@@ -45,7 +45,7 @@ class PortSignals:
 
     @property
     def collocated(self) -> bool:
-        """Whether force goes in where a position is measured: only then has it power."""
+        """True if force goes in where a position is measured: only then has it power."""
         same = self.inject.split(".")[0] == self.response.split(".")[0]
         return same and self.response != self.rate
 

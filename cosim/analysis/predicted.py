@@ -1,4 +1,4 @@
-"""What tests of the port would find, by closed forms alone: for networks that take long to test."""
+"""Predictions of the tests of a port by closed forms, for networks that take long to test."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What will be recorded, before it is: so that a metric that makes no sense is refused in time."""
+"""A preview of what will be recorded, so that a metric without meaning is refused in time."""
 
 from __future__ import annotations
 

@@ -33,7 +33,7 @@ class Quantity:
 
     @property
     def missing(self) -> bool:
-        """Whether the values are missing."""
+        """True if the values are missing."""
         return not self.values or any(isnan(v) for v in self.values)
 
     @property

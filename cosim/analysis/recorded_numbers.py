@@ -250,7 +250,7 @@ def _approach(found: RecordedPort, net: RobotNetwork, hand: Hand) -> Quantity:
 
 
 def _not_told_apart(roots: Complex, seconds: float) -> tuple[float, str]:
-    """How much faster the poles decay that a run does not tell from the slowest, 1/s; a note.
+    """A bound on the slowest decay rate's excess that a run cannot resolve, 1/s, and a note.
 
     A mode whose rate is larger by d (1/s) becomes smaller by exp(d `seconds`) than the slowest mode
     (`seconds` in s). If that is less than e², both are seen, and the rate found lies between them.

@@ -1,4 +1,4 @@
-"""What metrics and figures read: recorded signals by name, stacked and checked."""
+"""Recorded signals by name, stacked and checked, for metrics and figures."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class Stack:
 
     @property
     def problem(self) -> str:
-        """Why no number can be had from this, as a sentence; empty if one can."""
+        """The reason why there is no number, as a sentence; empty if there is one."""
         if not len(self.t):
             return "nothing was recorded"
         bad = ~np.isfinite(self.x)

@@ -54,7 +54,7 @@ class Edge:
 
 @dataclass(frozen=True, slots=True)
 class CommandPath:
-    """How a law moves an arm that takes no torque: by the component `servo`.
+    """The path by which a law moves an arm that takes no torque: through the component `servo`.
 
     `by`: the component whose output is the servo's command, the law itself or one that turns its
     torque into a command; `link`: on the way from it to the servo, None for a wire.
@@ -67,7 +67,7 @@ class CommandPath:
 
     @property
     def direct(self) -> bool:
-        """Whether the law itself commands positions or velocities."""
+        """True if the law itself commands positions or velocities."""
         return self.by == self.law
 
 
@@ -87,7 +87,7 @@ class AnalyzedSystem:
     )
 
     def once(self, what: str, of: Hashable, compute: Callable[[], T]) -> T:
-        """What `compute` returns of an arm or another key, computed when it is first asked for."""
+        """The result of `compute` for an arm or another key, computed at the first request."""
         if (what, of) not in self._computed:
             self._computed[what, of] = compute()
         found: T = self._computed[what, of]
@@ -131,7 +131,7 @@ class AnalyzedSystem:
         return sum(e.weight for e in self.edges_to.get(law, ()) if e.recurrent)
 
     def is_position(self, signal: str) -> bool:
-        """Whether a signal is the position of an arm, which closed forms are about."""
+        """True if a signal is the position of an arm, which closed forms are about."""
         return any(signal == f"{name}.{arm.position}" for name, arm in self.arms.items())
 
     def period(self, name: str) -> float:
@@ -188,7 +188,7 @@ def values_of(step: Step) -> dict[str, tuple[float, ...]]:
 
 
 def system(scenario: Scenario, plan: Plan) -> AnalyzedSystem:
-    """What is known of a plan. A function of a model that fails is noted, not raised."""
+    """All that is known of a plan. A function of a model that fails is noted, not raised."""
     facts: dict[str, Facts] = {}
     silent: dict[str, str] = {}
     functions = lru_cache(maxsize=None)(facts_function)  # of a model, which many may have
@@ -280,7 +280,7 @@ def _edges(system: AnalyzedSystem, name: str) -> Iterable[Edge]:
 
 
 def _fed(plan: Plan, slot: Slot) -> dict[int, Feeder]:
-    """What feeds each entry of an input, by the entry's place in the signal vector."""
+    """The source of each entry of an input, by the entry's place in the signal vector."""
     found: dict[int, Feeder] = {}
     for feeder in feeders(plan, slot):
         start = feeder.target.start

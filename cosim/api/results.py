@@ -70,7 +70,7 @@ class RunResult:
 
     @property
     def metadata(self) -> dict[str, Any]:
-        """What ``run.json`` says: scenario, versions, seed, files with their sums."""
+        """The content of ``run.json``: scenario, versions, seed, files with their sums."""
         return self._run.metadata
 
     @property
@@ -175,7 +175,7 @@ class RunResult:
             return ()
 
     def _scenario(self) -> Scenario:
-        """Of the scenario of the run what declares metrics and figures."""
+        """The part of the run's scenario that declares metrics and figures."""
         from cosim.reporting.recorded import recorded_scenario
 
         return recorded_scenario(self._run)

@@ -72,7 +72,7 @@ def unpack(path: Path, what: str, description: str, place: str) -> tuple[Path, s
 
 
 def is_whole(folder: Path) -> bool:
-    """Whether an unpacked archive is there, with each file as it was unpacked, or built later."""
+    """True if an unpacked archive is there, with each file as it was unpacked, or built later."""
     try:
         said = (folder / SUMS).read_text(encoding="utf-8")
         names = [line[66:] for line in said.splitlines()]
@@ -99,7 +99,7 @@ def _file_state(path: Path) -> tuple[int, ...]:
 
 @lru_cache(maxsize=64)
 def _fits(folder: Path, said: str, states: tuple[tuple[int, ...], ...]) -> bool:
-    """Whether the files have these sums, computed once for files that stay as they are."""
+    """True if the files have these sums, computed once for files that stay as they are."""
     del states
     try:
         return all(_line(folder, folder / line[66:]) == line for line in said.splitlines())

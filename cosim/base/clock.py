@@ -71,7 +71,7 @@ def now_and_date() -> tuple[int, int]:
 
 
 def realtime_offset_ns() -> int:
-    """What to add to a time of :func:`monotonic_ns` to get its date, ns (:func:`realtime_ns`)."""
+    """The offset from a time of :func:`monotonic_ns` to its date, ns (:func:`realtime_ns`)."""
     now, date = now_and_date()
     return date - now
 

@@ -81,7 +81,7 @@ class Parameter:
 
 @dataclass(frozen=True, slots=True)
 class Preparation:
-    """What a model makes of the options of a component: sizes, and parameters by name.
+    """Sizes, and parameters by name, that a model makes of the options of a component.
 
     A module offers it as ``prepare(options, folder)``; paths among the options are relative to
     `folder`. `values` are numbers or nested lists in the unit of the parameter; a preset and the
@@ -97,7 +97,7 @@ class Preparation:
 
 @dataclass(frozen=True, slots=True)
 class Drawing:
-    """How a report draws a serial robot; a module of a model offers ``drawing(options, folder)``.
+    """The drawing of a serial robot; a module of a model offers ``drawing(options, folder)``.
 
     Of each joint: whether it is `prismatic`, and at zero the axes (9 numbers, row by row, columns
     are the axes) and the origin (3), m, of its frame in its parent's; it moves about or along its z
@@ -121,7 +121,7 @@ class Drawing:
         return len(self.prismatic)
 
     def data(self) -> dict[str, Any]:
-        """As a page reads it, with the `reach` (m) of the stretched arm."""
+        """The data that a page reads, with the `reach` (m) of the stretched arm."""
         lengths = [sum(x * x for x in p) ** 0.5 for p in (*self.origins, self.tip)]
         parts = zip(self.prismatic, self.rotations, self.origins, strict=True)
         return {
@@ -133,7 +133,7 @@ class Drawing:
 
 
 class Component(Protocol):
-    """What the engine steps: a Python class with these members, or an FMU."""
+    """A component that the engine steps: a Python class with these members, or an FMU."""
 
     kind: Kind
     inputs: tuple[Port, ...]
@@ -189,4 +189,4 @@ class NativeComponent(Component, Protocol):
         """
 
     def failure(self) -> str:
-        """Why the last native step failed."""
+        """The reason why the last native step failed."""

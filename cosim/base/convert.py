@@ -62,7 +62,7 @@ def convert(value: Any, kind: type[T], path: Path, place: str = "") -> T:
 
 
 def sentence(error: msgspec.ValidationError, kind: Any, value: Any) -> tuple[str, str]:
-    """What is wrong with `value` for `kind`, with the nearest key there is, and where in it."""
+    """The mistake in `value` for `kind`, with the nearest key there is, and its place."""
     message, _, inside = str(error).partition(" - at `$")
     inside = inside.rstrip("`")
     keys = [key for key in inside.split(".") if key]
@@ -106,7 +106,7 @@ def _found(value: Any, inside: str) -> str:
 
 
 def _quoted(pattern: str, message: str) -> str:
-    """What a message of msgspec quotes, or "" if it is another."""
+    """The word that a message of msgspec quotes, or "" if it is another."""
     found = re.fullmatch(pattern, message)
     return found[1] if found else ""
 

@@ -71,7 +71,7 @@ class _Received:
                 signal.pthread_kill(threading.main_thread().ident or 0, _WAKE)
 
     def interrupts(self) -> bool:
-        """Whether a reminder interrupts the code that runs now."""
+        """True if a reminder interrupts the code that runs now."""
         if self.stage not in (_Stage.COME, _Stage.RAISED) or (self.stops and not self.urgent):
             return False
         handled = sys.exc_info()[1]

@@ -53,7 +53,7 @@ class Pool:
 
     @property
     def slots(self) -> int:
-        """How many calls can run at a time, as far as is known now."""
+        """The number of calls that can run at a time, as far as is known now."""
         return max(1, self.count())
 
 
@@ -85,7 +85,7 @@ def spawned(jobs: int) -> ProcessPoolExecutor:
 
 
 def _begin() -> None:
-    """What a worker process does first: leave Ctrl-C to the parent, and watch over its life."""
+    """Begin a worker process: leave Ctrl-C to the parent, and watch over its life."""
     leave_signals_to_parent({*ENDING} - {signal.SIGTERM})
 
 
@@ -161,7 +161,7 @@ def _until_broken(
     stopped: Callable[[], bool],
     suspects: list[T],
 ) -> Iterator[tuple[T, R | str]]:
-    """As :func:`spread`, until a process dies: `suspects` are then the tasks that were out."""
+    """The results of :func:`spread` until a process dies: `suspects` are the tasks then out."""
     waiting: dict[Future[R], T] = {}
     while True:
         while len(waiting) < AHEAD * pool.slots and not suspects and not stopped():

@@ -104,5 +104,5 @@ def check_number(value: float, place: str) -> None:
 
 
 def is_usable_number(value: float) -> bool:
-    """Whether a number, in any unit, is finite and of a size that one can compute with."""
+    """True if a number, in any unit, is finite and of a size that one can compute with."""
     return value == 0 or LEAST <= abs(value) <= MOST  # neither is NaN

@@ -97,7 +97,7 @@ def parse(text: str) -> Unit:
 
 
 def is_unit(text: str) -> bool:
-    """Whether :func:`parse` knows the unit that a text denotes."""
+    """True if :func:`parse` knows the unit that a text denotes."""
     try:
         parse(text)
     except UnitError:

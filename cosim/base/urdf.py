@@ -76,7 +76,7 @@ def _strange(element: Element, known: Mapping[str, tuple[str, ...]]) -> Iterator
 
 
 def unread(root: Element) -> Iterator[str]:
-    """What a file says about the motion and no simulator here does, a sentence each."""
+    """Statements of a file about the motion that no simulator here obeys, a sentence each."""
     joints = root.findall("joint")
     if soft := [j.get("name") for j in joints if j.find("safety_controller") is not None]:
         names = ", ".join(map(repr, soft))

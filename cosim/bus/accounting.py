@@ -17,7 +17,7 @@ from cosim.bus.timing import BusTiming
 
 @dataclass(frozen=True, slots=True)
 class BusHistory:
-    """What happened on a bus: `requests` (n,) rows of ``REQUEST``, `events` (m,) of ``EVENT``.
+    """The history of a bus: `requests` (n,) rows of ``REQUEST``, `events` (m,) of ``EVENT``.
 
     `names`: of the nodes, by their number.
     """

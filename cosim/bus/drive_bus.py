@@ -46,7 +46,7 @@ class DriveBus:
 
 @final
 class Answer(NamedTuple):
-    """When the host can read an answer, of which drive, and when that took its state, ps."""
+    """Time (ps) at which the host can read an answer, its drive, and the time of its state."""
 
     at: int
     drive: int
@@ -55,7 +55,7 @@ class Answer(NamedTuple):
 
 @final
 class HeardCommand(NamedTuple):
-    """When a drive heard a command, ps, which one, and what the host had attached to it."""
+    """Time (ps) at which a drive heard a command, the command, and the host's note on it."""
 
     at: int
     drive: int

@@ -140,7 +140,7 @@ class BusFrame:
         return f.fd | f.brs << 1 | f.esi << 2 | f.remote << 3 | f.extended << 4
 
     def row(self) -> np.void:
-        """As a row of :data:`FRAME`."""
+        """The frame as a row of :data:`FRAME`."""
         rows = np.zeros(1, FRAME)
         rows[["id", "flags", "length"]] = (self.identifier, self.flags, self.length)
         rows["data"][0, : len(self.data)] = np.frombuffer(self.data, np.uint8)

@@ -23,7 +23,7 @@ from cosim.bus.drive_bus import DriveBus, DrivenBus
 
 
 class LoopCount(NamedTuple):
-    """What a program reached: cycles and answers per s, load of the bus, answers per command."""
+    """Counts of a program: cycles and answers per s, load of the bus, answers per command."""
 
     rate: float
     load: float
@@ -46,7 +46,8 @@ def fixed_rate(spec: DriveBus, rate: float, seconds: float = 1.0) -> LoopCount:
 
 @dataclass(frozen=True, slots=True)
 class BlockingLoop:
-    """Of each arm in turn: ask all drives, read; command all drives, read; then the controller.
+    """A loop over the arms in turn: ask all drives, read; command all drives, read; then the
+    controller.
 
     `ask` and `command`: the first time-outs of the reads, s; `ask` 0 leaves the question out.
     `every_frame`: the time-out holds for every frame, so that a read always ends with an idle
@@ -91,7 +92,7 @@ def blocking_loop(
 def _read(
     arm: DrivenBus, now: int, timeout: float, loop: BlockingLoop, random: np.random.Generator
 ) -> int:
-    """When a read that begins at `now` returns, ps."""
+    """The time at which a read that begins at `now` returns, ps."""
     left = round(timeout * 1e12)
     while (answer := arm.wait(now, left)) is not None:
         if answer.at > now:
@@ -137,7 +138,7 @@ def bilateral_loop(
     seconds: float = 1.0,
     seed: int = 0,
 ) -> tuple[CommandTimes, CommandTimes]:
-    """What `drive` of each arm hears in `seconds`, s, if two arms follow each other."""
+    """Commands that `drive` of each arm hears in `seconds`, s, if two arms follow each other."""
     run = _Bilateral(specs, loop, drive, seed)
     run.until(round(seconds * 1e12))
     return run.commands(0), run.commands(1)
@@ -195,7 +196,7 @@ class _Bilateral:
             bus.command(now, drive, tag=tag)
 
     def _read(self, arm: int, now: int) -> int:
-        """When the read that begins at `now` returns."""
+        """The time at which the read that begins at `now` returns."""
         left = round(self._loop.first * 1e12)
         while (answer := self._arms[arm].wait(now, left)) is not None:
             now, left = max(now, answer.at), 0
@@ -204,7 +205,7 @@ class _Bilateral:
         return now + left
 
     def commands(self, arm: int) -> CommandTimes:
-        """Of the commands that had both states."""
+        """The times of the commands that had both states."""
         rows = [
             (command.at, *command.tag)
             for command in self._arms[arm].heard

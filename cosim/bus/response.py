@@ -81,7 +81,7 @@ NO_ERRORS = Errors()
 
 @dataclass(frozen=True, slots=True)
 class Response:
-    """What a stream can come to: `worst` ns from its event to its end, None: no bound.
+    """The worst response of a stream: `worst` ns from its event to its end, None: no bound.
 
     `waiting`: how long a frame in a FIFO queue can wait for the bus, ns; 0 in other queues.
     """
@@ -98,7 +98,7 @@ class Response:
 
     @property
     def meets_deadline(self) -> bool:
-        """Whether it is always there in time."""
+        """True if it is always there in time."""
         return self.worst is not None and self.worst <= self.deadline
 
 
@@ -189,7 +189,7 @@ def _queued(streams: Sequence[FrameStream], t: int, hidden: _Hidden) -> int:
 
 
 def _diverges(streams: Sequence[FrameStream], cost: int, errors: Errors) -> bool:
-    """Whether they, and errors, ask for all of the bus or more; in integers."""
+    """True if they, and errors, ask for all of the bus or more; in integers."""
     shares = [(s.duration, s.period) for s in streams]
     if errors.interval:
         shares.append((cost, errors.interval))

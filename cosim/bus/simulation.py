@@ -114,7 +114,7 @@ class SimulatedBus:
 
     @property
     def whole_frames(self) -> int:
-        """How many transmissions were computed as a whole so far, not bit by bit."""
+        """The number of transmissions computed as a whole so far, not bit by bit."""
         return int(self._c.bus_whole_frames(self._bus))
 
     def request(self, node: int, at_ps: int, frame: BusFrame) -> int:
@@ -178,7 +178,7 @@ class SimulatedBus:
         return events[0] if len(events) == 1 else np.concatenate(events)
 
     def step(self, until_ps: int) -> list[tuple[int, ...]]:
-        """As `advance`, but returns tuples with the fields of ``EVENT``: quicker for few events."""
+        """Advance and return tuples with the fields of ``EVENT``: quicker for few events."""
         events: list[tuple[int, ...]] = []
         frames = b""
         for n_events, n_frames in self._parts(until_ps):
@@ -273,7 +273,7 @@ class SimulatedBus:
         return node
 
     def _refused(self, row: Any) -> str:
-        """Why the bus did not take a request."""
+        """The reason why the bus did not take a request."""
         node, at = int(row["node"]), int(row["at"])
         name = self.nodes[self._node(node)].name
         if at < self._now:

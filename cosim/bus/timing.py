@@ -53,7 +53,7 @@ class Bits(NamedTuple):
 
     @property
     def total(self) -> float:
-        """Of both phases."""
+        """The sum of both phases."""
         return self.nominal + self.data
 
 
@@ -143,7 +143,7 @@ def header(identifier: int | None, length: int, kind: FrameFormat) -> list[int |
 
 
 class HeaderState(NamedTuple):
-    """What a frame's header leaves behind: bits sent with stuffing, state of stuffing, CRC."""
+    """The state after a frame's header: bits sent with stuffing, state of stuffing, CRC."""
 
     nominal: int
     data: int

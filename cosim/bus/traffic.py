@@ -242,7 +242,7 @@ def refuse_fd(where: object, fd: bool, timing: BusTiming) -> None:
 
 
 def _received_after(row: np.void, timing: BusTiming) -> int:
-    """From the start of frame to the end of its last bit, ps."""
+    """The time from the start of frame to the end of its last bit, ps."""
     frame = frame_of(row)
     bits = frame_bits(frame.identifier, frame.data, frame.format, frame.dlc)
     data = int(bits.data) * bit_ps(timing.data_bitrate or timing.bitrate)

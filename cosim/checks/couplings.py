@@ -70,7 +70,7 @@ def longest_delay(link: Link) -> float:
 
 
 def is_constant(link: Link) -> bool:
-    """Whether the sample that a link holds always has the same age."""
+    """True if the sample that a link holds always has the same age."""
     table = link.table
     if not isinstance(table, DrawnTable):
         return False

@@ -30,7 +30,7 @@ MANY = 50
 
 @dataclass(frozen=True, slots=True)
 class Peaks:
-    """Of each robot: largest |dz| over time, (n,) rad/s², and |tau_i| of each joint, (n, m) N.m."""
+    """Largest |dz| of each robot over time, (n,) rad/s², and |tau_i| of each joint, (n, m) N.m."""
 
     dz: Array
     tau: Array
@@ -64,7 +64,7 @@ def peaks(net: RobotNetwork) -> Peaks:
 
 
 def settling(net: RobotNetwork, within: float) -> float:
-    """When every joint at the port stays within so many rad of the place of its hand, s.
+    """The time from which every joint at the port stays `within` rad of its hand's place, s.
 
     By the same motion of each joint alone; inf if it takes longer than the motion is computed for.
     """

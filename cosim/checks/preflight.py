@@ -39,7 +39,7 @@ def _rule(
 
 
 def _tips(known: AnalyzedSystem) -> bool:
-    """Whether an arm is controlled or held at its tip."""
+    """True if an arm is controlled or held at its tip."""
     return any(
         isinstance(facts, TipContact)
         or (isinstance(facts, DynamicFeedback) and facts.task is not None)
@@ -48,7 +48,7 @@ def _tips(known: AnalyzedSystem) -> bool:
 
 
 def _commands(known: AnalyzedSystem) -> bool:
-    """Whether an arm takes positions or velocities."""
+    """True if an arm takes positions or velocities."""
     return bool(known.commands)
 
 

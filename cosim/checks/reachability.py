@@ -24,7 +24,7 @@ def reachable_components(system: AnalyzedSystem, start: Sequence[str]) -> frozen
 
 
 def _connections(system: AnalyzedSystem) -> dict[str, set[str]]:
-    """Of each component those that it gets to directly."""
+    """The components that each component reaches directly."""
     silent = {
         e.link.name for e in system.edges if e.link is not None and not e.recurrent
     }  # links of edges whose weight is 0 for ever
@@ -43,7 +43,7 @@ def _connections(system: AnalyzedSystem) -> dict[str, set[str]]:
 
 
 def _has_zero_weight(system: AnalyzedSystem, target: str, wires: Sequence[Wire]) -> bool:
-    """Whether the wires from one component to another carry only rows whose weight is always 0."""
+    """True if the wires from one component to another carry only rows whose weight is always 0."""
     law = system.with_facts(DynamicFeedback).get(target)
     if law is None or any(w.target.port != law.received for w in wires):
         return False

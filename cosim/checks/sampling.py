@@ -68,7 +68,7 @@ def feedback(system: AnalyzedSystem) -> Iterator[Finding]:
 
 
 def _depends_on_posture(law: Law) -> bool:
-    """Whether its gain does: cosim.checks.tasks has the rule for those."""
+    """True if its gain does: cosim.checks.tasks has the rule for those."""
     return isinstance(law, DynamicFeedback) and law.task is not None and not law.lambda_c
 
 

@@ -28,7 +28,7 @@ def _commanded(system: AnalyzedSystem) -> Iterator[tuple[CommandPath, Arm, Servo
 
 
 def gains(system: AnalyzedSystem) -> Iterator[Finding]:
-    """What turns a torque into commands must know the servo: mode, gains, and its own period."""
+    """A component that turns torques into commands must know the servo: mode, gains and period."""
     for command, _, servo in _commanded(system):
         turned = system.facts.get(command.by)
         if not isinstance(turned, ServoCommand):
@@ -60,7 +60,7 @@ def _differ(a: Servo, b: Servo, name: str) -> bool:
 
 
 def inertia(system: AnalyzedSystem) -> Iterator[Finding]:
-    """What the servo resists until the next command, against the inertia of a joint.
+    """The servo's resistance until the next command, against the inertia of a joint.
 
     Under a constant torque it seems K_v T (1 + exp(K_v d/M)/(exp(K_v T/M) - 1)) instead of M, for
     commands every T that are d <= T late, and K_v T more for each further T.
@@ -93,7 +93,7 @@ def inertia(system: AnalyzedSystem) -> Iterator[Finding]:
 
 
 def torque(system: AnalyzedSystem) -> Iterator[Finding]:
-    """What a velocity mode gives of a torque: K_v v_max at rest, or what an integral kept."""
+    """The torque that a velocity mode can give: K_v v_max at rest, or what an integral kept."""
     for command, arm, servo in _commanded(system):
         if command.direct or servo.by_position:
             continue
@@ -155,7 +155,7 @@ def bandwidth(system: AnalyzedSystem) -> Iterator[Finding]:
 
 
 def _rate(arm: Arm, servo: Servo) -> tuple[float, int]:
-    """How fast a servo follows its command where it is slowest, 1/s, and the joint."""
+    """The slowest rate at which a servo follows its command, 1/s, and the joint."""
     velocity, joint, _ = arm.slowest(servo.K_v)
     if not servo.by_position:
         return velocity, joint

@@ -42,7 +42,7 @@ def _rows(tip: _Tip) -> Array:
 
 
 def _coupled(system: AnalyzedSystem, tip: _Tip) -> Array:
-    """What neighbours couple each coordinate by that the arm has, (k,), 1/s."""
+    """The weights by which neighbours couple each coordinate of the arm, (k,), 1/s."""
     own = [c for c in range(len(tip.task.lacks)) if tip.task.has(c)]
     found = np.zeros(len(own))
     for e in system.edges_to.get(tip.name, ()):
@@ -188,7 +188,7 @@ def _reached(name: str, edges: Sequence[Edge]) -> set[str]:
 
 
 def free_joints(system: AnalyzedSystem) -> Iterator[Finding]:
-    """What the tip leaves free needs a posture, or goes anywhere."""
+    """Joints that the tip leaves free need a posture, or go anywhere."""
     for tip in _tips(system):
         free = len(tip.arm.q) - sum(tip.task.has(c) for c in range(len(tip.task.lacks)))
         if free > 0 and not tip.task.posture:

@@ -73,7 +73,7 @@ def unitless_connections(plan: Plan) -> Iterator[Finding]:
 
 
 def ignored_values(system: AnalyzedSystem) -> Iterator[Finding]:
-    """What an SSP says that is not used, such as values for variables that no FMU has, which the
+    """Statements of an SSP that are not used, such as values for variables no FMU has, which the
     standard has ignored.
     """
     if system.scenario.path.suffix != ".ssp":
@@ -126,7 +126,7 @@ def start_time(system: AnalyzedSystem) -> Iterator[Finding]:
 
 
 def ignored_descriptions(plan: Plan) -> Iterator[Finding]:
-    """What the descriptions of FMUs say that is not used, once for each FMU."""
+    """Statements in descriptions of FMUs that are not used, once for each FMU."""
     said: set[str] = set()
     for step in plan.components:
         for sentence in ignored_in(step.component):

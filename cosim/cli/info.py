@@ -158,7 +158,7 @@ def _facts(component: FmuComponent) -> list[tuple[str, str]]:
 
 
 def _interfaces(component: FmuComponent) -> str:
-    """What an FMU is exported for, as ``model exchange (3 states, 1 event indicator)``."""
+    """The interfaces of an FMU, as ``model exchange (3 states, 1 event indicator)``."""
     from cosim.fmi.description import INTERFACES, read_cached
 
     folder, path = component.archive.folder, component.archive.path

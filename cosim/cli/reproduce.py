@@ -18,7 +18,9 @@ Row = Mapping[str, Any]
 
 
 class Reproduction(Protocol):
-    """What the module has; a row is a claim, with the keys of ``claims.json`` and ``section``."""
+    """The members of the module; a row is a claim, with the keys of ``claims.json`` and
+    ``section``.
+    """
 
     def listing(self, wanted: Sequence[str] = ()) -> list[dict[str, Any]]:
         """The claims about `wanted`, nothing measured."""

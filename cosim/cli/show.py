@@ -112,7 +112,7 @@ def show(
 def _as_data(
     scenario: Scenario, plan: Plan, sections: Mapping[str, Sequence[Sequence[str]]]
 ) -> dict[str, Any]:
-    """What is printed, as data: a section as a list of rows, columns by name."""
+    """The printed text as data: a section as a list of rows, columns by name."""
     return {
         "title": scenario.title, "step_s": plan.h, "ticks": plan.ticks,
         "algorithm": plan.algorithm, "seed": scenario.run.seed,
@@ -171,7 +171,7 @@ def _write_log(h: BusHistory, name: str, path: Path, first: int, last: int) -> s
 
 
 def recorded_run(folder: Path, *, check: bool) -> list[tuple[str, str]]:
-    """What a run folder holds, as (what, value).
+    """The content of a run folder, as (what, value).
 
     Raises ScenarioError where a file was altered, and `check` asks.
     """

@@ -246,7 +246,7 @@ def _end(role: Role, port: tuple[str, str]) -> str:
 
 
 def _touches(link: Any, replaced: tuple[str, ...]) -> bool:
-    """Whether a link of the scenario has an end at a replaced controller."""
+    """True if a link of the scenario has an end at a replaced controller."""
     return isinstance(link, dict) and any(
         str(link.get(key, "")).startswith(replaced) for key in ("from", "to")
     )

@@ -74,7 +74,7 @@ def _render(comparison: Comparison) -> bytes:
 
 @dataclass(frozen=True, slots=True)
 class _Cells:
-    """Where cells are, inches, and the axes that they share: `until` s, `low` to `high`."""
+    """Places of cells, inches, and the axes that they share: `until` s, `low` to `high`."""
 
     counts: tuple[int, int, int]  # link laws, operators, controllers
     size: tuple[float, float]
@@ -196,7 +196,7 @@ def _labels(ax: Axes, cells: _Cells, comparison: Comparison) -> None:
 
 
 def _caption(ax: Axes, comparison: Comparison) -> None:
-    """What the lines, the numbers and the grounds are."""
+    """Explain the lines, the numbers and the grounds."""
     from matplotlib.patches import Rectangle
 
     x, y = _LEFT, 0.3

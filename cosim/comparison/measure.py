@@ -54,7 +54,7 @@ class RecordedTable:
 
     @property
     def grid(self) -> Grid:
-        """When samples were sent and looked at."""
+        """The times at which samples were sent and looked at."""
         sender, receiver = self.facts["sender_period"], self.facts["receiver_period"]
         return Grid(int(sender), int(receiver), float(self.facts["h"]))
 
@@ -68,7 +68,7 @@ class RecordedTable:
         return float(ticks.mean()) * self.grid.h
 
     def agrees(self, other: RecordedTable) -> bool:
-        """Whether both are of one channel, and hold the same as far as both go."""
+        """True if both are of one channel, and hold the same as far as both go."""
         n = min(len(self.rows), len(other.rows))
         return (
             self.channel == other.channel
@@ -88,7 +88,7 @@ class Curve:
 
 @dataclass(frozen=True, slots=True)
 class CaseOutcome:
-    """What became of a case: numbers by column, each (value, unit); NaN where there is none.
+    """The outcome of a case: numbers by column, each (value, unit); NaN where there is none.
 
     `errors`: two standard deviations of those that were estimated, in their units; `remark`: why
     numbers of the port are missing.

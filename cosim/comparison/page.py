@@ -54,7 +54,7 @@ def _seeds(c: Comparison) -> str:
 
 
 def _until(c: Comparison) -> float:
-    """Where the curves end, s."""
+    """The time at which the curves end, s."""
     ends = [float(curve.t[-1]) for o in c.outcomes for curve in o.curves if len(curve.t)]
     return min(c.variants.picture.until, max(ends, default=0.0))
 

@@ -1,4 +1,4 @@
-"""What a comparison writes: the table as text, Markdown, CSV and JSON, and the link tables.
+"""Output of a comparison: the table as text, Markdown, CSV and JSON, and the link tables.
 
 ::
 

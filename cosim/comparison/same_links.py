@@ -57,7 +57,7 @@ class Tables:
 
     @property
     def same(self) -> bool:
-        """Whether every run of a link law and seed recorded the same rows, channel by channel."""
+        """True if every run of a link law and seed recorded the same rows, channel by channel."""
         return not self.differences
 
     def ages(self, link: str) -> list[tuple[str, LinkStatistics]]:
@@ -72,7 +72,7 @@ class Tables:
         return found
 
     def varies(self, link: str) -> bool:
-        """Whether the delay of a link law was not constant once samples had arrived."""
+        """True if the delay of a link law was not constant once samples had arrived."""
         tables = [c.table for key, c in self.channels.items() if key[0] == link]
         return any(_varies(table) for table in tables)
 
@@ -101,7 +101,7 @@ class Tables:
         return [f"{link}: {text}, {over}, sha256 {digest}; mean age {ages}"]
 
     def facts(self) -> dict[str, Any]:
-        """As JSON has it."""
+        """The same links as plain data for JSON."""
         return {
             "same": self.same,
             "differences": list(self.differences),
@@ -137,7 +137,7 @@ def _difference(known: _Channel, case: Case, table: RecordedTable) -> str:
 
 
 def _varies(table: RecordedTable) -> bool:
-    """Whether the age differs between two looks after the first arrival, by a sample or more."""
+    """True if the age differs between two looks after the first arrival, by a sample or more."""
     grid, look = table.grid, np.flatnonzero(table.rows > 0)
     age = grid.n_r * look - grid.n_s * table.rows[look].astype(np.int64)
     return bool(len(age)) and bool(np.ptp(age) >= max(grid.n_s, grid.n_r))

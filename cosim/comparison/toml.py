@@ -21,7 +21,7 @@ class Section:
     path: tuple[str, ...] = ()
 
     def __contains__(self, key: str) -> bool:
-        """Whether the key is given."""
+        """True if the key is given."""
         return key in self.data
 
     def place(self, *keys: str) -> str:

@@ -1,4 +1,4 @@
-"""What is put in the place of a scenario's controllers, operator and links, as frozen data."""
+"""Replacements for a scenario's controllers, operator and links, as frozen data."""
 
 from __future__ import annotations
 
@@ -105,7 +105,7 @@ class LinkLaw:
 
 @dataclass(frozen=True, slots=True)
 class PortBench:
-    """How ports are tested: arms of `operator` and `environment`, SI; see ``port_columns``.
+    """The test bench of ports: arms of `operator` and `environment`, SI; see ``port_columns``.
 
     `q` (m,) rad; `band` (lowest, highest) rad/s; `spring` and `rigid`: stiffness and damping.
     """
@@ -145,7 +145,7 @@ class MetricColumn:
     only: tuple[str, ...]
 
     def applies(self, operator: Operator) -> bool:
-        """Whether the column applies with an operator."""
+        """True if the column applies with an operator."""
         return self.name not in operator.without and (not self.only or operator.name in self.only)
 
 
@@ -163,7 +163,7 @@ class Stability:
 
 @dataclass(frozen=True, slots=True)
 class Picture:
-    """What the figure draws of each run: signals `y`, and where they should be; `until`: s."""
+    """The figure of each run: signals `y`, and where they should be; `until`: s."""
 
     y: tuple[str, ...]
     reference: tuple[float, ...]

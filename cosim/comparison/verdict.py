@@ -38,7 +38,7 @@ DECAYS, GROWS = 0.9, 1.1
 
 @dataclass(frozen=True, slots=True)
 class RunVerdict:
-    """What became of a run: `time` (s) of its end if that was early, `speed` v, rad/s."""
+    """The outcome of a run: `time` (s) of its end if that was early, `speed` v, rad/s."""
 
     kind: Kind
     time: float = nan
@@ -47,17 +47,17 @@ class RunVerdict:
 
     @property
     def stable(self) -> bool:
-        """Whether it came, or comes, to rest."""
+        """True if it came, or comes, to rest."""
         return self.kind in ("at rest", "settling")
 
     @property
     def ended(self) -> bool:
-        """Whether there is a whole run to take numbers from."""
+        """True if there is a whole run to take numbers from."""
         return self.kind not in ("diverged", "stopped")
 
     @property
     def text(self) -> str:
-        """As the table shows it."""
+        """The verdict as the table shows it."""
         if self.kind in ("diverged", "stopped"):
             at = "" if self.time != self.time else f" at {self.time:.2f} s"
             return f"no: {self.kind}{at}"

@@ -100,7 +100,7 @@ def _saved(engine: Engine) -> _Start:
 
 
 def _fits(old: Plan, new: Plan) -> bool:
-    """Whether the two differ in numbers only."""
+    """True if the two differ in numbers only."""
     return (
         (old.h, old.ticks, old.start, old.operations, old.wires, old.order, old.later)
         == (new.h, new.ticks, new.start, new.operations, new.wires, new.order, new.later)
@@ -117,13 +117,13 @@ def _fits(old: Plan, new: Plan) -> bool:
 
 
 def _ends(link: Link) -> tuple[object, ...]:
-    """What the engine has of a link besides its rows."""
+    """The engine's data of a link besides its rows."""
     table = link.table
     return link.name, link.source, link.target, table.grid, table.history, link.age
 
 
 def _starts_alike(old: Plan, new: Plan) -> bool:
-    """Whether all components start from the same values; players may begin with any."""
+    """True if all components start from the same values; players may begin with any."""
     return (
         not new.players
         and all(

@@ -114,7 +114,7 @@ class AlgebraicLoops:
         return list(dict.fromkeys(found))
 
     def first(self, number: int) -> dict[str, int]:
-        """Where each output begins among all outputs of a component."""
+        """The place of each output among all outputs of a component."""
         found, at = {}, 0
         for slot in self.plan.components[number].outputs:
             found[slot.name] = at
@@ -126,7 +126,7 @@ class AlgebraicLoops:
         return self._numbers[slot.component]
 
     def edges_to(self, port: str) -> Sequence[Edge]:
-        """What feeds an input; nothing feeds an output."""
+        """The edges that feed an input; nothing feeds an output."""
         return self._edges.get(port, ())
 
     def gather(self, edges: Sequence[Edge]) -> None:
@@ -216,7 +216,8 @@ class Loop:
         return found if np.isfinite(found).all() else None
 
     def _residual(self, u: Vector, only: int | None = None) -> Vector:
-        """What the wires bring less of `u` (unknowns,), in the units of the inputs; sets signals.
+        """The difference of what the wires bring and `u` (unknowns,), in units of inputs; sets
+        signals.
 
         `only`: the component whose inputs alone have changed.
         """
@@ -288,5 +289,5 @@ def _port(slot: Slot) -> str:
 
 
 def _initial(edge: Edge) -> tuple[float, ...] | None:
-    """What an edge brings whatever its source is."""
+    """The value that an edge brings whatever its source is."""
     return edge.initial if isinstance(edge, Link) else None

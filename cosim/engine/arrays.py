@@ -39,7 +39,7 @@ def ranges(starts: Numbers, counts: Numbers) -> Numbers:
 
 
 def operation_rows(operations: Sequence[Operation]) -> Rows:
-    """As C has them, (n,)."""
+    """The operations as an array of C structs, (n,)."""
     found = np.zeros(len(operations), np.dtype(structs.OperationStruct))
     for name, _ in structs.OperationStruct._fields_:
         found[name] = [getattr(op, name) for op in operations]

@@ -130,7 +130,7 @@ class Binding:
         self.keep_last()
 
     def keep_last(self) -> None:
-        """What there was before the start is what there is at the start."""
+        """Use the values of the start for all times before it."""
         for o in self.plan.operations:
             if o.code in MEANS | SLOPES:
                 self.signals[o.index : o.index + o.count] = self.signals[o.target :][: o.count]
@@ -223,7 +223,7 @@ class Binding:
         return unit
 
     def _slopes(self, step: Step) -> dict[int, int]:
-        """Where slopes of inputs are in the signals, by where the inputs are."""
+        """The places of slopes of inputs in the signals, by the places of the inputs."""
         return {
             o.target + i: o.index + o.count + i
             for o in (self.plan.operations if step.sloped else ())
@@ -232,7 +232,7 @@ class Binding:
         }
 
     def ended(self, index: int, result: EngineResult) -> Termination | None:
-        """How the FMU of component `index` ended the simulation, if `result` means that."""
+        """The end that the FMU of component `index` asked for, if `result` means that."""
         at = None
         if result in ENDS:
             at = self.units[index].reached

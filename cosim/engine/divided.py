@@ -55,7 +55,7 @@ def divide(
 
 
 def shared_senders(plan: Plan, parts: PlanParts) -> tuple[Numbers, PlanParts]:
-    """Of each link, the first one that sends the same, (links,): parts send it once."""
+    """The first link that sends the same, for each link, (links,): parts send it once."""
     first = dict[tuple[Any, ...], int]()
     found = np.array([
         first.setdefault((x.source.start, x.source.size, x.gain, x.offset), i)
@@ -184,7 +184,7 @@ class DividedPlan:
         return part, c.addressof(array) + index * size, np.full(len(index), size)
 
     def _instances(self) -> tuple[Numbers, Numbers]:
-        """Where FMUs are, and how far they go, as far as is known: (components,) each."""
+        """The places of FMUs, and their sizes, as far as is known: (components,) each."""
         units = rows_of(self._bound.units)
         first = units["instance"].astype(np.int64)
         values = units["values"].astype(np.int64)

@@ -136,7 +136,7 @@ class Engine:
 
     @property
     def bound(self) -> Binding:
-        """What C runs of it."""
+        """The plan as C runs it."""
         return self._bound
 
     def begin_again(self, plan: Plan, signals: Vector | None = None) -> None:
@@ -220,7 +220,7 @@ class Engine:
 
     @property
     def shares(self) -> bool:
-        """Whether threads share the components, as far as it is known now."""
+        """True if threads share the components, as far as it is known now."""
         return self._threads > 1 and self._team is not None and self._team.window > 0
 
     @property
@@ -244,7 +244,7 @@ class Engine:
         return self._error(EngineResult(result))
 
     def end(self, result: int) -> Termination | None:
-        """Which FMU ended the simulation, if that is what a result of ``engine_run`` means."""
+        """The FMU that ended the simulation, if that is what a result of ``engine_run`` means."""
         return self._bound.ended(self._state.failed_index, EngineResult(result))
 
     def stop(self) -> None:
@@ -319,7 +319,7 @@ class Engine:
         return self._bound.late_clock_ticks()
 
     def macro_steps(self) -> list[dict[str, Any]]:
-        """What each group with macro steps has done so far, as plain data."""
+        """The work of each group with macro steps so far, as plain data."""
         return [] if self._macros is None else self._macros.facts()
 
     def logs(self) -> dict[str, str]:

@@ -51,7 +51,7 @@ class EventTimes:
             self._found[step.name] = struct, times
 
     def counts(self) -> dict[str, int]:
-        """How many events each FMU has had that can have any."""
+        """The number of events of each FMU that can have any."""
         return {name: int(struct.count) for name, (struct, _) in self._found.items()}
 
     def write(self, folder: Path) -> None:

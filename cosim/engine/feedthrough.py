@@ -29,7 +29,7 @@ def initial_outputs(step: Step, inputs: Mapping[str, Vector]) -> Vector:
 def direct_outputs(
     step: Step, inputs: Views, ports: Collection[str]
 ) -> dict[str, NDArray[np.bool_]]:
-    """Which output scalars depend directly on each of the input `ports`: (scalars,) by port.
+    """Masks (scalars,) of the outputs that depend directly on each of the input `ports`.
 
     An FMU that declares its dependencies is believed. For others each input is changed while they
     are in their initial state, to which they return. `inputs`: the signals of the component.

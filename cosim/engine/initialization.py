@@ -1,4 +1,4 @@
-"""From components to the signals of t = 0: all start, and outputs travel until nothing changes."""
+"""The signals of t = 0: all components start, and outputs travel until nothing changes."""
 
 from __future__ import annotations
 
@@ -150,7 +150,7 @@ class _PlanStart:
 
 
 def _input_sources(plan: Plan, edges: Sequence[Wire | Link]) -> InputSources:
-    """What brings values to inputs, in the order of the wires and links of each component."""
+    """The sources of inputs, in the order of the wires and links of each component."""
     n, place = len(plan.components), {step.name: i for i, step in enumerate(plan.components)}
     receivers = np.array([place[e.target.component] for e in edges], np.int64)
     senders = np.array([place[e.source.component] for e in edges], np.int64)

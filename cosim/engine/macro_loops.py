@@ -96,7 +96,7 @@ class DirectOutputs:
         return self.feedthrough.get(name, {})
 
     def _passes_on(self, wire: Wire) -> bool:
-        """Whether it ends at an input on which outputs depend at once, and begins at such one."""
+        """True if it ends at an input on which outputs depend at once, and begins at such one."""
         name = wire.target.component
         mask = self._masks(name).get(wire.target.port)
         if mask is None or not self._direct(wire.source):
@@ -115,7 +115,7 @@ class DirectOutputs:
 
 
 def _part(step: Step, slot: Slot) -> slice:
-    """Where a slot is among all outputs of its component."""
+    """The place of a slot among all outputs of its component."""
     first = slot.start - step.outputs[0].start
     return slice(first, first + slot.size)
 
@@ -155,14 +155,14 @@ class LoopBinding:
         )  # fmt: skip
 
     def facts(self) -> list[dict[str, object]]:
-        """How often each loop was solved, and the passes that this took."""
+        """The number of solutions of each loop, and the passes that they took."""
         return [
             {"components": list(one.names), "solved": x.solved, "passes": x.passes}
             for one, x in zip(self.sets, self.structs, strict=True)
         ]
 
     def failure(self, index: int) -> str:
-        """What is said of the loop number `index` after it was given up."""
+        """The sentence on the loop number `index` after it was given up."""
         one = self.sets[index]
         wires = [f"{w.source.name} -> {w.target.name}" for w in one.loop]
         return (

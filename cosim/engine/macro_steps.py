@@ -124,7 +124,7 @@ class MacroBinding:
     def _loops(
         self, group: MacroGroup, roles: Mapping[str, NDArray[np.uint8]]
     ) -> tuple[NDArray[np.int32], LoopBinding]:
-        """Which of its members have direct feed-through, in their order, and their loops."""
+        """The members of a group with direct feed-through, in their order, and their loops."""
         steps = [self._plan.components[i] for i in group.components]
         number = {step.name: i for i, step in enumerate(steps)}
         sets = DirectOutputs(self._plan, group, self._direct, roles).sets()
@@ -203,7 +203,7 @@ class MacroBinding:
         )  # fmt: skip
 
     def loop_failure(self, name: str) -> str:
-        """What is said of the algebraic loop that begins at a component, after it was given up."""
+        """The sentence on the algebraic loop that begins at a component, after it was given up."""
         return next(
             loops.failure(i)
             for loops in self._found_loops
@@ -212,7 +212,7 @@ class MacroBinding:
         )
 
     def facts(self) -> list[dict[str, Any]]:
-        """What each group has done: steps by their sizes (s), kept and done again."""
+        """The steps of each group by their sizes (s), kept and done again."""
         return [
             _facts(self._plan, group, macro, bonds) | {"loops": loops.facts()}
             for group, macro, bonds, loops in zip(

@@ -31,7 +31,7 @@ def together(engines: Mapping[int, Engine]) -> list[list[int]]:
 
 
 def can_join(engine: Engine) -> bool:
-    """Whether it can run together with others, and that may be quicker."""
+    """True if it can run together with others, and that may be quicker."""
     bound = engine.bound
     return engine.ended is None and can_rewind(bound) and any(u.steps for u in bound.units)
 
@@ -69,7 +69,7 @@ def _advance(
     numbers: tuple[int, int],
     failed: list[BaseException | None],
 ) -> None:
-    """As far as the tables of all reach; who fails or ends is `running` no more.
+    """Advance as far as the tables of all reach; who fails or ends is `running` no more.
 
     `numbers`: ticks at once, and how far columns of a record are apart.
     """

@@ -1,4 +1,4 @@
-"""What C runs of a plan, taken back to tick 0 for a plan that differs from it in numbers only."""
+"""A bound plan, taken back to tick 0 for a plan that differs from it in numbers only."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _NUMBERS = ("gain", "offset")
 
 
 def can_rewind(bound: Binding) -> bool:
-    """Whether :func:`rewind` leaves nothing of the last run: all components are FMUs of our own."""
+    """True if :func:`rewind` leaves nothing of the last run: all components are FMUs of our own."""
     if bound.exact is None:
         bound.exact = (
             bound.partition is None
@@ -32,7 +32,7 @@ def can_rewind(bound: Binding) -> bool:
 
 
 def rewind(bound: Binding, plan: Plan) -> None:
-    """As after binding `plan` at tick 0, once its components have started."""
+    """Restore the state after binding `plan` at tick 0, once its components have started."""
     bound.plan, state = plan, bound.state
     c.memmove(bound.segments.ctypes.data, bound.first_due, len(bound.first_due))
     for link, sender, held in zip(plan.links, bound.senders, bound.links, strict=True):
@@ -62,7 +62,7 @@ def leave_out_constant_inputs(bound: Binding) -> None:
 
 
 def structure(bound: Binding) -> bytes:
-    """What engines must have in common to run together (``many.h``)."""
+    """The structure that engines must share to run together (``many.h``)."""
     names = [name for name, _ in structs.OperationStruct._fields_ if name not in _NUMBERS]
     units = [(u.kind, u.lag, u.period, u.h, u.steps or 0) for u in bound.units]
     numbers = repr(

@@ -52,7 +52,7 @@ FLIGHT_RECORDER, EVERYTHING = 1000, 8192
 
 @dataclass(frozen=True, slots=True)
 class RunOutcome:
-    """What a run was: `wall` s for `seconds` s of simulated time, recorded in `folder`.
+    """The outcome of a run: `wall` s for `seconds` s of simulated time, recorded in `folder`.
 
     `shared`: whether threads shared its ticks.
     """
@@ -72,7 +72,7 @@ class RunOutcome:
 
 
 def columns(plan: Plan, wanted: Sequence[str] = (), place: str = "") -> list[Column]:
-    """What is recorded: all outputs, everything received over links, and inputs that tables or
+    """The recorded columns: all outputs, everything received over links, and inputs that tables or
     events change; or what is `wanted`.
 
     Raises ScenarioError for a wanted signal that does not exist.
@@ -227,7 +227,7 @@ def _macro_facts(engine: Engine) -> dict[str, Any]:
 def _table_writer(
     folder: Path, plan: Plan, facts: Mapping[str, Mapping[str, Any]], stack: ExitStack
 ) -> Callable[[LinkRows], None]:
-    """What writes the rows of the links' tables: into a file for each, or one for many links."""
+    """The writer of the rows of the links' tables: into a file for each, or one for many links."""
     if len(plan.links) >= MANY and not plan.buses:
         together = stack.enter_context(TablesWriter(folder, facts))
         return lambda found: together.write(found.rows, found.counts)
@@ -244,7 +244,7 @@ def _table_writer(
 
 
 def _ages(plan: Plan) -> Ages:
-    """What counts the ages of all links."""
+    """The counter of the ages of all links."""
     longer = {name: n for bus in plan.buses for name, n in bus.history.items()}
     histories = [longer.get(x.name, x.table.history) for x in plan.links]
     return Ages([x.table.grid for x in plan.links], histories)

@@ -13,7 +13,7 @@ HELD = (Code.COPY, Code.SCALE)
 
 
 def stride(bound: Binding) -> int:
-    """How many ticks can be run as one, from one multiple of this number to the next; 1: none.
+    """The number of ticks that can be run as one, from a multiple of it to the next; 1: none.
 
     Components that are stepped in each tick are stepped so often one after the other. So nothing
     else may come behind their steps in a tick, or read what they give before the next stride.

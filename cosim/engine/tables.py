@@ -73,7 +73,7 @@ class LinkRows:
     counts: NDArray[np.int64]
 
     def parts(self) -> list[NDArray[np.int32]]:
-        """Of each link, (count,)."""
+        """The part of each link, (count,)."""
         ends = np.cumsum(self.counts).tolist()
         return [self.rows[end - n : end] for end, n in zip(ends, self.counts.tolist(), strict=True)]
 
@@ -175,5 +175,5 @@ def filled_rows(drawn: DrawnRows, counts: Sequence[int]) -> LinkRows:
 
 
 def _hits(period: Any, tick: int, ticks: int) -> Any:
-    """How often components of a `period`, a number or (n,), step in these ticks."""
+    """The number of steps of components of a `period`, a number or (n,), in these ticks."""
     return -(-(tick + ticks) // period) - -(-tick // period)

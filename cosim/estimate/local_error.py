@@ -77,7 +77,7 @@ class ComponentError:
 
 @dataclass(frozen=True, slots=True)
 class Estimate:
-    """What was found at `samples` points; `left_out`: components by name, and why.
+    """The estimate from `samples` points; `left_out`: components by name, and why.
 
     `advised`: base step (s) that keeps every component's relative local error below `tolerance`,
     rounded down to 1, 2 or 5 times a power of ten; inf where no error was seen.
@@ -170,7 +170,7 @@ def _points(plan: Plan, groups: Sequence[StepGroup], samples: int) -> Iterator[i
 
 
 def _advance_to(engine: Engine, tick: int) -> bool:
-    """Whether it gets there: an FMU may end the simulation before."""
+    """True if it gets there: an FMU may end the simulation before."""
     if tick > engine.tick:
         engine.run(tick - engine.tick)
     return engine.ended is None

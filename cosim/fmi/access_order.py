@@ -1,4 +1,4 @@
-"""Which variables of an FMU move when: sorted as the standard lets them be set and got."""
+"""The order in which the standard lets the variables of an FMU be set and got."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ def layout(
     outputs: int,
     slopes: Mapping[int, int],
 ) -> StepLayout:
-    """How `x` is stepped every `h` s = `period` ticks; its signals start at these places.
+    """The layout of steps of `x` every `h` s = `period` ticks; its signals start at these places.
 
     `slopes`: places of slopes by those of their inputs. Raises FmuError for a step or a clock that
     cannot be kept.

@@ -116,7 +116,7 @@ class CommonInstance:
         return shared.address(self._calls.function("_advance"))
 
     def values_address(self) -> int:
-        """Where our own FMUs have their values; 0: they are not open."""
+        """The address at which our own FMUs have their values; 0: they are not open."""
         if getattr(self._calls.library, f"{self._calls.prefix}_values", None) is None:
             return 0
         function = self._calls.function("_values", c.c_void_p, result=c.c_void_p)

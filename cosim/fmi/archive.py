@@ -1,4 +1,4 @@
-"""From an ``.fmu`` file to a folder, once per content: the cache is keyed by the SHA-256."""
+"""The folder of an ``.fmu`` file, unpacked once per content: the cache is keyed by the SHA-256."""
 
 from __future__ import annotations
 

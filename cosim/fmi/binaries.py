@@ -42,7 +42,7 @@ def _library(fmu: Archive, fmi: str, identifier: str) -> Path:
 
 
 def shipped(fmu: Archive, fmi: str, identifier: str) -> bool:
-    """Whether the FMU contains a shared library for this platform, or one was compiled from it."""
+    """True if the FMU contains a shared library for this platform, or one was compiled from it."""
     return _library(fmu, fmi, identifier).is_file()
 
 
@@ -84,7 +84,7 @@ def platform_folder(fmi: str) -> tuple[str, str]:
 
 
 def has_sources(fmu: Archive) -> bool:
-    """Whether there is C to compile."""
+    """True if there is C to compile."""
     return any(
         path.suffix in (".c", ".cc", ".cpp", ".cxx") or path.name == "buildDescription.xml"
         for path in (fmu.folder / "sources").rglob("*")

@@ -33,11 +33,11 @@ class ClockedFmu(Protocol):
 
     @property
     def name(self) -> str:
-        """As errors call it."""
+        """The name used in errors."""
 
     @property
     def clocked(self) -> bool:
-        """Whether its clocks are ticked: with event mode, or in scheduled execution."""
+        """True if its clocks are ticked: with event mode, or in scheduled execution."""
 
     @property
     def description(self) -> Description:
@@ -79,14 +79,14 @@ def _priority(clock: FmuVariable, name: str) -> int:
 
 
 def is_signal(variable: FmuVariable) -> bool:
-    """Whether a clock can be wired: output clocks, and input clocks that these trigger."""
+    """True if a clock can be wired: output clocks, and input clocks that these trigger."""
     if variable.type != "Clock":
         return False
     return variable.causality == "output" or _variability(variable) == "triggered"
 
 
 def read_clocks(x: ClockedFmu) -> Clocks:
-    """What is asked of an FMU's clocks, with event mode. Raises FmuError where one is none."""
+    """The questions to an FMU's clocks, with event mode. Raises FmuError where one is none."""
     if not x.clocked:
         return Clocks()
     inputs = _inputs(x.description)
@@ -191,7 +191,7 @@ def set_intervals(x: ClockedFmu, values: Values) -> Intervals:
 
 
 def check_step(description: Description, h: float, name: str) -> None:
-    """Whether an FMU can do steps of `h` (s).
+    """True if an FMU can do steps of `h` (s).
 
     One that takes no varying step and states the step it makes inside (FMI 3.0.2 §4.3.1,
     fixedInternalStepSize) gets whole numbers of that only. Raises FmuError.

@@ -146,7 +146,7 @@ class FmuComponent(FmuInterface):
 
     @property
     def ours(self) -> bool:
-        """Whether there is an instance, in this process, of one of our own models without events.
+        """True if there is an instance, in this process, of one of our own models without events.
 
         Its reset and its saved states are exact.
         """
@@ -193,7 +193,7 @@ class FmuComponent(FmuInterface):
 
     @property
     def observes(self) -> bool:
-        """Whether variables are outputs that are none in the description."""
+        """True if variables are outputs that are none in the description."""
         return bool(self._observed)
 
     def _reset(self) -> bool:

@@ -29,12 +29,12 @@ def fmu_of(component: Component) -> FmuComponent | None:
 
 
 def is_fmu(component: Component) -> bool:
-    """Whether the component is an FMU."""
+    """True if the component is an FMU."""
     return fmu_of(component) is not None
 
 
 def is_simulator(component: Component) -> bool:
-    """Whether the component belongs to a foreign simulator, and its step is a C function."""
+    """True if the component belongs to a foreign simulator, and its step is a C function."""
     return _simulator(component) is not None
 
 
@@ -137,7 +137,7 @@ def independent(component: Component) -> frozenset[str]:
 
 
 def is_text(component: Component, port: str) -> bool:
-    """Whether a name is a String or Binary variable of an FMU: no signal."""
+    """True if a name is a String or Binary variable of an FMU: no signal."""
     fmu = fmu_of(component)
     return fmu is not None and fmu.is_text(port)
 
@@ -149,7 +149,7 @@ def unit_of(component: Component, unit: str) -> str | Unit:
 
 
 def has_unit(component: Component, port: str) -> bool:
-    """Whether a unit is known of a port: FMUs of other tools have variables without one, and units
+    """True if a unit is known of a port: FMUs of other tools have variables without one, and units
     that they do not define and nobody knows.
     """
     fmu = fmu_of(component)
@@ -184,7 +184,7 @@ def sloped_inputs(component: Component) -> frozenset[str]:
 
 
 def reason_not_repeatable(component: Component) -> str:
-    """Why a step cannot be done again in halves from a saved state; "": it can."""
+    """The reason why a step cannot be repeated in halves from a saved state; "": it can."""
     if isinstance(component, FmuDriver):
         return "steps together with the others on its bus"
     if is_simulator(component):
@@ -199,7 +199,7 @@ def reason_not_repeatable(component: Component) -> str:
 
 
 def reason_not_rolled_back(component: Component) -> str:
-    """Why the engine cannot repeat steps of a component with other lengths; "": it can."""
+    """The reason why the engine cannot repeat steps with other lengths; "": it can."""
     fmu = stepped_fmu(component)
     if fmu is None:
         return reason_not_repeatable(component)
@@ -209,7 +209,7 @@ def reason_not_rolled_back(component: Component) -> str:
 
 
 def _reason_fixed(fmu: FmuComponent) -> str:
-    """What an FMU cannot do: save its state, or step as long as it is told."""
+    """The ability an FMU lacks: to save its state, or to step as long as it is told."""
     flags, two = fmu.description.flags, fmu.description.fmi == "2.0"
     save = "canGetAndSetFMUstate" if two else "canGetAndSetFMUState"
     vary = "canHandleVariableCommunicationStepSize"
@@ -305,7 +305,7 @@ def terminated_at(component: Component) -> float | None:
 
 
 def start_is_exact(component: Component) -> bool:
-    """Whether an FMU that has started can be started again, or from a saved state, to the bit."""
+    """True if an FMU that has started can be started again, or from a saved state, to the bit."""
     fmu = stepped_fmu(component)
     return fmu is not None and fmu.ours
 

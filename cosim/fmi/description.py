@@ -57,7 +57,7 @@ class Description:
 
     @property
     def scheduled(self) -> bool:
-        """Whether it is run by scheduled execution: its clocks activate its partitions."""
+        """True if it is run by scheduled execution: its clocks activate its partitions."""
         return self.interface == "ScheduledExecution"
 
     @cached_property
@@ -118,7 +118,7 @@ def structural_sizes(path: str | Path) -> frozenset[str]:
 
 
 def _interfaces(root: ElementTree.Element, fmi: str) -> dict[str, ElementTree.Element]:
-    """Those of :data:`INTERFACES` that there are; FMI 2.0 has no scheduled execution.
+    """The :data:`INTERFACES` of an FMU; FMI 2.0 has no scheduled execution.
 
     Raises ValueError for FMI 1.0 that cannot be run.
     """

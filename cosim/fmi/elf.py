@@ -1,4 +1,4 @@
-"""Whether a shared library of Linux is whole: the loader maps one that is not, and crashes."""
+"""True if a shared library of Linux is whole: the loader maps one that is not, and crashes."""
 
 from __future__ import annotations
 

@@ -22,7 +22,7 @@ SOLVERS = {kind.name.lower(): kind for kind in enums.SolverKind}
 
 @dataclass(frozen=True, slots=True)
 class ExchangeLayout:
-    """How an FMU is integrated; `longest`: of a step of the solver (s), `tolerance`: CVODE's."""
+    """The integration of an FMU; `longest`: a step of the solver (s), `tolerance`: CVODE's."""
 
     name: str
     fmi: str

@@ -36,7 +36,7 @@ def sentence(error: BaseException, name: str = "") -> str:
 
 @contextmanager
 def starting(name: str) -> Iterator[None]:
-    """What component `name` raises at the start becomes a ScenarioError that names it."""
+    """Turn an error of component `name` at the start into a ScenarioError that names it."""
     with starting_one_of(lambda: name):
         yield
 

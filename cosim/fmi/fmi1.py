@@ -55,7 +55,7 @@ class Instance1(Instance2):
             raise FmuError(f"{setup.name}: fmiInstantiateSlave failed: {self.log.said()}")
 
     def native(self, verb: str, kind: str = "") -> NativeCall | None:
-        """How C gets and sets values; None: the other calls are Python's."""
+        """The C calls that get and set values; None: the other calls are Python's."""
         return super().native(verb, kind) if verb in ("get", "set") else None
 
     def setup(self, t0: float) -> None:

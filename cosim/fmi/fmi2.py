@@ -95,7 +95,7 @@ class Instance2(CommonInstance):
             raise FmuError(f"{setup.name}: fmi2Instantiate failed: {self.log.said()}")
 
     def native(self, verb: str, kind: str = "") -> NativeCall | None:
-        """How C does what a member of this does, with values of an FMI type; None: it cannot."""
+        """The C call that does the same as a member of this, for an FMI type; None: none."""
         if verb in ("get", "set"):
             return NativeCall(Form.VALUES2, self._suffix(verb, kind), self.TYPES[kind])
         if verb == "exit_initialization" and self._exchange:
@@ -139,7 +139,7 @@ class Instance2(CommonInstance):
         return {}
 
     def _leave_event_mode(self) -> None:
-        """From the events at the start to Continuous-Time Mode (§3.2 of FMI 2.0.5)."""
+        """Go from the events at the start to Continuous-Time Mode (§3.2 of FMI 2.0.5)."""
         update, info = self._calls.checked("NewDiscreteStates", *(c.c_void_p,) * 2), _EventInfo()
         for _ in range(EVENTS_AT_MOST):
             update(self.handle, c.byref(info))
@@ -154,7 +154,7 @@ class Instance2(CommonInstance):
         self._calls.checked("EnterContinuousTimeMode", c.c_void_p)(self.handle)
 
     def has_ended(self) -> bool:
-        """Whether it ended the simulation in the events at its start: for model exchange only."""
+        """True if it ended the simulation in the events at its start: for model exchange only."""
         return self._ended
 
     def terminated(self) -> float | None:

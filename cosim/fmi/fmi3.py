@@ -83,7 +83,7 @@ class Instance3(CommonInstance):
         return self._calls
 
     def native(self, verb: str, kind: str = "") -> NativeCall | None:
-        """How C does what a member of this does, with values of an FMI type; None: it cannot."""
+        """The C call that does the same as a member of this, for an FMI type; None: none."""
         if verb in ("get", "set"):
             return NativeCall(Form.VALUES3, self._suffix(verb, kind), TYPES[kind])
         if verb == "exit_initialization" and (self._event_mode or self._scheduled):
@@ -128,16 +128,16 @@ class Instance3(CommonInstance):
         return ticking.values
 
     def has_ended(self) -> bool:
-        """Whether it ended the simulation in Event Mode."""
+        """True if it ended the simulation in Event Mode."""
         return self._ended
 
     def terminated(self) -> float | None:
-        """When the FMU ended, s: None, since in FMI 3.0 ``fmi3DoStep`` returns this itself."""
+        """The end of the FMU, s: None, as ``fmi3DoStep`` of FMI 3.0 returns it itself."""
         return None
 
     @property
     def next_ticks(self) -> Mapping[int, NextTick]:
-        """When clocks tick next that are changing or count down."""
+        """The next ticks of clocks that are changing or count down."""
         return self._ticking.next
 
     def clocked_texts(self) -> dict[str, list[str]]:

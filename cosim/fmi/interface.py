@@ -1,4 +1,4 @@
-"""What a plan sees of an FMU: its variables as ports, and how it can be stepped."""
+"""A plan's view of an FMU: its variables as ports, and how it can be stepped."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ class FmuInterface:
     def _exposed(
         self, observed: Collection[str], driven: Collection[str], wired: Collection[str]
     ) -> tuple[frozenset[str], frozenset[str], frozenset[str]]:
-        """Of these names, those that can be exposed."""
+        """The given names that can be exposed."""
         groups = self.groups
         return (
             frozenset(n for n in observed if n in groups and self._readable(n)),
@@ -89,7 +89,7 @@ class FmuInterface:
         )  # fmt: skip
 
     def _derived(self, what: str, compute: Callable[[], T]) -> T:
-        """What follows from the description and what is exposed: once for all such instances."""
+        """A value that follows from the description and the exposed variables: computed once."""
         key = what, self._observed, self._driven, self._wired
         if key not in self.description.derived:
             self.description.derived[key] = compute()
@@ -138,17 +138,17 @@ class FmuInterface:
         return item_numbers(group, value) if group and group.first.type == "Enumeration" else value
 
     def is_text(self, name: str) -> bool:
-        """Whether `name` is a String or Binary variable: no signal."""
+        """True if `name` is a String or Binary variable: no signal."""
         return has_text(self.groups, name)
 
     @property
     def events(self) -> bool:
-        """Whether it is run with event mode: an FMU of FMI 3.0 that has one."""
+        """True if it is run with event mode: an FMU of FMI 3.0 that has one."""
         return self.description.fmi == "3.0" and bool(self.description.flags.get("hasEventMode"))
 
     @property
     def clocked(self) -> bool:
-        """Whether the engine ticks its clocks: with event mode, or in scheduled execution."""
+        """True if the engine ticks its clocks: with event mode, or in scheduled execution."""
         return self.events or self.description.scheduled
 
     @property
@@ -178,14 +178,14 @@ class FmuInterface:
 
     @property
     def intermediate(self) -> bool:
-        """Whether it calls back within a step: an FMU of FMI 3.0, for co-simulation."""
+        """True if it calls back within a step: an FMU of FMI 3.0, for co-simulation."""
         d = self.description
         three = d.fmi == "3.0" and d.interface == "CoSimulation"
         return three and bool(d.flags.get("providesIntermediateUpdate"))
 
     @property
     def returns_early(self) -> bool:
-        """Whether a step may end before its time: an FMU of FMI 3.0 that can."""
+        """True if a step may end before its time: an FMU of FMI 3.0 that can."""
         flags = ("canReturnEarlyAfterIntermediateUpdate", "canHandleVariableCommunicationStepSize")
         return self.description.fmi == "3.0" and all(map(self.description.flags.get, flags))
 

@@ -24,7 +24,7 @@ class Interval:
 
 @dataclass(frozen=True, slots=True)
 class NextTick:
-    """When a clock ticks next (s); exactly `count` / `resolution` after the start, if that is not
+    """The next tick of a clock (s); exactly `count` / `resolution` after the start, if that is not
     0.
     """
 
@@ -43,7 +43,7 @@ def fraction(counter: int, shift: int, resolution: int) -> Interval:
 
 
 def has_fractions(clock: FmuVariable) -> bool:
-    """Whether the FMU gives and takes intervals of a clock as fractions."""
+    """True if the FMU gives and takes intervals of a clock as fractions."""
     return clock.attributes.get("supportsFraction", "false") in ("true", "1")
 
 

@@ -1,4 +1,4 @@
-"""Which variables of an FMU move when, and where their signals are: data, then what C steps by.
+"""The order and places of the variables of an FMU: plain data, then the structs C steps by.
 
 A :class:`StepLayout` is plain data and can be sent to another process; :func:`bind` turns it into
 the engine's structs for an instance there is.

@@ -55,14 +55,14 @@ class Instance(Protocol):
         """Raise FmuError for a bad status of a function, its name without the prefix."""
 
     def native(self, verb: str, kind: str = "") -> NativeCall | None:
-        """How C does what a member of this does, with values of an FMI type; None: it cannot."""
+        """The C call that does the same as a member of this, for an FMI type; None: none."""
 
     def left(self) -> None:
         """Take note that C has left Initialization Mode."""
 
     @property
     def next_ticks(self) -> Mapping[int, NextTick]:
-        """When clocks tick next that the FMU is asked for, by value reference."""
+        """The next ticks of the clocks that the FMU is asked for, by value reference."""
 
     def setup(self, t0: float) -> None:
         """Set up the experiment from `t0` (s), with the tolerance and no stop time (FMI 2.0)."""
@@ -80,7 +80,7 @@ class Instance(Protocol):
         """Leave Initialization Mode for Step Mode; values of clocks that ticked then, by name."""
 
     def has_ended(self) -> bool:
-        """Whether it ended the simulation in the events of its start."""
+        """True if it ended the simulation in the events of its start."""
 
     def terminated(self) -> float | None:
         """After a step that was discarded: the time (s) it came to if it ends the simulation."""
@@ -147,7 +147,7 @@ class Instance(Protocol):
         """Address of a function that steps several instances at once; 0: there is none."""
 
     def values_address(self) -> int:
-        """Where values can be written and read between steps; 0: they cannot."""
+        """The address at which values can be written and read between steps; 0: they cannot."""
 
     def places(self, reference: int) -> range:
         """The entries of a variable among these values."""
@@ -184,7 +184,7 @@ class Clocked:
 
 @dataclass(frozen=True, slots=True)
 class Clocks:
-    """What is asked of clocks: when those tick next that are changing or count down (by value
+    """The questions to clocks: when those tick next that are changing or count down (by value
     reference), which of `triggered` tick, and what then belongs to them. `fractions`: of which
     intervals are asked for as fractions.
     """

@@ -92,7 +92,7 @@ def _found(by: Mapping[int, FmuVariable], text: str, what: str) -> FmuVariable:
 def read_dependencies(
     root: Element, fmi: str, variables: Sequence[FmuVariable]
 ) -> tuple[Dependencies, Dependencies]:
-    """Those of a run, and those of Initialization Mode where these are other ones.
+    """The dependencies of a run, and those of Initialization Mode where they differ.
 
     An entry with the number of no variable states nothing.
     """

@@ -53,8 +53,8 @@ class VariableGroup:
 
 
 def together(groups: Iterable[VariableGroup]) -> list[tuple[str, list[VariableGroup]]]:
-    """Those that one call sets or gets, by type: all scalars, but arrays one by one, so that an FMU
-    says which one has another size in its binary.
+    """Groups that one call sets or gets, by type: all scalars, but arrays one by one, so that an
+    FMU says which one has another size in its binary.
     """
     by_type = defaultdict[tuple[str, str], list[VariableGroup]](list)
     for g in groups:

@@ -77,7 +77,7 @@ def compile_sources(archive: Archive, fmi: str, identifier: str, output: Path) -
 def _calls(
     archive: Archive, one: SourceFileSet, own: Mapping[str, str | None], headers: Sequence[Path]
 ) -> Iterator[tuple[Path, list[Path], list[str]]]:
-    """What the compiler is called with: a file, folders of headers, options."""
+    """The arguments of each call of the compiler: a file, folders of headers, options."""
     folder = archive.folder / "sources"
     include = [_inside(archive, name, "include folder") for name in one.include]
     defines = {**own, **one.defines}

@@ -36,7 +36,7 @@ Groups = tuple[VariableGroup, ...]
 
 
 class StartedFmu(Protocol):
-    """What the calls depend on: :class:`cosim.fmi.component.FmuComponent`."""
+    """The members that the calls need of :class:`cosim.fmi.component.FmuComponent`."""
 
     @property
     def description(self) -> Description:
@@ -51,11 +51,11 @@ class StartedFmu(Protocol):
 
     @property
     def observes(self) -> bool:
-        """Whether variables are outputs that are none in the description."""
+        """True if variables are outputs that are none in the description."""
 
     @property
     def clocked(self) -> bool:
-        """Whether its clocks are ticked."""
+        """True if its clocks are ticked."""
 
     @property
     def sizes(self) -> Mapping[str, int]:
@@ -84,7 +84,7 @@ class Call(NamedTuple):
 
 
 class StartKind:
-    """What the start of FMUs has in common that have one description and the same values set.
+    """The common part of the start of FMUs with one description and the same values set.
 
     `fmu`: one of them, instantiated as `setup` says. `names`: of the numbers that each is given.
     """
@@ -166,7 +166,7 @@ class StartKind:
         return self._segments[key][0]
 
     def refused(self, numbers: NDArray[np.float64]) -> NDArray[np.int64]:
-        """Which FMUs may have values beyond their limits; `numbers` (FMUs, values), their units."""
+        """FMUs that may have values beyond their limits; `numbers` (FMUs, values), their units."""
         low, high, whole = self._limits
         fine = (numbers >= low) & (numbers <= high)
         fine &= (whole == 0.0) | (np.trunc(numbers) == numbers)
@@ -182,7 +182,7 @@ class StartKind:
 
 
 def _native(x: Instance, call: Call) -> NativeCall | None:
-    """How C does a call; None: it cannot."""
+    """The C function of a call; None: there is none."""
     if call.verb not in _ACCESS:
         return x.native(call.verb)
     kinds = {g.first.type for g in call.groups}
@@ -202,7 +202,7 @@ def _sets(groups: Iterable[VariableGroup]) -> list[Call]:
 
 
 def _given(fmu: StartedFmu, numbers: Groups) -> tuple[Groups, Groups, Groups]:
-    """What is given: structural parameters, inputs, and everything else by causality."""
+    """The given values: structural parameters, inputs, and everything else by causality."""
     by = defaultdict[str, list[VariableGroup]](list)
     sizes = [g for g in numbers if g.name in fmu.sizes]
     own = [g for g in numbers if g.first.type != "Clock" and g.name not in fmu.sizes]

@@ -30,7 +30,7 @@ class StartValue:
             x.set(first.type, references, [float(v) for v in self.values])
 
     def differs(self, x: Instance) -> Found | None:
-        """What the FMU has in its place; None: the same. Raises FmuError."""
+        """The value that the FMU has in its place; None: the same. Raises FmuError."""
         first, references = self.group.first, self.group.references
         found: Found
         if first.type in TEXTS:
@@ -42,12 +42,12 @@ class StartValue:
 
 
 def is_parameter(group: VariableGroup) -> bool:
-    """Whether it keeps its value after the start, too."""
+    """True if it keeps its value after the start, too."""
     return group.first.causality in ("parameter", "structuralParameter")
 
 
 def is_exact(group: VariableGroup) -> bool:
-    """Whether an FMU has to start from the very value that is set, and not from one near it."""
+    """True if an FMU has to start from the very value that is set, and not from one near it."""
     return is_parameter(group) or group.first.initial == "exact"
 
 
@@ -62,7 +62,7 @@ def set_all(x: Instance, given: Sequence[StartValue]) -> None:
 
 
 def unequal(x: Instance, given: Sequence[StartValue]) -> Iterator[tuple[StartValue, Found]]:
-    """Those of which the FMU has others, with what it has; asked together, then one by one."""
+    """The start values that the FMU changed, each with the FMU's; asked together, then singly."""
     for kind, some in _by_call(given):
         if kind not in TEXTS:
             wanted = [float(v) for one in some for v in one.values]

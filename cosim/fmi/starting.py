@@ -33,11 +33,11 @@ LAST = 1 << 30
 
 
 class StartingFmu(StartedFmu, Protocol):
-    """What starts: :class:`cosim.fmi.component.FmuComponent`."""
+    """The members that a start needs of :class:`cosim.fmi.component.FmuComponent`."""
 
     @property
     def name(self) -> str:
-        """As errors call it."""
+        """The name used in errors."""
 
     @property
     def begin(self) -> float:
@@ -81,7 +81,7 @@ class Member(NamedTuple):
 
 
 class InputSources(NamedTuple):
-    """What brings values to inputs before the first tick, and whom components feed.
+    """The sources of inputs before the first tick, and the components that each one feeds.
 
     `bringing` (edges,): rows of :class:`cosim.native.structs.BringingStruct`, those of component i
     from fed[i] on; `alive`: what they point to. Component i feeds feeds[first_fed[i]], ...
@@ -95,7 +95,7 @@ class InputSources(NamedTuple):
 
 
 class Turns(NamedTuple):
-    """What is left to Python, of the component of a number."""
+    """The calls left to Python, for the component of a number."""
 
     #: Start one that is no FMU of the engine.
     enter: Callable[[int], None]
@@ -355,4 +355,4 @@ class LoneStart:
 
 
 def _nothing(_: int) -> None:
-    """What other components do at the start of an FMU by itself."""
+    """Do nothing, as other components at the start of an FMU by itself."""

@@ -61,7 +61,7 @@ def parameter(group: VariableGroup) -> Parameter:
 
 
 def settable(group: VariableGroup) -> bool:
-    """Whether a scenario may set it before the start; sizes are set otherwise."""
+    """True if a scenario may set it before the start; sizes are set otherwise."""
     v = group.first
     if v.type == "Clock":
         return can_set_interval(v)
@@ -79,19 +79,19 @@ def settable(group: VariableGroup) -> bool:
 
 
 def can_set_interval(clock: FmuVariable) -> bool:
-    """Whether an importer may set the interval of a clock (FMI 3.0.2 §2.2.8)."""
+    """True if an importer may set the interval of a clock (FMI 3.0.2 §2.2.8)."""
     periodic = clock.attributes.get("intervalVariability") in ("fixed", "tunable")
     states = "intervalDecimal" in clock.attributes or "intervalCounter" in clock.attributes
     return clock.causality == "input" and periodic and states
 
 
 def tunable(v: FmuVariable) -> bool:
-    """Whether it is a parameter that may change while the FMU runs."""
+    """True if it is a parameter that may change while the FMU runs."""
     return v.causality == "parameter" and v.variability == "tunable" and v.type in NUMERIC
 
 
 def in_updates(v: FmuVariable) -> bool:
-    """Whether it may be set and got within a step, in an intermediate update (FMI 3.0)."""
+    """True if it may be set and got within a step, in an intermediate update (FMI 3.0)."""
     return v.attributes.get("intermediateUpdate") in ("true", "1")
 
 
@@ -152,7 +152,7 @@ def item_numbers(group: VariableGroup, value: Any) -> Any:
 
 
 def sizes_among(variables: Iterable[FmuVariable], given: Mapping[str, Any]) -> dict[str, int]:
-    """Those of the given values that are sizes of arrays. Raises FmuError for no size."""
+    """The given values that are sizes of arrays. Raises FmuError for no size."""
     found = {}
     for v in variables:
         if v.is_size and v.name in given:
@@ -164,7 +164,7 @@ def sizes_among(variables: Iterable[FmuVariable], given: Mapping[str, Any]) -> d
 
 
 def has_text(groups: Mapping[str, VariableGroup], name: str) -> bool:
-    """Whether `name` is a String or Binary variable."""
+    """True if `name` is a String or Binary variable."""
     return name in groups and groups[name].first.type in TEXTS
 
 

@@ -57,7 +57,7 @@ class FmuVariable:
 
 
 def variables2(root: Element) -> Iterable[FmuVariable]:
-    """Those of FMI 2.0. Raises ValueError or KeyError for what cannot be one."""
+    """The variables of an FMU for FMI 2.0. Raises ValueError or KeyError for what cannot be one."""
     types = {
         t.get("name", ""): child for t in root.iterfind("TypeDefinitions/SimpleType") for child in t
     }

@@ -32,7 +32,7 @@ MOST = 8000
 
 @dataclass(frozen=True, slots=True)
 class OperatingPoint:
-    """Where a plan is linearized: `tick`, the first of a period of `ticks` ticks.
+    """The point at which a plan is linearized: `tick`, the first of a period of `ticks` ticks.
 
     `signals`: rows of the signal vector, (ticks + 1, n_signals), before each tick and at the end;
     `tables`: the numbers of the samples that each link holds at its hits in the period.
@@ -294,7 +294,7 @@ def _belongs(o: Operation, models: Mapping[int, StepDerivatives], only: str) -> 
 
 
 def _depth(plan: Plan, at: OperatingPoint, index: int) -> int:
-    """How many of the samples sent before the period a link still needs in it."""
+    """The number of samples sent before the period that a link still needs in it."""
     link = plan.links[index]
     sent = at.tick // plan.component(link.source.component).period
     held = [row for row in at.tables[link.name] if row >= 0]

@@ -125,7 +125,7 @@ def reduced(
 
 
 def _read(F: Matrix, H: Matrix) -> NDArray[np.bool_]:
-    """Which states anything else, or an output, depends on, directly or by way of others."""
+    """A mask of the states that outputs or other states depend on, directly or indirectly."""
     kept = np.ones(len(F), bool)
     while True:
         read = np.any(F[kept] != 0.0, axis=0) | np.any(H != 0.0, axis=0)
@@ -135,7 +135,9 @@ def _read(F: Matrix, H: Matrix) -> NDArray[np.bool_]:
 
 
 def _basis(rows: Matrix, held: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Which rows are states: all that are not held, and held ones that do not follow from these."""
+    """A mask of the rows that are states: rows not held, and held ones that do not follow from
+    them.
+    """
     base = ~held
     for some, columns in pieces(rows, held):
         part = rows[np.ix_(some, columns)]

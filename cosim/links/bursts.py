@@ -59,7 +59,7 @@ class ParetoBursts:
         return np.array([[a, 1 - a], [1 - b, b]])
 
     def _embedded(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Of the packets that may begin a burst: shares (2,) of the states, E L and P(L > 0).
+        """Shares (2,) of the states, E L and P(L > 0) for packets that may begin a burst.
 
         A packet that begins L lost ones is followed by one that arrives: L + 1 packets, also for
         L = 0. So the next such packet is L + 1 later, and its state follows from P^(L + 1) =

@@ -56,11 +56,11 @@ class BusDelays:
 
     @property
     def loses_packets(self) -> bool:
-        """Whether a sample did not arrive."""
+        """True if a sample did not arrive."""
         return not bool(np.isfinite(self.delay).all())
 
     def limit(self, period: Fraction) -> int | None:
-        """As many samples as the bus was simulated for."""
+        """The number of samples that the bus was simulated for."""
         return int(self.delay.size)
 
     def stream(self, period: Fraction, rng: Generator) -> Delays:

@@ -42,11 +42,11 @@ IntArray = NDArray[np.int64]
 
 
 class Drawable(Protocol):
-    """What a :class:`cosim.links.table.DrawnTable` must have to be drawn."""
+    """The members that drawing needs of a :class:`cosim.links.table.DrawnTable`."""
 
     @property
     def name(self) -> str:
-        """Of the link."""
+        """The name of the link."""
 
     @property
     def grid(self) -> Grid:
@@ -54,15 +54,15 @@ class Drawable(Protocol):
 
     @property
     def law(self) -> Law:
-        """Of the delays."""
+        """The law of the delays."""
 
     @property
     def rule(self) -> Rule:
-        """Which sample is held."""
+        """The rule that chooses the sample that is held."""
 
     @property
     def seed(self) -> int:
-        """Of its generator, with the name."""
+        """The seed of its random numbers, used together with the name."""
 
     def delays(self) -> Delays:
         """The delays that the rule asks for, drawn by NumPy from the start."""

@@ -58,7 +58,7 @@ class Law(Protocol):
 
     @property
     def loses_packets(self) -> bool:
-        """Whether a packet can be lost."""
+        """True if a packet can be lost."""
 
     def limit(self, period: Fraction) -> int | None:
         """Number of delays available at this sampling period (s); None: unlimited."""

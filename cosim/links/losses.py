@@ -36,7 +36,7 @@ class Losses(Protocol):
     """The losses of one link, in order."""
 
     def take(self, n: int) -> BoolArray:
-        """Whether each of the next `n` packets is lost, (n,)."""
+        """True if each of the next `n` packets is lost, (n,)."""
 
 
 class Loss(Protocol):
@@ -185,26 +185,26 @@ class Lossy:
 
     @property
     def minimum(self) -> float:
-        """Of the delay law, s."""
+        """The bound of the delay law, s."""
         return self.delay.minimum
 
     @property
     def maximum(self) -> float:
-        """Of the delay law, s."""
+        """The bound of the delay law, s."""
         return self.delay.maximum
 
     @property
     def mean(self) -> float:
-        """Of the delay law, s: which packets are lost does not depend on their delays."""
+        """The mean of the delay law, s; losses do not depend on delays."""
         return self.delay.mean
 
     @property
     def loses_packets(self) -> bool:
-        """Whether the delay law or the loss model loses packets."""
+        """True if the delay law or the loss model loses packets."""
         return self.delay.loses_packets or self.loss.share > 0
 
     def limit(self, period: Fraction) -> int | None:
-        """Of the delay law."""
+        """The limit of the delay law."""
         return self.delay.limit(period)
 
     def stream(self, period: Fraction, rng: Generator) -> Delays:

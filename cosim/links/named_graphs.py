@@ -172,7 +172,7 @@ def _near(places: NDArray[np.float64], radius: float, place: str) -> Edges:
 
 
 def _read(path: Path, place: str) -> Edges:
-    """Of a file of lines ``receiver,sender``; the first may be a heading."""
+    """The edges in a file of lines ``receiver,sender``; the first may be a heading."""
     found = list(_lines(toml.read_text(path, "a file of edges (.csv)"), path, place))
     return np.array(found, dtype=np.int64).reshape(-1, 2)
 

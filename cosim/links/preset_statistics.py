@@ -42,7 +42,7 @@ def figures_of_trace(name: str) -> DelayFigures:
 
 
 def figures(delays: FloatArray) -> DelayFigures:
-    """Of `delays` (n,), s, not finite where the packet is lost; at least one arrives."""
+    """Statistics of `delays` (n,), s, not finite for lost packets; at least one arrives."""
     arrives = np.isfinite(delays)
     T, lost = delays[arrives], ~arrives
     bursts = int(np.count_nonzero(lost & ~np.concatenate(([False], lost[:-1]))))

@@ -31,7 +31,7 @@ class LinkPreset:
 
     @property
     def constructed(self) -> bool:
-        """Whether the law is one of this project and not published as it is."""
+        """True if the law is one of this project and not published as it is."""
         return self.source.startswith("constructed")
 
 

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def entropy(seed: int, name: str) -> bytes:
-    """What a generator is seeded with: `seed`, and the SHA-256 of the name.
+    """The entropy of a generator: `seed`, and the SHA-256 of the name.
 
     An array of words is the same entropy as a list of numbers, in half of the time.
     """

@@ -13,7 +13,7 @@ BoolArray = NDArray[np.bool_]
 def reachable(
     start: int, following: Mapping[int, Sequence[int]], beyond: Set[int] = frozenset()
 ) -> frozenset[int]:
-    """What a path of any length leads to from `start`, itself included, but not what is `beyond`.
+    """All that paths lead to from `start`, itself included, but nothing that is `beyond`.
 
     `following`: where one step leads from each; the time grows with these.
     """

@@ -172,7 +172,7 @@ class Schedule:
                 raise ScenarioError(f"schedule: graph index {index}; expected 0 to {graphs - 1}")
 
     def recurrent(self, graphs: int) -> tuple[int, ...]:
-        """Those of the schedule if it repeats, else the last."""
+        """The graphs that recur: those of the schedule if it repeats, else the last."""
         return self.indices[-1:] if self.repeat is None else tuple(sorted(set(self.indices)))
 
     def shares(self, graphs: int, period: Fraction) -> FloatArray:

@@ -41,7 +41,8 @@ class TableSpec(Protocol):
 
     @property
     def history(self) -> int:
-        """How many samples, the newest included, must be kept so that every new row is there.
+        """The number of samples, the newest included, that must be kept so that every new row is
+        there.
 
         A row that equals the one before needs none: the receiver keeps what it holds.
         """

@@ -73,7 +73,7 @@ class Topology:
 
     @property
     def has_joint_spanning_tree(self) -> bool:
-        """Whether the graphs that last have a spanning tree together (Theorems 3 and 4)."""
+        """True if the graphs that last have a spanning tree together (Theorems 3 and 4)."""
         return bool(self.roots)
 
     def check_root(self, robot: int) -> None:

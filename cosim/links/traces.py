@@ -82,12 +82,12 @@ class DelayTrace:
 
     @property
     def loses_packets(self) -> bool:
-        """Whether a packet of the trace was lost."""
+        """True if a packet of the trace was lost."""
         return not bool(np.isfinite(self.delay).all())
 
     @property
     def duration(self) -> float:
-        """From the first row to one (last) interval after the last, s."""
+        """The time from the first row to one (last) interval after the last, s."""
         return float(2 * self.t_send[-1] - self.t_send[-2] - self.t_send[0])
 
     def limit(self, period: Fraction) -> int | None:

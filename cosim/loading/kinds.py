@@ -1,4 +1,4 @@
-"""What a file is that was given for a scenario, and the command that it is for."""
+"""The kind of a file that was given for a scenario, and the command that it is for."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _SUFFIXES = {
 
 
 def of_path(path: Path) -> str:
-    """What a path that is no scenario is, as a sentence with its use; "": that cannot be told."""
+    """The kind of a path that is no scenario, as a sentence with its use; "": not known."""
     if (path / "run.json").is_file():
         return _sentence(
             path, "the folder of a run", "`cosim report {path}` or `cosim show {path}`"
@@ -41,7 +41,7 @@ def of_path(path: Path) -> str:
 
 
 def of_document(document: Mapping[str, Any], path: Path) -> str:
-    """What a TOML document that is no scenario is; "": that cannot be told."""
+    """The kind of a TOML document that is no scenario; "": not known."""
     if "components" in document:
         return ""
     found = next((_KEYS[key] for key in _KEYS if key in document), None)

@@ -97,7 +97,7 @@ def _columns(fmu: FmuComponent, recording: Recording) -> dict[str, str]:
 
 
 def _all(column: str, entries: Sequence[str], recording: Recording) -> bool:
-    """Whether a recording has a column, or an array of that name with all its `entries`."""
+    """True if a recording has a column, or an array of that name with all its `entries`."""
     if column in recording.columns:
         return True
     there = [name for name in recording.columns if signal_of(name) == column]

@@ -147,7 +147,7 @@ def _decode(code: int, raw: bytes) -> Operation:
 
 
 def _fields(raw: bytes, layout: str, name: str, exact: bool = True) -> tuple[int, ...]:
-    """What is behind the header; `exact`: and nothing after it."""
+    """The fields behind the header; `exact`: with nothing after them."""
     fields = struct.Struct("<" + layout)
     least = _HEADER.size + fields.size
     if len(raw) < least or (exact and len(raw) != least):

@@ -114,7 +114,9 @@ class OperationBus:
                 self._take(node, item)
 
     def next_time(self, until_ps: int) -> int:
-        """When the next operation is due for a node if none sends anything, at most `until_ps`."""
+        """The time at which the next operation is due if no node sends anything, at most
+        `until_ps`.
+        """
         if self._waiting:
             return self.now_ps
         return self.bus.next_event(until_ps, _DELIVERED)
@@ -214,7 +216,7 @@ class OperationBus:
     # ---- what the bus tells them -------------------------------------------------------------
 
     def _delivered(self, event: Any) -> list[Delivery]:
-        """What an event of the bus is for its node; none or one operation."""
+        """The operation that an event of the bus is for its node; none or one."""
         node, request, at = int(event["node"]), int(event["request"]), int(event["time"])
         operation: Operation | None = None
         match BusEvent(int(event["kind"])):

@@ -98,7 +98,7 @@ class CanNetwork(Closing):
             self._settle(due, self.bus.now_ps)
 
     def go_on(self, until_ps: int) -> None:
-        """As :meth:`run`, for nodes that have started, to a time in ps."""
+        """Run nodes that have started (see :meth:`run`) to a time in ps."""
         while self.bus.now_ps < until_ps and not self.ended:
             stop = self._next(until_ps)
             ends = [node.step(stop) for node in self.nodes]
@@ -114,7 +114,7 @@ class CanNetwork(Closing):
                 self._settle(due, stop)
 
     def _next(self, until_ps: int) -> int:
-        """When the nodes have to be stopped next, ps."""
+        """The next time at which the nodes have to be stopped, ps."""
         now = self.bus.now_ps
         grid = (now // self._step_ps + 1) * self._step_ps
         first = min(until_ps, grid, *(n.next_ps for n in self.nodes))

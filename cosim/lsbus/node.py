@@ -25,7 +25,7 @@ _REFERENCES = (c.c_void_p, c.c_void_p, c.c_size_t)
 
 
 class StepEnd(NamedTuple):
-    """What an FMU says at the end of a step."""
+    """The answer of an FMU at the end of a step."""
 
     event: bool
     ended: bool
@@ -62,7 +62,7 @@ class NodeFmu:
 
     @property
     def next_ps(self) -> int:
-        """When it wants an Event Mode next: its Tx clock or a time event, ps."""
+        """The next time at which it wants Event Mode: its Tx clock or a time event, ps."""
         return min(self._tick_ps, self._event_ps)
 
     def set_values(self, values: Values) -> None:
@@ -140,7 +140,7 @@ class NodeFmu:
         )
 
     def _tx(self) -> bytes:
-        """What it sends in this instant, if its Tx clock ticks."""
+        """The operations that it sends in this instant, if its Tx clock ticks."""
         reference = self.terminal.tx_clock.reference
         if self._variability == "triggered":
             ticks = c.c_bool()
@@ -171,7 +171,7 @@ class NodeFmu:
         return bool(flags[0].value)
 
     def _ask(self) -> None:
-        """When a clock that counts down ticks next, or a changing one that has ticked."""
+        """Ask for the next tick of clocks that count down, and of changed ones that ticked."""
         ticked, self._ticked = self._ticked, False
         if self._variability == "countdown" or (self._variability == "changing" and ticked):
             interval, qualifier = self._interval()
@@ -181,7 +181,7 @@ class NodeFmu:
                 raise FmuError(f"{self.name}: Tx_Clock ticked, and no interval follows")
 
     def _first_tick(self, instance: Instance3) -> None:
-        """When a clock with a period ticks first, or a changing one; in Initialization Mode."""
+        """Ask for the first tick of periodic or changing clocks; in Initialization Mode."""
         clock, self._ticked = self.terminal.tx_clock, False
         if self._variability == "changing":
             self._tick_ps = self._in_ps(self._interval()[0])

@@ -28,7 +28,9 @@ class OperationCode(IntEnum):
 
 
 class ConfigurationParameter(IntEnum):
-    """What a Configuration operation sets: bit rates, bit/s, or what follows a lost arbitration."""
+    """The setting of a Configuration operation: bit rates, bit/s, or behaviour after lost
+    arbitration.
+    """
 
     CAN_BAUDRATE = 1
     CAN_FD_BAUDRATE = 2
@@ -62,7 +64,7 @@ class BusErrorFlag(IntEnum):
 
 
 class NodeStatus(IntEnum):
-    """What a node says about its controller in a Status operation."""
+    """A node's statement on its controller in a Status operation."""
 
     ERROR_ACTIVE = 1
     ERROR_PASSIVE = 2

@@ -187,7 +187,7 @@ class MujocoComponent:
         return self._give()
 
     def failure(self) -> str:
-        """What MuJoCo said in the last step that failed."""
+        """The message of MuJoCo in the last step that failed."""
         said = self._struct.text.decode("utf-8", "replace").strip()
         return f"MuJoCo: {' '.join(said.split())}"
 

@@ -61,7 +61,7 @@ def functions() -> Functions:
 
 @contextmanager
 def warnings() -> Iterator[list[str]]:
-    """What MuJoCo warns of meanwhile, without a step: the first sentence, at the end."""
+    """The warnings of MuJoCo meanwhile, without a step: the first sentence, at the end."""
     functions()
     listener, heard = MujocoStruct(), list[str]()
     shared.library().mujoco_listen(c.byref(listener))

@@ -1,4 +1,4 @@
-"""How a scenario names a scene, and the options of such a component."""
+"""The options of a component that is a scene, and how a scenario names it."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ PREFIX = "mujoco:"
 
 
 class MujocoOptions(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Which joints and signals of a scene are ports, and where it starts.
+    """The joints and signals of a scene that are ports, and its start.
 
     `joints`: names of hinge or slide joints, in the order of the entries of ``q``, ``dq``, ``tau``,
     where ``*`` stands for any text; `groups`: several such lists, whose names are the suffixes of

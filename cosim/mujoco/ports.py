@@ -124,7 +124,7 @@ def _single(actuator: Actuator, data: Any) -> InputPort:
 
 
 def _held(data: Any, controls: Sequence[tuple[int, float] | None]) -> tuple[float, ...]:
-    """What an input holds without a wire: the controls of the keyframe, over their gains."""
+    """The value of an input without a wire: the controls of the keyframe, over their gains."""
     found = tuple(float(data.ctrl[x[0]]) / x[1] if x else 0.0 for x in controls)
     return found if any(found) else ()
 

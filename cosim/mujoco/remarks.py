@@ -15,7 +15,7 @@ _SMALL, _LENGTHS = 1.0, 2.0
 
 
 def scene_remarks(scene: Scene) -> tuple[str, ...]:
-    """What the file says and the scene has no port for, or does besides the scenario."""
+    """Statements of the file for which the scene has no port, or which act besides the scenario."""
     return (*scene.said, *_delays(scene), *_without_port(scene), *_inertias(scene))
 
 

@@ -66,7 +66,9 @@ class Scene:
         return buffer.tobytes()
 
     def facts(self) -> Iterator[tuple[str, str]]:
-        """What a run records: file, sums, versions and the settings that determine a step."""
+        """The facts that a run records: file, sums, versions and the settings that determine a
+        step.
+        """
         yield "file", str(self.path)
         yield "sha256", hashlib.sha256(self.path.read_bytes()).hexdigest()
         yield "compiled_sha256", hashlib.sha256(self.compiled()).hexdigest()
@@ -75,7 +77,7 @@ class Scene:
         yield "integrator", self.integrator
 
     def counts(self) -> Iterator[tuple[str, str]]:
-        """What the scene consists of."""
+        """The numbers of the scene's parts."""
         model = self.model
         yield "gravity", " ".join(f"{g:g}" for g in model.opt.gravity) + " m/s2"
         yield "joints", f"{model.njnt} ({model.nv} degrees of freedom)"

@@ -77,7 +77,7 @@ def mimics(path: Path, root: Element, model: Any) -> tuple[Mimic, ...]:
 
 
 def urdf_remarks(root: Element, model: Any) -> Iterator[str]:
-    """What the file says and the scene does otherwise, a sentence each."""
+    """Statements of the file that the scene obeys otherwise, a sentence each."""
     for joint in root.findall("joint"):
         mimic = joint.find("mimic")
         if mimic is not None:

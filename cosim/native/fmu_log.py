@@ -1,4 +1,4 @@
-"""What FMUs log, as ``fmu_log.h`` keeps it: the last lines, and all of it where there is room."""
+"""The log of FMUs, as ``fmu_log.h`` keeps it: the last lines, and all where there is room."""
 
 from __future__ import annotations
 

@@ -18,7 +18,7 @@ TEXT_ACCESS = c.CFUNCTYPE(c.c_int, c.c_void_p, c.c_void_p, c.c_size_t, c.POINTER
 
 
 def library_path() -> Path:
-    """Where the engine's shared library is, built at installation."""
+    """The path of the engine's shared library, built at installation."""
     suffix = {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
     return Path(__file__).parent.with_name(f"_engine{suffix}")
 

@@ -86,7 +86,7 @@ def _some(names: list[str]) -> str:
 
 
 def reason(error: BaseException) -> str:
-    """What went wrong in words: the system's text for an OSError, else the error's own."""
+    """The error in words: the system's text for an OSError, else the error's own."""
     if isinstance(error, OSError) and error.errno is not None:
         return os.strerror(error.errno)
     return str(error) or type(error).__name__
@@ -181,7 +181,7 @@ def _plain(value: Any) -> Any:
 
 
 def _is_plain(value: Any) -> bool:
-    """Whether a value has JSON's own types only, which is quick to see."""
+    """True if a value has JSON's own types only, which is quick to see."""
     kind = type(value)
     if kind is dict:
         return all(map(_is_plain, value.values()))

@@ -37,7 +37,7 @@ def group_rows(n_columns: int) -> int:
 
 
 def schema(columns: Sequence[Column], h: float, every: int, metadata: Mapping[str, str]) -> Any:
-    """Of a file of trajectories: ``t`` and the columns, each with its unit."""
+    """The schema of a file of trajectories: ``t`` and the columns, each with its unit."""
     import pyarrow as pa
 
     named = [("t", "s"), *((column.name, column.unit) for column in columns)]

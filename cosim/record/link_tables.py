@@ -125,7 +125,7 @@ class _Paths(Mapping[str, Path]):
 
 
 def is_together(path: Path) -> bool:
-    """Whether it is the path of a table in a file of many."""
+    """True if it is the path of a table in a file of many."""
     return path.parent.name in (TABLES, TABLE_ROWS) and path.parent.is_file()
 
 
@@ -181,7 +181,7 @@ class _Blocks:
             at += n + int(ends[-1])
 
     def rows(self, name: str) -> Rows:
-        """Of a link, as far as they are written."""
+        """The rows of a link, as far as they are written."""
         i = self.places[name]
         parts = [self._data[at + ends[i] : at + ends[i + 1]] for at, ends in self._blocks]
         return np.concatenate([np.empty(0, np.int32), *parts])
@@ -223,7 +223,7 @@ class _Finished:
         return self._read[column][1].slice(i - self._starts[group], 1)
 
     def rows(self, name: str) -> Rows:
-        """Of a link."""
+        """The rows of a link."""
         import pyarrow as pa
 
         chunks = self._row(name, "sent").chunks

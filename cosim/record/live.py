@@ -40,7 +40,7 @@ class Column:
 
 @dataclass(frozen=True, slots=True)
 class RecordLayout:
-    """What is recorded, and the sizes of the arrays it is recorded with.
+    """The recorded columns, and the sizes of the arrays that hold them.
 
     `columns`: those of the trajectories; `everything`: those of ``last.parquet``; `h`: base step,
     s; `every`: ticks between two rows that are kept; `rows`: of a chunk; `group`: rows of a row
@@ -61,14 +61,16 @@ class RecordLayout:
     start: float = 0.0
 
     def text(self) -> bytes:
-        """As JSON; a column is a list of three, which is quicker than an object."""
+        """The layout as JSON; a column is a list of three, which is quicker than an object."""
         said = {field.name: getattr(self, field.name) for field in fields(self)}
         lists = {key: [(c.name, c.unit, c.index) for c in said[key]] for key in _COLUMNS}
         return json.dumps({**said, **lists, "metadata": dict(self.metadata)}).encode()
 
     @classmethod
     def parse(cls, text: bytes) -> Self:
-        """Of :meth:`text`. Raises ValueError, TypeError or KeyError for another text."""
+        """The layout that :meth:`text` wrote. Raises ValueError, TypeError or KeyError for another
+        text.
+        """
         said: dict[str, Any] = json.loads(text)
         lists = {key: tuple(Column(*column) for column in said[key]) for key in _COLUMNS}
         return cls(**{**said, **lists})
@@ -125,7 +127,7 @@ class Live:
 
     @classmethod
     def read(cls, path: Path) -> Self:
-        """What a process has left. Raises ScenarioError where it is damaged."""
+        """The arrays that a process has left. Raises ScenarioError where it is damaged."""
         try:
             data = path.read_bytes()
             text = int.from_bytes(data[8:16], sys.byteorder)
@@ -184,7 +186,7 @@ def unlock(descriptor: int) -> None:
 
 
 def in_use(path: Path) -> bool:
-    """Whether a process still records into this file."""
+    """True if a process still records into this file."""
     if sys.platform == "win32" or not path.exists():
         return False
     import fcntl

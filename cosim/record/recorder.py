@@ -150,7 +150,7 @@ class Recorder(Closing):
         return self._live.address(place)
 
     def _place(self, buffer: Rows) -> int:
-        """Which chunk it is."""
+        """The number of the chunk."""
         return next(i for i, rows in enumerate(self._chunks) if rows is buffer)
 
     def submit(self, buffer: Rows, k0: int, n: int, *, last: bool = False) -> None:

@@ -32,7 +32,7 @@ _collections: dict[object, TemporaryDirectory[str]] = {}
 
 
 def is_unfinished(folder: Path) -> bool:
-    """Whether the folder holds a recording that was not closed."""
+    """True if the folder holds a recording that was not closed."""
     there = (folder / LIVE).exists() or bool(journals(folder))
     return there and not (folder / TRAJECTORIES).exists()
 
@@ -43,7 +43,7 @@ def journals(folder: Path) -> list[Path]:
 
 
 def is_recording(folder: Path) -> bool:
-    """Whether a process still records into the folder."""
+    """True if a process still records into the folder."""
     return any(in_use(path) for path in (folder / LIVE, *journals(folder)))
 
 

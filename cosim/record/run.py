@@ -135,7 +135,7 @@ class Run:
         return self._groups[prefix]
 
     def has(self, prefix: str) -> bool:
-        """Whether a signal, or one entry by its full name, was recorded."""
+        """True if a signal, or one entry by its full name, was recorded."""
         return prefix in self.units or prefix in self._groups
 
     def unit(self, prefix: str) -> str:

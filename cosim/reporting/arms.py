@@ -52,12 +52,12 @@ def drawn_arms(run: Run) -> Iterator[DrawnArm]:
 
 
 def recorded(run: Run, signal: str, joints: int) -> bool:
-    """Whether a signal of so many entries was recorded."""
+    """True if a signal of so many entries was recorded."""
     return run.has(signal) and len(run.entries(signal)) == joints
 
 
 def drawing_of(model: str, options: Mapping[str, Any], folder: Path) -> Drawing | None:
-    """What a model's module says of its shape; None: it has none, or cannot say."""
+    """The shape that a model's module gives; None: it has none, or cannot say."""
     if not model.replace(".", "").isidentifier() or model.endswith(".fmu"):
         return None
     try:
@@ -74,7 +74,7 @@ def drawing_of(model: str, options: Mapping[str, Any], folder: Path) -> Drawing 
 
 
 def link_frames(drawing: Drawing, q: Array) -> Iterator[tuple[Array, Array]]:
-    """Of each link: rotation (3, 3) and origin (3,), m, of its frame in its parent's, at `q`."""
+    """Rotation (3, 3) and origin (3,), m, of each link's frame in its parent's, at `q`."""
     shapes = zip(drawing.prismatic, drawing.rotations, drawing.origins, q, strict=True)
     for prismatic, rotation, origin, x in shapes:
         R, r = np.reshape(rotation, (3, 3)), np.asarray(origin, dtype=np.float64)

@@ -1,4 +1,4 @@
-"""What happened on a CAN bus as text: load, response times, lost frames, nodes that are bus-off."""
+"""The account of a CAN bus as text: load, response times, lost frames, nodes that are bus-off."""
 
 from __future__ import annotations
 

@@ -21,7 +21,7 @@ TAIL = 0.1
 
 
 def findings(facts: Mapping[str, Any]) -> str:
-    """What the check before the run found, as HTML. `facts`: ``run.json``."""
+    """The findings of the check before the run, as HTML. `facts`: ``run.json``."""
     found = facts.get("findings")
     if found is None:
         return "<h2>Check before the run</h2><p>Not checked.</p>"
@@ -71,7 +71,7 @@ def configured_delay(law: Mapping[str, Any]) -> str:
 
 
 def transit(ages: Array, sent: NDArray[np.int64]) -> Array:
-    """How old each used sample of a link was when its receiver first held it, (samples,), s.
+    """The age of each used sample of a link when its receiver first held it, (samples,), s.
 
     `ages` (n,), s, and `sent` (n,): of the sample held at every look, -1 for none. A delay that the
     link drew shows up rounded up to the receiver's next look.

@@ -261,7 +261,7 @@ def _render(spec: Figure, run: Signals, content: list[tuple[list[_Line], list[_L
 
 
 def _height(spec: Figure) -> float:
-    """Of a figure that is as wide as it says, inches."""
+    """The height of a figure that is as wide as it says, inches."""
     panels = len(spec.panels)
     each = min(2.0, 0.4 * spec.width)
     titles = _TITLE * (1 + bool(spec.failure))
@@ -288,7 +288,7 @@ def _plot(ax: Axes, t: Array, lines: list[_Line], references: list[_Line]) -> No
 
 
 def _hiding(lines: Sequence[Array]) -> list[bool]:
-    """Which of the lines (n,) of a panel would hide an earlier one."""
+    """True for each line (n,) of a panel that would hide an earlier one."""
     finite = [y[np.isfinite(y)] for y in lines]
     ends = [value for y in finite if y.size for value in (y.min(), y.max())]
     near = _HIDING * (max(ends) - min(ends)) if ends else 0.0

@@ -47,7 +47,7 @@ class Badge:
 
     @property
     def html(self) -> str:
-        """As a badge with the sentence behind it."""
+        """The verdict as a badge with the sentence behind it."""
         badge = f'<span class="verdict {self.word}">{_MARKS[self.word]} {self.word}</span>'
         return f"<p>{badge} {escape(self.reason)}</p>"
 
@@ -66,7 +66,7 @@ class PlottedPanel:
     place: str = "panels"
 
     def data(self) -> dict[str, Any]:
-        """As the page reads it."""
+        """The data that the page reads."""
         series = [{"name": name, "label": label} for name, label in self.series]
         return {
             "title": self.title, "unit": self.unit, "series": series,
@@ -83,14 +83,14 @@ class TimedEvent:
     to: float | None = None
 
     def data(self) -> dict[str, Any]:
-        """As the page reads it."""
+        """The data that the page reads."""
         found: dict[str, Any] = {"t": self.t, "label": self.label}
         return found if self.to is None else {**found, "to": self.to}
 
 
 @dataclass(slots=True)
 class PageData:
-    """What the page draws: signals from `begin` to `end` (s), diagrams, events, arms.
+    """The content of a page: signals from `begin` to `end` (s), diagrams, events, arms.
 
     `arms_note`: a sentence below the arms. `live`: the address, below that of the page, from which
     values of the signals come while it is open; the joints of its arms are names of signals.
@@ -121,7 +121,7 @@ class PageData:
         }  # fmt: skip
 
     def text(self) -> str:
-        """As JSON that may stand inside an element of the page."""
+        """The data as JSON that may stand inside an element of the page."""
         document = {
             "end": self.end, "start": self.start, "frame": self.frame, "signals": self.signals,
             "panels": [p.data() for p in self.panels], "events": [e.data() for e in self.events],
@@ -207,7 +207,7 @@ def picture(path: Path, title: str) -> str:
 
 
 def histogram(title: str, unit: str, values: Array, marks: Mapping[str, float]) -> str:
-    """How often values (n,) occur, as a drawing; `marks`: labelled values, all in `unit`."""
+    """A histogram of values (n,) as a drawing; `marks`: labelled values, all in `unit`."""
     values = values[np.isfinite(values)]
     if not values.size:
         return ""

@@ -1,4 +1,4 @@
-"""What groups with macro steps did (``algorithm = "adaptive"``), as lines and as a table."""
+"""The work of groups with macro steps (``algorithm = "adaptive"``), as lines and as a table."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is shown of many robots: quantiles in place of their lines, and the first ones of a list."""
+"""Many robots in a report: quantiles in place of their lines, and the first ones of a list."""
 
 from __future__ import annotations
 

@@ -1,4 +1,6 @@
-"""What happened when in a run: events of its scenario, faults and fault states of a rehearsal."""
+"""Times of a run that diagrams mark: events of its scenario, faults and fault states of a
+rehearsal.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +13,7 @@ from cosim.reporting.html import TimedEvent
 
 
 def marks(facts: Mapping[str, Any]) -> list[TimedEvent]:
-    """What is marked in every diagram of a run, by time.
+    """The marks in every diagram of a run, by time.
 
     `facts`: ``run.json``. Its key ``marks`` holds what the nodes of a rehearsal went through.
     """
@@ -29,7 +31,7 @@ def _event(event: Mapping[str, Any]) -> TimedEvent:
 
 
 def failure(facts: Mapping[str, Any]) -> str:
-    """How a run that did not come to its end ended, as one sentence; "" for any other."""
+    """The end of a run that was cut short, as one sentence; "" for any other."""
     return "; ".join(_failure(facts))
 
 

@@ -70,7 +70,7 @@ def write_gif(run: Run, path: Path) -> Path:
 
 
 def _name_places(names: Sequence[str]) -> list[tuple[int, int]]:
-    """Where each name stands below the drawing, (x, y) pixels: as many in a line as fit."""
+    """The place of each name below the drawing, (x, y) pixels: as many in a line as fit."""
     from PIL import ImageFont
 
     places, x, y = [], 0, 0
@@ -109,7 +109,7 @@ def _seen(drawing: Drawing, where: Array) -> Array:
 
 
 def _layout(tracks: list[Array], *, flat: bool) -> tuple[list[Array], float]:
-    """What to subtract from the points of each arm, (2,) m, and pixels per m.
+    """The offset of the points of each arm, (2,) m, and pixels per m.
 
     Planar arms are drawn over each other, those in space in rows.
     """

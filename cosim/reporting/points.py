@@ -36,7 +36,7 @@ class PointColumn:
     listed: bool
 
     def data(self) -> dict[str, Any]:
-        """As the page reads it."""
+        """The data that the page reads."""
         facts = {
             "name": self.name, "unit": self.unit, "axis": self.axis, "parallel": self.parallel,
             "listed": self.listed,
@@ -58,7 +58,7 @@ class PointView:
     reduce: str = "mean"
 
     def data(self) -> dict[str, str]:
-        """As the page reads it."""
+        """The data that the page reads."""
         return {"title": self.title, "x": self.x, "y": self.y, "z": self.z, "reduce": self.reduce}
 
 
@@ -104,7 +104,7 @@ def _settings(settings: Sequence[Sequence[str]]) -> list[dict[str, Any]] | None:
 
 
 def _common_start(texts: Sequence[str]) -> str:
-    """What all texts begin with: the first and the last of them in order agree the least."""
+    """The common beginning of texts: the first and the last in order agree the least."""
     first, last = min(texts), max(texts)
     equal = next((i for i, (a, b) in enumerate(zip(first, last, strict=False)) if a != b), None)
     return first[:equal]

@@ -1,4 +1,4 @@
-"""What a run folder says of the scenario that it ran."""
+"""The scenario that a run folder holds."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ _KEPT = ("title", "run", "metrics", "figures")
 
 
 def recorded_scenario(run: Run) -> Scenario:
-    """Of the scenario of a run what declares metrics and figures. Raises ScenarioError."""
+    """The part of a run's scenario that declares metrics and figures. Raises ScenarioError."""
     folder, document = run.path.parent, run.metadata.get("scenario")
     if not document:
         raise ScenarioError("the folder does not say which scenario it ran", str(folder))

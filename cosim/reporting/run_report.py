@@ -85,7 +85,7 @@ def write_report(
 def verdict(
     facts: Mapping[str, Any], scenario: Scenario | None, results: tuple[MetricResult, ...]
 ) -> Badge:
-    """Of a run: whether it came to its end, and its errors settled within what is declared."""
+    """The verdict on a run: did it come to its end, and did its errors settle as declared?"""
     failed = failure(facts)
     if failed:
         return Badge("error", failed)

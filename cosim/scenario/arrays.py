@@ -43,7 +43,7 @@ class ScenarioGraph:
     edges: Edges
 
     def degrees(self) -> list[int]:
-        """From how many others each robot receives, (n,)."""
+        """The number of robots that each one receives from, (n,)."""
         found: list[int] = np.bincount(self.edges[:, 0], minlength=self.n + 1)[1:].tolist()
         return found
 
@@ -85,7 +85,7 @@ def _named(name: Any, graphs: Mapping[str, ScenarioGraph], place: str) -> Scenar
 
 
 def _seed(document: Mapping[str, Any]) -> int:
-    """Of the run; 0 where it has none or a wrong one, which is refused later."""
+    """The seed of the run; 0 where it has none or a wrong one, which is refused later."""
     run = document.get("run", {})
     seed = run.get("seed", 0) if isinstance(run, dict) else 0
     return seed if isinstance(seed, int) and seed >= 0 else 0
@@ -151,7 +151,7 @@ def _each(
 
 
 def _different(each: Any, n: int, place: str) -> dict[int, Document]:
-    """What is different in components, by number."""
+    """The keys in which components differ, by number."""
     if not isinstance(each, dict) or not all(isinstance(v, dict) for v in each.values()):
         raise ScenarioError("expected tables by number: each.3.parameters", place)
     for key in each:
@@ -272,8 +272,8 @@ def _across(spec: Document, common: Document, n: int, place: str) -> tuple[int, 
 
 
 def _edge_words(graph: ScenarioGraph, chosen: Any = slice(None)) -> Words:
-    """Of the `chosen` edges: receiver i, sender j, and the place of j among the senders of i, from
-    0.
+    """The words of the `chosen` edges: receiver i, sender j, and the place of j among the senders
+    of i, from 0.
     """
     i, j = graph.edges.T
     k = np.arange(len(i)) - np.searchsorted(i, i)

@@ -206,7 +206,7 @@ def _values(
 
 
 def _ticks(seconds: float, h: float, place: str) -> int:
-    """How many base steps `seconds` are. Raises ScenarioError when they are not a whole number."""
+    """The number of base steps in `seconds`. Raises ScenarioError for no whole number."""
     if seconds / h > MOST_TICKS:
         raise ScenarioError(
             f"{seconds:g} s are {seconds / h:.3g} base steps of {h:g} s; expected at most "

@@ -1,4 +1,4 @@
-"""What a scenario says about its simulated CAN buses.
+"""The keys of a scenario for its simulated CAN buses.
 
 ::
 
@@ -138,7 +138,7 @@ class ScriptErrors(
 class InterruptionErrors(
     msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="kind", tag="interruption"
 ):
-    """From `start` to `stop` the bus, or what `node` sees of it, has this level."""
+    """A level that the bus, or `node`'s view of it, has from `start` to `stop`."""
 
     start: Number
     stop: Number

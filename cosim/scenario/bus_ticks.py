@@ -79,13 +79,13 @@ class BusInTicks:
 
     @property
     def gates(self) -> tuple[Gate, ...]:
-        """Where the bus takes part in a tick: behind its senders and before its receivers."""
+        """The places of the bus in a tick: behind its senders and before its receivers."""
         sent = tuple(f.gate for f in self.frames if f.encoding)
         return sent + tuple(link.gate for link in self.received)
 
     @property
     def history(self) -> Mapping[str, int]:
-        """How many samples each link keeps: all, since a frame may wait for any time."""
+        """The number of samples each link keeps: all, since a frame may wait for any time."""
         return {link.name: self.frames[link.frame].samples for link in self.received}
 
     def start(self) -> RunningBusInTicks:

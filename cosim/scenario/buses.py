@@ -108,7 +108,7 @@ def prepared_bus(
     record: Sequence[BusEvent],
     filters: Mapping[str, tuple[AcceptanceFilter, ...]] | None = None,
 ) -> PreparedBus:
-    """How to make the bus at time 0, and all requests up to `length_ps`. Raises CosimError.
+    """Instructions for the bus at time 0, and all requests up to `length_ps`. Raises CosimError.
 
     `filters`: what each node receives; a node that is not named receives nothing. None: everything.
     """
@@ -150,7 +150,7 @@ def node_settings(spec: ScenarioBusSpec, name: str) -> BusNodeSettings:
 
 
 def in_ticks(spec: ScenarioBusSpec, frames: Sequence[FrameOnBus]) -> bool:
-    """Whether the run steps the bus inside its ticks: as said, or because frames carry values.
+    """True if the run steps the bus inside its ticks: as said, or because frames carry values.
 
     Raises ScenarioError where frames carry values and the bus is to be simulated ahead of the run.
     """
@@ -164,7 +164,7 @@ def in_ticks(spec: ScenarioBusSpec, frames: Sequence[FrameOnBus]) -> bool:
 
 
 def listening(frames: Sequence[FrameOnBus]) -> dict[str, tuple[AcceptanceFilter, ...]]:
-    """Which frames each receiver of a link takes: those of its links."""
+    """Acceptance filters of each receiver of a link, for the frames of its links."""
     found: dict[str, tuple[AcceptanceFilter, ...]] = {}
     for f in frames:
         own = AcceptanceFilter(f.frame.identifier, extended=f.frame.format.extended)
@@ -210,7 +210,7 @@ def _delays(
     node: int,
     frame: FrameOnBus,
 ) -> NDArray[np.float64]:
-    """From each sample to its first reception at `node`, (n,), s."""
+    """Delays from each sample to its first reception at `node`, (n,), s."""
     arrived = np.full(len(rows), np.iinfo(np.int64).max)
     heard = events[(events["node"] == node) & (events["request"] >= 0)][::-1]
     arrived[heard["request"]] = heard["time"]  # the first of two receptions is written last

@@ -1,4 +1,4 @@
-"""What runs between components: wires, links and edge weights, checked for shape and unit.
+"""Connections of components: wires, links and edge weights, checked for shape and unit.
 
 Endpoints are written ``component.port`` or ``component.port[i]``: entries are counted from 0, those
 of an FMU as its description names them. Every error names its place in the scenario.
@@ -88,7 +88,7 @@ class ScenarioComponents:
         return unit_of(self.steps[slot.component].component, slot.unit)
 
     def has_unit(self, slot: Slot) -> bool:
-        """Whether a unit is declared for a slot."""
+        """True if a unit is declared for a slot."""
         return has_unit(self.steps[slot.component].component, slot.port)
 
     def values(self, slot: Slot, value: Any, place: str) -> tuple[float, ...]:
@@ -96,7 +96,7 @@ class ScenarioComponents:
         return numbers(value, slot.shape, self.unit(slot), place)
 
     def held(self, slot: Slot) -> float:
-        """What a scalar input holds until something changes it."""
+        """The value that a scalar input holds until something changes it."""
         step = self.steps[slot.component]
         whole = self.slots["input"][f"{slot.component}.{slot.port}"]
         port = next(p for p in step.component.inputs if p.name == slot.port)
@@ -129,7 +129,7 @@ def part(slot: Slot, index: str, place: str) -> Slot:
 
 @lru_cache(maxsize=1024)
 def _row(shape: tuple[int, ...], base: int, index: str) -> tuple[int, tuple[int, ...]] | None:
-    """Where an entry, or a row, of an array begins, and its shape; None: it is outside."""
+    """The place and the shape of an entry, or a row, of an array; None: it is outside."""
     at = tuple(int(i) - base for i in index.split(","))
     if len(at) > len(shape) or any(not 0 <= i < n for i, n in zip(at, shape, strict=False)):
         return None

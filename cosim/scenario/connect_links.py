@@ -25,7 +25,7 @@ Simulated = dict[str, "BusDelays"]
 
 @dataclass(frozen=True, slots=True)
 class _TableSources:
-    """What the tables of links are made of: delays on buses by the place of the link, tables of the
+    """The sources of the tables of links: delays on buses by the place of the link, tables of the
     links before by what they have in common, and the folder of the scenario.
     """
 

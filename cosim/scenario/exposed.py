@@ -18,7 +18,7 @@ _INDEX = re.compile(r"\[\d+(?:,\d+)*\]$")
 
 
 class ExposedVariables:
-    """What a scenario reads of its components, and changes of them, by component."""
+    """The variables that a scenario reads and changes, by component."""
 
     def __init__(self, scenario: Scenario) -> None:
         self._patterns: list[str] = []
@@ -75,7 +75,7 @@ def _with_array(variable: str) -> tuple[str, str]:
 
 
 def is_pattern(signal: str) -> bool:
-    """Whether an entry of ``record.signals`` stands for several signals."""
+    """True if an entry of ``record.signals`` stands for several signals."""
     return signal == ALL or "*" in signal or "?" in signal
 
 
@@ -94,7 +94,7 @@ def _split(signal: str) -> tuple[str, str]:
 
 
 def _shown(scenario: Scenario) -> Iterator[str]:
-    """What is recorded, measured or drawn, as ``component.port``, or a pattern of it."""
+    """Signals that are recorded, measured or drawn, as ``component.port`` or a pattern of it."""
     yield from scenario.run.record.signals
     for metric in scenario.metrics.values():
         yield from (*metric.of, *metric.contact)

@@ -49,7 +49,7 @@ def _end(kept: _Kept) -> None:
 
 
 def _alike(old: ComponentSpec, new: ComponentSpec, loaded: LoadedComponent) -> bool:
-    """Whether a spec gives the FMU that was loaded for `old`."""
+    """True if a spec gives the FMU that was loaded for `old`."""
     if old == new:
         return True
     fmu = stepped_fmu(loaded[0])

@@ -114,7 +114,7 @@ def _structural(path: Path, sizes: Mapping[str, int]) -> dict[str, int]:
 
 
 def _prepared(module: ModuleType, spec: ComponentSpec, folder: Path, place: str) -> Preparation:
-    """What a module makes of the options; they are not for Python components without the hook."""
+    """A module's preparation of the options; Python components without the hook take none."""
     prepare = vars(module).get("prepare")
     if not spec.options or (prepare is None and ":" in spec.model):
         return _UNPREPARED

@@ -13,7 +13,7 @@ from cosim.schedule.plan import Plan
 
 
 def can_reseed(document: Mapping[str, Any], plan: Plan) -> bool:
-    """Whether only the tables of links depend on the seed, so that :func:`reseeded` is the plan.
+    """True if only the tables of links depend on the seed, so that :func:`reseeded` is the plan.
 
     `document`: the scenario's, parsed. It is not so with buses, weights over time, and counted
     components, whose values may be drawn.

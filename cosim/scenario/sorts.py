@@ -122,7 +122,7 @@ def nested(values: Sequence[Any], shape: tuple[int, ...]) -> Any:
 
 
 def _place(array: Parameter | Port, key: str, place: str) -> int:
-    """Where an entry such as ``q[1,2]`` is in the flattened values. Raises ScenarioError."""
+    """The place of an entry such as ``q[1,2]`` in the flattened values. Raises ScenarioError."""
     slot = Slot(array.name, "", array.name, 0, array.shape, array.unit, array.base)
     names = slot.scalars()
     if key not in names:

@@ -23,8 +23,8 @@ from cosim.scenario.bus_spec import LinkFrameSpec, ScenarioBusSpec
 
 
 class RecordSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """What is recorded: every `every`-th tick of `signals` (default: all outputs and received), and
-    with `events` when FMUs were in Event Mode.
+    """The signals that are recorded: every `every`-th tick of `signals` (default: all outputs and
+    received), and with `events` when FMUs were in Event Mode.
     """
 
     every: Annotated[int, msgspec.Meta(ge=1)] = 1
@@ -54,7 +54,7 @@ class AdaptiveSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
 
 
 class RunSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """How long, how finely and how.
+    """Length, step and algorithm of a run.
 
     A run goes from `start` to `stop` (s). `order` is for ``"gauss-seidel"``: all components by
     name; `adaptive` for ``"adaptive"``.
@@ -73,7 +73,7 @@ class RunSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
 class InputSpec(
     msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, rename={"source": "from"}
 ):
-    """What feeds an input, which gets ``gain * value + offset``: exactly one of three.
+    """The source of an input, which gets ``gain * value + offset``: exactly one of three.
 
     `source`: an output, by a wire; `table`: a `column` of a file (default: the name of the input);
     `points`: [[time, value], ...]. Values of the last two are held, or joined by lines.
@@ -138,7 +138,7 @@ class ComponentSpec(
         return msgspec.json.encode(_likeness(self))
 
     def without_values(self) -> ComponentSpec:
-        """What is not a number of its run: neither values nor how often it steps."""
+        """The component without the numbers of its run: neither values nor how often it steps."""
         return self.replaced(parameters={}, start={}, preset=None, period=None)
 
     def replaced(self, **fields: Any) -> ComponentSpec:
@@ -351,7 +351,7 @@ def _run(table: Any, path: Path) -> RunSpec:
 
 
 def has_many(document: Mapping[str, Any]) -> bool:
-    """Whether there are graphs or counted components."""
+    """True if there are graphs or counted components."""
     components = document.get("components")
     links = document.get("links")
     given: list[Any] = [document.get("topology")]

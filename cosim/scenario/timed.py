@@ -54,7 +54,7 @@ class TimedValues:
         return _TimedStream(self)
 
     def facts(self) -> dict[str, Any]:
-        """Where they come from."""
+        """The origin of the values, as plain data."""
         return {"from": self.origin, **self.details}
 
 
@@ -116,7 +116,7 @@ def _table_players(
 
 
 def _slopes(t: Array, rows: Array) -> Array:
-    """From each row to the next, per s, (n - 1, m); 0 where one time stands twice: a jump."""
+    """Slopes from each row to the next, per s, (n - 1, m); 0 at a jump (one time stands twice)."""
     steps = np.diff(t)[:, None]
     return np.divide(np.diff(rows, axis=0), steps, out=np.zeros_like(rows[1:]), where=steps > 0.0)
 
@@ -185,7 +185,7 @@ class _Change:
 
     @property
     def end(self) -> float:
-        """When the scalar is at rest again, s."""
+        """The time from which the scalar is at rest again, s."""
         return self.at + self.over if self.lasts is None else self.at + self.lasts + self.over
 
 

@@ -33,7 +33,7 @@ class PowerBond:
 
 @dataclass(frozen=True, slots=True)
 class AdaptiveSettings:
-    """How macro steps are chosen.
+    """The choice of macro steps.
 
     The error of an output is at most ``absolute + tolerance * (its largest value so far)`` a step;
     `smallest`: of a step, s, 0: the period over 2^10; `iterations`: sweeps after the first one at
@@ -177,7 +177,7 @@ def _group(
 
 
 def _halvings(smallest: float, period: float, name: str) -> int:
-    """How often a period may be halved: no step is smaller than `smallest`, both in s."""
+    """The number of times a period may be halved: no step is below `smallest`, both in s."""
     if not smallest:
         return HALVINGS
     if smallest > period * (1.0 + 1e-12):

@@ -44,7 +44,7 @@ class Line:
 
     @property
     def room(self) -> int:
-        """How many signals are kept of it behind those of the components."""
+        """The number of signals kept of it behind those of the components."""
         return self.wire.target.size * (2 if self.slope else 1)
 
 
@@ -166,7 +166,7 @@ def group_copies(group: MacroGroup, discrete: Mapping[str, frozenset[str]]) -> l
 
 
 def _pushes(c: Step, found: Connections) -> list[Operation]:
-    """What leaves by gates, which may change it, and then by links."""
+    """Operations for samples that leave by gates, which may change them, and then by links."""
     pushes = [
         Operation(
             Code.PUSH,
@@ -188,7 +188,7 @@ def _gates(c: Step, found: Connections, *, out: bool) -> list[Operation]:
 
 
 def _received(c: Step, found: Connections, periods: Mapping[str, int]) -> list[Operation]:
-    """What comes by gates and over links, its age, and weights."""
+    """Operations for samples that come by gates and over links, their ages, and weights."""
     received = _gates(c, found, out=False)
     for i, x in found.links.get(c.name, ()):
         received.append(
@@ -233,7 +233,7 @@ def _copies(
 
 
 def _way(found: Connections, w: Wire, *, late: bool) -> tuple[Code, int]:
-    """How a wire carries, and where its last values are kept (0: nowhere)."""
+    """The code of a wire, and the place of its last values (0: nowhere)."""
     if w.target.start not in found.last:
         return (Code.COPY if w.gain == 1.0 and w.offset == 0.0 else Code.SCALE), 0
     line, last = found.last[w.target.start]
@@ -243,7 +243,7 @@ def _way(found: Connections, w: Wire, *, late: bool) -> tuple[Code, int]:
 
 
 def _continues(a: Operation, b: Operation) -> bool:
-    """Whether `b` continues where `a` ends, with the same factor."""
+    """True if `b` continues where `a` ends, with the same factor."""
     return (
         a.code == b.code
         and (a.gain, a.offset) == (b.gain, b.offset)

@@ -40,12 +40,12 @@ class PlanParts:
 
     @property
     def count(self) -> int:
-        """How many parts there are."""
+        """The number of parts."""
         return int(self.part_of.max()) + 1
 
     @cached_property
     def operations(self) -> tuple[Numbers, Numbers]:
-        """Of each part, then of the next one: (its number, an operation of the plan), (n,) each."""
+        """Pairs (number of the part, an operation of the plan), part by part, (n,) each."""
         own, every = np.flatnonzero(self.owners >= 0), np.flatnonzero(self.owners == EVERY)
         parts = np.arange(self.count)
         part = np.r_[self.part_of[self.owners[own]], np.tile(parts, len(every))]
@@ -55,7 +55,7 @@ class PlanParts:
 
     @property
     def ends(self) -> Numbers:
-        """Where each part ends among :attr:`operations`, (parts,)."""
+        """The end of each part among :attr:`operations`, (parts,)."""
         return np.cumsum(np.bincount(self.operations[0], minlength=self.count))
 
     def merged(self, count: int, alone: int) -> PlanParts:

@@ -99,13 +99,13 @@ class ValueStream(Protocol):
 
 
 class ValueSource(Protocol):
-    """What a player plays: one value a hit of its receiver."""
+    """The source of a player: one value a hit of its receiver."""
 
     def stream(self) -> ValueStream:
         """The values from the first on."""
 
     def facts(self) -> dict[str, Any]:
-        """What is written down with a run."""
+        """The facts that are written down with a run."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,7 +145,7 @@ class SteppedBus(Protocol):
 
     @property
     def gates(self) -> tuple[Gate, ...]:
-        """Where it takes part in a tick."""
+        """The places at which it takes part in a tick."""
 
     @property
     def history(self) -> Mapping[str, int]:

@@ -1,4 +1,4 @@
-"""From a scenario to a plan: steps, their order, and the source of every input.
+"""The way from a scenario to a plan: steps, their order, and the source of every input.
 
 A plan is data: components with their place in one signal vector, wires, links, and a flat tuple of
 operations (see ``docs/design.md``, idea 2, for the stages of a tick). It does not depend on the

@@ -33,8 +33,8 @@ def write(parent: ElementTree.Element, content: Mapping[str, Any], common: str) 
 
 
 def content(scenario: Scenario, files: dict[str, bytes]) -> dict[str, Any]:
-    """What of a scenario an SSD does not tell; files that it names are added to `files`, by their
-    names in the archive. Raises ScenarioError for two different ones of the same name.
+    """The part of a scenario that an SSD does not tell; files that it names are added to `files`,
+    by their names in the archive. Raises ScenarioError for two different ones of the same name.
     """
     data = as_data(scenario)
     said = {k: v for k, v in data.items() if k not in ("path", "components")}
@@ -62,8 +62,8 @@ def _packed(scenario: Scenario, name: str, files: dict[str, bytes]) -> str:
 
 
 def missing_in_ssd(table: Mapping[str, Any]) -> dict[str, Any]:
-    """What of a component's table the SSD does not tell: tables and points that feed inputs, and
-    sizes, where they are an FMU's.
+    """The part of a component's table that the SSD does not tell: tables and points that feed
+    inputs, and sizes, where they are an FMU's.
     """
     said = {k: v for k, v in table.items() if k not in TOLD and v is not None}
     played = {k: x for k, x in table["inputs"].items() if isinstance(x, dict) and not x["from"]}

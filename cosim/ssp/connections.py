@@ -22,7 +22,7 @@ _SINKS = ("input", "parameter", "structuralParameter")
 
 @dataclass(frozen=True, slots=True)
 class SspConnection:
-    """What feeds a connector: ``factor * value + offset``, after units unless `suppress`.
+    """The source of a connector: ``factor * value + offset``, after units unless `suppress`.
 
     `table`: the entries of a mapping transformation instead, () if there is none.
     """
@@ -49,7 +49,8 @@ class SspElement:
     dictionary: Connector | None = None
 
     def connector(self, name: str) -> Connector | None:
-        """What the name of a parameter means: ``k``, or ``inner.control.k`` of a system.
+        """The connector that the name of a parameter means: ``k``, or ``inner.control.k`` of a
+        system.
 
         None if no element has that name.
         """

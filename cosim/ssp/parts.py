@@ -81,7 +81,7 @@ class SspPart:
         return self._variables
 
     def has(self, name: str) -> bool:
-        """Whether there is a variable of that name."""
+        """True if there is a variable of that name."""
         return name in self._variables
 
     def variable(self, name: str, place: str) -> tuple[VariableGroup, tuple[int, ...]]:

@@ -66,7 +66,7 @@ def rewrite(scenario: Scenario, plan: Plan, out: Path) -> list[str] | None:
 
 
 def _missing(made: Mapping[str, Any], scenario: Scenario) -> dict[str, Any]:
-    """What of step and stop the SSP does not say; then they are additions."""
+    """The step and stop where the SSP does not say them; then they are additions."""
     return {k: -1.0 for k in ("step", "stop") if k not in made["run"]}
 
 
@@ -125,7 +125,7 @@ def _values(scenario: Scenario, plan: Plan) -> Changed:
 
 
 def _same(one: tuple[Scenario, Plan], other: tuple[Scenario, Plan]) -> bool:
-    """Whether two scenarios have the same components, values and wires, and the same step (s)."""
+    """True if two scenarios have the same components, values and wires, and the same step (s)."""
     mine, theirs = (
         ([(c.name, c.kind, c.period) for c in p.components], _wires(p), p.h, p.ticks, _values(s, p))
         for s, p in (one, other)

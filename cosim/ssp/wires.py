@@ -33,7 +33,7 @@ def feed(structure: Structure, parts: Mapping[tuple[str, ...], SspPart], target:
 def _traced(
     structure: Structure, parts: Mapping[tuple[str, ...], SspPart], target: Connector
 ) -> tuple[Connector, SspConnection]:
-    """Where the connections to `target` begin, and all of them as one edge."""
+    """The source of the connections to `target`, and all of them as one edge."""
     way = structure.edges[target]
     passed = {target}
     while way.source in structure.edges and way.source[0] not in parts:

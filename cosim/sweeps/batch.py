@@ -51,7 +51,7 @@ SEED = "run.seed="
 
 @dataclass(frozen=True, slots=True)
 class _Prepared:
-    """What is run: `others` are the settings but for the seed, by which the next point may have
+    """A prepared run: `others` are the settings but for the seed, by which the next point may have
     the same plan with another seed (`can_reseed`).
     """
 
@@ -135,7 +135,7 @@ class _RunPlaces(threading.local):
         self._places: list[_RunPlace] = []
 
     def of(self, setup: StudySetup) -> list[_RunPlace]:
-        """Those of a study, made if it is another one."""
+        """The places of the runs of a study, made anew for another one."""
         if self._setup != setup:
             for place in self._places:
                 place.close()

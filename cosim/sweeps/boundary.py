@@ -1,4 +1,4 @@
-"""Where the boundary of a study is: between the runs inside and those beyond it."""
+"""The boundary of a study: between the runs inside and those beyond it."""
 
 from __future__ import annotations
 

@@ -35,7 +35,7 @@ class Point:
 
 
 def count(study: Study) -> int:
-    """How many points there are. Raises ScenarioError for more than anybody can run."""
+    """The number of points. Raises ScenarioError for more than anybody can run."""
     listed = prod(len(axis.choices) for axis in study.axes if isinstance(axis, Listed))
     drawn = study.sample.count if study.sample else study.boundary.runs if study.boundary else 1
     n = listed * drawn

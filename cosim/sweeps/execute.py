@@ -38,7 +38,7 @@ STUDY, RUNS = "study.toml", "runs"
 
 @dataclass(frozen=True, slots=True)
 class PlannedRuns:
-    """What is to be done: `points` of the study, which are `runs` different ones, `found` there.
+    """The work to be done: `points` of the study, which are `runs` different ones, `found` there.
 
     `todo`: runs this time; `changed`: the folder was begun with another study; `others`: rows in it
     that this study does not have; `again`: of those found, the runs that failed and are made again.

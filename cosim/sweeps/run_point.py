@@ -33,7 +33,7 @@ from cosim.sweeps.study import RESERVED, Study
 
 @dataclass(frozen=True, slots=True)
 class StudySetup:
-    """What all runs of a study have in common: the scenario as parsed, at its `path`.
+    """The common part of all runs of a study: the scenario as parsed, at its `path`.
 
     `stable`: the largest size of each measure; `keep`: where run folders stay, None: nowhere.
     """
@@ -156,7 +156,7 @@ def _recording(job: StudySetup, point: Point) -> tuple[Sequence[Metric], Signals
 
 
 def _stable(bounds: Mapping[str, float], measures: Mapping[str, float]) -> bool:
-    """Whether every measure with a bound is a number no larger than it; without any: all finite."""
+    """True if every measure with a bound is a number no larger than it; without any: all finite."""
     if bounds:
         return all(abs(measures.get(name, nan)) <= bound for name, bound in bounds.items())
     return all(isfinite(v) or (isinf(v) and name.endswith("_s")) for name, v in measures.items())

@@ -33,7 +33,7 @@ ELSEWHERE = 0.02
 
 
 def side(spec: BoundarySpec, *, stable: bool, failed: bool, measure: float | None) -> float:
-    """Where a run is: from -1, inside, to 1, beyond the boundary, which is at 0.
+    """The place of a run: from -1, inside, to 1, beyond the boundary, which is at 0.
 
     For a measure, its distance from the level, as a share of it.
     """
@@ -52,7 +52,7 @@ def record_side(spec: BoundarySpec, record: Mapping[str, Any]) -> float:
 
 
 def _interest(simplex: Sequence[Any], values: Sequence[float], *_: Any) -> float:
-    """Of a simplex (corners, axes): the size of its longest edge from one side to the other.
+    """The size of the longest edge of a simplex (corners, axes) from one side to the other.
 
     If there is none, a share of its volume. (The volume of one that crosses the boundary says
     little: it may be long and thin.)

@@ -32,7 +32,7 @@ class AxisSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
 
 
 class SampleSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """How many times, and how, the axes that are drawn are drawn."""
+    """The number of draws of the axes that are drawn, and their kind."""
 
     count: Count
     method: Method = "latin-hypercube"

@@ -27,7 +27,7 @@ MANY, AT_ONCE = 100_000, 4096
 
 
 def lines(table: SweepTable) -> list[str]:
-    """What came out: how many are stable, why others stopped, the range of measures."""
+    """The result: how many are stable, why others stopped, the range of measures."""
     records = table.records
     if not records:
         return ["no run yet"]
@@ -89,7 +89,7 @@ def _ranges(table: SweepTable) -> list[str]:
 
 
 def as_data(table: SweepTable) -> dict[str, Any]:
-    """How many runs there are and are stable, and the range of each measure, as plain data."""
+    """The numbers of runs and of stable ones, and the range of each measure, as plain data."""
     found = {"points": table.points, "runs": len(table.records)}
     found["stable"] = int(column(table.records, "stable").sum())
     found["failed"] = sum(map(bool, entries(table.records, "reason")))
@@ -133,7 +133,7 @@ def write(table: SweepTable, folder: Path) -> list[Path]:
 
 
 def repeats_the_table(table: SweepTable) -> bool:
-    """Whether a summary would be long and say nothing new: many points, each with one run."""
+    """True if a summary would be long and say nothing new: many points, each with one run."""
     return len(table.records) > MANY and REPEATS not in table.axes
 
 

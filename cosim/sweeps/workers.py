@@ -67,7 +67,9 @@ def _counted(client: Any) -> Callable[[], int]:
 
 
 def _lost(error: BaseException) -> str:
-    """Why a worker of a cluster gave no result. Raises RunError where the cluster is gone."""
+    """The reason why a worker of a cluster gave no result. Raises RunError where the cluster is
+    gone.
+    """
     if type(error).__name__ == "KilledWorker":
         return DIED
     raise RunError(f"the workers of the cluster are gone: {sentence(error)}") from error

@@ -1,4 +1,4 @@
-"""Which inertial parameters an adaptive law adapts: all, an independent set, or chosen ones.
+"""The inertial parameters that a law adapts: all, an independent set, or chosen ones.
 
 An adaptive law has an entry of Gamma for each of the ten parameters of a link; 0 keeps a parameter
 at its start. Of the columns of the regressor Y(q, dq, z, dz), some are zero and some combinations

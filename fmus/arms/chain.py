@@ -194,7 +194,7 @@ def about_centre(theta: Array) -> Array:
 
 
 def unphysical(theta: Array) -> str | None:
-    """Why no body has the ten parameters `theta` (10,), or None where one has.
+    """The reason why no body has the ten parameters `theta` (10,), or None where one has.
 
     A body has a density that is not negative: its pseudo-inertia [Σ, mc; mc', m] with
     Σ = ½ tr(I) - I is positive semidefinite. For a mass m > 0 this is the triangle inequality of
@@ -262,7 +262,7 @@ def energy(table: Table, q: Array, dq: Array) -> tuple[float, float]:
 
 
 def is_rotation(R: Array) -> bool:
-    """Whether R (3, 3), without a unit, is a rotation, to 1e-6."""
+    """True if R (3, 3), without a unit, is a rotation, to 1e-6."""
     return bool(np.abs(R @ R.T - np.eye(3)).max() <= 1e-6 and np.linalg.det(R) > 0.0)
 
 

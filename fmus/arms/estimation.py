@@ -143,7 +143,7 @@ def _linear(
 
 
 def _hidden(X: Array) -> bool:
-    """Whether the last column of X (k, n, p) is nearly a combination of those before."""
+    """True if the last column of X (k, n, p) is nearly a combination of those before."""
     flat = X.reshape(-1, X.shape[2])
     flat = flat / np.maximum(np.linalg.norm(flat, axis=0), 1e-300)
     rest = flat[:, -1] - flat[:, :-1] @ np.linalg.lstsq(flat[:, :-1], flat[:, -1], rcond=None)[0]

@@ -1,4 +1,4 @@
-"""What a model of a robot offers to scenarios: sizes and parameters from ``options.urdf``.
+"""Options of a model of a robot for scenarios: sizes and parameters from ``options.urdf``.
 
 ```toml
 [components.master]

@@ -51,7 +51,7 @@ class Robot:
 
     @property
     def mass(self) -> float:
-        """What moves, kg."""
+        """The mass that moves, kg."""
         return float(self.table.inertia[:, 0].sum())
 
 
@@ -134,7 +134,7 @@ class _Chain:
                 )
 
     def is_free(self, joint: UrdfJoint) -> bool:
-        """Whether it moves."""
+        """True if it moves."""
         return joint.moves and joint.name not in self.held
 
     def frame(self, joint: UrdfJoint) -> Placement:
@@ -165,7 +165,7 @@ class _Chain:
         return joints
 
     def carried(self, link: str, apart: str) -> Iterator[RigidBody]:
-        """What moves with a link, in its frame; not the child `apart` and what that carries.
+        """Bodies that move with a link, in its frame; not the child `apart` and what that carries.
 
         Raises ScenarioError for a body that cannot be, and for a joint that moves.
         """

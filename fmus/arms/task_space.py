@@ -120,7 +120,7 @@ def scales(x: Values) -> Array:
 
 
 def has(x: Values) -> Array:
-    """Which coordinates (m,) the arm has."""
+    """A mask of the coordinates (m,) that the arm has."""
     return np.asarray(x["lacks"] == 0)
 
 

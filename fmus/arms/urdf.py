@@ -54,7 +54,7 @@ class UrdfJoint:
 
     @property
     def moves(self) -> bool:
-        """Whether it is not fixed."""
+        """True if it is not fixed."""
         return self.type in MOVING
 
 

@@ -1,4 +1,4 @@
-"""From a model to an ``.fmu``: compiled libraries, sources and descriptions in one archive.
+"""The way from a model to an ``.fmu``: compiled libraries, sources and descriptions in one archive.
 
 One library serves FMI 2.0 and 3.0 and Python: it is compiled once and packed twice. The archive
 has the same bytes whenever model, sources and compiler are the same.
@@ -272,7 +272,7 @@ def _token_of(path: Path, changed: int) -> str:
 
 
 def _is_of(path: Path, model: Model) -> bool:
-    """Whether `path` is an FMU built from just this declaration and these sources."""
+    """True if `path` is an FMU built from just this declaration and these sources."""
     return path.is_file() and _token_of(path, path.stat().st_mtime_ns) == token(model)
 
 

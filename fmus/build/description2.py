@@ -101,7 +101,7 @@ def _unknowns(
 
 
 def _related(variable: Variable, entry: int, places: range) -> range:
-    """Of a known's entries, those that entry `entry` of an unknown depends on."""
+    """The entries of a known that entry `entry` of an unknown depends on."""
     if variable.elementwise and len(places) == variable.size:
         return places[entry : entry + 1]
     return places

@@ -29,7 +29,7 @@ def compile_model(model: Model, platforms: Sequence[str] | None = None) -> dict[
 def compile_models(
     models: Sequence[Model], platforms: Sequence[str] | None = None
 ) -> list[dict[str, bytes]]:
-    """Of each model, its shared library for each platform (default: the host's).
+    """The shared libraries of each model for each platform (default: the host's).
 
     Raises FmuError for a missing source, fmus.build.toolchain.ToolchainError from the compiler.
     """
@@ -60,7 +60,7 @@ def _libraries(models: Sequence[Model], platform: str, pool: ThreadPoolExecutor)
 
 
 def _end(jobs: Sequence[Future[Any]]) -> None:
-    """Of what has begun, wait for the end; the rest does not begin any more."""
+    """Wait for the jobs that have begun; the rest does not begin any more."""
     for job in jobs:
         job.cancel()
     wait(jobs)

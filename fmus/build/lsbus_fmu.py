@@ -58,7 +58,7 @@ class SignalOutput:
 
 @dataclass(frozen=True, slots=True)
 class LsBusFmu:
-    """What is written about an FMU with CAN terminals.
+    """The description of an FMU with CAN terminals.
 
     Value references: terminal n has 4 n + 1 to 4 n + 4, in the order of :data:`MEMBERS`; the next
     one is the time, and `outputs` follow. `bus`: it is a Bus Simulation FMU, which sends

@@ -90,7 +90,9 @@ class Reference:
 
 
 class Derived(NamedTuple):
-    """What a scenario can name of a model. Each takes the sizes of the model."""
+    """The functions and the class that a scenario can name of a model. Each takes the sizes of the
+    model.
+    """
 
     fmu: Callable[..., Path]
     kernel: Callable[..., Kernel]

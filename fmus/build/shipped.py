@@ -35,7 +35,7 @@ def shipped(model: Model, version: str) -> Path | None:
 
 
 def index(built: Iterable[tuple[Model, str]]) -> dict[str, object]:
-    """What ``built.json`` says of FMUs that were built now, each a model and a version of FMI."""
+    """The content of ``built.json`` for FMUs built now, each a model and a version of FMI."""
     declarations = {file_name(*each): _declaration(each[0]) for each in built}
     return {"sources": sources_digest(), "declarations": declarations}
 

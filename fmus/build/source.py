@@ -106,7 +106,7 @@ def c_files(model: Model) -> list[str]:
 
 
 def units(model: Model) -> list[dict[str, str]]:
-    """Of each C file its text and those of the headers that it includes, by name, itself first.
+    """The text of each C file and of the headers that it includes, by name, itself first.
 
     Where this is equal for two models, they share the object file.
     """

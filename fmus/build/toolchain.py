@@ -212,7 +212,7 @@ def _position_independent(platform: str) -> list[str]:
 
 
 def _platform_flags(platform: str, name: str) -> list[str]:
-    """What the linker needs for a shared library on each system.
+    """The options of the linker for a shared library on each system.
 
     On Linux a library binds its own calls to itself (several FMUs in one process define the
     same names), and is not said to need libm unless it calls it. On Windows symbols are
@@ -267,7 +267,7 @@ def _own_cache() -> str:
 
 
 def _works(command: str) -> bool:
-    """Whether a compiler found by name builds a library with the C library's headers."""
+    """True if a compiler found by name builds a library with the C library's headers."""
     with tempfile.TemporaryDirectory(prefix="cc-") as scratch:
         source = Path(scratch, "probe.c")
         source.write_text(_PROBE)

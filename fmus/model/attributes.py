@@ -35,7 +35,7 @@ def outputs(model: Model) -> list[Unknown]:
 
 
 def derivatives(model: Model) -> list[Unknown]:
-    """Of an FMU for model exchange, the derivative of every state: it depends on everything."""
+    """The derivative of every state of an FMU for model exchange: it depends on everything."""
     if not model.exchange:
         return []
     rates = {rate: state for state, rate in model.states}
@@ -100,7 +100,7 @@ def attributes(variable: Variable, model: Model) -> dict[str, str]:
 
 
 def has_start(variable: Variable) -> bool:
-    """Whether a variable is given a start value, rather than calculated."""
+    """True if a variable is given a start value, rather than calculated."""
     given = ("structuralParameter", "parameter", "input")
     return variable.settable or variable.causality in given
 

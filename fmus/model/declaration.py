@@ -74,7 +74,7 @@ class Terminal:
 
 @dataclass(frozen=True, slots=True)
 class Model:
-    """What a model is called, what it consists of and how it steps.
+    """The name of a model, its variables and sources, and how it steps.
 
     `identifier` is the FMI modelIdentifier (a C name, the file stem of the FMU); `sources` are C
     files of ``fmus/c`` (or absolute paths) besides the generic FMI layer; the first holds

@@ -67,7 +67,7 @@ def received(inputs: tuple[Port, ...], u: Mapping[str, ArrayLike], t: float = na
 
 
 def initial_input(port: Port) -> Array:
-    """What an input holds when nothing is wired to it, of its shape."""
+    """The value of an input to which nothing is wired, of its shape."""
     return np.reshape(port.default or (0.0,) * port.size, port.shape).astype(np.float64)
 
 

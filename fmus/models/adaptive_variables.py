@@ -34,7 +34,7 @@ def _inputs(n: int) -> tuple[Variable, ...]:
 
 
 def network_inputs(joints: int, n: int, unit: str = _RATE) -> tuple[Variable, ...]:
-    """What an arm of `joints` receives from `n` neighbours: xi_in (n, joints), w (n,), age (n,).
+    """The inputs of an arm of `joints` from `n` neighbours: xi_in (n, joints), w (n,), age (n,).
 
     `unit` is that of xi_in.
     """
@@ -185,7 +185,7 @@ def _size(gravity: bool) -> int:
 
 
 def _unit(gravity: bool) -> str:
-    """Of theta_hat; inertia and gravity have no unit in common."""
+    """The unit of theta_hat; inertia and gravity have no unit in common."""
     return "1" if gravity else "kg.m2"
 
 

@@ -153,7 +153,7 @@ def law(x: Values, t: float, h: float, q: Array, dq: Array, *network: Array) -> 
 
 
 class Wanted(NamedTuple):
-    """What the torque follows: `v`, `a` (n,) velocity and acceleration, rad/s, rad/s2.
+    """The motion that the torque follows: `v`, `a` (n,) velocity and acceleration, rad/s, rad/s2.
 
     `dz`: rate of the state z; `feedback` (n,) of s, N.m, in whose place lambda_c M_hat s stands
     with `lambda_c` > 0; `stale`: whether a neighbour's signal is too old.

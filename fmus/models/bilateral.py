@@ -153,7 +153,7 @@ def _inputs(side: BilateralSide) -> set[str]:
 def links(
     pair: Pair, arms: tuple[str, str], delay: Mapping[str, Any], **options: Any
 ) -> list[dict[str, Any]]:
-    """What the controllers exchange, as links of a scenario: one channel each way.
+    """The links of a scenario between the controllers: one channel each way.
 
     `delay` and `options` (semantics, playout, loss) are those of every link; see
     :mod:`cosim.scenario.spec`.

@@ -1,4 +1,4 @@
-"""What the plants of arms share: their ports, and the operator's grip and the wall inside them.
+"""The common part of the plants of arms: ports, the operator's grip and the wall inside them.
 
 Of n joints, with the names of the variables that :func:`plant` declares::
 

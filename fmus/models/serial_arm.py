@@ -1,4 +1,4 @@
-"""What adaptive laws of a serial arm share: variables of the estimate, and the torque of the arm.
+"""The common part of adaptive laws of a serial arm: variables of the estimate, and the torque.
 
 theta_hat has the ten inertial parameters of each link, in the order of ``chain``. A law asks for
 the torque of a motion with the reference velocity z and its derivative dz::

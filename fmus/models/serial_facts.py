@@ -49,7 +49,7 @@ def table_of(values: Values, inertia: Sequence[float] | None = None) -> Table:
 
 
 def weights(values: Values) -> Vector:
-    """What gravity needs of a table, (k,), all 0 without gravity.
+    """The parameters of gravity in a table, (k,), all 0 without gravity.
 
     m (kg) and m c (kg.m) of each link, and g, m/s2.
     """
@@ -273,7 +273,7 @@ def servo(values: Values) -> Servo:
 
 
 def servo_command(values: Values) -> ServoCommand:
-    """What turns a torque into commands of a servo."""
+    """The component that turns a torque into commands of a servo."""
     return ServoCommand(servo=servo(values))
 
 

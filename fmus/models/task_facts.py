@@ -51,7 +51,7 @@ def arm_tip(values: Values) -> TipContact:
 
 
 def _shaped(values: Values) -> dict[str, Array]:
-    """What ``task_space`` needs of the flat `values`, each of its shape."""
+    """The part of the flat `values` that ``task_space`` needs, each of its shape."""
     scalars, vectors = ("scale", "sigma_0", "length"), ("K", "K_x", "lacks", "tip", "x_0", "q_0")
     x = {**serial_facts.table_of(values).values(), "frame": np.reshape(values["frame"], (-1, 3))}
     x |= {name: np.asarray(values[name][0]) for name in scalars if name in values}

@@ -173,7 +173,7 @@ def _symmetric(diagonal: Array, off: Array) -> Array:
 
 
 def _positive_definite(matrix: Array) -> bool:
-    """Whether a symmetric matrix, (p, p), has a Cholesky factor with a positive diagonal."""
+    """True if a symmetric matrix, (p, p), has a Cholesky factor with a positive diagonal."""
     try:
         np.linalg.cholesky(matrix)
     except np.linalg.LinAlgError:

@@ -28,7 +28,7 @@ class Expected:
     text: str
 
     def holds(self, value: float) -> bool:
-        """Whether a measured value lies in the band; what is no number does not."""
+        """True if a measured value lies in the band; what is no number does not."""
         return self.low <= value <= self.high
 
 
@@ -44,7 +44,7 @@ def relative(value: float, share: float) -> Expected:
 
 
 def within(low: float, high: float) -> Expected:
-    """From `low` to `high`, ends included, in the unit of the claim."""
+    """The range from `low` to `high`, ends included, in the unit of the claim."""
     return Expected(low, high, f"{low:g} to {high:g}")
 
 
@@ -86,7 +86,7 @@ class Claim:
     stops: bool = False
 
     def as_data(self) -> dict[str, Any]:
-        """What is expected, as ``claims.json`` holds it; what is not finite is text or null."""
+        """The expected value as ``claims.json`` holds it; what is not finite is text or null."""
         return {
             "name": self.name, "about": list(self.about), "text": self.text, "unit": self.unit,
             "expected": self.expected.text, "low": _finite(self.expected.low),
@@ -105,11 +105,11 @@ class ClaimVerdict:
 
     @property
     def passed(self) -> bool:
-        """Whether what was measured lies in the expected band."""
+        """True if what was measured lies in the expected band."""
         return self.claim.expected.holds(self.measured)
 
     def as_data(self) -> dict[str, Any]:
-        """As ``claims.json`` holds it."""
+        """The claim as ``claims.json`` holds it."""
         measured = _finite(self.measured)
         return {
             **self.claim.as_data(), "measured": measured, "passed": self.passed, "note": self.note,
@@ -132,7 +132,7 @@ def judge(claim: Claim, found: Mapping[str, Run | Stop]) -> ClaimVerdict:
 
 
 def stopped(found: Run | Stop) -> float:
-    """When a case stopped, s; inf if it ran to its end."""
+    """The time at which a case stopped, s; inf if it ran to its end."""
     return found.time if isinstance(found, Stop) else inf
 
 

@@ -62,7 +62,7 @@ def cases(seed: int) -> dict[str, Document]:
 
 @dataclass(frozen=True, slots=True)
 class ClaimSelection:
-    """What is to be reproduced: claims by section, figures, whether the graphs are drawn."""
+    """The selection to be reproduced: claims by section, figures, whether the graphs are drawn."""
 
     sections: Mapping[str, tuple[Claim, ...]]
     figures: tuple[PaperFigure, ...]
@@ -81,7 +81,8 @@ class ClaimSelection:
 
 
 def select(wanted: Sequence[str] = ()) -> ClaimSelection:
-    """What is about `wanted`: ``6`` is ``fig6``; ``thm2``, ``o5``, ``robust``, or a claim's name.
+    """The claims and figures about `wanted`: ``6`` is ``fig6``; ``thm2``, ``o5``, ``robust``, or a
+    claim's name.
 
     All claims if `wanted` is empty. Raises ScenarioError for a topic without claims.
     """
@@ -100,7 +101,7 @@ def select(wanted: Sequence[str] = ()) -> ClaimSelection:
 
 
 def topics() -> set[str]:
-    """What there are claims or figures about."""
+    """The topics of claims or figures."""
     about = {topic for claims in SECTIONS.values() for c in claims for topic in c.about}
     return about | {f"fig{figure.number}" for figure in FIGURES} | GRAPHS
 

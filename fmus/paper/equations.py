@@ -89,7 +89,7 @@ def _arm(r: Run) -> dict[str, Array]:
 
 
 def _reference(r: Run) -> float:
-    """How far s is from dq - z, and a step of z from eq. (29), at worst, rad/s."""
+    """Largest error of s against dq - z, and of a step of z against eq. (29), rad/s."""
     x, h = _arm(r), float(r.t[1])
     rate = -ALPHA * x["dq"] + LAMBDA_M * x["s"]
     late = x["z"][1:] - x["z"][:-1] - h * rate[:-1]
@@ -97,7 +97,7 @@ def _reference(r: Run) -> float:
 
 
 def _torque(feedback: ArrayLike) -> Any:
-    """How far tau is from -K s + Y theta_hat at worst, of every 7th sample, N.m."""
+    """Largest error of tau against -K s + Y theta_hat, in every 7th sample, N.m."""
 
     def off(r: Run) -> float:
         x, worst = _arm(r), 0.0
@@ -112,7 +112,7 @@ def _torque(feedback: ArrayLike) -> Any:
 
 
 def _adaptation(gain: ArrayLike) -> Any:
-    """How far a step of theta_hat is from -h Gamma Yᵀ s at worst, of every 7th, kg.m2."""
+    """Largest error of a step of theta_hat against -h Gamma Yᵀ s, in every 7th, kg.m2."""
 
     def off(r: Run) -> float:
         x, h, worst = _arm(r), float(r.t[1]), 0.0
@@ -127,7 +127,7 @@ def _adaptation(gain: ArrayLike) -> Any:
 
 
 def _pair(r: Run) -> float:
-    """How far a step of z of either arm is from eqs (80), (81) with xi as it was T before."""
+    """Error of a step of z of either arm against eqs (80), (81), with xi as it was T before."""
     late, worst = round(LATE / PERIOD), 0.0
     for own, other in (("master", "slave"), ("slave", "master")):
         (q, dq), (s, z) = _rows(r, own, "q", "dq"), _rows(r, f"{own}_control", "s", "z")
@@ -139,7 +139,7 @@ def _pair(r: Run) -> float:
 
 
 def _ring(r: Run) -> float:
-    """How far a step of z_1 and z_3 is from eq. (42): 1 hears 6, 3 hears 2, each in turn."""
+    """Error of a step of z_1 and z_3 against eq. (42): 1 hears 6, 3 hears 2, each in turn."""
     worst = 0.0
     for i, j, graph in ((1, 6, 2), (3, 2, 1)):
         (dq,), (s, z) = _rows(r, f"robot{i}", "dq"), _rows(r, f"control{i}", "s", "z")
@@ -156,13 +156,13 @@ def _xi(r: Run, arm: str, alpha: float) -> Array:
 
 
 def _sent(r: Run) -> float:
-    """How far xi is from (47) at worst, of both arms, rad/s."""
+    """Largest error of xi against (47), of both arms, rad/s."""
     sides = ("master", "slave")
     return max(m.largest_error(_rows(r, f"{x}_control", "xi")[0], _xi(r, x, 0.5)) for x in sides)
 
 
 def _work(r: Run) -> float:
-    """How far the kinetic energy is from that at the start and the work of tau, at worst, J."""
+    """Largest error of the kinetic energy against that at the start and the work of tau, J."""
     q, dq = r.array("robot.q"), r.array("robot.dq")
     kinetic = [
         0.5 * v @ inertia_and_coriolis(THETA, x, v)[0] @ v for x, v in zip(q, dq, strict=True)

@@ -241,7 +241,7 @@ def network(
 
 
 def neighbours(graphs: str) -> dict[int, tuple[int, ...]]:
-    """From whom each robot of a preset receives, in any of its graphs."""
+    """The neighbours from which each robot of a preset receives, in any of its graphs."""
     edges = union(PRESETS[graphs]).edges
     return {i: tuple(j for k, j in edges if k == i) for i in range(1, len(STARTS) + 1)}
 

@@ -95,7 +95,7 @@ def _flow(r: Run, power: Any) -> m.Array:
 
 
 def _balance(r: Run) -> float:
-    """How far V is from V(0) - ∫sᵀKs + ∫sᵀτ_h at worst, as a share of ∫sᵀKs at the end."""
+    """Largest error of V against V(0) - ∫sᵀKs + ∫sᵀτ_h, as a share of ∫sᵀKs at the end."""
     V, fed = _stored(r), _flow(r, lambda s, tau: s @ tau)
     lost = _flow(r, lambda s, tau: s @ np.diag(K) @ s)
     return float(np.abs(V - V[0] + lost - fed).max() / lost[-1])
@@ -151,7 +151,7 @@ def _cascade(rate: float) -> Claim:
 
 
 def _integrated(r: Run) -> float:
-    """How far dq is from -α(q - ψ_0) + λ_M∫s + s at worst, rad/s."""
+    """Largest error of dq against -α(q - ψ_0) + λ_M∫s + s, rad/s."""
     q, dq, s, z = (r.array(x) for x in ("robot.q", "robot.dq", "control.s", "control.z"))
     psi_0 = q[0] + z[0] / ALPHA
     rise = np.stack([m.integral(column, r.t) for column in s.T], axis=1)

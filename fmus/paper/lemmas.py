@@ -152,7 +152,7 @@ _SEC_3 = (
 
 
 def _further(right: Run, wrong: Run) -> float:
-    """How much further the longer pulse takes the mass, m."""
+    """The additional distance by which the longer pulse takes the mass, m."""
     return float(m.final(wrong, "mass.x")[0] - m.final(right, "mass.x")[0])
 
 

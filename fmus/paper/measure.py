@@ -109,7 +109,7 @@ def decay(run: Run, name: str, target: float, start: float, stop: float) -> floa
 
 
 def oscillation_growth(run: Run, name: str, target: ArrayLike) -> float:
-    """How fast an oscillation about `target` grows, 1/s; `target` scalar or (m,).
+    """The growth rate of an oscillation about `target`, 1/s; `target` scalar or (m,).
 
     The logarithm of the ratio of the RMS values of the last and of the third quarter, divided by
     the length of a quarter.

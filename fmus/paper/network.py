@@ -179,7 +179,7 @@ def _spread(t: float) -> Any:
 
 
 def _moving(r: Run) -> float:
-    """How far robot 5 still moves in the last 10 s, rad."""
+    """The distance that robot 5 still moves in the last 10 s, rad."""
     last = r.array("robot5.q")[m.row(r, r.t[-1] - 10.0) :]
     return float(np.ptp(last, axis=0).max())
 

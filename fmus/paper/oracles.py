@@ -226,7 +226,7 @@ def grip_limit(limit: float, K: float, alpha: float, k_p: float) -> float:
 def consensus_without_integral(
     starts: ArrayLike, share: float, q_h: ArrayLike, K: float, alpha: float, k_p: float
 ) -> Array:
-    """Where six robots meet for λ_M = 0 with the operator on one of them, about, rad.
+    """The approximate meeting point of six robots, λ_M = 0, with the operator on one of them, rad.
 
     q = (α q̄(0) + γ (k_p/K) q_h)/(α + γ k_p/K): `share` = γ is the weight of the held robot in
     the agreement (1/6 in a balanced graph, where q̄(0) is the mean of `starts` (6, 2)). The

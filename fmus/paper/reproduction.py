@@ -101,7 +101,7 @@ def run_case(name: str, document: Document, folder: Path, force: bool = False) -
 
 
 def open_case(name: str, folder: Path, stop: Stop | None) -> Run | Stop:
-    """What :func:`run_case` left behind."""
+    """The run, or the stop, that :func:`run_case` left behind."""
     return stop or Run.open(folder / name)
 
 

@@ -53,7 +53,9 @@ def _every(document: Document) -> Document:
 
 
 def _beyond(r: Run) -> float:
-    """How far the largest |tau| of each joint is from its limit, N.m."""
+    """tau| of each joint is from its limit, N.m.|The difference of the largest |tau| of each joint
+    and its limit, N.m.|tau| of each joint is from its limit, N.m.
+    """
     return m.largest_error(np.abs(r.array("control.tau")).max(axis=0), LIMIT)
 
 
@@ -72,7 +74,7 @@ def _limited(r: Run) -> float:
 
 
 def _decayed(r: Run) -> float:
-    """How far dq is from (I - h M⁻¹K)ⁿ dq(0) at worst, as a share of |dq(0)|."""
+    """dq(0)|.|Largest error of dq against (I - h M⁻¹K)ⁿ dq(0), as a share of |dq(0)|.|dq(0)|."""
     M = oracles.inertia(THETA, np.zeros((1, 2)))[0]
     step = np.eye(2) - PERIOD * K * np.linalg.inv(M)
     dq = r.array("robot.dq")
@@ -81,7 +83,7 @@ def _decayed(r: Run) -> float:
 
 
 def _first(r: Run) -> float:
-    """When the slave first moves, s."""
+    """The time at which the slave first moves, s."""
     moving = np.abs(r.array("slave.dq")).max(axis=1) > 0.0
     return float(r.t[int(moving.argmax())]) if moving.any() else inf
 

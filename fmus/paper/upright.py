@@ -80,7 +80,7 @@ def _error(r: Run, arm: str, estimate: str) -> m.Array:
 
 
 def _static(r: Run) -> tuple[m.Array, m.Array]:
-    """How far both equations of Theorem 5 at rest are from holding, N.m, (2,) each."""
+    """Errors of both equations of Theorem 5 at rest, N.m, (2,) each."""
     kappa = oracles.static_stiffness(K, ALPHA, LAMBDA_M, LAMBDA)
     q_1, q_2 = (m.final(r, arm) for arm in ARMS)
     felt, pressed = m.final(r, "master.tau_h"), m.final(r, "slave.tau_e")
@@ -94,7 +94,7 @@ def _at_rest(which: int) -> Any:
 
 
 def _reflected(r: Run) -> float:
-    """How far τ_1* - τ_2* is from -[ĝ_1 - g_1] - [ĝ_2 - g_2], N.m."""
+    """Error of τ_1* - τ_2* against -[ĝ_1 - g_1] - [ĝ_2 - g_2], N.m."""
     off = m.final(r, "master.tau_h") - m.final(r, "slave.tau_e")
     known = [_error(r, f"{side}.q", f"{side}_control.theta_hat") for side in ("master", "slave")]
     return m.largest_error(off, -known[0] - known[1])

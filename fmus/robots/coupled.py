@@ -143,7 +143,7 @@ class CoupledJoints:
         return np.array(columns).T
 
     def _slope(self, torque: str, at: str, velocity: float) -> float:
-        """What F tanh(dq / v) is for a sine of dq, by its describing function, N.m.s/rad."""
+        """F tanh(dq / v) for a sine of dq, by its describing function, N.m.s/rad."""
         F, v = float(self.values[torque][0]), float(self.values[at][0])
         return F / v * _tanh_gain(velocity / v)
 

@@ -1,4 +1,4 @@
-"""What the file of a robot contains, as text: the tree of its links, or the joints of an arm."""
+"""The content of a robot's file as text: the tree of its links, or the joints of an arm."""
 
 from __future__ import annotations
 

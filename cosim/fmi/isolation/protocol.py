@@ -18,7 +18,7 @@ from cosim.fmi.library import Instance, Setup
 
 
 class WorkerCalls(Protocol):
-    """What the process does beside the calls of its FMU."""
+    """The calls of the process beside those of its FMU."""
 
     def ready(self) -> None:
         """It runs."""
@@ -37,7 +37,7 @@ class WorkerCalls(Protocol):
 
 
 def is_own(name: str) -> bool:
-    """Whether the process itself executes a call, and not its FMU."""
+    """True if the process itself executes a call, and not its FMU."""
     return name in vars(WorkerCalls)
 
 
@@ -82,7 +82,7 @@ def refusal(text: str) -> bytes:
 
 
 def answered(name: str, message: bytes) -> Any:
-    """What a call returned. Raises FmuError with the text if it failed."""
+    """The result of a call. Raises FmuError with the text if it failed."""
     if message[:1] == b"e":
         raise FmuError(message[1:].decode("utf-8", "replace"))
     return msgspec.msgpack.decode(message[1:], type=_types(name)[1], dec_hook=_path)

@@ -184,7 +184,7 @@ class RemoteInstance:
         return found
 
     def has_ended(self) -> bool:
-        """Whether it ended the simulation in the events of its start."""
+        """True if it ended the simulation in the events of its start."""
         ended: bool = self._call("has_ended")
         return ended
 

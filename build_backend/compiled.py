@@ -1,4 +1,4 @@
-"""What is made of C, in place: ``cosim/_engine.so``, ``cosim/_bus.so``, ``bridge/_bridge.so``,
+"""Files made of C, in place: ``cosim/_engine.so``, ``cosim/_bus.so``, ``bridge/_bridge.so``,
 ``fmus/_built/*.fmu``, and ``enums.py`` and ``structs.py`` of the packages that call the libraries.
 
 ``python build_backend/compiled.py`` makes them for work from a checkout; installing does the
@@ -106,7 +106,7 @@ def _fingerprint(files: Iterable[Path]) -> str:
 
 
 def _current(stamp: Path, made_from: str) -> bool:
-    """Whether a stamp names these sources, and its files are there as they were written."""
+    """True if a stamp names these sources, and its files are there as they were written."""
     if not stamp.is_file():
         return False
     known = json.loads(stamp.read_text())

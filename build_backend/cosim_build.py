@@ -38,19 +38,19 @@ class PlatformWheel(bdist_wheel):
 
 
 def get_requires_for_build_wheel(config_settings: Settings = None) -> list[str]:
-    """What `build_wheel` needs besides ``build-system.requires``."""
+    """The requirements of `build_wheel` besides ``build-system.requires``."""
     with _outside_the_sources():
         return build_meta.get_requires_for_build_wheel(config_settings) + _compiler()
 
 
 def get_requires_for_build_editable(config_settings: Settings = None) -> list[str]:
-    """What `build_editable` needs besides ``build-system.requires``."""
+    """The requirements of `build_editable` besides ``build-system.requires``."""
     with _outside_the_sources():
         return build_meta.get_requires_for_build_editable(config_settings) + _compiler()
 
 
 def get_requires_for_build_sdist(config_settings: Settings = None) -> list[str]:
-    """What `build_sdist` needs besides ``build-system.requires``: no compiler."""
+    """The requirements of `build_sdist` besides ``build-system.requires``: no compiler."""
     with _outside_the_sources():
         return build_meta.get_requires_for_build_sdist(config_settings)
 

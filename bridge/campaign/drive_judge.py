@@ -35,7 +35,7 @@ from bridge.records.lives import Life, frame_files
 
 Times = NDArray[np.int64]
 Bools = NDArray[np.bool_]
-Log = NDArray[np.void]
+LogRows = NDArray[np.void]
 #: What the judge takes for a state: the drive is enabled, it is not, the frame tells no state.
 State = bool | None
 NS = 1_000_000_000
@@ -195,7 +195,7 @@ def _judged(
     number: int,
     seconds: float,
     reading: Reading,
-    log: Log,
+    log: LogRows,
     faults: Sequence[DriveFault],
     cold: bool,
 ) -> tuple[int, tuple[float, ...], int, tuple[tuple[float, float], ...]]:
@@ -218,23 +218,25 @@ def _judged(
     )
 
 
-def _of(log: Log, identifier: int) -> Bools:
+def _of(log: LogRows, identifier: int) -> Bools:
     found: Bools = log["id"] == identifier
     return found
 
 
-def _data(rows: Log) -> list[bytes]:
+def _data(rows: LogRows) -> list[bytes]:
     return [d.tobytes()[:n] for d, n in zip(rows["data"], rows["length"].tolist(), strict=True)]
 
 
-def _times(log: Log, there: Bools, wanted: Callable[[bytes], bool]) -> Times:
+def _times(log: LogRows, there: Bools, wanted: Callable[[bytes], bool]) -> Times:
     """The times of the wanted frames, ns."""
     rows = log[there]
     chosen = np.array([wanted(d) for d in _data(rows)], bool)
     return np.asarray(rows["t_ns"][chosen], np.int64)
 
 
-def _told(log: Log, sent: Bools, node: int, reading: Reading, cold: bool) -> tuple[Times, Bools]:
+def _told(
+    log: LogRows, sent: Bools, node: int, reading: Reading, cold: bool
+) -> tuple[Times, Bools]:
     """Times (n,), ns, at which the drive's state was known, and a mask (n,): it was enabled.
 
     The first entry is before the log; a request to disable it makes its state known, too.

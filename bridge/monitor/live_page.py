@@ -65,8 +65,7 @@ class LivePage:
         return page_text(title, folder, badge, "", self._data, status)
 
     def news(self, now_ns: int, after: float | None = None) -> dict[str, Any]:
-        """The values that a page needs now. `now_ns`: monotonic; `after`: the newest time it has,
-        s.
+        """The values a page needs now. `now_ns`: monotonic; `after`: the newest time it has, s.
 
         None: it has nothing, and gets the last BACKLOG s. Numbers that are not finite are None.
         """

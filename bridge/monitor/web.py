@@ -67,7 +67,9 @@ class Broadcast:
                 self._pages.discard(queue)  # it may come again
 
     async def events(self) -> AsyncIterator[str]:
-        """What a new page receives, as server-sent events: the last seconds, then what is new."""
+        """The data that a new page receives, as server-sent events: the last seconds, then what is
+        new.
+        """
         queue: asyncio.Queue[str] = asyncio.Queue(BEHIND)
         first = self._page.news(monotonic_ns())
         yield f"data: {json.dumps(first, allow_nan=False)}\n\n"

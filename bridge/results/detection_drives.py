@@ -102,7 +102,7 @@ def _own_places(fault: DriveFault, t1: float, shown: FinishedRun) -> Iterator[Pl
 
 
 def _is_own(system: System, node: str) -> bool:
-    """Whether a node emulates a drive of our own protocol."""
+    """True if a node emulates a drive of our own protocol."""
     d = system.deployment
     port = d.nodes[node].drive.port if d.nodes[node].drive else None  # type: ignore[union-attr]
     taken = [i.message for i in system.nodes[node].inlets if i.target.port == port]
@@ -134,7 +134,7 @@ class _Host:
     joint_t: Times
 
     def signs(self, fault: DriveFault, t1: float) -> Iterator[Sign]:
-        """What shows the fault, which is over at `t1` (s)."""
+        """The signs of the fault, which is over at `t1` (s)."""
         told = self._told(fault)
         if told:
             yield Sign(what="told", life=self.life, number=told["t"], said=told_words(told))
@@ -159,7 +159,7 @@ class _Host:
         return None
 
     def acts(self, fault: DriveFault, t1: float) -> bool:
-        """Whether the fault can have had an effect that this life had to notice."""
+        """True if the fault can have had an effect that this life had to notice."""
         if not len(self.slots) or self.slots[-1] + self.h < fault.t or self._lost(fault.t):
             return False
         if fault.fault is VendorFault.OLD:
@@ -171,7 +171,7 @@ class _Host:
         return self._wants(fault.t, t1)
 
     def _enables(self, t0: float, t1: float) -> bool:
-        """Whether a bring-up began and came to its end in this time."""
+        """True if a bring-up began and came to its end in this time."""
         began = [c["t"] for c in self._begun(t0, t1)]
         ended = [c["t"] for c in self.changes if c["phase"] in ("serving", "failed")]
         return bool(began) and any(began[0] < t <= t1 for t in ended)
@@ -182,12 +182,12 @@ class _Host:
         return [c for c in begun if t0 <= c["t"] <= t1]
 
     def _lost(self, t: float) -> bool:
-        """Whether the node had given the drive up before."""
+        """True if the node had given the drive up before."""
         before = [c for c in self.changes if c["t"] < t]
         return bool(before) and before[-1]["phase"] == "failed"
 
     def _wants(self, t0: float, t1: float) -> bool:
-        """Whether the node gave it torque or brought it up in this time."""
+        """True if the node gave it torque or brought it up in this time."""
         return bool(self.wanted[(self.slots > t0 - self.h) & (self.slots <= t1)].any())
 
     def _gap(self, t0: float, t1: float) -> float:
@@ -208,12 +208,12 @@ class _Host:
         return longest if longest >= LONGER * float(np.median(usual)) else 0.0
 
     def _still(self, t0: float, t1: float) -> bool:
-        """Whether the same was told in all frames of this time but the first."""
+        """True if the same was told in all frames of this time but the first."""
         said = {d for t, d in zip(self.position, self.data, strict=True) if t0 < t <= t1}
         return 0 < len(said) <= 2
 
     def _moves(self, t0: float, t1: float) -> bool:
-        """Whether the joint moved in this time; of a real one nobody knows."""
+        """True if the joint moved in this time; of a real one nobody knows."""
         there = self.joint[(self.joint_t >= t0) & (self.joint_t <= t1)]
         return bool(len(there)) and float(np.ptp(there)) > MOVED
 
@@ -225,7 +225,7 @@ class _Host:
 
 
 def _host(shown: FinishedRun, life: Life, drive: Foreign, bit: int) -> _Host | None:
-    """What a life had of a drive; None: it has not reported."""
+    """The part of a life's report on a drive; None: it has not reported."""
     said, log = shown.statement(life), frame_files(shown.nodes, drive.bus).get(life)
     if said is None or log is None:
         return None
@@ -261,13 +261,13 @@ def _told_by(shown: FinishedRun, drive: Foreign) -> Carried | None:
 
 
 def _is_state(drive: Foreign, row: np.void) -> bool:
-    """Whether a frame is no answer of a register, which has the same identifier."""
+    """True if a frame is no answer of a register, which has the same identifier."""
     state = drive.profile.status.at(int.from_bytes(row["data"][:8].tobytes(), "little"))
     return state is None or state.kind != "other"
 
 
 def _joint(shown: FinishedRun, told: Carried | None) -> tuple[Times, Times]:
-    """Where (n,) the joint of a message was by the rows of its sender, rad, and when (n,), s."""
+    """Positions (n,), rad, of a message's joint by the rows of its sender, and times (n,), s."""
     lives = shown.lives(told.node) if told else []
     if told is None or not lives:
         return np.zeros(0), np.zeros(0)
@@ -290,5 +290,5 @@ def _payloads(frames: Rows) -> list[bytes]:
 
 
 def told_words(change: Mapping[str, Any]) -> str:
-    """What a node was told by a drive, or missed of it, in words."""
+    """The state that a drive told a node, or that it missed, in words."""
     return _MISSED.get(change["failure"], "") or str(change["told"] or "nothing")

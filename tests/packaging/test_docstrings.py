@@ -226,3 +226,36 @@ def test_a_law_gives_its_source(file: str) -> None:
 )
 def test_a_source_is_a_paragraph_that_names_one(text: str, given: bool) -> None:
     assert bool(SOURCE.search(text)) == given
+
+
+#: Words with which a docstring begins that is no sentence and no noun phrase.
+FRAGMENT = {
+    *("What", "Whether", "How", "Of", "Those", "As", "Where", "Which", "From", "Why", "When"),
+}
+
+
+def fragments(tree: ast.Module) -> Iterator[str]:
+    """The docstrings of a module, its classes and functions that begin as a fragment."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Module | ast.ClassDef | Function):
+            words = (ast.get_docstring(node) or "").split()
+            if words and words[0].strip(".,:;") in FRAGMENT:
+                yield " ".join(words)[:60]
+
+
+@pytest.mark.parametrize("package", ["cosim", "bridge", "fmus", "build_backend"])
+def test_docstrings_are_sentences_or_noun_phrases(package: str) -> None:
+    found = {
+        f"{path.relative_to(ROOT)}: {text}"
+        for path in sorted((ROOT / package).rglob("*.py"))
+        for text in fragments(ast.parse(path.read_text(encoding="utf-8")))
+    }
+    assert found == set()
+
+
+@pytest.mark.parametrize(
+    ("text", "found"),
+    [('"""Of a command."""', 1), ('def f():\n "What is drawn."', 1), ('"""True if drawn."""', 0)],
+)
+def test_a_fragment_is_told_from_a_sentence(text: str, found: int) -> None:
+    assert len(list(fragments(ast.parse(text)))) == found

@@ -18,7 +18,7 @@ from bridge.can.load import log_bits, log_times, measured_load  # noqa: E402
 from bridge.native import load as native  # noqa: E402
 from bridge.native.frame import Frame  # noqa: E402
 from bridge.native.library import library  # noqa: E402
-from cosim.bus.structs import FrameBitsStruct  # noqa: E402
+from cosim.bus.structs import BitsStruct  # noqa: E402
 from cosim.bus.timing import BusTiming, FrameFormat, frame_bits  # noqa: E402
 
 LOG = 1_000_000
@@ -35,7 +35,7 @@ def frames(length: int, flags: int) -> list[str]:
     kind = FrameFormat(fd=bool(flags), brs=bool(flags))
     data = [random.bytes(length) for _ in range(1000)]
     structs = (Frame * 1000)(*(Frame.of(0x123, d, flags) for d in data))
-    refs, bits = [ctypes.byref(s) for s in structs], FrameBitsStruct()
+    refs, bits = [ctypes.byref(s) for s in structs], BitsStruct()
     native.frame_bits_exact(structs[0])
     exact, out = library().frame_bits_exact, ctypes.byref(bits)
     python = best_of(lambda: [frame_bits(0x123, d, kind) for d in data], 5) / 1000

@@ -66,6 +66,7 @@ LIBRARIES = (
         "cosim.native", "cosim/c",
         ("engine.h", "fmu_log.h", "mailbox.h", "mujoco.h", "start.h", "tables.h"),
     ),
+    Library("cosim.bus", "cosim/c/bus", ("bus.h", "length.h", "tick.h")),
     Library(
         "bridge.native", "bridge/c",
         plain=frozenset({

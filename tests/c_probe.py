@@ -16,8 +16,6 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-import numpy as np
-
 from fmus.build.toolchain import compiler
 
 #: Scalars of C by what ctypes calls them; what is none of these is a pointer.
@@ -32,20 +30,6 @@ KIND = '#define KIND(x) _Generic((x), {}, default: "other")\n'.format(
 )
 
 
-def structs_in(*modules: ModuleType) -> dict[str, type[c.Structure]]:
-    """The ctypes structs that modules define, by the C name that their docstring says."""
-    found: dict[str, type[c.Structure]] = {}
-    for module in modules:
-        for value in vars(module).values():
-            mine = inspect.isclass(value) and value.__module__ == module.__name__
-            if mine and issubclass(value, c.Structure):
-                said = re.search(r"`(\w+_t)`", value.__doc__ or "")
-                assert said, f"{module.__name__}.{value.__name__}: which struct of C is it?"
-                assert said[1] not in found, f"{said[1]} has two mirrors"
-                found[said[1]] = value
-    return found
-
-
 def enums_in(*modules: ModuleType) -> dict[type[enum.IntEnum], str]:
     """The IntEnums and IntFlags that modules define, and the prefix that their docstring says."""
     found = {}
@@ -57,17 +41,6 @@ def enums_in(*modules: ModuleType) -> dict[type[enum.IntEnum], str]:
                 assert said, f"{module.__name__}.{value.__name__}: which names of C are these?"
                 found[value] = said[1]
     return found
-
-
-def names_beside(name: str, headers: list[Path]) -> set[str]:
-    """All names of the ``enum { ... }`` in which a name is declared."""
-    for header in headers:
-        text = re.sub(r"/\*.*?\*/", "", header.read_text(encoding="utf-8"), flags=re.S)
-        for body in re.findall(r"enum\s*\{(.*?)\}", text, flags=re.S):
-            names = {part.split("=")[0].strip() for part in body.split(",") if part.strip()}
-            if name in names:
-                return names
-    raise AssertionError(f"no header declares {name}")
 
 
 def probe(
@@ -147,16 +120,4 @@ def differences(struct: type[c.Structure], said: dict[str, Any]) -> list[str]:
         end = offset + size
     if c.sizeof(struct) != said[""]:
         found.append(f"{c.sizeof(struct)} bytes, C has {said['']}")
-    return found
-
-
-def row_differences(row: np.dtype[Any], said: dict[str, Any]) -> list[str]:
-    """Fields of a NumPy row that lie elsewhere in the C struct."""
-    found, kinds = [], {"<i4": "int32_t", "<u4": "uint32_t", "<i8": "int64_t", "<f8": "double"}
-    for name, (offset, size, kind) in ((n, v) for n, v in said.items() if n):
-        dtype, at = row.fields[name][:2]  # type: ignore[index]
-        if (at, dtype.itemsize) != (offset, size):
-            found.append(f"{name}: {dtype.itemsize} bytes at {at}, C has {size} at {offset}")
-        if kinds.get(dtype.str, kind) != kind:
-            found.append(f"{name}: {dtype.str}, C has {kind}")
     return found

@@ -6,13 +6,13 @@ import ctypes as c
 
 from bridge.native.library import library
 from bridge.native.structs import Frame
-from cosim.bus.structs import FrameBitsStruct
+from cosim.bus.structs import BitsStruct
 from cosim.bus.timing import BusTiming
 
 
 def frame_bits_exact(frame: Frame) -> tuple[int, int]:
     """Bit times (nominal, data) from start of frame to intermission; (0, 0): no CAN frame."""
-    bits = FrameBitsStruct()
+    bits = BitsStruct()
     library().frame_bits_exact(c.byref(frame), c.byref(bits))
     return bits.nominal, bits.data
 

@@ -20,8 +20,9 @@ from bridge.native.frame import RingStruct
 from bridge.native.network import NetworkStruct, RouteStruct
 from cosim.bus.frames import EVENT, FRAME, BusEvent
 from cosim.bus.settings import BusNodeSettings
+from cosim.bus.shared import library
 from cosim.bus.simulation import SimulatedBus
-from cosim.bus.structs import OutputStruct, library
+from cosim.bus.structs import BusOutputStruct
 
 #: Events and frames that the bus gives at a time.
 ROOM = 256
@@ -88,7 +89,7 @@ class Networks:
             record=RECORDED,
         )
         events, frames = np.empty(ROOM, EVENT), np.empty(ROOM, FRAME)
-        output = OutputStruct(events.ctypes.data, frames.ctypes.data, ROOM, ROOM)
+        output = BusOutputStruct(events.ctypes.data, frames.ctypes.data, ROOM, ROOM)
         network.bus, network.output, network.room = bus.address, c.addressof(output), ROOM
         for field in ("request", "advance", "next"):
             setattr(network, field, c.cast(getattr(library(), f"bus_{field}"), c.c_void_p).value)

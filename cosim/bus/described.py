@@ -17,12 +17,12 @@ from cosim.bus.settings import (
     ScriptedError,
 )
 from cosim.bus.structs import (
-    FilterStruct,
-    InterruptionStruct,
-    NodeSettingsStruct,
-    RateStruct,
-    ScriptStruct,
-    SettingsStruct,
+    BusFilterStruct,
+    BusInterruptionStruct,
+    BusNodeSettingsStruct,
+    BusRateStruct,
+    BusScriptStruct,
+    BusSettingsStruct,
 )
 from cosim.bus.timing import BusTiming
 
@@ -56,15 +56,15 @@ class DescribedBus:
         self._arrays = {
             "nodes": _nodes(nodes),
             "filters": _filters(nodes),
-            "scripts": _array(ScriptStruct, map(_script, _of(ScriptedError, disturbances))),
+            "scripts": _array(BusScriptStruct, map(_script, _of(ScriptedError, disturbances))),
             "interruptions": _array(
-                InterruptionStruct, map(_interruption, _by_start(disturbances))
+                BusInterruptionStruct, map(_interruption, _by_start(disturbances))
             ),
-            "rates": _array(RateStruct, map(_rate, _of(ErrorRate, disturbances))),
+            "rates": _array(BusRateStruct, map(_rate, _of(ErrorRate, disturbances))),
         }
         counts = {f"n_{name}": len(array) for name, array in self._arrays.items()}
         places = {name: c.addressof(array) for name, array in self._arrays.items()}
-        self.struct = SettingsStruct(
+        self.struct = BusSettingsStruct(
             bit=bit_ps(timing.bitrate),
             data_bit=bit_ps(timing.data_bitrate or timing.bitrate),
             seed=seed & (1 << 64) - 1,
@@ -91,7 +91,7 @@ def _nodes(nodes: Sequence[BusNodeSettings]) -> Any:
     rows, first = [], 0
     for node in nodes:
         rows.append(
-            NodeSettingsStruct(
+            BusNodeSettingsStruct(
                 queue=node.queue,
                 queue_length=node.queue_length,
                 receive_length=node.receive_length,
@@ -108,14 +108,14 @@ def _nodes(nodes: Sequence[BusNodeSettings]) -> Any:
             )
         )
         first += len(node.filters)
-    return _array(NodeSettingsStruct, rows)
+    return _array(BusNodeSettingsStruct, rows)
 
 
 def _filters(nodes: Sequence[BusNodeSettings]) -> Any:
     return _array(
-        FilterStruct,
+        BusFilterStruct,
         (
-            FilterStruct(
+            BusFilterStruct(
                 id=f.identifier,
                 mask=f.mask,
                 flags=16 * bool(f.extended),
@@ -131,8 +131,8 @@ def _node(node: int | None) -> int:
     return -1 if node is None else node
 
 
-def _script(s: ScriptedError) -> ScriptStruct:
-    return ScriptStruct(
+def _script(s: ScriptedError) -> BusScriptStruct:
+    return BusScriptStruct(
         id=s.identifier,
         extended=s.extended,
         attempt=s.attempt,
@@ -143,13 +143,13 @@ def _script(s: ScriptedError) -> ScriptStruct:
     )
 
 
-def _interruption(x: Interruption) -> InterruptionStruct:
+def _interruption(x: Interruption) -> BusInterruptionStruct:
     place = {"from": x.start_ps, "to": x.end_ps}
-    return InterruptionStruct(node=_node(x.node), level=x.level, **place)
+    return BusInterruptionStruct(node=_node(x.node), level=x.level, **place)
 
 
-def _rate(r: ErrorRate) -> RateStruct:
-    return RateStruct(rate=r.rate, length=r.length, node=_node(r.node))
+def _rate(r: ErrorRate) -> BusRateStruct:
+    return BusRateStruct(rate=r.rate, length=r.length, node=_node(r.node))
 
 
 def _check(d: Disturbance, nodes: int) -> None:

@@ -33,12 +33,8 @@ from cosim.bus.frames import (
     frame_of,
 )
 from cosim.bus.settings import BusNodeSettings, Disturbance
-from cosim.bus.structs import (
-    FrameBitsStruct,
-    NodeStateStruct,
-    OutputStruct,
-    library,
-)
+from cosim.bus.shared import library
+from cosim.bus.structs import BitsStruct, BusNodeStateStruct, BusOutputStruct
 from cosim.bus.timing import BusTiming
 
 _EVENT = struct.Struct("<qqihhhhBBBB")
@@ -50,7 +46,7 @@ _NO_FRAMES = np.empty(0, FRAME)
 
 def bits_on_bus(frame: BusFrame) -> tuple[int, int]:
     """Bits at the nominal and at the data bit rate, as ``cosim.bus.timing.frame_bits``; by C."""
-    found = FrameBitsStruct()
+    found = BitsStruct()
     row = _FRAME.pack(frame.identifier, frame.flags, frame.length, 0, frame.data)
     library().bus_frame_bits(row, c.byref(found))
     return found.nominal, found.data
@@ -212,7 +208,7 @@ class SimulatedBus:
     def _make_room(self, rows: int) -> None:
         self._room = np.empty(rows, EVENT), np.empty(rows, FRAME)
         events, frames = (room.ctypes.data for room in self._room)
-        self._output = OutputStruct(events, frames, rows, rows)
+        self._output = BusOutputStruct(events, frames, rows, rows)
         self._bytes = tuple(room.view(np.uint8).data for room in self._room)
 
     def next_event(self, until_ps: int, kinds: Sequence[BusEvent] = tuple(BusEvent)) -> int:
@@ -256,7 +252,7 @@ class SimulatedBus:
 
     def state(self, node: int) -> BusNodeState:
         """Error counters, state and queue of a node at `now_ps`."""
-        found = NodeStateStruct()
+        found = BusNodeStateStruct()
         self._c.bus_state(self._bus, self._node(node), c.byref(found))
         return BusNodeState(found.tec, found.rec, ControllerState(found.state), found.pending)
 

@@ -18,14 +18,14 @@ from numpy.typing import NDArray
 from cosim.base.errors import ScenarioError
 from cosim.bus.frames import EVENT, FRAME, REQUEST, BusEvent
 from cosim.bus.settings import FrameEncoding
+from cosim.bus.shared import tick_gates
 from cosim.bus.simulation import SimulatedBus
 from cosim.bus.structs import (
-    OutputStruct,
+    BusOutputStruct,
     TickBusStruct,
     TickFrameStruct,
     TickGateStruct,
     TickReceiverStruct,
-    tick_gates,
 )
 from cosim.scenario.bus_frames import PS, FrameOnBus
 from cosim.scenario.buses import listening, prepared_bus
@@ -119,7 +119,7 @@ class RunningBusInTicks:
             owners=bus.owners.ctypes.data,
             frame_of=numbers[0].ctypes.data,
             sample_of=numbers[1].ctypes.data,
-            output=OutputStruct(room[0].ctypes.data, room[1].ctypes.data, rows, rows),
+            output=BusOutputStruct(room[0].ctypes.data, room[1].ctypes.data, rows, rows),
             step=bus.step_ps,
             n_known=len(bus.known),
             room=total,

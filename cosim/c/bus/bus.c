@@ -1,11 +1,6 @@
 /* bus.c: see bus.h. Memory, requests, and the loop over simulated time. */
 #include "internal.h"
 
-int32_t bus_abi(void)
-{
-    return BUS_ABI;
-}
-
 /* The next `size` bytes, or, without memory, how far they reach. */
 static void *take(char *memory, size_t *used, size_t count, size_t size)
 {

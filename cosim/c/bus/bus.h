@@ -22,8 +22,6 @@
 #define BUS_API __attribute__((visibility("default")))
 #endif
 
-enum { BUS_ABI = 5 };
-
 /* Transmit queues: order of requests; by arbitration, equals by age; as sorted, but a newer frame
  * replaces the pending one of the same identifier. */
 enum { QUEUE_FIFO, QUEUE_SORTED, QUEUE_MAILBOXES };
@@ -139,7 +137,6 @@ typedef struct {
 
 typedef struct bus bus_t;
 
-BUS_API int32_t bus_abi(void);
 /* Bytes of memory that a bus needs. */
 BUS_API size_t bus_size(const bus_settings_t *settings);
 /* Make a bus in `memory`, 16-byte aligned. The settings are copied. */

@@ -7,8 +7,8 @@ import pytest
 
 from cosim.bus.frames import BusEvent, BusFrame
 from cosim.bus.settings import BusNodeSettings, ErrorRate
+from cosim.bus.shared import library
 from cosim.bus.simulation import SimulatedBus
-from cosim.bus.structs import library
 from cosim.bus.timing import BusTiming
 
 NEVER = 2**63 - 1

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from cosim.bus import structs
+from cosim.bus import shared
 from tests.fuzz import sanitized
 from tests.fuzz.targets import ROOT
 
@@ -26,4 +26,4 @@ TESTS = (
 def test_no_access_is_outside_the_memory_given(tmp_path: Path) -> None:
     """Every array of settings is an allocation of its own, and so is the memory of the bus."""
     library = sanitized.compiled(sorted(SOURCES.glob("*.c")), tmp_path)
-    assert not sanitized.failure(library, structs.__name__, TESTS, tmp_path)
+    assert not sanitized.failure(library, shared.__name__, TESTS, tmp_path)

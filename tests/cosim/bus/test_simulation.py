@@ -27,8 +27,9 @@ from cosim.bus.settings import (
     QueueKind,
     ScriptedError,
 )
+from cosim.bus.shared import library
 from cosim.bus.simulation import BusSimulationError, SimulatedBus
-from cosim.bus.structs import FrameBitsStruct, library
+from cosim.bus.structs import BitsStruct
 from cosim.bus.timing import BusTiming, FrameFormat, TimingError, frame_bits
 from tests.cosim.bus.test_timing import frames
 
@@ -117,7 +118,7 @@ def test_an_fd_frame_takes_its_time_computed_as_a_whole_and_bit_by_bit(
 def test_the_length_in_c_is_that_of_python(frame):
     identifier, data, kind, dlc = frame
     row = np.array([BusFrame(identifier, data, kind, dlc if kind.remote else 0).row()])
-    found = FrameBitsStruct()
+    found = BitsStruct()
     library().bus_frame_bits(row.ctypes.data, c.byref(found))
     assert (found.nominal, found.data) == frame_bits(identifier, data, kind, dlc)
 

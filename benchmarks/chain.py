@@ -83,7 +83,7 @@ def least(call: Callable[[int], object], times: int) -> float:
 def compiled(folder: Path) -> ctypes.CDLL:
     """The loops in C."""
     output = folder / f"loops{toolchain.shared_suffix()}"
-    include = Path(toolchain.__file__).parent / "c"
+    include = Path(toolchain.__file__).parents[1] / "c"
     files = [C / "chain.c", include / "trig.c"]
     return ctypes.CDLL(str(toolchain.compile_shared(files, output, include=[include])))
 

@@ -27,7 +27,7 @@ WRONG = [
     ("components.nobody.period=1", "no 'nobody' in components (there are: master, "),
     # keys
     ("components.master.colour=1", "at components.master: no key 'colour'"),
-    ("run.colour=1", "(there are: adaptive, algorithm, order, record, seed, step, stop)"),
+    ("run.colour=1", "(there are: adaptive, algorithm, order, record, seed, start, step, stop)"),
     ("run.record.colour=1", "at run.record: no key 'colour'"),
     ("colour=1", "unknown key 'colour'; expected one of title, run, "),
     ("links.0.colour=1", "at links.0: no key 'colour'"),

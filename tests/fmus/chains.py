@@ -73,7 +73,7 @@ class ChainInC:
 def compile_chain(folder: Path) -> ctypes.CDLL:
     """The functions of the headers as a library in `folder`."""
     (folder / "chain.c").write_text(SOURCE)
-    include = Path(toolchain.__file__).parent / "c"
+    include = Path(toolchain.__file__).parents[1] / "c"
     output = folder / f"chain{toolchain.shared_suffix()}"
     sources = [folder / "chain.c", include / "trig.c", include / "hyperbolic.c"]
     toolchain.compile_shared(sources, output, include=[include])

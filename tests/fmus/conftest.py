@@ -248,7 +248,7 @@ def listener(tmp_path_factory: pytest.TempPathFactory) -> ctypes.CDLL:
     """A logger for FMI 2.0 and 3.0 in C."""
     folder = tmp_path_factory.mktemp("listener")
     (folder / "listener.c").write_text(LISTENER)
-    include = Path(toolchain.__file__).parent / "c"
+    include = Path(toolchain.__file__).parents[1] / "c"
     output = folder / f"listener{toolchain.shared_suffix()}"
     toolchain.compile_shared([folder / "listener.c"], output, include=[include])
     return ctypes.CDLL(str(output))

@@ -37,7 +37,7 @@ FR3_CZ = [0.03545828, -0.19853209, 0.0192215, 0.15623883, 0.0196771, 0.01441545,
 def library(tmp_path_factory: pytest.TempPathFactory) -> ctypes.CDLL:
     folder = tmp_path_factory.mktemp("law")
     (folder / "law.c").write_text(SOURCE)
-    include = Path(toolchain.__file__).parent / "c"
+    include = Path(toolchain.__file__).parents[1] / "c"
     output = folder / f"law{toolchain.shared_suffix()}"
     toolchain.compile_shared([folder / "law.c", include / "trig.c"], output, include=[include])
     return ctypes.CDLL(str(output))

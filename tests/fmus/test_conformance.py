@@ -24,7 +24,7 @@ from fmus.models import planar2r
 
 FMPY = Path(fmpy.__file__).parent
 SCHEMAS, HEADERS = FMPY / "schema" / "fmi3", FMPY / "c-code"
-OURS = Path(toolchain.__file__).parent / "c"
+OURS = Path(toolchain.__file__).parents[1] / "c"
 VERSIONS: tuple[Version, ...] = ("2.0", "3.0")
 BOTH = [
     pytest.param(model, version, id=f"{model.identifier}-{version}")

@@ -23,7 +23,7 @@ from fmus.paper.claims import cases, select
 from fmus.paper.experiments import PERIOD, Document
 from fmus.paper.reproduction import open_case, run_case
 
-CODE = Path(source.__file__).parent / "c"
+CODE = Path(source.__file__).parents[1] / "c"
 
 
 @dataclass(frozen=True)
@@ -108,8 +108,8 @@ def wrong(law: WrongLaw, folder: Path) -> Iterator[None]:
         return
     copy = folder / "fmus" / "c"
     shutil.copytree(CODE, copy)
-    for generator in CODE.parent.glob("*.py"):
-        shutil.copy(generator, copy.parent)
+    for room in ("build", "model"):  # the generator
+        shutil.copytree(CODE.parent / room, copy.parent / room)
     (copy / law.file).write_text(changed(law), encoding="utf-8")
     kept, cache = (source._FOLDER, shipped.FOLDER), os.environ.get("XDG_CACHE_HOME")
     source._FOLDER, os.environ["XDG_CACHE_HOME"] = copy, str(folder / "cache")

@@ -163,7 +163,7 @@ def test_a_life_that_joins_after_the_end_is_a_note(request, tmp_path):
 def test_a_life_that_found_nobody_is_missed_only_where_the_run_was_over(tmp_path, t, note):
     class Fake:
         start = SimpleNamespace(life=Life("slave", 2))
-        code, done, ready, refused, deaf = 2, None, None, [], ()
+        code, done, ready, refused, deaf, drives = 2, None, None, [], (), None
 
         def poll(self):
             pass
@@ -188,7 +188,7 @@ def test_when_a_rehearsal_is_left_all_nodes_are_told_before_any_is_waited_for(
 
     class Fake:
         def __init__(self, start):
-            self.start, self.ready = start, None
+            self.start, self.ready, self.done, self.drives = start, None, None, None
 
         def check(self):
             raise RunError("cannot be configured")

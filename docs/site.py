@@ -43,6 +43,7 @@ GROUPS: Mapping[str, tuple[str, ...]] = {
         "evidence/arms",
         "evidence/speed",
         "evidence/safety",
+        "evidence/drives",
         "evidence/bus-load",
         "evidence/bus-cases",
         "evidence/openarm-reports",

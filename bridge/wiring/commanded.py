@@ -171,7 +171,7 @@ def _reason(drive: Foreign, s: CommandedStruct) -> str:
     """The reason for which a drive gets no torque, as the rest of a sentence about it."""
     failure, status = Failure(s.failure), drive.profile.status
     if failure is Failure.NOT:
-        return f"is not enabled: it tells {_told(drive, s.row, s.word) or 'nothing'}"
+        return f"has not been brought up: it tells {_told(drive, s.row, s.word) or 'nothing'}"
     told = status.describe(int(s.failed_word)) if s.heard else "nothing"
     match failure:
         case Failure.ANSWER:

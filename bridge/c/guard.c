@@ -3,7 +3,7 @@
 
 #include <math.h>
 
-#include "life.h"
+#include "life_cycle.h"
 
 enum { BITS = 7 };
 

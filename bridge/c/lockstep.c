@@ -3,7 +3,7 @@
 
 #include <errno.h>
 
-#include "hear.h"
+#include "dispatch.h"
 #include "mail.h"
 #include "slot.h"
 

@@ -13,7 +13,7 @@
 #include "faults.h"
 #include "gates.h"
 #include "journal.h"
-#include "life.h"
+#include "life_cycle.h"
 #include "pace.h"
 #include "rows.h"
 #include "watchdog.h"

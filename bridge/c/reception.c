@@ -5,7 +5,7 @@
 #include <string.h>
 
 #include "forward.h"
-#include "heard.h"
+#include "sample_journal.h"
 
 /* Nominal time of sending of sample j: slots are kept, so this is when it was sampled. */
 static int64_t sampled(const reception_t *r, int64_t j)

@@ -12,7 +12,7 @@ enum { ROW_BURST = 1 /* a missed slot, done late */, ROW_FAILED = 2 /* a compone
 typedef struct {
     int64_t slot, deadline_ns, woke_ns, received_ns, send_ns, done_ns; /* send: a duration */
     int32_t state;
-    uint32_t commands;      /* of this slot: received, then local; see life.h */
+    uint32_t commands;      /* of this slot: received, then local; see life_cycle.h */
     uint32_t now, reasons;
     uint32_t guard, flags;
     double scale;

@@ -5,7 +5,7 @@
 
 #include "bringup.h"
 #include "emulated.h"
-#include "hear.h"
+#include "dispatch.h"
 #include "run_epoch.h"
 #include "service.h"
 

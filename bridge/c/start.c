@@ -3,9 +3,9 @@
 
 #include "bringup.h"
 #include "emulated.h"
-#include "hear.h"
+#include "dispatch.h"
 #include "outlet.h"
-#include "rest.h"
+#include "idle.h"
 #include "run_epoch.h"
 #include "service.h"
 

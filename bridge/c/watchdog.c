@@ -1,7 +1,7 @@
 /* watchdog.c: watchdogs, and presence of peers; see watchdog.h. */
 #include "watchdog.h"
 
-#include "life.h"
+#include "life_cycle.h"
 
 API void watchdog_feed(watchdog_t *w, int64_t now_ns)
 {

@@ -1,4 +1,4 @@
-"""``network.h`` and ``simulated.h``: the networks between the nodes of a twin."""
+"""``network.h`` and ``simulated_clock.h``: the networks between the nodes of a twin."""
 
 from __future__ import annotations
 

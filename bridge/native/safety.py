@@ -1,4 +1,4 @@
-"""``life.h``, ``guard.h``, ``watchdog.h`` and ``drive.h``."""
+"""``life_cycle.h``, ``guard.h``, ``watchdog.h`` and ``drive.h``."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """Commands to a running node, and the answers that are passed on.
 
-The node itself is C code without the GIL (``bridge/c/live.c``); the threads here run next to it.
+The node itself is C code without the GIL (``bridge/c/wall_clock.c``); threads here run next to it.
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 ``python -m bridge.node.start`` is what a rehearsal starts; ``cosim node`` runs the same alone.
 Commands come as lines of JSON, ``{"command": "start", "start_ns": …}``, events go out the same way.
-What computes and sends is C without the GIL (``bridge/c/live.c``); Python's threads wait.
+What computes and sends is C without the GIL (``bridge/c/wall_clock.c``); Python's threads wait.
 """
 
 from __future__ import annotations

@@ -70,7 +70,7 @@ class Lateness:
     """The report: `late`, `period` between two wake-ups, `parts` of a slot; all in ns.
 
     `once`: `late` without the slots whose deadline had passed when the previous slot began.
-    `missed`: slots that woke a period late or more, counted as in ``bridge/c/live.c``. `bins`:
+    `missed`: slots a period late or more, counted as in ``bridge/c/wall_clock.c``. `bins`:
     (lower edge, ns, count) of the nonempty bins of ``pace.h``, ascending.
     """
 

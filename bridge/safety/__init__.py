@@ -1,5 +1,5 @@
 """Limits of a node: guards, watchdogs and start conditions.
 
 Input: these tables of a deployment. Output: the C structs that enforce them
-(``bridge/c/guard.h``, ``life.h``) and texts for the reasons of a stop.
+(``bridge/c/guard.h``, ``life_cycle.h``) and texts for the reasons of a stop.
 """

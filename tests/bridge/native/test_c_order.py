@@ -21,7 +21,7 @@ FILES = sorted(path.stem for path in FOLDER.glob("*.c") if path.stem not in APAR
 DEFINED = re.compile(r"^(?!static|typedef|enum|#)[A-Za-z][^\n;{}=]*?\b(\w+)\([^;{}]*?\)\n\{", re.M)
 #: The way of a torque: outlet, guard, codec, protection, bus; then receiver, delay line, drive.
 OUT = ("outlet", "guard", "message", "e2e", "crc", "send", "bus", "bus_socket")
-IN = ("hear", "reception", "limit", "receiver", "heard", "delay", "inlet", "drive")
+IN = ("dispatch", "reception", "limit", "receiver", "sample_journal", "delay", "inlet", "drive")
 
 
 def source(name: str) -> str:
@@ -58,7 +58,7 @@ def ordered(graph: Mapping[str, set[str]]) -> list[str]:
 def test_no_file_calls_one_that_calls_it_back() -> None:
     order = ordered(calls())
     assert len(order) == len(FILES) > 35
-    assert order.index("hear") < order.index("slot") < order.index("live")
+    assert order.index("dispatch") < order.index("slot") < order.index("wall_clock")
 
 
 def test_includes_go_one_way() -> None:
@@ -78,8 +78,8 @@ def test_a_file_has_a_header_of_what_it_offers(stem: str) -> None:
     ("above", "below"),
     [
         ("outlet", "guard"), ("outlet", "message"), ("message", "e2e"), ("e2e", "crc"),
-        ("outlet", "send"), ("send", "bus"), ("bus", "bus_socket"), ("hear", "bus"),
-        ("hear", "reception"), ("reception", "message"), ("reception", "limit"),
+        ("outlet", "send"), ("send", "bus"), ("bus", "bus_socket"), ("dispatch", "bus"),
+        ("dispatch", "reception"), ("reception", "message"), ("reception", "limit"),
         ("reception", "receiver"), ("reception", "delay"), ("inlet", "delay"), ("inlet", "drive"),
     ],
 )  # fmt: skip

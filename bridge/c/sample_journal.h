@@ -1,6 +1,6 @@
-/* heard.h: the journal of the samples that a node has accepted. */
-#ifndef BRIDGE_HEARD_H
-#define BRIDGE_HEARD_H
+/* sample_journal.h: the journal of the samples that a node has accepted. */
+#ifndef BRIDGE_SAMPLE_JOURNAL_H
+#define BRIDGE_SAMPLE_JOURNAL_H
 
 #include "node.h"
 

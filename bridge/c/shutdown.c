@@ -1,10 +1,10 @@
-/* end.c: how a node ends on the wall clock, with no torque left on the bus; see end.h. */
-#include "end.h"
+/* shutdown.c: how a node ends on the wall clock, with no torque left on the bus; see shutdown.h. */
+#include "shutdown.h"
 
 #include "bringup.h"
-#include "hear.h"
+#include "dispatch.h"
 #include "outlet.h"
-#include "rest.h"
+#include "idle.h"
 #include "service.h"
 
 /* The message after the last one of the slots done. */

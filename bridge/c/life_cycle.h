@@ -1,9 +1,9 @@
-/* life.h: the life cycle of a node, and the status that travels with every sample.
+/* life_cycle.h: the life cycle of a node, and the status that travels with every sample.
  *
  * Deterministic: its inputs are recorded, so a replay takes the same decisions. Every rule, and how to
  * reset it: docs/safety.md. */
-#ifndef BRIDGE_LIFE_H
-#define BRIDGE_LIFE_H
+#ifndef BRIDGE_LIFE_CYCLE_H
+#define BRIDGE_LIFE_CYCLE_H
 
 #include <stdint.h>
 

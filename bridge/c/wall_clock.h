@@ -1,6 +1,6 @@
-/* live.h: a node on the wall clock. */
-#ifndef BRIDGE_LIVE_H
-#define BRIDGE_LIVE_H
+/* wall_clock.h: a node on the wall clock. */
+#ifndef BRIDGE_WALL_CLOCK_H
+#define BRIDGE_WALL_CLOCK_H
 
 #include "node.h"
 

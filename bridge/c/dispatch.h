@@ -1,6 +1,6 @@
-/* hear.h: reception of frames by a node. */
-#ifndef BRIDGE_HEAR_H
-#define BRIDGE_HEAR_H
+/* dispatch.h: reception of frames by a node. */
+#ifndef BRIDGE_DISPATCH_H
+#define BRIDGE_DISPATCH_H
 
 #include "node.h"
 

@@ -1,6 +1,6 @@
-/* rest.h: sleep of a node. */
-#ifndef BRIDGE_REST_H
-#define BRIDGE_REST_H
+/* idle.h: sleep of a node. */
+#ifndef BRIDGE_IDLE_H
+#define BRIDGE_IDLE_H
 
 #include "node.h"
 

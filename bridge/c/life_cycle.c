@@ -1,5 +1,5 @@
-/* life.c: the life cycle of a node; see life.h. */
-#include "life.h"
+/* life_cycle.c: the life cycle of a node; see life_cycle.h. */
+#include "life_cycle.h"
 
 /* Why a command that needs a quiet node is refused; 0: it is not. */
 static uint32_t not_quiet(const life_t *life, uint32_t now)

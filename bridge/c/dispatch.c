@@ -1,5 +1,5 @@
-/* hear.c: reception of frames, each dispatched to its receiver; see hear.h. */
-#include "hear.h"
+/* dispatch.c: reception of frames, each dispatched to its receiver; see dispatch.h. */
+#include "dispatch.h"
 
 #include <string.h>
 

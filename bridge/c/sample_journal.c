@@ -1,8 +1,8 @@
-/* heard.c: every accepted sample, as it was decoded, in a separate journal; see heard.h.
+/* sample_journal.c: every accepted sample, as it was decoded, in a separate journal; see sample_journal.h.
  *
  * A replay takes its inputs from this journal, for any sender, and so needs no other node.
  */
-#include "heard.h"
+#include "sample_journal.h"
 
 #include <string.h>
 

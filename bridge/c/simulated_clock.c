@@ -1,7 +1,7 @@
-/* simulated.c: slots on the simulated clock: the twin, and a node along a bus log; see simulated.h. */
-#include "simulated.h"
+/* simulated_clock.c: slots on the simulated clock: the twin, and a node along a bus log; see simulated_clock.h. */
+#include "simulated_clock.h"
 
-#include "hear.h"
+#include "dispatch.h"
 #include "slot.h"
 
 typedef struct {

@@ -1,6 +1,6 @@
-/* simulated.h: nodes on the simulated clock. */
-#ifndef BRIDGE_SIMULATED_H
-#define BRIDGE_SIMULATED_H
+/* simulated_clock.h: nodes on the simulated clock. */
+#ifndef BRIDGE_SIMULATED_CLOCK_H
+#define BRIDGE_SIMULATED_CLOCK_H
 
 #include "network.h"
 #include "node.h"

@@ -1,8 +1,8 @@
-/* rest.c: sleep of a node until its next deadline; see rest.h. */
-#include "rest.h"
+/* idle.c: sleep of a node until its next deadline; see idle.h. */
+#include "idle.h"
 
 #include "bus_wait.h"
-#include "hear.h"
+#include "dispatch.h"
 
 /* The deadline, or an earlier time at which a frame is due whose stamp was ahead of this clock (two clocks
  * drift between two comparisons of bus.h). */

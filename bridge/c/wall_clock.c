@@ -1,8 +1,8 @@
-/* live.c: slots on the wall clock; see live.h. */
-#include "live.h"
+/* wall_clock.c: slots on the wall clock; see wall_clock.h. */
+#include "wall_clock.h"
 
-#include "end.h"
-#include "rest.h"
+#include "shutdown.h"
+#include "idle.h"
 #include "slot.h"
 #include "start.h"
 

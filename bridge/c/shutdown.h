@@ -1,6 +1,6 @@
-/* end.h: the ends of a run on the wall clock; all leave zero torque on the bus. */
-#ifndef BRIDGE_END_H
-#define BRIDGE_END_H
+/* shutdown.h: the ends of a run on the wall clock; all leave zero torque on the bus. */
+#ifndef BRIDGE_SHUTDOWN_H
+#define BRIDGE_SHUTDOWN_H
 
 #include "node.h"
 

@@ -29,7 +29,7 @@ import numpy as np
 
 from benchmarks import tables
 from bridge.deployment.system import System, load_system
-from bridge.records.lives import Life
+from bridge.records.node_lives import Life
 from bridge.replay import replay
 
 ROOT = Path(__file__).resolve().parents[1]

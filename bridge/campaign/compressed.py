@@ -17,7 +17,7 @@ from bridge.native.message import E2EProfile, Message
 from bridge.native.safety import LifeState
 from bridge.node.fault_injection import inject
 from bridge.node.run import NodeOptions, node_statement
-from bridge.records.lives import Life
+from bridge.records.node_lives import Life
 from bridge.rehearsal.supervisor import RehearsalRecord
 from bridge.replay import twin
 from bridge.results.outcome import begin, complete

@@ -31,7 +31,7 @@ from bridge.native.frame import Flags
 from bridge.native.journal import Journal
 from bridge.native.safety import LifeState
 from bridge.native.vendor import VendorFault
-from bridge.records.lives import Life, frame_files
+from bridge.records.node_lives import Life, frame_files
 
 Times = NDArray[np.int64]
 Bools = NDArray[np.bool_]

@@ -22,7 +22,7 @@ from bridge.native.bus import Accept
 from bridge.native.journal import Journal
 from bridge.native.message import counter_bits
 from bridge.native.safety import Why
-from bridge.records.lives import Life, lives_of
+from bridge.records.node_lives import Life, lives_of
 from bridge.records.records import LifeEnd
 from bridge.results import undetected as injected
 from bridge.results.rehearsal_outcome import RehearsalOutcome

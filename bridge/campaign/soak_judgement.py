@@ -15,7 +15,7 @@ from bridge.deployment.system import System
 from bridge.faults.script import HOSTILE, FaultScript
 from bridge.native.safety import LifeState
 from bridge.node.handle import NodeHandle
-from bridge.records.lives import Life
+from bridge.records.node_lives import Life
 from bridge.records.records import LifeEnd, Missed, Refused
 from bridge.results.rehearsal_outcome import RehearsalOutcome
 from bridge.results.verdict import OF_TIME, Verdict, Word, of_time

@@ -22,7 +22,7 @@ from cosim.cli.options import Strict
 from cosim.cli.supervise import allow_terminal_input, announce_run_folder
 
 if TYPE_CHECKING:
-    from bridge.records.lives import Life
+    from bridge.records.node_lives import Life
     from bridge.records.records import Statement
     from bridge.wiring.wiring import Rows
 
@@ -83,7 +83,7 @@ def node(
     from bridge.node.drive_enable import disabled_at_the_end, foreign_drives
     from bridge.node.run import NodeOptions, run_node
     from bridge.preflight import deployment
-    from bridge.records.lives import Life
+    from bridge.records.node_lives import Life
     from bridge.results.node_alone import begin_node, complete_node
     from cosim.base.clock import stamp
     from cosim.base.errors import RunError, ScenarioError

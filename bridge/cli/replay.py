@@ -12,7 +12,7 @@ from cosim.cli.options import Json, Verify
 
 if TYPE_CHECKING:
     from bridge.deployment.system import System
-    from bridge.records.lives import Life
+    from bridge.records.node_lives import Life
     from bridge.replay.replay import ReplayReport
     from bridge.wiring.wiring import Rows
 

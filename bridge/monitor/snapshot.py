@@ -23,7 +23,7 @@ from bridge.native.frame import Flags
 from bridge.native.safety import LifeState
 from bridge.realtime.lateness import Spread
 from bridge.recording.live_run import LiveRun
-from bridge.records.lives import Life
+from bridge.records.node_lives import Life
 from bridge.safety.limits import explain, explain_guard
 from cosim.analysis import declared_metrics
 from cosim.analysis.metrics import MetricResult, evaluate

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from bridge.deployment.cut import NodePlan
 from bridge.native.safety import LifeState
 from bridge.recording.live_run import LiveRun
-from bridge.records.lives import Life
+from bridge.records.node_lives import Life
 from bridge.safety.limits import explain
 from bridge.wiring.wiring import INLET_ROW
 

@@ -18,7 +18,7 @@ from bridge.native.frame import DATA, frame_dtype
 from bridge.native.journal import Journal
 from bridge.node.control import Control
 from bridge.node.missing_inputs import missing_before_start
-from bridge.records.lives import Life
+from bridge.records.node_lives import Life
 from bridge.simulated_can.attachment import SimulatedAttachment
 from bridge.wiring.wiring import WiredNode
 

@@ -10,7 +10,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Self
 
-from bridge.records.lives import Life
+from bridge.records.node_lives import Life
 from cosim.base.errors import RunError
 
 

@@ -39,7 +39,7 @@ from bridge.node.simulated import is_simulated, run_simulated
 from bridge.realtime.host_clock import host_clock
 from bridge.realtime.os_grants import Realtime
 from bridge.realtime.requests import enter, warm_up, warm_up_warning
-from bridge.records.lives import Life
+from bridge.records.node_lives import Life
 from bridge.records.records import LifeEnd, Statement, reason_names
 from bridge.wiring.outlets import forwarded_facts
 from bridge.wiring.wiring import WiredNode

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from bridge.deployment.system import System, load_system
 from bridge.native.journal import JournalError
 from bridge.recording.journal_tail import JournalTail
-from bridge.records.lives import Life, files, lives_of
+from bridge.records.node_lives import Life, files, lives_of
 from bridge.records.records import Statement
 from bridge.rehearsal.supervisor import STARTED
 from cosim.base.errors import ScenarioError

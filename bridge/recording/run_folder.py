@@ -18,7 +18,7 @@ from bridge.can.log import FrameLog, merge_node_logs, write_log
 from bridge.deployment.cut import NodePlan
 from bridge.deployment.system import System
 from bridge.native.journal import Journal
-from bridge.records.lives import Life, frame_files, lives_of
+from bridge.records.node_lives import Life, frame_files, lives_of
 from bridge.wiring.wiring import Rows
 from cosim.engine.simulate import columns
 from cosim.links.grid import Grid

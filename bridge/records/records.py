@@ -15,7 +15,7 @@ import msgspec
 
 from bridge.faults.script import Action, FaultEvent
 from bridge.native.safety import Why
-from bridge.records.lives import Life
+from bridge.records.node_lives import Life
 from bridge.safety.limits import explain, names
 from cosim.base.aside import write_file
 

@@ -22,7 +22,7 @@ from bridge.node.lockstep import is_lockstep
 from bridge.node.process import Process
 from bridge.node.simulated import is_simulated
 from bridge.node.thread import Thread
-from bridge.records.lives import Life
+from bridge.records.node_lives import Life
 from bridge.records.records import Deaf, Gone, LifeEnd, Missed, Refused, record_note
 from bridge.rehearsal.settings import RehearsalRecord as RehearsalRecord
 from bridge.rehearsal.settings import ScheduledEvent

@@ -18,7 +18,7 @@ from bridge.deployment.carried import Carried
 from bridge.deployment.system import System
 from bridge.native import node as native
 from bridge.native.message import E2EProfile, counter_bits
-from bridge.records.lives import Life, lives_of
+from bridge.records.node_lives import Life, lives_of
 from bridge.wiring.wiring import Rows
 from cosim.base.errors import ScenarioError
 from cosim.schedule.plan import Plan

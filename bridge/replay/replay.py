@@ -22,7 +22,7 @@ from bridge.deployment.system import System, make_system
 from bridge.native import node as native
 from bridge.native.journal import Journal
 from bridge.native.safety import LifeState
-from bridge.records.lives import ByLife, Life, files
+from bridge.records.node_lives import ByLife, Life, files
 from bridge.replay import received_and_sent
 from bridge.replay.received_and_sent import AlteredSamples, History
 from bridge.wiring.beginning import begin_active, begin_cold

@@ -19,7 +19,7 @@ from bridge.native.bus import Bus, BusKind
 from bridge.native.frame import DATA, Ring, frame_dtype
 from bridge.native.journal import Journal
 from bridge.native.safety import Command
-from bridge.records.lives import Life
+from bridge.records.node_lives import Life
 from bridge.replay.networks import Networks
 from bridge.wiring.beginning import begin_active, begin_cold
 from bridge.wiring.wiring import WiredNode

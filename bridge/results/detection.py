@@ -27,7 +27,7 @@ from bridge.faults.script import (
     FrameFault,
 )
 from bridge.native.message import COUNTERS
-from bridge.records.lives import Life
+from bridge.records.node_lives import Life
 from bridge.records.records import Done, Missed, Refused
 from bridge.rehearsal.babbler import accept
 from bridge.results.detection_drives import drive_evidence

@@ -22,7 +22,7 @@ from bridge.native.frame import Flags
 from bridge.native.journal import Journal
 from bridge.native.safety import LifeState, Why
 from bridge.native.vendor import VendorFault
-from bridge.records.lives import Life, frame_files
+from bridge.records.node_lives import Life, frame_files
 from bridge.results.findings import Evidence, Place, Sign
 from bridge.results.symptoms import FinishedRun
 from bridge.wiring.wiring import Rows

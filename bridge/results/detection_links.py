@@ -12,7 +12,7 @@ import numpy as np
 
 from bridge.faults.script import FaultEvent
 from bridge.native.message import COUNTERS
-from bridge.records.lives import Life
+from bridge.records.node_lives import Life
 from bridge.relay.router import UDP
 from bridge.results.findings import Place, Signs
 from bridge.results.symptoms import SIGNS, FinishedRun

@@ -23,7 +23,7 @@ from bridge.native.frame import Flags
 from bridge.native.journal import Journal
 from bridge.native.message import Decoded
 from bridge.native.safety import LifeState
-from bridge.records.lives import Life, frame_files
+from bridge.records.node_lives import Life, frame_files
 from bridge.results.drive_motion import WINDOW, JointMotion, TorqueAnswer, motions
 from bridge.results.report import NodeReport
 from bridge.safety.limits import per_joint

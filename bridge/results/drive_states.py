@@ -14,7 +14,7 @@ from bridge.deployment.drive_sequences import Foreign, commanded_drives
 from bridge.deployment.system import System
 from bridge.native.frame import Flags
 from bridge.native.journal import Journal
-from bridge.records.lives import Life, frame_files
+from bridge.records.node_lives import Life, frame_files
 
 #: Times of `every` of a profile after which a state is late; the frames of a bus wait at times.
 LATE = 3.0

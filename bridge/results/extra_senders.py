@@ -13,7 +13,7 @@ import numpy as np
 
 from bridge.deployment.carried import Carried
 from bridge.deployment.system import System
-from bridge.records.lives import Life, lives_of
+from bridge.records.node_lives import Life, lives_of
 from bridge.records.records import Statement
 from bridge.results.report import NodeReport
 from bridge.wiring.wiring import Rows

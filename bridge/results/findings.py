@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, Literal, TypeAlias
 
-from bridge.records.lives import Life
+from bridge.records.node_lives import Life
 from bridge.records.records import Note, Record
 
 

@@ -8,7 +8,7 @@ from typing import Any
 
 from bridge.deployment.system import System
 from bridge.recording import run_folder
-from bridge.records.lives import Life
+from bridge.records.node_lives import Life
 from bridge.records.records import LifeEnd, Statement
 from bridge.replay import replay
 from bridge.results.outcome import begin

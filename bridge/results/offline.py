@@ -22,7 +22,7 @@ from bridge.deployment.cut import Inlet, NodePlan
 from bridge.deployment.protection import age_slot
 from bridge.deployment.system import System
 from bridge.recording.run_folder import at_hits, places
-from bridge.records.lives import Life
+from bridge.records.node_lives import Life
 from bridge.wiring.wiring import Rows
 from cosim.analysis.memory_run import RepeatedValues
 from cosim.base import struct

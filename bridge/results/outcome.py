@@ -28,7 +28,7 @@ import numpy as np
 from bridge.deployment.system import System
 from bridge.faults.script import FaultScript
 from bridge.recording import run_folder
-from bridge.records.lives import Life
+from bridge.records.node_lives import Life
 from bridge.records.records import note_of
 from bridge.rehearsal.supervisor import STARTED, RehearsalRecord
 from bridge.replay import replay, twin

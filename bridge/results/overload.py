@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from bridge.deployment.system import System
 from bridge.native.frame import Flags
 from bridge.native.journal import Journal
-from bridge.records.lives import frame_files
+from bridge.records.node_lives import frame_files
 from bridge.results.rehearsal_outcome import RehearsalOutcome
 from bridge.results.report import NodeReport
 from cosim.record.folder import NODES

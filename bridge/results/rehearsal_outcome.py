@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from bridge.records.lives import Life
+from bridge.records.node_lives import Life
 from bridge.records.records import LifeEnd, Note
 from bridge.replay import replay
 from bridge.results.findings import Evidence

@@ -19,7 +19,7 @@ from bridge.deployment.system import System
 from bridge.native.bus import BusState
 from bridge.native.safety import LifeState
 from bridge.realtime.lateness import Lateness, journal_lateness
-from bridge.records.lives import Life, lives_of
+from bridge.records.node_lives import Life, lives_of
 from bridge.records.records import LifeEnd, Statement, reason_names, reason_text
 from bridge.wiring.wiring import Rows
 from cosim.bus.timing import BusTiming

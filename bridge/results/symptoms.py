@@ -19,7 +19,7 @@ from bridge.deployment.system import System
 from bridge.native.bus import Accept
 from bridge.native.frame import Flags
 from bridge.native.journal import Journal
-from bridge.records.lives import Life, frame_files, lives_of
+from bridge.records.node_lives import Life, frame_files, lives_of
 from bridge.records.records import Done, LifeEnd, Note, Statement
 from bridge.results.extra_senders import extra_frames
 from bridge.results.findings import Sign, Signs

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.native.safety import LifeState
-from bridge.records.lives import Life
+from bridge.records.node_lives import Life
 from bridge.results.findings import Evidence
 from bridge.results.rehearsal_outcome import RehearsalOutcome
 from bridge.results.report import NodeReport

@@ -37,7 +37,7 @@ from cosim.schedule.parts import Slot, Step
 from cosim.schedule.plan import Plan
 
 if TYPE_CHECKING:
-    from cosim.engine.divided import DividedPlan
+    from cosim.engine.partitions import DividedPlan
     from cosim.schedule.partition import PlanParts
 
 #: Results by which an FMU ends the simulation: after its step, and before it.
@@ -72,7 +72,7 @@ class Binding:
     `inputs`, `outputs`: the signals of each component, as views. `failure`: the last exception of a
     callback. `threads`: how many will run it. `columns`: the signals in a recorded row; None: all.
     `partition`: parts that may run apart, if that is worth it, after :meth:`bind`. `exact`: whether
-    it can be rewound (:mod:`cosim.engine.rewind`), None: not determined yet.
+    it can be rewound (:mod:`cosim.engine.reset`), None: not determined yet.
     """
 
     def __init__(
@@ -146,23 +146,23 @@ class Binding:
         least = LEAST if self._threads > 1 else ALONE
         found = None
         if len(plan.components) >= least:
-            from cosim.engine import divided
+            from cosim.engine import partitions
 
             units = rows_of(self.units)
             own = np.flatnonzero(~np.isin(units["kind"], list(ANYWHERE))).tolist()
             at_once = bool(units["steps"].any())
-            found = divided.divide(plan, own, self._threads, least, at_once=at_once)
+            found = partitions.divide(plan, own, self._threads, least, at_once=at_once)
         if found is None:
             self._step_at_once(np.array([len(plan.operations)]))
             self._bind_links(ahead=0)
             self.state.columns = self._recorded()
             return
-        self.sender_of, found = divided.shared_senders(plan, found)
-        self.operations = divided.own_operations(self.operations, found)
+        self.sender_of, found = partitions.shared_senders(plan, found)
+        self.operations = partitions.own_operations(self.operations, found)
         self._step_at_once(len(plan.operations) + np.r_[0, found.ends])
         self._bind_links(ahead=WINDOW)
         self.partition, self.together = found, bool(own)
-        self.divided = divided.DividedPlan(self, found, tick)
+        self.divided = partitions.DividedPlan(self, found, tick)
         self.state.columns = self.divided.columns
 
     def _step_at_once(self, ends: Numbers) -> None:

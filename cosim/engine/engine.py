@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from cosim.engine.macro_loops import Feedthrough
     from cosim.engine.macro_steps import MacroBinding
     from cosim.engine.plant_loops import PlantLoop
-    from cosim.engine.team import Team
+    from cosim.engine.threads import Team
 
 
 class Engine:
@@ -114,7 +114,7 @@ class Engine:
             )
             self._state.macros = c.addressof(self._macros.macros)
         if self._bound.partition is not None:
-            from cosim.engine.team import Team
+            from cosim.engine.threads import Team
 
             self._team = Team(self._bound, self._threads, tick)
 
@@ -140,7 +140,7 @@ class Engine:
         return self._bound
 
     def begin_again(self, plan: Plan, signals: Vector | None = None) -> None:
-        """Stand at tick 0 of `plan` as a new engine would: see :mod:`cosim.engine.again`.
+        """Stand at tick 0 of `plan` as a new engine would: see :mod:`cosim.engine.reuse`.
 
         `signals` (n_signals,): those after the start, if the components have gone back there
         already; None: they start here. Raises ScenarioError, RunError.
@@ -152,7 +152,7 @@ class Engine:
             self.ended = initialize(plan, self.signals, self._inputs, self._outputs, self._look)
         else:
             self.signals[:] = signals
-        from cosim.engine.rewind import rewind
+        from cosim.engine.reset import rewind
 
         rewind(self._bound, plan)
 

@@ -9,7 +9,7 @@ from typing import Any
 from cosim.base import toml
 from cosim.base.errors import ScenarioError
 from cosim.base.settings import change
-from cosim.loading import kinds
+from cosim.loading import file_kinds
 from cosim.scenario.spec import Scenario, build
 
 
@@ -36,7 +36,7 @@ def load(
 
         return build(one_fmu.document(path, settings, table), path)
     document = read_document(path)
-    if other := kinds.of_document(document, path):
+    if other := file_kinds.of_document(document, path):
         raise ScenarioError(other, str(path))
     for setting in settings:
         change(document, setting)
@@ -57,6 +57,6 @@ def read_document(path: str | Path) -> dict[str, Any]:
         from cosim.ssp.document import document
 
         return document(path)
-    if other := kinds.of_path(path):
+    if other := file_kinds.of_path(path):
         raise ScenarioError(other, str(path))
     return toml.read(path)

@@ -16,11 +16,11 @@ from cosim.base.errors import CosimError, PlanError, ScenarioError
 from cosim.base.garbage import without_collections
 from cosim.fmi.components import fmu_of, is_fmu
 from cosim.scenario import connect
+from cosim.scenario.component_types import Sort, Sorts
 from cosim.scenario.connect_links import links as connected_links
 from cosim.scenario.connect_links import stepped_buses
 from cosim.scenario.exposed import ExposedVariables
 from cosim.scenario.models import LoadedComponent, load_alike, load_component
-from cosim.scenario.sorts import Sort, Sorts
 from cosim.scenario.spec import ComponentSpec, InputSpec, Scenario
 from cosim.schedule.parts import Player, Step
 from cosim.schedule.plan import Plan, compile_plan

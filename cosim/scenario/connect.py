@@ -18,7 +18,7 @@ from cosim.base.errors import ScenarioError, UnitError
 from cosim.base.names import unknown as unknown
 from cosim.base.units import Unit, conversion
 from cosim.fmi.components import has_unit, is_text, text_type, unit_of
-from cosim.scenario.sorts import Sort
+from cosim.scenario.component_types import Sort
 from cosim.scenario.spec import InputSpec, Scenario
 from cosim.schedule.parts import Link, Player, Slot, Step, Wire
 

@@ -13,8 +13,8 @@ from cosim.fmi import FmuComponent, FmuOptions, binaries
 from cosim.fmi.ports import VariableGroup
 from cosim.fmi.values import item
 from cosim.fmi.variables import TEXTS
+from cosim.scenario.component_types import nested
 from cosim.scenario.connect import unknown
-from cosim.scenario.sorts import nested
 from cosim.ssp.structure import SspComponent, Structure
 from cosim.ssp.values import SspValue
 

@@ -1,8 +1,8 @@
 """Points of a study, several at a time: what they have in common is made once.
 
 A worker keeps some places. Each has components and an engine of its own, which stay from one point
-to the next as long as only numbers change (:mod:`cosim.engine.again`). Points whose engines can run
-together (:mod:`cosim.engine.many`) do so, one in each place. The rows are those of
+to the next as long as only numbers change (:mod:`cosim.engine.reuse`). Points whose engines can run
+together (:mod:`cosim.engine.batch`) do so, one in each place. The rows are those of
 :func:`cosim.sweeps.run_point.run_point`, to the bit; only `wall` is a share of the time of all.
 """
 
@@ -19,10 +19,10 @@ from cosim.analysis import declared_metrics
 from cosim.analysis.metrics import Metric
 from cosim.base.clock import stopwatch
 from cosim.base.settings import parts
-from cosim.engine.again import RepeatedEngine
+from cosim.engine.batch import can_join, together
 from cosim.engine.engine import Engine
-from cosim.engine.many import can_join, together
-from cosim.engine.rewind import can_rewind
+from cosim.engine.reset import can_rewind
+from cosim.engine.reuse import RepeatedEngine
 from cosim.record import Column
 from cosim.scenario.assemble import assemble
 from cosim.scenario.kept import KeptComponents

@@ -10,9 +10,9 @@ import numpy as np
 from cosim.analysis.preview import Preview
 from cosim.analysis.signals import Array
 from cosim.base.errors import CosimError
-from cosim.engine.again import RepeatedEngine
+from cosim.engine.batch import can_join, run_many
 from cosim.engine.engine import Engine
-from cosim.engine.many import can_join, run_many
+from cosim.engine.reuse import RepeatedEngine
 from cosim.record import Column
 from cosim.schedule.plan import Plan
 
@@ -88,7 +88,7 @@ def record_many(
 ) -> list[Memory | BaseException]:
     """The same of engines at tick 0 that record `columns`, and of what they raise.
 
-    More than one can run together (:func:`cosim.engine.many.together`). With `rooms`, the
+    More than one can run together (:func:`cosim.engine.batch.together`). With `rooms`, the
     results of the last call are overwritten: use them before the next one.
     """
     plan = engines[0].plan

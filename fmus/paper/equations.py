@@ -16,8 +16,8 @@ from cosim.record import Run
 from fmus.paper import measure as m
 from fmus.paper.claim import Claim, at_most
 from fmus.paper.experiments import PERIOD, THETA, Document, network, single, teleoperator
-from fmus.paper.hands import recording
 from fmus.paper.network import IN_TURN
+from fmus.paper.operators import recording
 
 Array = m.Array
 #: Gains that differ from entry to entry, and matrices with entries beside their diagonals.

@@ -13,7 +13,7 @@ from fmus.paper import oracles
 from fmus.paper.claim import Claim, absolute, at_most, relative, within
 from fmus.paper.equations import GAMMA, K_OFF, K
 from fmus.paper.experiments import Q_H, THETA, Document, single
-from fmus.paper.hands import held_by, pushing
+from fmus.paper.operators import held_by, pushing
 
 ALPHA, LAMBDA_M, K_P, H = 2.0, 6.0, 10.0, 1e-3
 KNOWN: dict[str, Any] = {"theta_hat": list(THETA), "Gamma": 0.0}

@@ -32,9 +32,9 @@ from fmus.paper.experiments import (
     single,
     teleoperator,
 )
-from fmus.paper.hands import FORCE, decaying, on_mean_graph
 from fmus.paper.measure import length
 from fmus.paper.network import COARSE
+from fmus.paper.operators import FORCE, decaying, on_mean_graph
 
 K, K_P, K_D = 16.0, 10.0, 5.0
 #: The hand of Remark 5 at t = 0, N.m.

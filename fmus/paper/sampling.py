@@ -21,7 +21,7 @@ from fmus.paper.experiments import (
     single,
     teleoperator,
 )
-from fmus.paper.hands import on_mean_graph
+from fmus.paper.operators import on_mean_graph
 
 K, ALPHA, K_P = 16.0, 2.0, 10.0
 KNOWN: dict[str, Any] = {"theta_hat": list(THETA), "Gamma": 0.0}

@@ -17,8 +17,8 @@ from fmus.paper import measure as m
 from fmus.paper import oracles
 from fmus.paper.claim import Claim, at_least, at_most
 from fmus.paper.experiments import THETA, THETA_G, Document, Table, network, single, teleoperator
-from fmus.paper.hands import recording
 from fmus.paper.network import COARSE
+from fmus.paper.operators import recording
 
 K, ALPHA, LAMBDA, LAMBDA_M = 16.0, 0.5, 2.0, 10.0
 UPRIGHT: Table = {"theta_g": list(THETA_G)}

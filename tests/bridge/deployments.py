@@ -10,7 +10,7 @@ from typing import Any
 from bridge.deployment.motors import expand
 from bridge.deployment.spec import load
 from bridge.deployment.system import System, load_system, make_system
-from bridge.records.lives import ByLife
+from bridge.records.node_lives import ByLife
 from bridge.replay import replay, twin
 from bridge.wiring.wiring import Rows
 from cosim.engine.simulate import simulate

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from bridge.faults.load import build
-from bridge.records.lives import ByLife, Life
+from bridge.records.node_lives import ByLife, Life
 from bridge.records.records import LifeEnd, Statement
 from bridge.results.report import NodeReport
 from bridge.results.symptoms import FinishedRun

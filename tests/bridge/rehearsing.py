@@ -13,7 +13,7 @@ import pytest
 
 from bridge.deployment.system import load_system
 from bridge.native.safety import LifeState, Why
-from bridge.records.lives import Life
+from bridge.records.node_lives import Life
 from bridge.replay import replay
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -20,7 +20,7 @@ from bridge.campaign.drive_judge import JudgedDrive, judge_drives
 from bridge.deployment.system import System
 from bridge.faults.load import build
 from bridge.native.safety import Command, LifeState
-from bridge.records.lives import Life
+from bridge.records.node_lives import Life
 from bridge.results.rehearsal_outcome import RehearsalOutcome
 from bridge.results.verdict import Word
 from cosim.record.folder import read_metadata

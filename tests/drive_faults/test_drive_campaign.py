@@ -14,7 +14,7 @@ from bridge.native.frame import Flags, frame_dtype
 from bridge.native.journal import Journal
 from bridge.native.safety import Command, LifeState, Why
 from bridge.native.vendor import VendorFault
-from bridge.records.lives import Life
+from bridge.records.node_lives import Life
 from bridge.results import verdict
 from bridge.results.verdict import Word
 from tests.bridge.deployments import named

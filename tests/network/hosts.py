@@ -17,7 +17,7 @@ import numpy as np
 
 from bridge.deployment.system import System
 from bridge.node.handle import NodeHandle
-from bridge.records.lives import lives_of
+from bridge.records.node_lives import lives_of
 from bridge.rehearsal.hosts import BOTH, PORT, listen_setting
 from bridge.rehearsal.settings import ScheduledEvent
 from bridge.rehearsal.supervisor import Rehearsal, RehearsalRecord

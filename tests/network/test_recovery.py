@@ -6,7 +6,7 @@ import pytest
 
 from bridge.cli.diff import lines
 from bridge.native.safety import LifeState
-from bridge.records.lives import Life
+from bridge.records.node_lives import Life
 from bridge.rehearsal.settings import ScheduledEvent
 from bridge.rehearsal.supervisor import Rehearsal
 from tests.network.hosts import (

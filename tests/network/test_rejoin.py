@@ -17,7 +17,7 @@ import pytest
 from bridge.cli.node import waiting_for_a_restart
 from bridge.deployment.spec import find
 from bridge.deployment.system import load_system
-from bridge.records.lives import ByLife, Life
+from bridge.records.node_lives import ByLife, Life
 from bridge.relay.network import RelayNetwork
 from bridge.replay import replay
 from bridge.wiring.wiring import Rows

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from bridge.deployment.system import load_system
-from bridge.records.lives import ByLife, Life
+from bridge.records.node_lives import ByLife, Life
 from bridge.relay.network import RelayNetwork
 from bridge.replay import replay
 from tests.network.hosts import ARMS, Case, Site, settings

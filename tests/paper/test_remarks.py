@@ -7,7 +7,7 @@ import pytest
 
 from fmus.paper import measure as m
 from fmus.paper import oracles
-from fmus.paper.hands import FORCE
+from fmus.paper.operators import FORCE
 from tests.paper.evidence import CLAIMS, Evidence, about
 
 TOPICS = [

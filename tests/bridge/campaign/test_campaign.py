@@ -15,7 +15,7 @@ from bridge.deployment.system import load_system
 from bridge.native.faults import CORRUPT, INJECTED
 from bridge.native.journal import Journal
 from bridge.native.safety import Why
-from bridge.records.lives import ByLife, Life
+from bridge.records.node_lives import ByLife, Life
 from bridge.replay.replay import ReplayReport
 from bridge.results.findings import Evidence, Place, Sign
 from bridge.wiring.wiring import heard_dtype, row_dtype

@@ -15,7 +15,7 @@ from bridge.deployment.system import load_system
 from bridge.faults.load import build
 from bridge.native.frame import Flags, frame_dtype
 from bridge.native.journal import Journal
-from bridge.records.lives import Life
+from bridge.records.node_lives import Life
 from bridge.results import verdict
 from bridge.results.verdict import Word
 from tests.bridge.rehearsing import SCENARIO

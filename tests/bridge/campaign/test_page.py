@@ -12,7 +12,7 @@ from bridge.campaign.page import (
     write_campaign,
     write_many,
 )
-from bridge.records.lives import Life
+from bridge.records.node_lives import Life
 
 
 def judged(*failures: str) -> JudgedRun:

@@ -14,7 +14,7 @@ from bridge.campaign.soak_spec import FRAMES, LINKS, PROCESSES, draw, load_soak,
 from bridge.deployment.system import load_system
 from bridge.faults.load import build
 from bridge.native.safety import Why
-from bridge.records.lives import Life
+from bridge.records.node_lives import Life
 from bridge.records.records import Refused
 from bridge.rehearsal import hosts, injector
 from bridge.relay import namespaces

@@ -25,7 +25,7 @@ from bridge.native.node import NEVER_STARTED
 from bridge.native.safety import LifeState
 from bridge.node.lockstep import Lockstep
 from bridge.recording import run_folder
-from bridge.records.lives import Life
+from bridge.records.node_lives import Life
 from bridge.replay import bus_log, from_log
 from bridge.results import detection, undetected
 from tests.bridge.deployments import named

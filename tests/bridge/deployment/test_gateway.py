@@ -7,7 +7,7 @@ import pytest
 
 from bridge.node import lockstep
 from bridge.preflight import deployment
-from bridge.records.lives import Life
+from bridge.records.node_lives import Life
 from bridge.replay import replay
 from bridge.zenoh.node_channel import rules_of
 from cosim.base.errors import CosimError

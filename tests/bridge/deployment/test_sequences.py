@@ -10,7 +10,7 @@ from bridge.drives.profile_files import load_profile
 from bridge.native import node as native
 from bridge.native.frame import Flags, Frame
 from bridge.native.safety import DriveState, LifeState, Why
-from bridge.records.lives import Life
+from bridge.records.node_lives import Life
 from bridge.replay import replay, twin
 from tests.bridge.deployment.test_foreign import damiao
 from tests.bridge.deployments import CONFIGS, named, system_of

@@ -19,7 +19,7 @@ from bridge.native.journal import Journal, JournalError
 from bridge.native.safety import LifeState, Why
 from bridge.recording.journal_tail import JournalTail
 from bridge.recording.live_run import LiveRun, find_run, read_facts
-from bridge.records.lives import Life
+from bridge.records.node_lives import Life
 from bridge.rehearsal.supervisor import NODES
 from bridge.safety.limits import explain
 from cosim.analysis import declared_metrics

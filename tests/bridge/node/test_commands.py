@@ -13,7 +13,7 @@ from bridge.native import safety
 from bridge.native.frame import Frame
 from bridge.native.message import Header
 from bridge.native.safety import Command, LifeState, Why
-from bridge.records.lives import Life
+from bridge.records.node_lives import Life
 from bridge.replay import replay, twin
 from bridge.safety.limits import step
 from cosim.base.clock import monotonic_ns

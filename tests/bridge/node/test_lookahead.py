@@ -23,7 +23,7 @@ from bridge.native.message import Header
 from bridge.native.node import FINISHED, STOPPED, NodeStruct, functions
 from bridge.native.safety import Command, LifeState, Status
 from bridge.node.lockstep import Lockstep
-from bridge.records.lives import Life
+from bridge.records.node_lives import Life
 from bridge.replay import replay
 from cosim.base.clock import sleep
 from tests.bridge.deployments import named, run_twin

@@ -14,7 +14,7 @@ import pytest
 import bridge.node.run
 from bridge.deployment.system import load_system
 from bridge.node.run import NodeOptions, run_node
-from bridge.records.lives import Life
+from bridge.records.node_lives import Life
 from bridge.records.records import Gone, LifeEnd, Missed
 from bridge.rehearsal import supervisor
 from bridge.rehearsal.settings import ScheduledEvent

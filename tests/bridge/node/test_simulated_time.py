@@ -13,7 +13,7 @@ from bridge.deployment.spec import load
 from bridge.deployment.system import load_system
 from bridge.node.run import NodeOptions, run_node
 from bridge.node.simulated import is_simulated
-from bridge.records.lives import Life
+from bridge.records.node_lives import Life
 from bridge.replay import replay, twin
 from bridge.simulated_can.served import served_buses
 from cosim.base.errors import ScenarioError

@@ -13,7 +13,7 @@ from bridge.deployment.system import load_system
 from bridge.monitor.snapshot import snapshot
 from bridge.recording.live_run import LiveRun
 from bridge.recording.run_folder import write_trajectories
-from bridge.records.lives import ByLife, Life, files, frame_files, lives_of
+from bridge.records.node_lives import ByLife, Life, files, frame_files, lives_of
 from bridge.records.records import (
     Done,
     Gone,

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from bridge.native.frame import frame_dtype
 from bridge.native.safety import LifeState
-from bridge.records.lives import Life
+from bridge.records.node_lives import Life
 from bridge.replay.bus_log import LoggedSample, sent_ns, sequence, start_of
 from bridge.replay.from_log import (
     ControllerReplay,

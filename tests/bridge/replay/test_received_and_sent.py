@@ -12,7 +12,7 @@ from bridge.native.message import Header
 from bridge.native.node import THERE
 from bridge.native.safety import LifeState
 from bridge.recording.run_folder import write_tables, write_trajectories
-from bridge.records.lives import Life
+from bridge.records.node_lives import Life
 from bridge.replay import replay
 from bridge.replay.diff import compare_runs
 from bridge.replay.received_and_sent import History, _never_sent

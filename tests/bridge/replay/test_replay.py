@@ -10,7 +10,7 @@ import pytest
 from bridge.deployment.system import make_system
 from bridge.native import node as native
 from bridge.native.safety import LifeState
-from bridge.records.lives import ByLife, Life
+from bridge.records.node_lives import ByLife, Life
 from bridge.replay import replay, twin
 from bridge.wiring.wiring import WiredNode
 from cosim.base.errors import ScenarioError

@@ -15,7 +15,7 @@ from bridge.native.faults import INJECTED
 from bridge.native.frame import Flags, Frame, frame_dtype
 from bridge.native.journal import Journal
 from bridge.native.safety import LifeState, Status
-from bridge.records.lives import ByLife, Life
+from bridge.records.node_lives import ByLife, Life
 from bridge.records.records import Done, Missed, Refused
 from bridge.rehearsal import injector
 from bridge.relay.router import PACKET, TCP, UDP

@@ -14,7 +14,7 @@ from bridge.native.frame import frame_dtype
 from bridge.native.journal import Journal
 from bridge.native.safety import LifeState
 from bridge.realtime.lateness import journal_lateness
-from bridge.records.lives import Life
+from bridge.records.node_lives import Life
 from bridge.records.records import LifeEnd, Statement
 from bridge.replay import replay, twin
 from bridge.results.drive_answers import unanswered

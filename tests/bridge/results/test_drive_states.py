@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from bridge.native.frame import Flags, frame_dtype
 from bridge.native.journal import Journal
-from bridge.records.lives import Life
+from bridge.records.node_lives import Life
 from bridge.results.drive_states import seldom_told
 from tests.bridge.deployments import named
 

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from bridge.records.lives import Life
+from bridge.records.node_lives import Life
 from bridge.results.extra_senders import extra_frames
 from bridge.results.outcome import metric_lines
 from cosim.record import Run

@@ -9,7 +9,7 @@ import pytest
 from bridge.cli.diff import lines
 from bridge.deployment.system import System
 from bridge.recording.run_folder import write_tables, write_trajectories
-from bridge.records.lives import ByLife
+from bridge.records.node_lives import ByLife
 from bridge.replay import replay
 from bridge.replay.diff import RunDifference, compare_runs
 from bridge.results.offline import recorded_inputs, run_offline

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bridge.records.lives import Life
+from bridge.records.node_lives import Life
 from bridge.records.records import LifeEnd
 from bridge.results import overload, verdict
 from bridge.results.verdict import Word

@@ -12,7 +12,7 @@ import pytest
 from bridge.deployment.services import Service
 from bridge.native.frame import frame_dtype
 from bridge.native.safety import LifeState
-from bridge.records.lives import Life
+from bridge.records.node_lives import Life
 from bridge.results.findings import Evidence, Place
 from bridge.results.report import bus_reports
 from bridge.results.timeline import frame_lanes, lanes, marks

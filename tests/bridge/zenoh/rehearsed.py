@@ -11,7 +11,7 @@ from typing import Any
 from bridge.deployment import spec
 from bridge.deployment.system import System, load_system
 from bridge.recording.run_folder import write_tables, write_trajectories
-from bridge.records.lives import ByLife
+from bridge.records.node_lives import ByLife
 from bridge.rehearsal.settings import ScheduledEvent
 from bridge.rehearsal.supervisor import NODES, Rehearsal, RehearsalRecord, Settings
 from bridge.replay import replay

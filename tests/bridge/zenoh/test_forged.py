@@ -15,7 +15,7 @@ from bridge.native import epoch
 from bridge.native.frame import DATA
 from bridge.native.message import Header
 from bridge.native.safety import LifeState, Status
-from bridge.records.lives import Life
+from bridge.records.node_lives import Life
 from bridge.records.records import Statement
 from bridge.rehearsal.supervisor import NODES, Rehearsal, RehearsalRecord
 from bridge.replay import replay

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from bridge.deployment.system import load_system
-from bridge.records.lives import ByLife, Life
+from bridge.records.node_lives import ByLife, Life
 from bridge.replay import replay
 from bridge.zenoh.certificates import make_keys
 from tests.bridge.zenoh.rehearsed import CONFIGS, sockets

@@ -13,7 +13,7 @@ from bridge.native import node as native
 from bridge.native.safety import LifeState
 from bridge.node.buses import answer, open_buses
 from bridge.node.run import Control
-from bridge.records.lives import Life
+from bridge.records.node_lives import Life
 from bridge.wiring.wiring import WiredNode
 from bridge.zenoh.options import ZenohOptions
 from bridge.zenoh.remote_control import ask, command

@@ -12,7 +12,7 @@ from cosim.base.component import Component, Port
 from cosim.base.errors import ScenarioError
 from cosim.engine.engine import Engine
 from cosim.fmi import FmuComponent
-from cosim.scenario.sorts import Sorts
+from cosim.scenario.component_types import Sorts
 from cosim.schedule.parts import Step, Wire
 from cosim.schedule.plan import Plan, compile_plan
 from fmus.models import planar2r

@@ -12,8 +12,8 @@ from cosim.fmi.components import fmu_of, model_name
 from cosim.loading.files import load
 from cosim.scenario import assemble as assembling
 from cosim.scenario.assemble import assemble
+from cosim.scenario.component_types import Ports, Sort, Sorts
 from cosim.scenario.models import load_component
-from cosim.scenario.sorts import Ports, Sort, Sorts
 from cosim.schedule.plan import Plan
 from tests.cosim.scenarios import plan
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from cosim.engine import many
+from cosim.engine import batch
 from cosim.sweeps.batch import run_points
 from cosim.sweeps.design import Point
 from cosim.sweeps.run_point import StudyRow, StudySetup
@@ -54,8 +54,8 @@ def rows(found: Sequence[StudyRow]) -> list[str]:
 @pytest.fixture
 def strides(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     found: list[int] = []
-    stride = many.stride
-    monkeypatch.setattr(many, "stride", lambda bound: found.append(stride(bound)) or found[-1])
+    stride = batch.stride
+    monkeypatch.setattr(batch, "stride", lambda bound: found.append(stride(bound)) or found[-1])
     return found
 
 

@@ -13,9 +13,9 @@ from collections.abc import Mapping, Sequence
 from cosim.base.errors import CosimError
 from cosim.base.interrupts import stop_on_signal
 from cosim.engine.binding import Vector
+from cosim.engine.bulk_steps import stride
 from cosim.engine.engine import Engine
-from cosim.engine.rewind import can_rewind, structure
-from cosim.engine.strides import stride
+from cosim.engine.reset import can_rewind, structure
 from cosim.native import enums, shared
 
 #: Engines that run together at most (``MANY``).

@@ -13,7 +13,7 @@ from msgspec.structs import replace
 
 from benchmarks.cases import rings
 from cosim.base.errors import RunError
-from cosim.engine import binding, team
+from cosim.engine import binding, threads
 from cosim.engine.arrays import rows_of, stretches
 from cosim.engine.engine import Engine
 from cosim.engine.simulate import simulate
@@ -37,7 +37,7 @@ def few_parts(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """Run parts apart however few they are."""
     monkeypatch.setattr(binding, "LEAST", 2)
     yield
-    left = [t for t in threading.enumerate() if t.name.startswith(team.NAME)]
+    left = [t for t in threading.enumerate() if t.name.startswith(threads.NAME)]
     assert not left  # they end with the engine
 
 
@@ -90,8 +90,8 @@ def test_a_row_has_the_columns_that_are_asked_for() -> None:
     p = many()
     columns = [p.n_signals - 1, 3, 4, 5, 17, 16, 0]
     rows = np.frombuffer(recorded(p, 1)[0]).reshape(TICKS, -1)
-    for threads in (1, 2):
-        some = np.frombuffer(recorded(many(), threads, columns=columns)[0]).reshape(TICKS, -1)
+    for number in (1, 2):
+        some = np.frombuffer(recorded(many(), number, columns=columns)[0]).reshape(TICKS, -1)
         assert np.array_equal(some, rows[:, columns])
 
 
@@ -147,8 +147,8 @@ def test_threads_run_while_the_engine_is_open() -> None:
     with Engine(many(), threads=3) as engine:
         engine.initialize()
         engine.run(10)
-        names = sorted(t.name for t in threading.enumerate() if t.name.startswith(team.NAME))
-        assert names == [f"{team.NAME} 1", f"{team.NAME} 2"]
+        names = sorted(t.name for t in threading.enumerate() if t.name.startswith(threads.NAME))
+        assert names == [f"{threads.NAME} 1", f"{threads.NAME} 2"]
 
 
 def test_components_in_python_are_one_part_for_the_calling_thread() -> None:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 from cosim.engine.binding import Vector
 from cosim.engine.engine import Engine
-from cosim.engine.rewind import can_rewind, leave_out_constant_inputs
+from cosim.engine.reset import can_rewind, leave_out_constant_inputs
 from cosim.fmi.components import free_state, go_back, save_state
 from cosim.schedule.parts import Link
 from cosim.schedule.plan import Plan

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim.engine.binding import WINDOW, Binding
-from cosim.engine.strides import stride
+from cosim.engine.bulk_steps import stride
 from cosim.engine.tables import LinkRows
 from cosim.links.grid import Grid
 from cosim.native import shared, structs

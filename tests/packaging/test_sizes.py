@@ -1,0 +1,92 @@
+"""Rooms, functions and lists of parameters stay small; the exceptions are listed with a reason."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+PACKAGES = ("cosim", "bridge", "fmus")
+MODULES, LINES, PARAMETERS = 20, 60, 7
+GENERATED = {"structs.py", "enums.py"}
+#: Larger rooms, with the most modules that each may have.
+LARGE_ROOMS = {
+    "fmus/models": (53, "one module a model"),
+    "fmus/paper": (23, "one module a part of the paper"),
+    "cosim/cli": (24, "one module a command"),
+    "bridge/cli": (24, "one module a command"),
+    "cosim/fmi": (35, "three versions of FMI; to be divided"),
+    "cosim/analysis": (34, "predictions and measurements; to be divided"),
+    "cosim/links": (31, "laws have a key, a converter and a class each; to be one struct"),
+    "bridge/simulated_can": (23, "buses, servers and clients; to be divided"),
+    "cosim/scenario": (21, "to be joined with the loading of files"),
+}
+#: Longer functions: the declarations of options of a command, one line each, or the reason.
+LONG_FUNCTIONS = {
+    "cosim/engine/simulate.py": {"simulate"},  # a run from its start to its folder
+    "cosim/schedule/plan.py": {"compile_plan"},  # the stages of a plan, in order
+    "bridge/monitor/web.py": {"app"},  # the addresses of a server
+}
+COMMANDS = {"cosim/cli", "bridge/cli"}
+#: Functions with more parameters than PARAMETERS, commands left out; fewer are welcome.
+MANY_PARAMETERS = 36
+
+
+def modules() -> Iterator[tuple[str, ast.Module]]:
+    """Each module of the packages that is written by hand: its path, and its tree."""
+    for package in PACKAGES:
+        for path in sorted((ROOT / package).rglob("*.py")):
+            if path.name not in GENERATED:
+                tree = ast.parse(path.read_text(encoding="utf-8"))
+                yield str(path.relative_to(ROOT)), tree
+
+
+def functions(tree: ast.Module) -> Iterator[ast.FunctionDef | ast.AsyncFunctionDef]:
+    """All functions and methods."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+            yield node
+
+
+def parameters(function: ast.FunctionDef | ast.AsyncFunctionDef) -> int:
+    """The number of parameters, `self` included."""
+    given = function.args
+    return len([*given.posonlyargs, *given.args, *given.kwonlyargs])
+
+
+@pytest.mark.parametrize(
+    "room",
+    sorted(
+        {str(path.parent.relative_to(ROOT)) for p in PACKAGES for path in (ROOT / p).rglob("*.py")}
+    ),
+)
+def test_a_room_has_few_modules(room: str) -> None:
+    there = {path.name for path in (ROOT / room).glob("*.py")} - GENERATED - {"__init__.py"}
+    most, _ = LARGE_ROOMS.get(room, (MODULES, ""))
+    assert len(there) <= most
+    assert room not in LARGE_ROOMS or len(there) > MODULES, "it is small now: leave it out"
+
+
+def test_functions_are_short() -> None:
+    long = {
+        (path, function.name)
+        for path, tree in modules()
+        for function in functions(tree)
+        if (function.end_lineno or 0) - function.lineno >= LINES
+        if str(Path(path).parent) not in COMMANDS
+    }
+    assert long == {(path, name) for path, names in LONG_FUNCTIONS.items() for name in names}
+
+
+def test_functions_have_few_parameters() -> None:
+    many = [
+        f"{path}: {function.name}"
+        for path, tree in modules()
+        for function in functions(tree)
+        if parameters(function) > PARAMETERS
+        if str(Path(path).parent) not in COMMANDS
+    ]
+    assert len(many) <= MANY_PARAMETERS, many

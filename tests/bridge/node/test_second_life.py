@@ -77,7 +77,7 @@ def test_a_life_that_cannot_be_started_anew_says_why(tmp_path, monkeypatch):
     )
     with WiredNode(system, "all", {}, tmp_path / "journal", native.SIMULATED) as wired:
         monkeypatch.setattr(wired.engine, "initialize", fails)
-        assert wired.struct.joined(FIRST) == 1
+        assert native.Joined(wired.struct.joined)(FIRST) == 1  # as C calls it
         assert wired.failed == "no memory"
 
 

@@ -36,10 +36,10 @@ DRAWN = 1_000_000
 _C = Path(__file__).parent.parent / "c"
 #: The parts of ``bridge/c`` that a node in an FMU consists of.
 _UNITS = (
-    *("bringup", "crc", "delay", "drive", "e2e", "emulated", "epoch", "forward", "guard", "hear"),
-    *("heard", "inlet", "life", "limit", "message", "outlet", "receiver", "reception", "run_epoch"),
-    *("send", "service", "slot", "vendor", "vendor_damiao", "vendor_odrive"),
-    *("vendor_cia402", "watchdog"),
+    *("bringup", "crc", "delay", "dispatch", "drive", "e2e", "emulated", "epoch", "forward"),
+    *("guard", "inlet", "journal", "life_cycle", "limit", "message", "outlet", "receiver"),
+    *("reception", "run_epoch", "sample_journal", "send", "service", "slot", "vendor"),
+    *("vendor_damiao", "vendor_odrive", "vendor_cia402", "watchdog"),
 )
 
 

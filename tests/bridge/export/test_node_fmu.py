@@ -97,8 +97,9 @@ def test_frames_and_trajectories_are_those_of_the_twin(shipped: Built, tmp_path:
             assert np.ptp(found[:, 0]) > 0.0
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ["can-one-bus", "can-classic"])
+@pytest.mark.parametrize(
+    "name", ["can-one-bus", pytest.param("can-classic", marks=pytest.mark.slow)]
+)
 def test_frames_of_a_bare_deployment_are_those_of_the_twin(name: str, tmp_path: Path) -> None:
     """Samples alone: CAN FD with Profile 5, and classic CAN with Profile 2."""
     built = Built(tmp_path, system(tmp_path, bare(one_bus(name)), STOP))

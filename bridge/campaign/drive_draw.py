@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from bridge.deployment.drive_sequences import commanded_drives
+from bridge.deployment.drive_sequences import commanded_drives, own_torques
 from bridge.deployment.system import System
 
 #: Error codes with which drives of a vendor trip: the nibble of a Damiao drive, bits of an ODrive's
@@ -50,12 +50,10 @@ def drives_of(system: System) -> list[Suffering]:
         if drive.profile.vendor in CODES
     }
     for name, plan in system.nodes.items():
-        spec = system.deployment.nodes[name]
-        taken = [i for i in plan.inlets if spec.drive and i.target.port == spec.drive.port]
-        for message in (i.message for i in taken):
-            if not system.deployment.messages[message].profile:
-                bus = system.messages[message].bus
-                found[bus, spec.number] = Suffering(bus, spec.number)
+        number = system.deployment.nodes[name].number
+        for message in own_torques(system.deployment, name, plan):
+            bus = system.messages[message].bus
+            found[bus, number] = Suffering(bus, number)
     return list(found.values())
 
 

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from bridge.can.codec import Codec
 from bridge.deployment.carried import Carried
-from bridge.deployment.drive_sequences import commanded_drives
+from bridge.deployment.drive_sequences import commanded_drives, own_torques
 from bridge.deployment.system import System
 from bridge.faults.script import DriveFault, FaultScript
 from bridge.native.frame import Flags
@@ -141,37 +141,18 @@ def judge_drives(
                 drive.node, drive.profile.timeout, reading, Journal.open(path), mine, cold
             )
             yield JudgedDrive(drive.name, drive.profile.vendor, name, *found)
-    for taken in _own_torques(system):
-        path = frame_files(nodes, taken.bus).get(Life(taken.node))
-        name, number = _own_drive(system, taken)
-        if path is not None:
-            mine = [f for f in script.drives if (f.bus, f.drive) == (taken.bus, number)]
-            reading = _own_reading(system, taken, number)
-            found = _judged(number, 1.0, reading, Journal.open(path), mine, cold)
-            yield JudgedDrive(name, OWN, taken.node, *found)
+        for message in own_torques(system.deployment, name, plan):
+            taken, number = system.messages[message], system.deployment.nodes[name].number
+            path = frame_files(nodes, taken.bus).get(Life(taken.node))
+            if path is not None:
+                mine = [f for f in script.drives if (f.bus, f.drive) == (taken.bus, number)]
+                reading = _own_reading(system, taken, name)
+                found = _judged(number, 1.0, reading, Journal.open(path), mine, cold)
+                yield JudgedDrive(f"drive {number} on bus {taken.bus}", OWN, taken.node, *found)
 
 
-def _own_torques(system: System) -> Iterator[Carried]:
-    """The messages with torques for emulated drives of our own protocol."""
-    for name, plan in system.nodes.items():
-        spec = system.deployment.nodes[name].drive
-        taken = {i.message for i in plan.inlets if spec and i.target.port == spec.port}
-        for message in sorted(taken):
-            if not system.deployment.messages[message].profile:
-                yield system.messages[message]
-
-
-def _own_drive(system: System, taken: Carried) -> tuple[str, int]:
-    """Name and number of the drive that takes a message: those of its node."""
-    moved = [n for n, spec in system.deployment.nodes.items() if spec.drive]
-    node = next(n for n in moved if any(i.message == taken.name for i in system.nodes[n].inlets))
-    number = system.deployment.nodes[node].number
-    return f"drive {number} on bus {taken.bus}", number
-
-
-def _own_reading(system: System, taken: Carried, number: int) -> Reading:
+def _own_reading(system: System, taken: Carried, node: str) -> Reading:
     """Frames to and from a drive of our own protocol: its samples carry the state of its node."""
-    node = next(n for n, spec in system.deployment.nodes.items() if spec.number == number)
     state = next(m for m in system.messages.values() if (m.node, m.bus) == (node, taken.bus))
     torque, told = (m.encoding for m in (taken, state))
     assert isinstance(torque, Codec) and isinstance(told, Codec)

@@ -148,3 +148,16 @@ def accepted_frames(d: Deployment, plan: NodePlan, node: str, bus: str) -> tuple
     heard = [a for x, message in here if x.profile.vendor for a in _heard(d, x, message)]
     answers = [a for x in commanded_drives(d, plan) if x.bus == bus for a in x.answers()]
     return (*heard, *answers)
+
+
+def drive_names(numbers: Sequence[int], bus: str) -> str:
+    """``drive 1 on bus left``, or ``drive 1 (and 2, 3) on bus left``."""
+    others = ", ".join(map(str, numbers[1:]))
+    return f"drive {numbers[0]}{f' (and {others})' if others else ''} on bus {bus}"
+
+
+def own_torques(deployment: Deployment, node: str, plan: NodePlan) -> list[str]:
+    """The messages with torques for the drive of our own protocol that a node emulates, if any."""
+    drive = deployment.nodes[node].drive
+    taken = {i.message for i in plan.inlets if drive is not None and i.target.port == drive.port}
+    return sorted(message for message in taken if not deployment.messages[message].profile)

@@ -14,8 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.deployment.carried import Carried
-from bridge.deployment.drive_sequences import Foreign, commanded_drives
-from bridge.deployment.system import System
+from bridge.deployment.drive_sequences import Foreign, commanded_drives, own_torques
 from bridge.faults.script import DriveFault, FaultScript
 from bridge.native.bus import Accept
 from bridge.native.frame import Flags
@@ -66,7 +65,7 @@ def drive_evidence(script: FaultScript, shown: FinishedRun) -> Iterator[Evidence
 
 
 def _places(events: Sequence[DriveFault], shown: FinishedRun, end: float) -> Iterator[Place]:
-    """A place for each life that commands the drive; none: nobody does."""
+    """A place for each life that commands the drive."""
     fault, t1 = events[0], events[1].t if len(events) > 1 else end
     yield from _own_places(fault, t1, shown)
     for node, plan in shown.system.nodes.items():
@@ -86,7 +85,7 @@ def _own_places(fault: DriveFault, t1: float, shown: FinishedRun) -> Iterator[Pl
     """A place for each life of the node that is a drive of our own protocol with this number."""
     for node, spec in shown.system.deployment.nodes.items():
         here = spec.number == fault.drive and fault.bus in shown.system.buses_of(node)
-        if not here or not _is_own(shown.system, node):
+        if not here or not own_torques(shown.system.deployment, node, shown.system.nodes[node]):
             continue
         for life in shown.lives(node):
             rows = shown.rows[life]
@@ -99,14 +98,6 @@ def _own_places(fault: DriveFault, t1: float, shown: FinishedRun) -> Iterator[Pl
             yield Place(
                 target=f"drive {fault.drive} on bus {fault.bus}", done=done, signs=tuple(signs)
             )
-
-
-def _is_own(system: System, node: str) -> bool:
-    """True if a node emulates a drive of our own protocol."""
-    d = system.deployment
-    port = d.nodes[node].drive.port if d.nodes[node].drive else None  # type: ignore[union-attr]
-    taken = [i.message for i in system.nodes[node].inlets if i.target.port == port]
-    return any(not d.messages[message].profile for message in taken)
 
 
 @final
@@ -213,7 +204,7 @@ class _Host:
         return 0 < len(said) <= 2
 
     def _moves(self, t0: float, t1: float) -> bool:
-        """True if the joint moved in this time; of a real one nobody knows."""
+        """True if the joint moved in this time, as far as it is known: a real one is not."""
         there = self.joint[(self.joint_t >= t0) & (self.joint_t <= t1)]
         return bool(len(there)) and float(np.ptp(there)) > MOVED
 

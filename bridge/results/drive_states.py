@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from bridge.deployment.drive_sequences import Foreign, commanded_drives
+from bridge.deployment.drive_sequences import Foreign, commanded_drives, drive_names
 from bridge.deployment.system import System
 from bridge.native.frame import Flags
 from bridge.native.journal import Journal
@@ -38,12 +38,11 @@ def seldom_told(system: System, lives: Iterable[Life], nodes: Path) -> Iterator[
                 )
                 found.setdefault((drive.bus, about), []).append(drive.node)
         for (bus, about), numbers in found.items():
-            others = f" (and {', '.join(map(str, numbers[1:]))})" if numbers[1:] else ""
-            yield f"{life}: drive {numbers[0]}{others} on bus {bus} told its state {about}"
+            yield f"{life}: {drive_names(numbers, bus)} told its state {about}"
 
 
 def _usual(drive: Foreign, path: Path) -> float:
     """The median time between two states of a drive, s; 0: there are not two."""
     log = Journal.open(path)
-    told = log["t_ns"][(log["id"] == drive.status.id) & (log["flags"] & Flags.SENT == 0)]
+    told = log["t_ns"][drive.status.among(log) & (log["flags"] & Flags.SENT == 0)]
     return float(np.median(np.diff(told))) * 1e-9 if len(told) > 1 else 0.0

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any, final
 
-from bridge.deployment.drive_sequences import Foreign, feed_ns
+from bridge.deployment.drive_sequences import Foreign, drive_names, feed_ns
 from bridge.deployment.system import System
 from bridge.drives.raw_frames import Raw
 from bridge.native.bus import KIND, Accept
@@ -89,7 +89,7 @@ class CommandedDrives:
         for drive, s in zip(self.drives, self.structs, strict=False):
             if chosen(s):
                 found.setdefault((drive.bus, _reason(drive, s)), []).append(drive.node)
-        return [f"{_names(numbers, bus)} {text}" for (bus, text), numbers in found.items()]
+        return [f"{drive_names(numbers, bus)} {text}" for (bus, text), numbers in found.items()]
 
     def events(self) -> list[dict[str, Any]]:
         """Reports of drives, and actions of their node, in the order of time (JSON)."""
@@ -159,12 +159,6 @@ class CommandedDrives:
             found.kind = StepKind.STATE
             found.states = drive.profile.status.bits(raw.expect)
         return found
-
-
-def _names(numbers: Sequence[int], bus: str) -> str:
-    """``drive 1 on bus left``, or ``drive 1 (and 2, 3) on bus left``."""
-    others = ", ".join(map(str, numbers[1:]))
-    return f"drive {numbers[0]}{f' (and {others})' if others else ''} on bus {bus}"
 
 
 def _reason(drive: Foreign, s: CommandedStruct) -> str:

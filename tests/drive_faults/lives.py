@@ -42,7 +42,7 @@ BOUNDS = {"damiao": 0.12, "cia402": 0.12, "odrive": 0.37, "ours": 0.22}
 
 @dataclass(frozen=True)
 class Row:
-    """What became of a run; `problems`: what had to be otherwise; none: as it has to be."""
+    """The outcome of a run; `problems`: the rules that it breaks, if any."""
 
     seed: int
     deployment: str
@@ -65,7 +65,7 @@ class Row:
     problems: list[str] = field(default_factory=list)
 
     def facts(self) -> dict[str, Any]:
-        """As plain data."""
+        """The outcome as plain data."""
         return asdict(self)
 
 

@@ -66,7 +66,7 @@ def file_of(parts: list[str]) -> Path | None:
 
 
 def defined(path: Path, parts: list[str]) -> bool:
-    """Whether a module defines a name, or a class of it a member."""
+    """True if a module defines a name, or a class of it a member."""
     if not parts:
         return True
     found = [node for name, node in names_in(tree(path).body) if name == parts[0]]
@@ -78,7 +78,7 @@ def defined(path: Path, parts: list[str]) -> bool:
 
 
 def exists(name: str) -> bool:
-    """Whether a dotted name leads to a module, or to a name in one."""
+    """True if a dotted name leads to a module, or to a name in one."""
     parts = name.split(".")
     if (len(parts) == 1 and parts[0] in PACKAGES) or name in GROUPS:
         return True
@@ -91,7 +91,7 @@ def exists(name: str) -> bool:
 
 
 def known(name: str, place: Path) -> bool:
-    """Whether a reference in the docstrings of a file leads somewhere."""
+    """True if a reference in the docstrings of a file leads somewhere."""
     parts = name.split(".")
     if parts[0] in (*PACKAGES, "tests", "benchmarks"):
         return exists(name)

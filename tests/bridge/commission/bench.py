@@ -36,7 +36,7 @@ class Bench:
     log: io.StringIO
 
     def events(self, number: int, kind: str) -> list[dict[str, Any]]:
-        """What a drive has logged of a kind."""
+        """The entries of one kind that a drive has logged."""
         lines = [json.loads(line) for line in self.log.getvalue().splitlines()]
         return [e for e in lines if (e["drive"], e["event"]) == (number, kind)]
 

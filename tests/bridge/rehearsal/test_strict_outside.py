@@ -47,7 +47,7 @@ def numbers(pattern: str, text: str) -> list[float]:
 
 
 def busy(text: str) -> bool:
-    """Whether this machine had more to do than it can, or let a node wait."""
+    """True if this machine had more to do than it can, or let a node wait."""
     late = [float(x) for x in re.findall(r"max (\d+) us in \d+ slots", text)]
     overloaded = os.getloadavg()[0] > 1.5 * (os.cpu_count() or 1)
     return overloaded or max(late, default=0.0) > STILL or "inconclusive" in text
@@ -56,7 +56,7 @@ def busy(text: str) -> bool:
 def judged(
     folder: Path, rules: Callable[[str], Iterator[bool]], *words: str, **environment: str
 ) -> str:
-    """What a run printed that keeps the rules; again where the machine was too busy to tell.
+    """The output of a run that keeps the rules; repeated if the machine was too busy to tell.
 
     These judges stamp frames when Python gets them, so a busy machine lengthens their gaps.
     """

@@ -214,7 +214,7 @@ def test_no_two_lives_of_a_node_share_a_component():
 
 
 def test_a_node_hears_all_frames_of_its_bus_but_its_own():
-    """Of seven frames: those of its two messages, and its heartbeat, are not heard."""
+    """Its two messages and its heartbeat, among seven frames, are not heard."""
     made = system("can-classic")
     number = made.deployment.nodes["master_control"].number
     own = [made.messages[m].encoding.message.id for m in ("TAU_2", "XI_2")]

@@ -18,7 +18,7 @@ OFF = "master_control: drive 1 on bus left follows nothing"
 
 
 def outcome(failure: str, reasons: tuple[str, ...] = ("drive",), off: bool = True) -> Any:
-    """Of a run that a drive ended; `failure`: what its node noticed."""
+    """A run that a drive ended; `failure`: the sign that its node noticed."""
     event = {"t": 1.0, "drive": "drive 1 on bus left", "phase": "failed", "failure": failure}
     statement = SimpleNamespace(messages={}, sent={}, drives=(event,), error="")
     report = SimpleNamespace(

@@ -34,7 +34,7 @@ def wired(tmp_path):
 
 
 def test_steps_of_a_bring_up_wait_as_long_as_their_profile_says(wired):
-    """Of CiA 402, where "1 s" and the profile's own default occur, and nothing is sent again."""
+    """The steps of CiA 402, with "1 s" and the default of the profile; nothing is sent again."""
     node = wired(named("can-cia402", SHORT), "master_control")
     commanded = node.commanded
     assert len(commanded.drives) == 2
@@ -97,7 +97,7 @@ def test_only_messages_with_torques_have_the_age_of_the_drive(wired, tmp_path):
 
 
 def test_drives_that_are_given_up_are_told_from_those_that_serve(wired):
-    """Of two drives one serves, and one is in trouble; those with one reason share a sentence."""
+    """One of two drives serves, one is in trouble; drives with one reason share a sentence."""
     commanded = wired(named("can-damiao", SHORT), "master_control").commanded
     first, second = commanded.structs
     numbers = [drive.node for drive in commanded.drives]

@@ -178,7 +178,7 @@ def _members(line: str, known: dict[str, int]) -> list[Member]:
 
 
 def _function(found: Declarations, statement: str) -> None:
-    """An exported function; one with ``...`` is called by nobody here."""
+    """An exported function; one with ``...`` is not called here."""
     match = _FUNCTION.fullmatch(statement)
     if match is None or "..." in match[3]:
         return

@@ -26,7 +26,7 @@ typedef struct {
 } drive_t;
 
 /* OFF -ON-> READY -ENABLE-> ENABLED -DISABLE-> READY, FAULT -CLEAR-> READY, any -OFF-> OFF, and with power
- * any -TRIP-> FAULT, which nobody asks for. A request
+ * any -TRIP-> FAULT, which is not requested. A request
  * that does not fit changes nothing: FAULT is left by CLEAR (or OFF) only. Returns the state. */
 API int32_t drive_request(drive_t *d, int32_t request, int64_t now_ns);
 /* One tick of the plant: `command` (joints,) as received last -> torque that acts on the joints

@@ -161,7 +161,7 @@ def emergency_stop(line: DriveLine, drives: Sequence[LineDrive], ask: Question) 
     """All drives enabled at torque 0 until somebody presses the emergency stop."""
     name = "emergency stop"
     if not ask(f"Press the emergency stop within {PRESS:g} s after this answer. Ready?"):
-        text = "not checked: nobody was ready"
+        text = "not checked: the operator was not ready"
         return StepFinding(name, "limited", text, "run this step with a person at the arm")
     if why := line.bring_up(drives):
         return StepFinding(name, "missing", why, "see the earlier steps")

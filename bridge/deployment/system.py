@@ -29,7 +29,7 @@ from cosim.scenario.assemble import assemble
 from cosim.scenario.spec import Scenario
 from cosim.schedule.plan import Plan
 
-#: Rows of the log of a bus at least: somebody may babble.
+#: The least number of rows of a bus log: a node may babble.
 LEAST = 50_000
 
 

@@ -23,7 +23,7 @@ from cosim.base.clock import monotonic_ns, stopwatch
 
 #: s between two looks, and between two times a node says what it still waits for.
 LOOK, REPEAT = 0.02, 0.5
-#: Looks at samples of a run that nobody announces before a node that could start says so.
+#: Looks at samples of an unannounced run after which a node that could start reports it.
 UNANNOUNCED = 100
 #: Failed measurements of other hosts' clocks before a node says so; it goes on measuring.
 FAILURES = 3

@@ -92,7 +92,7 @@ def extra_services(system: System, reports: Sequence[NodeReport]) -> Iterator[st
             yield from _surplus(life, epochs, "epochs_sent", "EPOCHs", others, buses)
         late = own.services.get("late_starts", 0)
         if late > FEW:
-            yield f"{life} heard {late} STARTs while it ran: somebody sends them to a run that runs"
+            yield f"{life} heard {late} STARTs while it ran: another sender starts a running run"
         for bus, health in own.buses.items():
             if health.get("oversized"):
                 count = health["oversized"]

@@ -85,7 +85,7 @@ def during(running: Rehearsal, act: Callable[[], None]) -> RehearsalRecord:
 
 def test_forged_services_are_counted_and_named(tmp_path: Path) -> None:
     calm = [f"deploy.nodes.{n}.within=10" for n in ARMS]
-    changes = ['run.stop="4 s"', *calm, *sockets(ARMS, tmp_path)]
+    changes = ['run.stop="8 s"', *calm, *sockets(ARMS, tmp_path)]
     system, running = prepared("teleoperation", "zenoh", changes, tmp_path / "run")
     during(running, lambda: Stranger(system, tmp_path / "master").forge())
     lives = {name: Statement.read(tmp_path / "run" / NODES, Life(name)) for name in system.nodes}

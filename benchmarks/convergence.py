@@ -13,7 +13,7 @@ differ by decays as exp(p t), p the root near 0 of
 
 over all edges (robot i receives from j), with the mean age T_ij of what controller i holds when it
 steps, and its gain lambda; without delays p = -lambda lambda_2. It is the slowest root of v'L(p)v,
-with L(p) of cosim/analysis/network.py. "Measured" is the slope of the logarithm of the differences,
+with L(p) of cosim/predict/network.py. "Measured" is the slope of the logarithm of the differences,
 projected on v, over the second half of the run.
 """
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from cosim.analysis.metrics import evaluate, metric
+from cosim.measure.metrics import evaluate, metric
 from cosim.record import Run
 
 

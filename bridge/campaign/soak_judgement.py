@@ -20,8 +20,8 @@ from bridge.records.records import LifeEnd, Missed, Refused
 from bridge.results.rehearsal_outcome import RehearsalOutcome
 from bridge.results.verdict import OF_TIME, Verdict, Word, of_time
 from bridge.wiring.wiring import Rows
-from cosim.analysis import declared_metrics
-from cosim.analysis.metrics import evaluate
+from cosim.measure import declared_metrics
+from cosim.measure.metrics import evaluate
 from cosim.record import Run
 from cosim.record.folder import NODES
 

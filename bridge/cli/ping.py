@@ -329,11 +329,11 @@ def _predict(
 ) -> None:
     """Felt damping and stiffness, and the scenario offline with the delays its links would have."""
     from bridge.cli.options import unused_folder
-    from cosim.analysis.system import system as with_facts
     from cosim.checks.laws import prediction
     from cosim.cli.summary import summary
     from cosim.engine.simulate import simulate
     from cosim.loading.files import load
+    from cosim.predict.system import system as with_facts
     from cosim.record import Run
     from cosim.scenario.assemble import assemble
 

@@ -103,12 +103,12 @@ def run(
     from bridge.deployment.system import load_system
     from bridge.results.outcome import run_twin
     from bridge.results.report import line
-    from cosim.analysis import declared_metrics
-    from cosim.analysis.metrics import evaluate
     from cosim.base.clock import stamp, stopwatch
     from cosim.base.interrupts import exit_code
     from cosim.cli.json_file import write_json
     from cosim.cli.summary import metrics_as_data, pictures, this_command
+    from cosim.measure import declared_metrics
+    from cosim.measure.metrics import evaluate
     from cosim.record import Run, claim_folder, held_folder, seal
 
     if clock != "simulated":

@@ -24,7 +24,7 @@ _LATE, _AGE, _NETWORK = "lateness of ", "age of ", "network's part of "
 
 @final
 class JournalSignals:
-    """Rows of nodes, as :class:`cosim.analysis.signals.Signals`; a node without rows is NaN.
+    """Rows of nodes, as :class:`cosim.record.signals.Signals`; a node without rows is NaN.
 
     `rows`: by node, ascending slots; `span`: s before the newest slot of all nodes; None:
     everything. `gaps`: a node that executes no slots is NaN, too, instead of its last values.

@@ -11,7 +11,7 @@ from bridge.monitor.listener import Listener
 from bridge.monitor.messages import SPAN_NS, Beat, ReceivedMessage
 from bridge.monitor.view import TextTable, View, result, values
 from bridge.native.bus import last_second
-from cosim.analysis.metrics import MetricResult
+from cosim.measure.metrics import MetricResult
 
 
 def view(listener: Listener, now_ns: int) -> View:

@@ -25,9 +25,9 @@ from bridge.realtime.lateness import Spread
 from bridge.recording.live_run import LiveRun
 from bridge.records.node_lives import Life
 from bridge.safety.limits import explain, explain_guard
-from cosim.analysis import declared_metrics
-from cosim.analysis.metrics import MetricResult, evaluate
 from cosim.bus.timing import BusTiming
+from cosim.measure import declared_metrics
+from cosim.measure.metrics import MetricResult, evaluate
 
 Rows = NDArray[np.void]
 #: s looked at, and s that the newest frames are left to arrive before they count as lost.

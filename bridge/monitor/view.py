@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from math import isnan
 
 from bridge.monitor.snapshot import NodeView, Snapshot
-from cosim.analysis.metrics import MetricResult
+from cosim.measure.metrics import MetricResult
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from bridge.deployment.system import System
 from bridge.monitor.messages import SPAN_NS, ReceivedMessage
-from cosim.analysis import declared_metrics
-from cosim.analysis.metrics import Error, Metric, MetricResult
 from cosim.base.errors import ScenarioError
 from cosim.base.names import signal_of
+from cosim.measure import declared_metrics
+from cosim.measure.metrics import Error, Metric, MetricResult
 
 Array = NDArray[np.float64]
 #: s between two rows.
@@ -22,7 +22,7 @@ STEP = 0.005
 
 @final
 class Recent:
-    """Signals like :class:`cosim.analysis.signals.Signals`: a value holds until the next one.
+    """Signals like :class:`cosim.record.signals.Signals`: a value holds until the next one.
 
     Before its first one holds too; of what has not come for a second all is NaN. `t` ends at 0,
     which is `now_ns` (monotonic).

@@ -19,9 +19,6 @@ from typing import Any
 import numpy as np
 
 from bridge.ping.clocks import Floats
-from cosim.analysis import declared_metrics
-from cosim.analysis.metrics import MetricResult, evaluate
-from cosim.analysis.system import system
 from cosim.base.errors import RunError, ScenarioError
 from cosim.base.settings import change
 from cosim.checks.laws import prediction as findings
@@ -31,6 +28,9 @@ from cosim.comparison.variants_file import read as read_variants
 from cosim.engine.simulate import simulate
 from cosim.links.traces import write_trace
 from cosim.loading.files import read_document
+from cosim.measure import declared_metrics
+from cosim.measure.metrics import MetricResult, evaluate
+from cosim.predict.system import system
 from cosim.record import Run
 from cosim.scenario.assemble import assemble
 from cosim.scenario.spec import Scenario, build

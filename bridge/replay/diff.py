@@ -24,9 +24,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bridge.replay.run_facts import is_compared, period, quanta, stored_scenario
-from cosim.analysis import declared_metrics
-from cosim.analysis.metrics import evaluate
 from cosim.base.errors import CosimError, ScenarioError
+from cosim.measure import declared_metrics
+from cosim.measure.metrics import evaluate
 from cosim.record import Run
 
 Array = NDArray[np.float64]

@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 from bridge.deployment.cut import NodePlan
 from bridge.deployment.system import System
 from bridge.wiring.wiring import Rows
-from cosim.analysis import system as roles
-from cosim.analysis.facts import Arm
+from cosim.predict import system as roles
+from cosim.predict.facts import Arm
 
 #: A slope below this does not answer, below its negative it goes the wrong way.
 SLOPE = 0.25

@@ -40,12 +40,12 @@ from bridge.results.findings import Evidence
 from bridge.results.rehearsal_outcome import RehearsalOutcome
 from bridge.results.symptoms import FinishedRun
 from bridge.wiring.wiring import Rows
-from cosim.analysis import declared_metrics
-from cosim.analysis.metrics import Metric, MetricResult
 from cosim.base.clock import realtime_offset_ns
 from cosim.base.errors import CosimError, Interrupted, RunError, ScenarioError
 from cosim.base.interrupts import acknowledge
 from cosim.engine.simulate import metadata, stop_metadata
+from cosim.measure import declared_metrics
+from cosim.measure.metrics import Metric, MetricResult
 from cosim.record import Run, seal, write_metadata
 from cosim.record.folder import FINISHED, NODES, STOPPED, read_metadata
 from cosim.record.recover import journals

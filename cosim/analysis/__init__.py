@@ -1,1 +1,1 @@
-"""Numbers from a run: metrics, manipulability, impedance, passivity and closed forms."""
+"""Tests of one port of a scenario: what a push, a grip or a shake feels, beside the predictions."""

@@ -8,12 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from cosim.analysis import closed_form as closed
+from cosim.analysis.analyzed_port import Subject
 from cosim.analysis.conditions import unmet_conditions
 from cosim.analysis.contacts import by_grip, by_wall, margin
-from cosim.analysis.elimination import quick_rows
 from cosim.analysis.experiments import LOWEST, Bench, rest_position
-from cosim.analysis.facts import Array
 from cosim.analysis.force_tests import (
     PortSweep,
     by_frequency,
@@ -22,14 +20,16 @@ from cosim.analysis.force_tests import (
     sweep,
     with_known,
 )
-from cosim.analysis.network import RobotNetwork, network
-from cosim.analysis.port import PortSignals
 from cosim.analysis.predicted import MANY, predicted
 from cosim.analysis.quantity import Quantity, absent
 from cosim.analysis.recorded_numbers import RecordedPort, least_feedback, numbers, read
-from cosim.analysis.subject import Subject
-from cosim.analysis.system import AnalyzedSystem
 from cosim.base.errors import CosimError
+from cosim.predict import closed_form as closed
+from cosim.predict.elimination import quick_rows
+from cosim.predict.facts import Array
+from cosim.predict.network import RobotNetwork, network
+from cosim.predict.port import PortSignals
+from cosim.predict.system import AnalyzedSystem
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,10 +11,10 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from cosim.analysis.facts import Arm, DynamicFeedback
-from cosim.analysis.inputs import is_driven
-from cosim.analysis.network import RobotNetwork
-from cosim.analysis.system import AnalyzedSystem, values_of
+from cosim.predict.facts import Arm, DynamicFeedback
+from cosim.predict.inputs import is_driven
+from cosim.predict.network import RobotNetwork
+from cosim.predict.system import AnalyzedSystem, values_of
 from cosim.scenario.connect import EdgeWeight
 
 

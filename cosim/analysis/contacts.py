@@ -7,14 +7,14 @@ from math import isfinite, isinf
 
 import numpy as np
 
-from cosim.analysis import closed_form as closed
 from cosim.analysis.conditions import constant
 from cosim.analysis.experiments import APART, RESOLVED, Bench, stiffest
 from cosim.analysis.force_tests import each_feedback, title_of
-from cosim.analysis.network import RobotNetwork
-from cosim.analysis.passivity import passive_range, worst_posture
 from cosim.analysis.quantity import Quantity, absent, quantity
 from cosim.base.errors import CosimError
+from cosim.predict import closed_form as closed
+from cosim.predict.network import RobotNetwork
+from cosim.predict.passivity import passive_range, worst_posture
 
 #: Length of runs with a wall and a grip, s.
 WALL, GRIP = 60.0, 30.0

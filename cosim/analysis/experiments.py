@@ -13,14 +13,14 @@ from math import exp, inf, log, sqrt
 
 import numpy as np
 
-from cosim.analysis.facts import Arm, Array, DynamicFeedback, Vector
-from cosim.analysis.frequency import MultiSine, PortGain
-from cosim.analysis.inputs import is_driven
 from cosim.analysis.memory_run import Change, SignalTrace, changed, trace
-from cosim.analysis.network import RobotNetwork, network
-from cosim.analysis.port import PortSignals
-from cosim.analysis.system import AnalyzedSystem
 from cosim.base.errors import RunError, ScenarioError
+from cosim.predict.facts import Arm, Array, DynamicFeedback, Vector
+from cosim.predict.frequency import MultiSine, PortGain
+from cosim.predict.inputs import is_driven
+from cosim.predict.network import RobotNetwork, network
+from cosim.predict.port import PortSignals
+from cosim.predict.system import AnalyzedSystem
 
 #: Frequencies of the port, rad/s.
 LOWEST, HIGHEST = 0.03, 60.0

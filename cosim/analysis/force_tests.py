@@ -8,17 +8,17 @@ from math import inf, log, nan
 
 import numpy as np
 
-from cosim.analysis import closed_form as closed
 from cosim.analysis.conditions import constant
 from cosim.analysis.experiments import FORCE, HIGHEST, LOWEST, RESOLVED, Bench
-from cosim.analysis.facts import Array
-from cosim.analysis.finite_gain import network_gain
-from cosim.analysis.frequency import PortGain, degree
-from cosim.analysis.manipulability import manipulability
-from cosim.analysis.network import RobotNetwork
 from cosim.analysis.quantity import Quantity, absent, quantity
 from cosim.analysis.recorded_numbers import least_feedback
 from cosim.base.errors import CosimError, RunError
+from cosim.measure.manipulability import manipulability
+from cosim.predict import closed_form as closed
+from cosim.predict.facts import Array
+from cosim.predict.finite_gain import network_gain
+from cosim.predict.frequency import PortGain, degree
+from cosim.predict.network import RobotNetwork
 
 #: Length of a run with a push, s, by whether there are more than two arms.
 PUSH = {False: 80.0, True: 600.0}

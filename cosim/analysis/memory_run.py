@@ -12,10 +12,10 @@ from typing import Any
 
 import numpy as np
 
-from cosim.analysis.facts import Array
 from cosim.base import struct
 from cosim.base.errors import RunError, ScenarioError
 from cosim.engine.engine import Engine
+from cosim.predict.facts import Array
 from cosim.scenario.connect import unknown
 from cosim.schedule.parts import Player, Slot, Step
 from cosim.schedule.plan import Plan, compile_plan

@@ -6,9 +6,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 from math import isfinite, nan
 
-from cosim.analysis import closed_form as closed
 from cosim.analysis.contacts import margin
-from cosim.analysis.elimination import quick_rows
 from cosim.analysis.experiments import Bench
 from cosim.analysis.force_tests import (
     PortSweep,
@@ -19,6 +17,8 @@ from cosim.analysis.force_tests import (
     with_known,
 )
 from cosim.analysis.quantity import Quantity, quantity
+from cosim.predict import closed_form as closed
+from cosim.predict.elimination import quick_rows
 
 #: Components beyond which a port is not tested unless that is asked for.
 MANY = 500

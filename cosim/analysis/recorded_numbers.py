@@ -9,16 +9,16 @@ from math import sqrt
 
 import numpy as np
 
-from cosim.analysis.closed_form import manipulability_bound, poles, quasi_static_poles
-from cosim.analysis.energy import effort, observer
-from cosim.analysis.facts import Array, Hand
-from cosim.analysis.felt_impedance import fit_impedance, is_operator
-from cosim.analysis.finite_gain import network_gain
-from cosim.analysis.manipulability import growth, manipulability, running_integral
-from cosim.analysis.network import Complex, RobotNetwork
-from cosim.analysis.port import PortSignals
 from cosim.analysis.quantity import Quantity, absent, quantity
-from cosim.analysis.signals import Signals
+from cosim.measure.energy import effort, observer
+from cosim.measure.felt_impedance import fit_impedance, is_operator
+from cosim.measure.manipulability import growth, manipulability, running_integral
+from cosim.predict.closed_form import manipulability_bound, poles, quasi_static_poles
+from cosim.predict.facts import Array, Hand
+from cosim.predict.finite_gain import network_gain
+from cosim.predict.network import Complex, RobotNetwork
+from cosim.predict.port import PortSignals
+from cosim.record.signals import Signals
 
 
 @dataclass(frozen=True, slots=True)

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     import xarray
     from numpy.typing import NDArray
 
-    from cosim.analysis.metrics import MetricResult
+    from cosim.measure.metrics import MetricResult
     from cosim.reporting.figures import Figure
     from cosim.scenario.spec import Scenario
 
@@ -86,8 +86,8 @@ class RunResult:
     @property
     def metrics(self) -> Mapping[str, MetricResult]:
         """The metrics that the scenario declares, by name: value, unit, detail and parts."""
-        from cosim.analysis import declared_metrics
-        from cosim.analysis.metrics import evaluate
+        from cosim.measure import declared_metrics
+        from cosim.measure.metrics import evaluate
 
         found = evaluate(declared_metrics.metrics(self._scenario()), self._run)
         return {result.name: result for result in found}

@@ -1,7 +1,7 @@
 """Pre-flight: checks of a scenario before it runs, with advice.
 
 ``check(scenario, plan)`` gives findings, worst first. Rules are functions of a
-:class:`cosim.analysis.system.AnalyzedSystem`, a file a subject:
+:class:`cosim.predict.system.AnalyzedSystem`, a file a subject:
 
 =============  ====================================================================
 ``reach``      is every controller reached from the operator's arm; unconnected ones

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from cosim.analysis.system import AnalyzedSystem
 from cosim.checks.finding import Finding
 from cosim.links.bus_delays import BusDelays
 from cosim.links.table import DrawnTable
+from cosim.predict.system import AnalyzedSystem
 
 
 def lost_frames(system: AnalyzedSystem) -> Iterator[Finding]:

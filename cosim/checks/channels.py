@@ -7,14 +7,14 @@ from math import inf, isinf
 
 import numpy as np
 
-from cosim.analysis.ages import age_bound
-from cosim.analysis.system import AnalyzedSystem
 from cosim.checks.couplings import is_constant, longest_delay
 from cosim.checks.finding import Finding, Severity
 from cosim.links.bursts import ParetoBursts
 from cosim.links.losses import GilbertElliott, Independent, Lossy
 from cosim.links.semantics import PacketSemantics, PlayoutSemantics, SignalSemantics
 from cosim.links.table import DrawnTable
+from cosim.predict.ages import age_bound
+from cosim.predict.system import AnalyzedSystem
 from cosim.schedule.parts import Link
 
 #: Gaps in what arrives that are shorter than this on average are no more than a note, s.

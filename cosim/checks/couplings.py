@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from math import sqrt
 
-from cosim.analysis.facts import SpringDamper
-from cosim.analysis.system import AnalyzedSystem
 from cosim.checks.finding import Finding
 from cosim.links.losses import Lossy
 from cosim.links.semantics import PlayoutSemantics
 from cosim.links.table import DrawnTable
+from cosim.predict.facts import SpringDamper
+from cosim.predict.system import AnalyzedSystem
 from cosim.schedule.parts import Link
 
 

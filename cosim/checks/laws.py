@@ -7,15 +7,15 @@ from math import inf, isfinite, log, nan
 
 import numpy as np
 
-from cosim.analysis import closed_form as closed
-from cosim.analysis.facts import Arm, DynamicFeedback
-from cosim.analysis.network import RobotNetwork, network, spread
-from cosim.analysis.passivity import PassiveRange, is_passive, passive_range, worst_posture
-from cosim.analysis.system import AnalyzedSystem
 from cosim.base.errors import ScenarioError
 from cosim.checks.finding import Finding, Severity
 from cosim.checks.peaks import settling
 from cosim.checks.sampling import known_laws
+from cosim.predict import closed_form as closed
+from cosim.predict.facts import Arm, DynamicFeedback
+from cosim.predict.network import RobotNetwork, network, spread
+from cosim.predict.passivity import PassiveRange, is_passive, passive_range, worst_posture
+from cosim.predict.system import AnalyzedSystem
 
 #: Torques of gravity that are this close are compensated, N.m.
 COMPENSATED = 1e-3

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from cosim.analysis.system import AnalyzedSystem
 from cosim.checks.finding import Finding
+from cosim.predict.system import AnalyzedSystem
 
 
 def start(system: AnalyzedSystem) -> Iterator[Finding]:

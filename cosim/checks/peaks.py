@@ -18,9 +18,9 @@ from math import inf
 
 import numpy as np
 
-from cosim.analysis.facts import Array
-from cosim.analysis.network import RobotNetwork, network
-from cosim.analysis.system import AnalyzedSystem
+from cosim.predict.facts import Array
+from cosim.predict.network import RobotNetwork, network
+from cosim.predict.system import AnalyzedSystem
 
 #: Doublings of the time step, and the first step, s: 2^9 steps of 20 ms.
 _DOUBLINGS, _STEP = 9, 0.02

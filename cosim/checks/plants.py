@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 from math import ceil, inf, log
 
-from cosim.analysis.system import AnalyzedSystem
 from cosim.base.errors import CosimError
 from cosim.checks.finding import Finding
 from cosim.engine.engine import Engine
 from cosim.engine.plant_loops import PlantLoop, possible_loops
+from cosim.predict.system import AnalyzedSystem
 
 #: A difference that counts as gone, as a share, and a factor that is 0 but for rounding.
 GONE, NONE = 0.01, 1e-6

@@ -6,8 +6,6 @@ import importlib
 from collections.abc import Callable, Iterator
 from functools import partial
 
-from cosim.analysis.facts import DynamicFeedback, TipContact
-from cosim.analysis.system import AnalyzedSystem, system
 from cosim.checks import (
     buses,
     channels,
@@ -19,6 +17,8 @@ from cosim.checks import (
     wiring,
 )
 from cosim.checks.finding import Finding, merge_findings
+from cosim.predict.facts import DynamicFeedback, TipContact
+from cosim.predict.system import AnalyzedSystem, system
 from cosim.scenario.spec import Scenario
 from cosim.schedule.plan import Plan
 

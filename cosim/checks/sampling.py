@@ -6,11 +6,11 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 import numpy as np
 
-from cosim.analysis.facts import Arm, DynamicFeedback, Hand, Law, SpringDamper
-from cosim.analysis.network import spread
-from cosim.analysis.system import AnalyzedSystem
 from cosim.checks.finding import Finding, Severity
 from cosim.checks.peaks import held_networks
+from cosim.predict.facts import Arm, DynamicFeedback, Hand, Law, SpringDamper
+from cosim.predict.network import spread
+from cosim.predict.system import AnalyzedSystem
 
 #: Stability limit of the classical Runge-Kutta method: h times a frequency, h times a decay.
 RK4 = 2.8

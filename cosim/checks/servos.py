@@ -6,10 +6,10 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from cosim.analysis.facts import Arm, DynamicFeedback, Servo, ServoCommand
-from cosim.analysis.network import spread
-from cosim.analysis.system import AnalyzedSystem, CommandPath
 from cosim.checks.finding import Finding, Severity
+from cosim.predict.facts import Arm, DynamicFeedback, Servo, ServoCommand
+from cosim.predict.network import spread
+from cosim.predict.system import AnalyzedSystem, CommandPath
 
 #: What a law says that is moved by a measured torque.
 MEASURED = "it is moved by a measured torque"

@@ -7,12 +7,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cosim.analysis.facts import Arm, Array, DynamicFeedback, SpringDamper, TipContact, TipTask
-from cosim.analysis.network import spread
-from cosim.analysis.system import AnalyzedSystem, Edge
 from cosim.checks.finding import Finding, Severity
 from cosim.checks.laws import dynamic
 from cosim.checks.sampling import CLOSE
+from cosim.predict.facts import Arm, Array, DynamicFeedback, SpringDamper, TipContact, TipTask
+from cosim.predict.network import spread
+from cosim.predict.system import AnalyzedSystem, Edge
 
 
 class _Tip(NamedTuple):

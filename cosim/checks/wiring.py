@@ -6,11 +6,11 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from cosim.analysis.system import AnalyzedSystem
 from cosim.checks.finding import Finding, Severity
 from cosim.checks.peaks import held_networks
 from cosim.fmi.components import default_start, has_unit, is_simulator, simulator_remarks
 from cosim.fmi.components import ignored as ignored_in
+from cosim.predict.system import AnalyzedSystem
 from cosim.schedule.parts import Link, Slot, Wire
 from cosim.schedule.plan import Plan
 

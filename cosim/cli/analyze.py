@@ -56,7 +56,7 @@ def analyze(
     are applied to the scenario of that run.
     """
     from cosim.analysis.analysis import analyse
-    from cosim.analysis.subject import of_run, of_scenario
+    from cosim.analysis.analyzed_port import of_run, of_scenario
     from cosim.base.errors import ScenarioError
     from cosim.record import verify
 

@@ -113,10 +113,10 @@ def print_warnings(scenario: Scenario, plan: Plan, *, strict: bool, quiet: bool)
     A check that fails is also a line: it does not prevent a run. Raises ScenarioError for all of
     these if `strict`.
     """
-    from cosim.analysis.joint_limits import joint_limits
-    from cosim.analysis.system import system
     from cosim.checks.preflight import findings
     from cosim.cli.summary import announced
+    from cosim.measure.joint_limits import joint_limits
+    from cosim.predict.system import system
 
     limits: Mapping[str, Sequence[float]] = {}
     try:

@@ -100,7 +100,6 @@ def run(
     quiet: Quiet = False,
 ) -> None:
     """Run a scenario; write trajectories, metadata, link tables and a report to a folder."""
-    from cosim.analysis.joint_limits import beyond
     from cosim.base.clock import stamp
     from cosim.base.errors import Interrupted, RunError, ScenarioError
     from cosim.base.interrupts import exit_code
@@ -121,6 +120,7 @@ def run(
     from cosim.cli.supervise import announce_run_folder
     from cosim.engine.simulate import columns, simulate
     from cosim.loading.files import load
+    from cosim.measure.joint_limits import beyond
     from cosim.record import Run, seal
     from cosim.record.folder import CSV
     from cosim.scenario.assemble import assemble

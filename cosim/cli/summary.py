@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Any
 from cosim.base.errors import ScenarioError
 
 if TYPE_CHECKING:
-    from cosim.analysis.metrics import MetricResult
     from cosim.engine.simulate import RunOutcome
+    from cosim.measure.metrics import MetricResult
     from cosim.record import Column, Run
     from cosim.scenario.spec import Scenario
     from cosim.schedule.plan import Plan
@@ -104,9 +104,9 @@ def check(scenario: Scenario, recorded: Sequence[Column]) -> None:
 
     Raises ScenarioError with the place: an unknown signal, sizes or units that do not match.
     """
-    from cosim.analysis import declared_metrics
-    from cosim.analysis.metrics import evaluate
-    from cosim.analysis.preview import Preview
+    from cosim.measure import declared_metrics
+    from cosim.measure.metrics import evaluate
+    from cosim.measure.preview import Preview
 
     preview = Preview({c.name: c.unit for c in recorded})
     for metric in declared_metrics.metrics(scenario):
@@ -128,8 +128,8 @@ def check(scenario: Scenario, recorded: Sequence[Column]) -> None:
 
 def summary(scenario: Scenario, run: Run, outcome: RunOutcome) -> list[str]:
     """The numbers of a run, a line each."""
-    from cosim.analysis import declared_metrics
-    from cosim.analysis.metrics import evaluate
+    from cosim.measure import declared_metrics
+    from cosim.measure.metrics import evaluate
 
     results = evaluate(declared_metrics.metrics(scenario), run)
     lines = [_line(r.label, r.text) for r in results]
@@ -171,7 +171,7 @@ def as_data(scenario: Scenario, run: Run, outcome: RunOutcome) -> dict[str, Any]
 
 def metrics_as_data(scenario: Scenario, run: Run) -> dict[str, Any]:
     """The metrics of a scenario by name: value, unit, parts; without those of missing signals."""
-    from cosim.analysis import declared_metrics
+    from cosim.measure import declared_metrics
 
     found = {}
     for metric in declared_metrics.metrics(scenario):

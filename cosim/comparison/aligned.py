@@ -24,10 +24,10 @@ from math import isfinite, nan
 
 import numpy as np
 
-from cosim.analysis.metric_result import MetricResult, length, root_mean_square
-from cosim.analysis.signals import Signals, stack
 from cosim.base.errors import ScenarioError
 from cosim.comparison.toml import Section
+from cosim.measure.metric_result import MetricResult, length, root_mean_square
+from cosim.record.signals import Signals, stack
 
 KIND = "rms_aligned"
 

@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.analysis.metrics import Metric, MetricResult
 from cosim.base.errors import FmuError, PlanError, RunError, ScenarioError
 from cosim.comparison.aligned import AlignedError
 from cosim.comparison.documents import Case
@@ -22,6 +21,7 @@ from cosim.comparison.verdict import RunVerdict, judge
 from cosim.engine.simulate import simulate
 from cosim.links.grid import Grid
 from cosim.links.storage import load_table
+from cosim.measure.metrics import Metric, MetricResult
 from cosim.record import Run
 from cosim.reporting.thinning import thin
 from cosim.scenario.spec import Scenario

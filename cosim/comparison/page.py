@@ -11,10 +11,10 @@ from statistics import median
 
 import numpy as np
 
-from cosim.analysis.contact_metrics import PortEnergy
 from cosim.comparison.comparison import Comparison
 from cosim.comparison.rows import ComparisonRow, columns, header, notes, rows
 from cosim.comparison.variants import MetricColumn, PortMeasure
+from cosim.measure.contact_metrics import PortEnergy
 from cosim.reporting.html import Badge, PageData, command, folded, table, write_page
 
 PAGE = "report.html"

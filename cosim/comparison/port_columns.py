@@ -25,10 +25,14 @@ from typing import get_args
 
 from cosim.analysis.experiments import FORCE, Bench
 from cosim.analysis.force_tests import UNSTABLE
-from cosim.analysis.frequency import MultiSine, PortGain
-from cosim.analysis.port import port_of
-from cosim.analysis.system import system
-from cosim.analysis.transparency import (
+from cosim.base.errors import CosimError, RunError, ScenarioError
+from cosim.comparison.documents import Case
+from cosim.comparison.toml import Section
+from cosim.comparison.variants import Environment, MetricColumn, PortBench, PortKind, PortMeasure
+from cosim.predict.frequency import MultiSine, PortGain
+from cosim.predict.port import port_of
+from cosim.predict.system import system
+from cosim.predict.transparency import (
     Estimate,
     free_impedance,
     log_weights,
@@ -37,10 +41,6 @@ from cosim.analysis.transparency import (
     transparency_error,
     z_width,
 )
-from cosim.base.errors import CosimError, RunError, ScenarioError
-from cosim.comparison.documents import Case
-from cosim.comparison.toml import Section
-from cosim.comparison.variants import Environment, MetricColumn, PortBench, PortKind, PortMeasure
 from cosim.scenario.assemble import assemble
 from cosim.scenario.spec import Scenario
 

@@ -7,9 +7,9 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
-from cosim.analysis.metrics import Metric
 from cosim.base.errors import ScenarioError
 from cosim.comparison.aligned import AlignedError
+from cosim.measure.metrics import Metric
 from cosim.scenario.connect import unknown
 
 PortKind = Literal["transparency", "z_width", "free_impedance", "passivity"]

@@ -37,7 +37,7 @@
 
     [links.wifi.slave]                      # what differs on the way on which a role receives
     [links.chain.hears]                     # another graph: whom each role hears
-    [columns.effort]                        # a metric (cosim.analysis.metrics), or a part of one
+    [columns.effort]                        # a metric (cosim.measure.metrics), or a part of one
     kind = "norm"
     of = ["master.tau_h"]
 
@@ -54,7 +54,6 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, cast, get_args
 
-from cosim.analysis.metrics import Distance, metric
 from cosim.base.errors import ScenarioError
 from cosim.comparison.aligned import KIND, aligned_error
 from cosim.comparison.extends import document
@@ -76,6 +75,7 @@ from cosim.comparison.variants import (
     Variants,
     choose,
 )
+from cosim.measure.metrics import Distance, metric
 from cosim.scenario.connect import unknown
 
 _NAME = re.compile(r"[\w.+-]+$")

@@ -26,9 +26,9 @@ from typing import Literal
 
 import numpy as np
 
-from cosim.analysis.signals import Array, Signals, stack
 from cosim.base.errors import RunError
 from cosim.comparison.variants import Stability
+from cosim.record.signals import Array, Signals, stack
 
 Kind = Literal["diverged", "stopped", "at rest", "settling", "moving", "growing"]
 

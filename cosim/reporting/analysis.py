@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cosim.analysis.analysis import Analysis
-from cosim.analysis.facts import Array
-from cosim.analysis.manipulability import local_growth
 from cosim.base.aside import write_file
+from cosim.measure.manipulability import local_growth
+from cosim.predict.facts import Array
 from cosim.reporting.figures import load
 from cosim.reporting.thinning import thin
 

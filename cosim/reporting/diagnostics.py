@@ -9,7 +9,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.analysis.joint_limits import beyond
+from cosim.measure.joint_limits import beyond
 from cosim.record import Run
 from cosim.reporting import many
 from cosim.reporting.html import folded, table

@@ -17,9 +17,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cosim.analysis.signals import Array, Signals
 from cosim.base.aside import write_file
 from cosim.base.errors import CosimError, ScenarioError
+from cosim.record.signals import Array, Signals
 from cosim.reporting import many
 from cosim.reporting.html import TimedEvent
 from cosim.reporting.thinning import thin

@@ -12,12 +12,12 @@ from typing import Any
 
 import numpy as np
 
-from cosim.analysis import declared_metrics
-from cosim.analysis.metric_result import MetricResult
-from cosim.analysis.metrics import evaluate
 from cosim.base.errors import CosimError
 from cosim.base.names import counted, listed, signal_of
 from cosim.links.storage import read_facts, table_groups
+from cosim.measure import declared_metrics
+from cosim.measure.metric_result import MetricResult
+from cosim.measure.metrics import evaluate
 from cosim.record import Run
 from cosim.record.folder import REPORT
 from cosim.reporting import many

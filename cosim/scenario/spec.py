@@ -213,7 +213,7 @@ class TopologySpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
 
 
 class MetricSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """One number of the summary; see :mod:`cosim.analysis.metrics` for the kinds."""
+    """One number of the summary; see :mod:`cosim.measure.metrics` for the kinds."""
 
     kind: str
     of: tuple[str, ...]
@@ -248,7 +248,7 @@ class AnalysisSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
 
     `force`: on the robot at the port, `response` and `rate`: its position and velocity, `inject`:
     the input a test force goes into; `far_force`: of the far robot on its environment, with the
-    position `far_response` and velocity `far_rate`. See :mod:`cosim.analysis.port`.
+    position `far_response` and velocity `far_rate`. See :mod:`cosim.predict.port`.
     """
 
     force: str = ""

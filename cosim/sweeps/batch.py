@@ -15,14 +15,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cosim.analysis import declared_metrics
-from cosim.analysis.metrics import Metric
 from cosim.base.clock import stopwatch
 from cosim.base.settings import parts
 from cosim.engine.batch import can_join, together
 from cosim.engine.engine import Engine
 from cosim.engine.reset import can_rewind
 from cosim.engine.reuse import RepeatedEngine
+from cosim.measure import declared_metrics
+from cosim.measure.metrics import Metric
 from cosim.record import Column
 from cosim.scenario.assemble import assemble
 from cosim.scenario.kept import KeptComponents

@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.analysis.signals import Array
 from cosim.base.aside import write_file
+from cosim.record.signals import Array
 from cosim.sweeps.axes import Drawn, Listed
 from cosim.sweeps.search import record_side
 from cosim.sweeps.study import SEED, Study

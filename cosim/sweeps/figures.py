@@ -20,10 +20,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cosim.analysis.signals import Array
 from cosim.base.aside import write_file
 from cosim.base.errors import ScenarioError
 from cosim.base.names import unknown
+from cosim.record.signals import Array
 from cosim.reporting.figures import DPI, load
 from cosim.sweeps.spec import SweepFigureSpec
 from cosim.sweeps.study import Study

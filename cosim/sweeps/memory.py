@@ -7,13 +7,13 @@ from typing import final
 
 import numpy as np
 
-from cosim.analysis.preview import Preview
-from cosim.analysis.signals import Array
 from cosim.base.errors import CosimError
 from cosim.engine.batch import can_join, run_many
 from cosim.engine.engine import Engine
 from cosim.engine.reuse import RepeatedEngine
+from cosim.measure.preview import Preview
 from cosim.record import Column
+from cosim.record.signals import Array
 from cosim.schedule.plan import Plan
 
 #: Ticks in a chunk at the most, and values a chunk may hold: it should stay in the cache.
@@ -22,7 +22,7 @@ _CHUNK_TICKS, _CHUNK_VALUES = 8192, 1 << 18
 
 @final
 class Memory:
-    """Recorded signals, as metrics read them (:class:`cosim.analysis.signals.Signals`).
+    """Recorded signals, as metrics read them (:class:`cosim.record.signals.Signals`).
 
     `x`: (columns, n), the rows at the times `t` (n,), s.
     """

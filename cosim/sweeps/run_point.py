@@ -11,17 +11,17 @@ from typing import Any
 
 import numpy as np
 
-from cosim.analysis import declared_metrics
-from cosim.analysis.metrics import Metric, MetricResult, evaluate
-from cosim.analysis.preview import Preview
-from cosim.analysis.signals import Signals
 from cosim.base.clock import stopwatch
 from cosim.base.errors import CosimError, RunError, ScenarioError
 from cosim.base.settings import change
 from cosim.engine.simulate import columns, simulate
 from cosim.fmi.failures import sentence
 from cosim.loading.files import read_document
+from cosim.measure import declared_metrics
+from cosim.measure.metrics import Metric, MetricResult, evaluate
+from cosim.measure.preview import Preview
 from cosim.record import Column, Run
+from cosim.record.signals import Signals
 from cosim.scenario.assemble import assemble
 from cosim.scenario.spec import Scenario, build
 from cosim.schedule.plan import Plan

@@ -13,9 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from cosim.analysis.signals import Array
 from cosim.base.aside import write_file
 from cosim.base.errors import RunError
+from cosim.record.signals import Array
 from cosim.sweeps.store import write_records
 from cosim.sweeps.table import Records, SweepTable, column, entries, grouped
 

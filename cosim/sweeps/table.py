@@ -10,7 +10,7 @@ from typing import Any, final, overload
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.analysis.signals import Array
+from cosim.record.signals import Array
 
 
 @final

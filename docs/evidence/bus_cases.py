@@ -18,11 +18,11 @@ PAGE = Path(__file__).with_name("bus-cases.md")
 if str(ROOT) not in sys.path:
     sys.path.insert(0, str(ROOT))
 
-from cosim.analysis import declared_metrics  # noqa: E402
-from cosim.analysis.metrics import evaluate  # noqa: E402
 from cosim.bus.accounting import BusHistory  # noqa: E402
 from cosim.engine.simulate import simulate  # noqa: E402
 from cosim.loading.files import load  # noqa: E402
+from cosim.measure import declared_metrics  # noqa: E402
+from cosim.measure.metrics import evaluate  # noqa: E402
 from cosim.record import Run  # noqa: E402
 from cosim.reporting.bus_account import draw_account  # noqa: E402
 from cosim.reporting.figures import draw_styled, png  # noqa: E402

@@ -1,7 +1,7 @@
 """Facts of the models, from which predictions and checks are computed without a run.
 
 The table :data:`FACTS` maps the name of a model's module to its function of facts, for each model
-that has one; :mod:`cosim.analysis.facts` describes the argument and the result.
+that has one; :mod:`cosim.predict.facts` describes the argument and the result.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from cosim.analysis.facts import (
+from cosim.predict.facts import (
     GRAVITY,
     Arm,
     DynamicFeedback,

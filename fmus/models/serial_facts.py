@@ -12,7 +12,7 @@ from dataclasses import replace
 from functools import lru_cache
 from math import inf, pi
 
-from cosim.analysis.facts import (
+from cosim.predict.facts import (
     GRAVITY,
     Arm,
     DynamicFeedback,

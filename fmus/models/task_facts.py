@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from cosim.analysis.facts import DynamicFeedback, TipContact, TipTask, Values
+from cosim.predict.facts import DynamicFeedback, TipContact, TipTask, Values
 from fmus.arms import task_space
 from fmus.model.numeric import Array, np
 from fmus.models import serial_facts

@@ -8,8 +8,8 @@ from math import inf, log, sqrt
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cosim.analysis.manipulability import manipulability as observed
-from cosim.analysis.metrics import settle_time
+from cosim.measure.manipulability import manipulability as observed
+from cosim.measure.metrics import settle_time
 from cosim.record import Run
 
 Array = NDArray[np.float64]

@@ -12,7 +12,7 @@ import typer
 from cosim.cli.options import Quiet
 
 if TYPE_CHECKING:
-    from cosim.analysis.inputs import RunWithInputs
+    from cosim.predict.inputs import RunWithInputs
     from cosim.record import Run
     from cosim.schedule.parts import Step
     from cosim.schedule.plan import Plan
@@ -80,7 +80,7 @@ class _Recorded(NamedTuple):
 
 
 def _recorded(folder: Path, component: str) -> _Recorded:
-    from cosim.analysis.subject import stored_scenario
+    from cosim.analysis.analyzed_port import stored_scenario
     from cosim.base.errors import ScenarioError
     from cosim.record import Run
     from cosim.scenario.assemble import assemble
@@ -98,8 +98,8 @@ def _arm(step: Step, folder: Path) -> tuple[Table, Array, Array]:
     """(table, its 13 n parameters, v_f) of the arm in the scenario. Raises ScenarioError."""
     import numpy as np
 
-    from cosim.analysis.system import values_of
     from cosim.base.errors import ScenarioError
+    from cosim.predict.system import values_of
     from fmus.arms.chain import of_values
 
     shapes = {p.name: p.shape for p in step.component.parameters}
@@ -115,7 +115,7 @@ def _motion(recorded: _Recorded, component: str, q: str) -> tuple[Array, Array, 
     """Times (k,), q (k, n), and torques (k, n) of motors, outside forces, grip and wall."""
     import numpy as np
 
-    from cosim.analysis.inputs import RunWithInputs
+    from cosim.predict.inputs import RunWithInputs
 
     signals = RunWithInputs(*recorded)
     held = sum(_middle(signals, recorded.run, f"{component}.{p}") for p in ("tau", "tau_ext"))
@@ -125,7 +125,7 @@ def _motion(recorded: _Recorded, component: str, q: str) -> tuple[Array, Array, 
 
 def _touch(recorded: _Recorded, signals: RunWithInputs, component: str) -> Array | float:
     """Torque (k, n) of the grip, less that on the wall; needed where the scenario has them."""
-    from cosim.analysis.system import values_of
+    from cosim.predict.system import values_of
 
     values = values_of(recorded.plan.component(component))
     found: Array | float = 0.0

@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import Any
 
 from cosim.analysis.analysis import Analysis, analyse
+from cosim.analysis.analyzed_port import Subject, find_port, record
 from cosim.analysis.experiments import Bench
-from cosim.analysis.network import RobotNetwork, network
 from cosim.analysis.quantity import Quantity
-from cosim.analysis.subject import Subject, find_port, record
+from cosim.predict.network import RobotNetwork, network
 from cosim.scenario.assemble import assemble
 from cosim.scenario.spec import build
 from fmus.paper.experiments import single, teleoperator

@@ -11,15 +11,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cosim.analysis import closed_form as closed
-from cosim.analysis import elimination
-from cosim.analysis import network as network_module
-from cosim.analysis.facts import DynamicFeedback
-from cosim.analysis.network import Complex, RobotNetwork, network
-from cosim.analysis.system import system
 from cosim.base.errors import ScenarioError
 from cosim.checks import laws
 from cosim.loading.files import load
+from cosim.predict import closed_form as closed
+from cosim.predict import elimination
+from cosim.predict import network as network_module
+from cosim.predict.facts import DynamicFeedback
+from cosim.predict.network import Complex, RobotNetwork, network
+from cosim.predict.system import system
 from cosim.scenario.assemble import assemble
 from fmus.paper import oracles
 from fmus.paper.experiments import THETA

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from cosim.analysis import elimination, experiments
+from cosim.analysis import experiments
+from cosim.predict import elimination
 from cosim.record import Run
 from tests.cli.command import CONFIG, Command
 

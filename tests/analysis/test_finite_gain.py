@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from cosim.analysis.analysis import analyse
-from cosim.analysis.closed_form import manipulability_bound
-from cosim.analysis.finite_gain import finite_gain, network_gain, response_by_steps
-from cosim.analysis.interpolated import interpolated
-from cosim.analysis.network import Complex
+from cosim.predict.closed_form import manipulability_bound
+from cosim.predict.finite_gain import finite_gain, network_gain, response_by_steps
+from cosim.predict.interpolated import interpolated
+from cosim.predict.network import Complex
 from fmus.paper import oracles
 from fmus.paper.experiments import network, single
 from tests.analysis.cases import DOCUMENTS, net_of, number, subject

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cosim.analysis.frequency import MultiSine, PortGain, degree
+from cosim.predict.frequency import MultiSine, PortGain, degree
 
 H = 0.01
 

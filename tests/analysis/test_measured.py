@@ -12,15 +12,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cosim.analysis.analysis import Analysis, analyse
-from cosim.analysis.closed_form import manipulability_bound
+from cosim.analysis.analyzed_port import Subject, find_port
 from cosim.analysis.conditions import unmet_conditions
 from cosim.analysis.contacts import by_grip
 from cosim.analysis.experiments import stiffest
 from cosim.analysis.force_tests import by_push, sweep
-from cosim.analysis.frequency import MultiSine, PortGain, degree
-from cosim.analysis.network import network as network_around
 from cosim.analysis.quantity import quantity, with_error
-from cosim.analysis.subject import Subject, find_port
+from cosim.predict.closed_form import manipulability_bound
+from cosim.predict.frequency import MultiSine, PortGain, degree
+from cosim.predict.network import network as network_around
 from cosim.scenario.assemble import assemble
 from cosim.scenario.spec import build
 from fmus.paper.experiments import single, teleoperator

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from cosim.analysis.analysis import analyse
+from cosim.analysis.analyzed_port import of_run, of_scenario
 from cosim.analysis.contacts import by_grip
-from cosim.analysis.inputs import RunWithInputs, is_driven
 from cosim.analysis.memory_run import trace
-from cosim.analysis.subject import of_run, of_scenario
-from cosim.analysis.system import system
 from cosim.base.errors import ScenarioError
+from cosim.predict.inputs import RunWithInputs, is_driven
+from cosim.predict.system import system
 from cosim.scenario.assemble import assemble
 from cosim.scenario.spec import build
 from fmus.paper.experiments import single, teleoperator

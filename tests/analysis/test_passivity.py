@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cosim.analysis.ages import Age
 from cosim.analysis.contacts import margin
-from cosim.analysis.network import RobotNetwork
-from cosim.analysis.passivity import is_passive, passive_range, worst_posture
+from cosim.predict.ages import Age
+from cosim.predict.network import RobotNetwork
+from cosim.predict.passivity import is_passive, passive_range, worst_posture
 from tests.analysis.cases import DOCUMENTS, bench, net_of
 
 Q = (0.0,)

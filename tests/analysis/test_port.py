@@ -7,9 +7,9 @@ from typing import Any
 
 import pytest
 
-from cosim.analysis.port import PortSignals
-from cosim.analysis.subject import find_port
+from cosim.analysis.analyzed_port import find_port
 from cosim.base.errors import ScenarioError
+from cosim.predict.port import PortSignals
 from cosim.scenario.assemble import assemble
 from cosim.scenario.spec import build
 from tests.analysis.cases import DOCUMENTS, pointmass

@@ -9,16 +9,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cosim.analysis import closed_form as closed
 from cosim.analysis.analysis import analyse
+from cosim.analysis.analyzed_port import find_port, of_scenario
 from cosim.analysis.experiments import Bench
-from cosim.analysis.facts import DynamicFeedback
 from cosim.analysis.force_tests import by_push, sweep
-from cosim.analysis.frequency import PortGain
 from cosim.analysis.memory_run import trace
-from cosim.analysis.subject import find_port, of_scenario
 from cosim.checks.finding import Finding
 from cosim.checks.preflight import check
+from cosim.predict import closed_form as closed
+from cosim.predict.facts import DynamicFeedback
+from cosim.predict.frequency import PortGain
 from cosim.scenario.assemble import assemble
 from cosim.scenario.spec import Scenario, build
 from fmus.arms import chain

@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 from cosim.analysis.analysis import Analysis, analyse
+from cosim.analysis.analyzed_port import of_scenario
 from cosim.analysis.quantity import Quantity
-from cosim.analysis.subject import of_scenario
 
 ROOT = Path(__file__).parents[2]
 CONFIGS = ROOT / "configs"

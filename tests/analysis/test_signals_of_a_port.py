@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cosim.analysis.energy import effort, observer
-from cosim.analysis.felt_impedance import fit_impedance, is_operator
-from cosim.analysis.manipulability import growth, local_growth, manipulability
 from cosim.analysis.recorded_numbers import _not_told_apart, approach
+from cosim.measure.energy import effort, observer
+from cosim.measure.felt_impedance import fit_impedance, is_operator
+from cosim.measure.manipulability import growth, local_growth, manipulability
 
 T = np.linspace(0.0, 100.0, 10001)
 STILL = np.zeros((len(T), 1))

@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cosim.analysis.ages import Age, age
-from cosim.analysis.closed_form import felt_damping
-from cosim.analysis.facts import Arm, DynamicFeedback, facts_function
 from cosim.analysis.memory_run import Change, SignalTrace, changed, trace
-from cosim.analysis.system import AnalyzedSystem, system
 from cosim.base.errors import ScenarioError
+from cosim.predict.ages import Age, age
+from cosim.predict.closed_form import felt_damping
+from cosim.predict.facts import Arm, DynamicFeedback, facts_function
+from cosim.predict.system import AnalyzedSystem, system
 from cosim.scenario.assemble import assemble
 from cosim.scenario.spec import build
 from cosim.schedule.plan import Plan

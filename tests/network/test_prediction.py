@@ -10,8 +10,8 @@ import pytest
 from bridge.cli.ping_path import _path_trace
 from bridge.ping.prediction import ScenarioPrediction, parts, predict
 from bridge.relay.network import RelayNetwork
-from cosim.analysis import declared_metrics
-from cosim.analysis.metrics import evaluate
+from cosim.measure import declared_metrics
+from cosim.measure.metrics import evaluate
 from cosim.record import Run
 from tests.bridge.zenoh.rehearsed import CONFIGS
 from tests.network.hosts import PATIENT, Case, Found, rehearse

@@ -174,9 +174,9 @@ def test_the_check_finds_what_is_missing(text: str, lacks: str) -> None:
 LAWS = {"fmus/models": r"^def (?:model|law)\(", "cosim/links": r"^    def stream\(.*\brng: "}
 #: Modules of laws in folders of other modules, or without these functions.
 LAW_MODULES = [
-    *("cosim/analysis/closed_form.py", "cosim/analysis/energy.py", "cosim/analysis/finite_gain.py"),
-    *("cosim/analysis/felt_impedance.py", "cosim/analysis/network.py"),
-    *("cosim/analysis/frequency.py", "cosim/analysis/manipulability.py"),
+    *("cosim/predict/closed_form.py", "cosim/measure/energy.py", "cosim/predict/finite_gain.py"),
+    *("cosim/measure/felt_impedance.py", "cosim/predict/network.py"),
+    *("cosim/predict/frequency.py", "cosim/measure/manipulability.py"),
     *("cosim/bus/arbitration.py", "cosim/bus/response.py", "cosim/bus/simulation.py"),
     *("cosim/bus/stuffing.py", "cosim/bus/timing.py", "cosim/links/frozen.py"),
     *("cosim/links/graphs.py", "cosim/links/presets.py", "cosim/links/semantics.py"),

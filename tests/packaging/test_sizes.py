@@ -19,7 +19,6 @@ LARGE_ROOMS = {
     "cosim/cli": (24, "one module a command"),
     "bridge/cli": (24, "one module a command"),
     "cosim/fmi": (35, "three versions of FMI; to be divided"),
-    "cosim/analysis": (34, "predictions and measurements; to be divided"),
     "cosim/links": (31, "laws have a key, a converter and a class each; to be one struct"),
     "bridge/simulated_can": (23, "buses, servers and clients; to be divided"),
     "cosim/scenario": (21, "to be joined with the loading of files"),

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from cosim.analysis.metrics import settle_time
 from cosim.engine.engine import Engine
 from cosim.engine.simulate import simulate
+from cosim.measure.metrics import settle_time
 from cosim.record import Run
 from cosim.scenario.assemble import assemble
 from cosim.scenario.spec import Scenario, build

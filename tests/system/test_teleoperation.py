@@ -23,7 +23,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cosim.analysis.metrics import settle_time
+from cosim.measure.metrics import settle_time
 from tests.system.runs import (
     Q_H,
     SIDES,

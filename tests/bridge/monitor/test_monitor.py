@@ -22,9 +22,9 @@ from bridge.recording.live_run import LiveRun, find_run, read_facts
 from bridge.records.node_lives import Life
 from bridge.rehearsal.supervisor import NODES
 from bridge.safety.limits import explain
-from cosim.analysis import declared_metrics
-from cosim.analysis.metrics import evaluate
 from cosim.base.errors import ScenarioError
+from cosim.measure import declared_metrics
+from cosim.measure.metrics import evaluate
 from tests.bridge.watching import folder_of, own_pid, talk
 
 ROW = np.dtype([("t_ns", "<i8"), ("q", "<f8", (3,))])

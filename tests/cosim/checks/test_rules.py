@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from cosim.analysis.network import network as robots
-from cosim.analysis.system import system
 from cosim.checks import Severity, peaks
 from cosim.checks.preflight import NOTES, RULES
+from cosim.predict.network import network as robots
+from cosim.predict.system import system
 from cosim.scenario.assemble import assemble
 from cosim.scenario.spec import build
 from fmus.paper.experiments import network, single, teleoperator

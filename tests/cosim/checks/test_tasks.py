@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cosim.analysis.facts import Arm, DynamicFeedback
-from cosim.analysis.system import system
 from cosim.checks import check
+from cosim.predict.facts import Arm, DynamicFeedback
+from cosim.predict.system import system
 from cosim.scenario.assemble import assemble
 from cosim.scenario.spec import build
 from tests.cosim.checks.cases import Document, changed

@@ -7,18 +7,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cosim.analysis.frequency import MultiSine, PortGain
-from cosim.analysis.transparency import (
+from cosim.base.errors import ScenarioError
+from cosim.comparison.port_columns import FREQUENCIES
+from cosim.comparison.rows import columns, rows
+from cosim.comparison.variants_file import read
+from cosim.predict.frequency import MultiSine, PortGain
+from cosim.predict.transparency import (
     free_impedance,
     passivity_margin,
     spring_impedance,
     transparency_error,
     z_width,
 )
-from cosim.base.errors import ScenarioError
-from cosim.comparison.port_columns import FREQUENCIES
-from cosim.comparison.rows import columns, rows
-from cosim.comparison.variants_file import read
 from fmus.arms.dynamics import inertia
 from fmus.models.planar2r import PRESETS
 from tests.cosim.comparison.parts import SMALL, compared, written

@@ -8,11 +8,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cosim.analysis.metrics import Error
 from cosim.base.errors import ScenarioError
 from cosim.comparison.documents import Case, read_base, scenario
 from cosim.comparison.variants import Variants, choose
 from cosim.comparison.variants_file import read, variants_path
+from cosim.measure.metrics import Error
 from cosim.scenario.assemble import assemble
 from tests.cosim.comparison.parts import CONFIG, SMALL, VARIANTS, written
 

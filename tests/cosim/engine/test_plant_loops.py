@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cosim.analysis.system import system
 from cosim.base.component import Port
 from cosim.base.errors import ScenarioError
 from cosim.checks.plants import coupled
 from cosim.engine.engine import Engine
 from cosim.engine.plant_loops import possible_loops
+from cosim.predict.system import system
 from cosim.scenario.assemble import assemble
 from tests.cosim.algorithms.networks import column, record
 from tests.cosim.engine.test_algebraic_loops import Affine, ring

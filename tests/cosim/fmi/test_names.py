@@ -14,14 +14,14 @@ import numpy as np
 import pytest
 
 import cosim
-from cosim.analysis.declared_metrics import metrics
-from cosim.analysis.metrics import evaluate
 from cosim.base.errors import CosimError
 from cosim.checks.preflight import check
 from cosim.engine.simulate import simulate
 from cosim.fitting.varied import varied
 from cosim.linear.scenario import linearized
 from cosim.loading.files import load
+from cosim.measure.declared_metrics import metrics
+from cosim.measure.metrics import evaluate
 from cosim.record import Run
 from cosim.scenario.assemble import assemble
 from cosim.scenario.spec import Scenario, build

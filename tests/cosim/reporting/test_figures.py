@@ -222,7 +222,7 @@ def test_a_file_that_cannot_be_written(run: Run, tmp_path: Path) -> None:
 
 def test_imports_wait_until_they_are_needed() -> None:
     code = (
-        "import sys, cosim.record, cosim.analysis.metrics, cosim.reporting.figures as figures\n"
+        "import sys, cosim.record, cosim.measure.metrics, cosim.reporting.figures as figures\n"
         "assert not {'pyarrow', 'matplotlib', 'pandas'} & set(sys.modules)\n"
         "figures.load(lean=True)\n"
         "from matplotlib.artist import kwdoc\n"

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cosim.analysis.metric_result import MetricResult
 from cosim.base.errors import CosimError
+from cosim.measure.metric_result import MetricResult
 from cosim.record import Run
 from cosim.reporting import diagnostics, html
 from cosim.reporting.html import Badge, PageData, PlottedPanel, TimedEvent, histogram
@@ -249,10 +249,10 @@ def test_a_verdict_is_text() -> None:
 def test_a_comparison_marks_the_best_and_the_worst_cells() -> None:
     from types import SimpleNamespace
 
-    from cosim.analysis.metrics import Measure
     from cosim.comparison.page import _marks
     from cosim.comparison.rows import ComparisonRow
     from cosim.comparison.variants import MetricColumn, PortMeasure
+    from cosim.measure.metrics import Measure
 
     def row(value: float, stable: bool = True) -> ComparisonRow:
         verdict_ = SimpleNamespace(ended=True, stable=stable)

@@ -11,9 +11,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cosim.analysis.declared_metrics import metrics
 from cosim.base.errors import CosimError, ScenarioError
 from cosim.engine.simulate import columns, simulate
+from cosim.measure.declared_metrics import metrics
 from cosim.record import Run
 from cosim.scenario.assemble import assemble
 from cosim.sweeps import figures

@@ -20,8 +20,8 @@ from math import log10, sqrt
 
 import numpy as np
 
-from cosim.analysis.facts import Array
-from cosim.analysis.frequency import PortGain
+from cosim.predict.facts import Array
+from cosim.predict.frequency import PortGain
 
 #: dB of a relative change of 1, for small changes.
 _DB = 20 / np.log(10)

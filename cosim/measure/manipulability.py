@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cosim.analysis.facts import Array
+from cosim.predict.facts import Array
 
 #: Points a decade of time at which slopes are taken.
 _PER_DECADE = 40

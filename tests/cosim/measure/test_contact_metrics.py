@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from cosim.analysis.metrics import metric
 from cosim.base.errors import ScenarioError
+from cosim.measure.metrics import metric
 
 Array = NDArray[np.float64]
 

@@ -1,7 +1,7 @@
 """Passivity of the port of coupled robots: the lambda_M with which its admittance is positive real.
 
 With the estimate right, the impedance at the port is, in the Laplace variable p (matrices over
-joints, see :mod:`cosim.analysis.network`)::
+joints, see :mod:`cosim.predict.network`)::
 
     Z(p) = D + X(p)/(p + lambda_M)
 
@@ -25,9 +25,9 @@ from math import pi
 
 import numpy as np
 
-from cosim.analysis import closed_form as closed
-from cosim.analysis.facts import Array, Vector
-from cosim.analysis.network import Complex, RobotNetwork
+from cosim.predict import closed_form as closed
+from cosim.predict.facts import Array, Vector
+from cosim.predict.network import Complex, RobotNetwork
 
 #: Frequencies, rad/s: evenly on a logarithmic scale, and evenly over some turns of an echo.
 SPAN, COUNT, EVEN, TURNS = (1e-2, 1e4), 200, 200, 10

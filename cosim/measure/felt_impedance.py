@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cosim.analysis.facts import Array
+from cosim.predict.facts import Array
 
 #: A window in which the smallest direction of motion is less than this share of the largest tells
 #: nothing: motions do not differ enough.

@@ -20,8 +20,8 @@ from math import sqrt
 
 import numpy as np
 
-from cosim.analysis.facts import Array
-from cosim.analysis.manipulability import running_integral
+from cosim.measure.manipulability import running_integral
+from cosim.predict.facts import Array
 
 
 @dataclass(frozen=True, slots=True)

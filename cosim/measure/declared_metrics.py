@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from cosim.analysis.metrics import Metric, metric
+from cosim.measure.metrics import Metric, metric
 from cosim.scenario.spec import Scenario
 
 

@@ -25,11 +25,11 @@ from typing import Literal
 
 import numpy as np
 
-from cosim.analysis.energy import observer
-from cosim.analysis.manipulability import running_integral
-from cosim.analysis.metric_result import MetricResult, length
-from cosim.analysis.signals import Array, Signals, stack
 from cosim.base.errors import ScenarioError
+from cosim.measure.energy import observer
+from cosim.measure.manipulability import running_integral
+from cosim.measure.metric_result import MetricResult, length
+from cosim.record.signals import Array, Signals, stack
 
 Phase = Literal["rms_free", "rms_contact"]
 

@@ -10,8 +10,8 @@ from typing import final
 
 import numpy as np
 
-from cosim.analysis.signals import Array, Signals
 from cosim.base.errors import ScenarioError
+from cosim.record.signals import Array, Signals
 from cosim.schedule.parts import Link, Player, Slot, Step, Wire
 from cosim.schedule.plan import Plan
 

@@ -7,8 +7,8 @@ from math import log, log10, sqrt
 import numpy as np
 import pytest
 
-from cosim.analysis.frequency import PortGain
-from cosim.analysis.transparency import (
+from cosim.predict.frequency import PortGain
+from cosim.predict.transparency import (
     free_impedance,
     log_weights,
     passivity_margin,

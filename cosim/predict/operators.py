@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from cosim.analysis.facts import Hand
+from cosim.predict.facts import Hand
 
 
 def combined_hand(hands: Sequence[Hand], m: int) -> Hand | None:

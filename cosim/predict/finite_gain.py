@@ -20,9 +20,9 @@ from math import pi
 
 import numpy as np
 
-from cosim.analysis.facts import Array
-from cosim.analysis.interpolated import interpolated
-from cosim.analysis.network import DENSE, Complex, RobotNetwork
+from cosim.predict.facts import Array
+from cosim.predict.interpolated import interpolated
+from cosim.predict.network import DENSE, Complex, RobotNetwork
 
 #: Samples of [0, t]; the error of the gain falls with their square.
 SAMPLES = 1024

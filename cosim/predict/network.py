@@ -26,10 +26,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cosim.analysis.ages import Age
-from cosim.analysis.elimination import column
-from cosim.analysis.facts import Arm, Array, DynamicFeedback, Vector
-from cosim.analysis.system import AnalyzedSystem
+from cosim.predict.ages import Age
+from cosim.predict.elimination import column
+from cosim.predict.facts import Arm, Array, DynamicFeedback, Vector
+from cosim.predict.system import AnalyzedSystem
 
 Complex = NDArray[np.complex128]
 Indices = NDArray[np.intp]

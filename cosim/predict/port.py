@@ -9,11 +9,11 @@ from __future__ import annotations
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
 
-from cosim.analysis.facts import Arm
-from cosim.analysis.inputs import is_driven
-from cosim.analysis.network import network
-from cosim.analysis.system import AnalyzedSystem
 from cosim.base.errors import ScenarioError
+from cosim.predict.facts import Arm
+from cosim.predict.inputs import is_driven
+from cosim.predict.network import network
+from cosim.predict.system import AnalyzedSystem
 from cosim.scenario.connect import unknown
 from cosim.scenario.spec import AnalysisSpec
 

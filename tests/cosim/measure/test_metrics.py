@@ -10,9 +10,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cosim.analysis.metrics import Error, Measure, MetricResult, evaluate, metric, settle_time
-from cosim.analysis.signals import Array
 from cosim.base.errors import ScenarioError
+from cosim.measure.metrics import Error, Measure, MetricResult, evaluate, metric, settle_time
+from cosim.record.signals import Array
 
 T = np.linspace(0, 10, 10_001)
 

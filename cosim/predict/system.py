@@ -13,8 +13,8 @@ from functools import cached_property, lru_cache
 from math import nan
 from typing import Any, TypeVar
 
-from cosim.analysis.ages import LOOKS, Age, age, kind_of
-from cosim.analysis.facts import (
+from cosim.predict.ages import LOOKS, Age, age, kind_of
+from cosim.predict.facts import (
     Arm,
     DynamicFeedback,
     Facts,
@@ -24,8 +24,8 @@ from cosim.analysis.facts import (
     SpringDamper,
     facts_function,
 )
-from cosim.analysis.hands import combined_hand
-from cosim.analysis.inputs import feeders, is_driven, start_value
+from cosim.predict.inputs import feeders, is_driven, start_value
+from cosim.predict.operators import combined_hand
 from cosim.scenario.connect import EdgeWeight
 from cosim.scenario.spec import Scenario
 from cosim.schedule.parts import Link, Player, Slot, Step, Wire

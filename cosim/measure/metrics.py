@@ -13,7 +13,7 @@ vibration      half of max - min in the last `window` seconds, of the entry wher
                its frequency from the times at which it crosses the middle between the two
 peak           max over time and entries of |x_i|
 final          x(t_n); |x(t_n)| for more than one entry
-rms_free       and ``rms_contact``, ``energy``: see :mod:`cosim.analysis.contact_metrics`
+rms_free       and ``rms_contact``, ``energy``: see :mod:`cosim.measure.contact_metrics`
 =============  ===================================================================
 
 |x| is the Euclidean norm of x(t). Integrals are trapezoids over the recorded rows, so what is
@@ -31,11 +31,11 @@ from typing import Literal, cast, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.analysis.contact_metrics import Phase, PhaseError, PortEnergy
-from cosim.analysis.metric_result import MetricResult as MetricResult
-from cosim.analysis.metric_result import integral, interval_text, length, root_mean_square, times
-from cosim.analysis.signals import Array, Signals, Stack, stack
 from cosim.base.errors import ScenarioError
+from cosim.measure.contact_metrics import Phase, PhaseError, PortEnergy
+from cosim.measure.metric_result import MetricResult as MetricResult
+from cosim.measure.metric_result import integral, interval_text, length, root_mean_square, times
+from cosim.record.signals import Array, Signals, Stack, stack
 
 Kind = Literal["norm", "integral_abs", "rms", "tail_mean", "vibration", "peak", "final"]
 Distance = Literal["max", "euclidean"]

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
-from cosim.analysis.facts import Arm
+from cosim.predict.facts import Arm
 from cosim.record import Run
 
 #: Stands for no limit on one side, rad or m: JSON has no infinity.

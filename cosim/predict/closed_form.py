@@ -1,6 +1,6 @@
 """Closed forms O3 to O6 and O9, with which a run or a response to a test force must agree.
 
-They hold for the robots of :mod:`cosim.analysis.network`, linearised about rest; SI, no gravity.
+They hold for the robots of :mod:`cosim.predict.network`, linearised about rest; SI, no gravity.
 
 Source: own construction from the paper's equations; docs/paper.md lists the formulas.
 """
@@ -13,8 +13,8 @@ from math import inf, pi
 import numpy as np
 from numpy.typing import ArrayLike
 
-from cosim.analysis.facts import Arm, Array, DynamicFeedback
-from cosim.analysis.network import Complex, RobotNetwork, spread
+from cosim.predict.facts import Arm, Array, DynamicFeedback
+from cosim.predict.network import Complex, RobotNetwork, spread
 
 #: Where p stands for 0, 1/s: well below any corner, well above rounding.
 _ZERO = 1e-6
@@ -186,7 +186,7 @@ def manipulability_bound(net: RobotNetwork, t: Array, K: float) -> Array:
 def passive_limit(law: DynamicFeedback, M: Array, K: Sequence[float]) -> float:
     """O9, the lambda_M up to which a robot alone is passive to its operator, theta known, 1/s.
 
-    Of coupled robots see :func:`cosim.analysis.passivity.passive_range`.
+    Of coupled robots see :func:`cosim.predict.passivity.passive_range`.
     alpha + lambda_min(K M⁻¹); with Remark 3 alpha + lambda_c, whatever the inertia. `M` (m, m)
     kg.m2; `K` N.m.s/rad, one value or m, with the viscous friction of the joints.
     """

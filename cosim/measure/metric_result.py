@@ -8,7 +8,7 @@ from math import isnan, sqrt
 
 import numpy as np
 
-from cosim.analysis.signals import Array
+from cosim.record.signals import Array
 
 
 @dataclass(frozen=True, slots=True)

@@ -21,7 +21,7 @@ from math import log, nan, pi
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.analysis.facts import Array
+from cosim.predict.facts import Array
 
 Complex = NDArray[np.complex128]
 

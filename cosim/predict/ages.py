@@ -12,12 +12,12 @@ from math import inf, nan
 
 import numpy as np
 
-from cosim.analysis.facts import Array
 from cosim.base.errors import ScenarioError
 from cosim.links.laws import Law
 from cosim.links.losses import Lossy
 from cosim.links.semantics import PlayoutSemantics, SignalSemantics
 from cosim.links.table import DrawnTable, TableSpec
+from cosim.predict.facts import Array
 
 #: Looks over which the mean age of a link is taken if its law does not give it, and the mean of
 #: weights that no switching graph gives.

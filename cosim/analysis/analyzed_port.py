@@ -9,15 +9,15 @@ from typing import Any
 
 import numpy as np
 
-from cosim.analysis.inputs import RunWithInputs
 from cosim.analysis.memory_run import SignalTrace, trace
-from cosim.analysis.port import PortSignals, port_of
-from cosim.analysis.signals import Signals
-from cosim.analysis.system import AnalyzedSystem, system
 from cosim.base.errors import CosimError, ScenarioError
 from cosim.base.names import listed, signal_of
 from cosim.loading.files import load
+from cosim.predict.inputs import RunWithInputs
+from cosim.predict.port import PortSignals, port_of
+from cosim.predict.system import AnalyzedSystem, system
 from cosim.record import Run
+from cosim.record.signals import Signals
 from cosim.scenario.assemble import assemble
 from cosim.scenario.spec import AnalysisSpec, Scenario, build
 from cosim.schedule.plan import Plan

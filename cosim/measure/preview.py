@@ -7,9 +7,9 @@ from typing import final
 
 import numpy as np
 
-from cosim.analysis.signals import Array
 from cosim.base.errors import ScenarioError
 from cosim.base.names import signal_of, unknown
+from cosim.record.signals import Array
 
 
 @final

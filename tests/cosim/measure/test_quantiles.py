@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cosim.analysis.ages import quantiles
+from cosim.predict.ages import quantiles
 
 
 @pytest.mark.parametrize("n", [1, 2, 3, 10, 101, 4096])

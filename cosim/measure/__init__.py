@@ -1,0 +1,1 @@
+"""Numbers from recorded signals: metrics, manipulability, energy and felt impedance."""

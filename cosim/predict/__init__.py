@@ -1,0 +1,1 @@
+"""Numbers that follow from a scenario without a run: gains, ages, passivity and closed forms."""

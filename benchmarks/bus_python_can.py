@@ -20,11 +20,11 @@ from typing import Any
 
 import can
 
+from bridge.bus_server.listener import listen
+from bridge.bus_server.server import BusServer
 from bridge.simulated_can.channel import Channel
-from bridge.simulated_can.listener import listen
 from bridge.simulated_can.options import channel_options
 from bridge.simulated_can.protocol import parse_address
-from bridge.simulated_can.server import BusServer
 
 BUS: dict[str, Any] = {"bitrate": 1_000_000, "speed": "simulated"}
 

@@ -20,7 +20,7 @@ from typing import Any, final
 
 from cosim.base.clock import stopwatch
 from cosim.fmi import FmuComponent
-from cosim.fmi.ports import REAL
+from cosim.fmi.file.ports import REAL
 from cosim.schedule.parts import Step
 from cosim.schedule.plan import Plan
 

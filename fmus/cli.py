@@ -123,7 +123,7 @@ def list_models() -> None:
 @app.command("validate")
 def validate(fmu: Annotated[Path, typer.Argument(help="The .fmu file.")]) -> None:
     """Check an FMU against the standard's schema and rules, with FMPy."""
-    from cosim.fmi.validation import problems
+    from cosim.fmi.file.validation import problems
 
     if not fmu.is_file():
         raise ScenarioError("no such file", str(fmu))

@@ -64,10 +64,10 @@ def bus(
     Programs join with can.Bus(interface="cosim", channel="bench@127.0.0.1:29530"). Ctrl-C ends it
     and prints a summary of the last 10 s: load, response times, errors and losses.
     """
+    from bridge.bus_server.record import BusRecord
+    from bridge.bus_server.traffic import ChannelLoad, load_sources
     from bridge.simulated_can.channel import Channel
     from bridge.simulated_can.options import channel_options
-    from bridge.simulated_can.record import BusRecord
-    from bridge.simulated_can.traffic import ChannelLoad, load_sources
 
     options = channel_options(
         channel, bitrate=bitrate, fd=fd, data_bitrate=data_bitrate, speed=speed,
@@ -89,11 +89,11 @@ def bus(
 
 def _serve(shared: Channel, stack: ExitStack, listen: str, socketcand: str, mirror: str) -> None:
     """Start all servers and print their addresses."""
-    from bridge.simulated_can.listener import listen as listen_at
-    from bridge.simulated_can.mirror import BusMirror
+    from bridge.bus_server.listener import listen as listen_at
+    from bridge.bus_server.mirror import BusMirror
+    from bridge.bus_server.server import BusServer
+    from bridge.bus_server.socketcand import SocketcandServer
     from bridge.simulated_can.protocol import parse_address
-    from bridge.simulated_can.server import BusServer
-    from bridge.simulated_can.socketcand import SocketcandServer
 
     address = parse_address(f"{shared.name}@{listen}")
     server = BusServer(shared, listen_at(address))

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+from bridge.bus_server.several_buses import served_buses
 from bridge.deployment.system import System
 from bridge.node.buses import SIMULATED
 from bridge.simulated_can.protocol import is_remote
-from bridge.simulated_can.served import served_buses
 
 
 @contextmanager

@@ -1,4 +1,4 @@
-"""The client of a simulated bus that another process serves (`bridge.simulated_can.server`)."""
+"""The client of a simulated bus that another process serves (`bridge.bus_server.server`)."""
 
 from __future__ import annotations
 

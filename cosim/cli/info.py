@@ -14,7 +14,7 @@ from cosim.cli.options import Json
 if TYPE_CHECKING:
     from cosim.base.component import Component, Parameter, Port
     from cosim.fmi.component import FmuComponent
-    from cosim.fmi.variables import FmuVariable
+    from cosim.fmi.file.variables import FmuVariable
 
 
 #: Columns of the table of variables of an FMU, and of ports of anything else.
@@ -132,7 +132,7 @@ def _is_number(text: str) -> bool:
 
 
 def _facts(component: FmuComponent) -> list[tuple[str, str]]:
-    from cosim.fmi.binaries import has_sources
+    from cosim.fmi.file.binaries import has_sources
 
     d = component.description
     binaries = component.archive.folder / "binaries"
@@ -159,7 +159,7 @@ def _facts(component: FmuComponent) -> list[tuple[str, str]]:
 
 def _interfaces(component: FmuComponent) -> str:
     """The interfaces of an FMU, as ``model exchange (3 states, 1 event indicator)``."""
-    from cosim.fmi.description import INTERFACES, read_cached
+    from cosim.fmi.file.description import INTERFACES, read_cached
 
     folder, path = component.archive.folder, component.archive.path
     found = []
@@ -190,7 +190,7 @@ def _terminals(component: FmuComponent) -> list[tuple[str, str]]:
 def _problems(component: Component) -> list[str] | None:
     """Print and return what validation finds in an FMU, which may run all the same."""
     from cosim.fmi.components import fmu_of
-    from cosim.fmi.validation import problems
+    from cosim.fmi.file.validation import problems
 
     fmu = fmu_of(component)
     if fmu is None:

@@ -1,10 +1,10 @@
-"""An ``.fmu`` as a Component: archive, description, library, component."""
+"""An ``.fmu`` as a Component: its library, its start, its clocks, its steps."""
 
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from cosim.fmi.component import FmuComponent
-    from cosim.fmi.description import Description, read, structural_sizes
+    from cosim.fmi.file.description import Description, read, structural_sizes
     from cosim.fmi.options import FmuOptions
 
 __all__ = ["Description", "FmuComponent", "FmuOptions", "read", "structural_sizes"]
@@ -13,9 +13,9 @@ __all__ = ["Description", "FmuComponent", "FmuOptions", "read", "structural_size
 _PUBLIC = {
     "FmuComponent": "component",
     "FmuOptions": "options",
-    "Description": "description",
-    "read": "description",
-    "structural_sizes": "description",
+    "Description": "file.description",
+    "read": "file.description",
+    "structural_sizes": "file.description",
 }
 
 

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 
 from cosim.fmi import clocks
 from cosim.fmi.exchange import ExchangeLayout, exchange_layout
+from cosim.fmi.file.ports import REAL, VariableGroup
+from cosim.fmi.file.variables import FmuVariable
 from cosim.fmi.layout import Move, Partition, StepLayout
 from cosim.fmi.library import Clocked
-from cosim.fmi.ports import REAL, VariableGroup
-from cosim.fmi.variables import FmuVariable
 
 if TYPE_CHECKING:
     from cosim.fmi.component import FmuComponent

@@ -6,8 +6,8 @@ import ctypes as c
 from collections.abc import Sequence
 from typing import ClassVar
 
+from cosim.fmi.file.values import NumberedTexts
 from cosim.fmi.library import Calls, array_of, uint32
-from cosim.fmi.values import NumberedTexts
 from cosim.native import shared
 
 

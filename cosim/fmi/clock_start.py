@@ -9,7 +9,7 @@ import ctypes as c
 from collections.abc import Callable, Mapping, Sequence
 
 from cosim.base.errors import FmuError
-from cosim.fmi.intervals import Interval, Intervals, NextTick, fraction
+from cosim.fmi.file.intervals import Interval, Intervals, NextTick, fraction
 from cosim.fmi.library import NEVER, Calls, Clocks, uint32
 
 _UNKNOWN, _CHANGED = 0, 2

@@ -13,12 +13,12 @@ from typing import Protocol
 
 from cosim.base.component import Values
 from cosim.base.errors import FmuError
-from cosim.fmi.description import Description
-from cosim.fmi.intervals import Intervals, given, has_fractions, written
+from cosim.fmi.file.description import Description
+from cosim.fmi.file.intervals import Intervals, given, has_fractions, written
+from cosim.fmi.file.ports import VariableGroup
+from cosim.fmi.file.variables import TEXTS, FmuVariable
 from cosim.fmi.layout import Ticker
 from cosim.fmi.library import Clocked, Clocks, Instance, TriggeredClock
-from cosim.fmi.ports import VariableGroup
-from cosim.fmi.variables import TEXTS, FmuVariable
 from cosim.native.enums import ClockKind
 
 _KINDS = {

@@ -13,18 +13,13 @@ from numpy.typing import NDArray
 
 from cosim.base.component import Kind, Outputs, Values
 from cosim.base.errors import FmuError
-from cosim.fmi import archive as archives
-from cosim.fmi import binaries, clocks
-from cosim.fmi.description import read_cached
-from cosim.fmi.instances import instantiate
-from cosim.fmi.interface import FmuInterface
-from cosim.fmi.intervals import Intervals
-from cosim.fmi.library import OK, Instance, Setup
-from cosim.fmi.options import FmuOptions
-from cosim.fmi.ports import together
-from cosim.fmi.start_calls import StartKind
-from cosim.fmi.starting import LoneStart
-from cosim.fmi.values import (
+from cosim.fmi import clocks
+from cosim.fmi.file import archive as archives
+from cosim.fmi.file import binaries
+from cosim.fmi.file.description import read_cached
+from cosim.fmi.file.intervals import Intervals
+from cosim.fmi.file.ports import together
+from cosim.fmi.file.values import (
     NumberedTexts,
     check_range,
     has_text,
@@ -32,7 +27,13 @@ from cosim.fmi.values import (
     start_numbers,
     texts_for,
 )
-from cosim.fmi.variables import TEXTS
+from cosim.fmi.file.variables import TEXTS
+from cosim.fmi.instances import instantiate
+from cosim.fmi.interface import FmuInterface
+from cosim.fmi.library import OK, Instance, Setup
+from cosim.fmi.options import FmuOptions
+from cosim.fmi.start_calls import StartKind
+from cosim.fmi.starting import LoneStart
 from cosim.native import fmu_log
 
 if TYPE_CHECKING:

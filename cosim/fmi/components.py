@@ -13,9 +13,9 @@ from cosim.base.component import Component, NativeComponent, Outputs, Values
 from cosim.base.units import Unit, is_unit
 from cosim.fmi.component import FmuComponent
 from cosim.fmi.driver import FmuDriver
+from cosim.fmi.file.ports import REAL
+from cosim.fmi.file.values import NumberedTexts
 from cosim.fmi.library import FATAL, OK, WARNING
-from cosim.fmi.ports import REAL
-from cosim.fmi.values import NumberedTexts
 
 
 def stepped_fmu(component: Component) -> FmuComponent | None:

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from cosim.base.errors import FmuError
-from cosim.fmi.binaries import platform_folder
+from cosim.fmi.file.binaries import platform_folder
 from cosim.fmi.library import Instance
 from cosim.native import shared, structs
 

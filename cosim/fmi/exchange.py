@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from cosim.base.errors import FmuError
+from cosim.fmi.file.model_structure import ContinuousStates
 from cosim.fmi.library import Instance
-from cosim.fmi.model_structure import ContinuousStates
 from cosim.fmi.options import FmuOptions
 from cosim.native import enums, structs
 

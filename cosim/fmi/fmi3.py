@@ -9,7 +9,7 @@ from typing import Any
 from cosim.base.errors import FmuError
 from cosim.fmi.alike import CommonInstance
 from cosim.fmi.clock_start import Ticking, intervals, set_intervals
-from cosim.fmi.intervals import Interval, Intervals, NextTick
+from cosim.fmi.file.intervals import Interval, Intervals, NextTick
 from cosim.fmi.library import (
     EVENTS_AT_MOST,
     NEVER,

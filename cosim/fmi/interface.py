@@ -9,9 +9,9 @@ from cosim.base.component import Parameter, Port
 from cosim.base.errors import UnitError
 from cosim.base.units import Unit, parse
 from cosim.fmi import clocks
-from cosim.fmi.description import Description
-from cosim.fmi.ports import VariableGroup
-from cosim.fmi.values import (
+from cosim.fmi.file.description import Description
+from cosim.fmi.file.ports import VariableGroup
+from cosim.fmi.file.values import (
     has_text,
     in_updates,
     item_numbers,
@@ -20,7 +20,7 @@ from cosim.fmi.values import (
     settable,
     tunable,
 )
-from cosim.fmi.variables import NUMERIC, TEXTS
+from cosim.fmi.file.variables import NUMERIC, TEXTS
 
 T = TypeVar("T")
 

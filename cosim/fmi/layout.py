@@ -14,9 +14,9 @@ from typing import Any
 
 from cosim.base.errors import FmuError
 from cosim.fmi.exchange import ExchangeLayout, bind_exchange
-from cosim.fmi.intervals import Interval, NextTick
+from cosim.fmi.file.intervals import Interval, NextTick
+from cosim.fmi.file.variables import TEXTS
 from cosim.fmi.library import ERROR, NEVER, OK, Clocked, Instance, TriggeredClock
-from cosim.fmi.variables import TEXTS
 from cosim.native import enums, shared, structs
 
 #: Clocks whose next tick the FMU says.

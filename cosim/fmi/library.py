@@ -16,8 +16,8 @@ from typing import Any, NamedTuple, NoReturn, Protocol
 
 from cosim.base.errors import FmuError
 from cosim.fmi.elf import missing_bytes
-from cosim.fmi.intervals import Interval, Intervals, NextTick
-from cosim.fmi.values import NumberedTexts
+from cosim.fmi.file.intervals import Interval, Intervals, NextTick
+from cosim.fmi.file.values import NumberedTexts
 from cosim.native import fmu_log, shared
 from cosim.native.enums import Form
 
@@ -201,7 +201,7 @@ class Setup(NamedTuple):
     """The settings of a new instance. `early_return`, `event_mode`: FMI 3.0 only.
 
     `tolerance`: relative tolerance of the FMU's own solver; None: it is left to the FMU.
-    `interface`: one of :data:`cosim.fmi.description.INTERFACES`. `intermediate`: inputs (value
+    `interface`: one of :data:`cosim.fmi.file.description.INTERFACES`. `intermediate`: inputs (value
     references) that are set within a step; None: without intermediate update.
     """
 

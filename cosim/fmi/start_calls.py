@@ -20,12 +20,12 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.fmi.description import Description
+from cosim.fmi.file.description import Description
+from cosim.fmi.file.ports import REAL, VariableGroup, together
+from cosim.fmi.file.values import UNLIMITED, limits
+from cosim.fmi.file.variables import TEXTS
 from cosim.fmi.library import Instance, NativeCall, Setup, uint32
-from cosim.fmi.ports import REAL, VariableGroup, together
 from cosim.fmi.start_values import is_exact, is_parameter
-from cosim.fmi.values import UNLIMITED, limits
-from cosim.fmi.variables import TEXTS
 from cosim.native.enums import Form, Number, Stage, ValuePlace
 from cosim.native.structs import StartCallStruct, StartKindStruct
 

@@ -7,9 +7,9 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from cosim.base.errors import FmuError
+from cosim.fmi.file.ports import REAL, VariableGroup, together
+from cosim.fmi.file.variables import TEXTS
 from cosim.fmi.library import Instance
-from cosim.fmi.ports import REAL, VariableGroup, together
-from cosim.fmi.variables import TEXTS
 
 Found = Sequence[float] | Sequence[str]
 

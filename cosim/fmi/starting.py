@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 
 from cosim.base.component import Outputs, Values
 from cosim.base.errors import FmuError
+from cosim.fmi.file.values import check_range
 from cosim.fmi.library import Setup
 from cosim.fmi.start_calls import StartedFmu, StartKind
 from cosim.fmi.start_values import StartValue, check, set_all
-from cosim.fmi.values import check_range
 from cosim.native import fmu_log
 from cosim.native.enums import Stage, StartResult
 from cosim.native.shared import library

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from cosim.base.errors import CosimError, RunError
 from cosim.fmi.components import begin_at, fmu_of, overwrite
 from cosim.fmi.failures import sentence
-from cosim.fmi.ports import REAL
+from cosim.fmi.file.ports import REAL
 from cosim.schedule.parts import Slot, Step
 
 Matrix = NDArray[np.float64]

@@ -13,7 +13,7 @@ from cosim.base.errors import CosimError, ScenarioError
 from cosim.base.names import signal_of
 from cosim.base.settings import change
 from cosim.fmi import FmuComponent
-from cosim.fmi.description import Description
+from cosim.fmi.file.description import Description
 from cosim.record.recording import Recording
 from cosim.scenario.exposed import ALL, is_pattern
 

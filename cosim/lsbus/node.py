@@ -9,8 +9,8 @@ import numpy as np
 
 from cosim.base.component import Values
 from cosim.base.errors import FmuError
-from cosim.fmi import intervals
 from cosim.fmi.component import FmuComponent
+from cosim.fmi.file import intervals
 from cosim.fmi.fmi3 import Instance3
 from cosim.fmi.library import uint32
 from cosim.fmi.start_values import StartValue

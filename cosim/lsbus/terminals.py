@@ -9,7 +9,7 @@ from xml.etree import ElementTree
 
 from cosim.base.errors import FmuError
 from cosim.fmi.component import FmuComponent
-from cosim.fmi.variables import FmuVariable
+from cosim.fmi.file.variables import FmuVariable
 
 _KIND = "org.fmi-ls-bus.network-terminal"
 _RULE = "org.fmi-ls-bus.transceiver"

@@ -25,8 +25,7 @@ from cosim.bus.simulation import SimulatedBus
 from cosim.bus.timing import BusTiming
 from cosim.bus.traffic import PeriodicSource
 from cosim.links.bus_delays import BusDelays
-from cosim.scenario.bus_bounds import analysed_bounds
-from cosim.scenario.bus_frames import PS, FrameOnBus
+from cosim.scenario.bus_frames import PS, FrameOnBus, analysed_bounds
 from cosim.scenario.bus_spec import ScenarioBusSpec
 from cosim.scenario.bus_traffic import disturbances, traffic
 from cosim.scenario.spec import Scenario

@@ -19,8 +19,8 @@ from xml.etree.ElementTree import Element, SubElement
 from cosim.base.errors import ScenarioError
 from cosim.fmi import components
 from cosim.fmi.component import FmuComponent
-from cosim.fmi.ports import VariableGroup
-from cosim.fmi.variables import TEXTS
+from cosim.fmi.file.ports import VariableGroup
+from cosim.fmi.file.variables import TEXTS
 from cosim.scenario.spec import Scenario
 from cosim.schedule.parts import Link, Slot, Step, Wire
 from cosim.schedule.plan import Plan

@@ -7,7 +7,7 @@ from typing import Any
 from xml.etree.ElementTree import Element, SubElement
 
 from cosim.fmi.component import FmuComponent
-from cosim.fmi.ports import VariableGroup
+from cosim.fmi.file.ports import VariableGroup
 
 _NAMES = "http://ssp-standard.org/SSP1/"
 SSC, SSD, SSV = (

@@ -9,10 +9,11 @@ from typing import Any
 
 from cosim.base.errors import CosimError, ScenarioError, UnitError
 from cosim.base.units import Unit, conversion, is_unit, unit_text
-from cosim.fmi import FmuComponent, FmuOptions, binaries
-from cosim.fmi.ports import VariableGroup
-from cosim.fmi.values import item
-from cosim.fmi.variables import TEXTS
+from cosim.fmi import FmuComponent, FmuOptions
+from cosim.fmi.file import binaries
+from cosim.fmi.file.ports import VariableGroup
+from cosim.fmi.file.values import item
+from cosim.fmi.file.variables import TEXTS
 from cosim.scenario.component_types import nested
 from cosim.scenario.connect import unknown
 from cosim.ssp.structure import SspComponent, Structure

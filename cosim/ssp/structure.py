@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from cosim.base.errors import ScenarioError
-from cosim.fmi import archive as fmus
+from cosim.fmi.file import archive as fmus
 from cosim.ssp import nodes
 from cosim.ssp.archive import ROOT
 from cosim.ssp.connections import Connector, SspConnection, SspElement, directed

@@ -7,7 +7,7 @@ from typing import Any
 
 from cosim.base.errors import ScenarioError, UnitError
 from cosim.base.units import conversion
-from cosim.fmi.ports import VariableGroup
+from cosim.fmi.file.ports import VariableGroup
 from cosim.ssp.connections import Connector, SspConnection
 from cosim.ssp.parts import SspPart, number_of
 from cosim.ssp.structure import Structure

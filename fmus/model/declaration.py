@@ -128,7 +128,7 @@ def _port(variable: Variable) -> Port:
 
 
 def annotation(kind: Kind, inputs: Iterable[Port]) -> dict[str, str]:
-    """Properties of our FMUs beyond FMI; :mod:`cosim.fmi.description` reads them."""
+    """Properties of our FMUs beyond FMI; :mod:`cosim.fmi.file.description` reads them."""
     optional = " ".join(p.name for p in inputs if p.optional)
     return {"kind": kind, "optional": optional} if optional else {"kind": kind}
 

@@ -12,7 +12,7 @@ import pytest
 import cosim
 from cosim.base.errors import FmuError
 from cosim.fmi import FmuComponent, FmuOptions
-from cosim.fmi.validation import problems
+from cosim.fmi.file.validation import problems
 from cosim.scenario.models import load_alike
 from cosim.scenario.spec import ComponentSpec
 from fmus.build.archive import ANY_SIZE, find, toolchain

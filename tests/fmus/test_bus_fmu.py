@@ -11,7 +11,7 @@ import pytest
 from cosim.base.errors import CosimError
 from cosim.bus.timing import BusTiming
 from cosim.fmi import FmuComponent
-from cosim.fmi.validation import problems
+from cosim.fmi.file.validation import problems
 from cosim.lsbus.codec import encode, split
 from cosim.lsbus.network import CanNetwork
 from cosim.lsbus.operations import (

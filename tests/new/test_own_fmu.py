@@ -12,7 +12,7 @@ import pytest
 
 from bridge.scaffold import write_controller
 from cosim.base.errors import FmuError, ScenarioError
-from cosim.fmi.validation import problems
+from cosim.fmi.file.validation import problems
 from cosim.scenario.spec import build
 from fmus.build.archive import build as build_fmu
 from fmus.python import build_class, load_module

@@ -18,10 +18,8 @@ LARGE_ROOMS = {
     "fmus/paper": (23, "one module a part of the paper"),
     "cosim/cli": (24, "one module a command"),
     "bridge/cli": (24, "one module a command"),
-    "cosim/fmi": (35, "three versions of FMI; to be divided"),
+    "cosim/fmi": (23, "three versions of FMI; to be divided"),
     "cosim/links": (31, "laws have a key, a converter and a class each; to be one struct"),
-    "bridge/simulated_can": (23, "buses, servers and clients; to be divided"),
-    "cosim/scenario": (21, "to be joined with the loading of files"),
 }
 #: Longer functions: the declarations of options of a command, one line each, or the reason.
 LONG_FUNCTIONS = {

@@ -19,12 +19,12 @@ from typing import Any, NoReturn
 
 from cosim.base.errors import FmuError
 from cosim.base.python import python_call
-from cosim.fmi.intervals import Interval, Intervals, NextTick
+from cosim.fmi.file.intervals import Interval, Intervals, NextTick
+from cosim.fmi.file.values import NumberedTexts
 from cosim.fmi.isolation.protocol import answered, request
 from cosim.fmi.layout import StepLayout
 from cosim.fmi.library import NEVER, Clocked, Clocks, NativeCall, Setup
 from cosim.fmi.options import PATIENCE, FmuOptions
-from cosim.fmi.values import NumberedTexts
 from cosim.native import enums, fmu_log, structs
 from cosim.native.enums import Lost
 from cosim.native.shared import library

@@ -19,8 +19,8 @@ from cosim.base.errors import CosimError, FmuError, ScenarioError
 from cosim.bus.timing import BusTiming
 from cosim.cli.export import export
 from cosim.fmi import FmuComponent
+from cosim.fmi.file.validation import problems
 from cosim.fmi.options import FmuOptions
-from cosim.fmi.validation import problems
 from cosim.lsbus.codec import encode, split
 from cosim.lsbus.network import CanNetwork
 from cosim.lsbus.node import NodeFmu

@@ -8,6 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 
+from bridge.bus_server.several_buses import served_buses
 from bridge.can.socket import BusError
 from bridge.deployment.spec import load
 from bridge.deployment.system import load_system
@@ -15,7 +16,6 @@ from bridge.node.run import NodeOptions, run_node
 from bridge.node.simulated import is_simulated
 from bridge.records.node_lives import Life
 from bridge.replay import replay, twin
-from bridge.simulated_can.served import served_buses
 from cosim.base.errors import ScenarioError
 from tests.bridge.deployments import CONFIGS, NETWORK, TELEOPERATION, named, written
 from tests.bridge.replay.test_networks import on_one_bus

@@ -39,8 +39,12 @@ def test_many_tasks_are_sent_in_turn(bench: Bench) -> None:
     sender, listener = bench.bus(speed=1.0), bench.bus(speed=1.0)
     tasks: list[Any] = [sender.send_periodic(message(0x100 + i, bytes(8)), 0.1) for i in range(150)]
     time.sleep(0.25)
-    found = received(listener, 300)
-    assert [m.arbitration_id for m in found[:150]] == [0x100 + i for i in range(150)]
+    expected = [0x100 + i for i in range(150)]
+    # On a busy machine the first tasks are due again before the last ones have begun.
+    found: dict[int, None] = {}
+    while len(found) < 150:
+        found[received(listener, 1)[0].arbitration_id] = None
+    assert list(found) == expected
     for task in tasks:
         task.stop()
     assert all(task.stopped for task in tasks)

@@ -9,10 +9,10 @@ from time import sleep
 
 import pytest
 
+from bridge.bus_server.several_buses import served_buses
 from bridge.simulated_can.bus import CosimBus
 from bridge.simulated_can.channel import Channel
 from bridge.simulated_can.options import ChannelOptions
-from bridge.simulated_can.served import served_buses
 from bridge.simulated_can.shared_time import SharedTime
 from cosim.bus.timing import BusTiming
 from tests.bridge.simulated_can.benches import Bench, bench, message

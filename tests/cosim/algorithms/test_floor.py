@@ -12,7 +12,7 @@ from benchmarks.cases import rings
 from benchmarks.scaling import document
 from cosim.checks.preflight import check
 from cosim.engine.engine import Engine
-from cosim.fmi.description import read_cached
+from cosim.fmi.file.description import read_cached
 from cosim.loading.files import load
 from cosim.native.enums import Code
 from cosim.scenario.assemble import assemble

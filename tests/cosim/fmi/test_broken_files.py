@@ -14,9 +14,9 @@ from hypothesis import strategies as st
 from cosim.base import archive
 from cosim.base.errors import CosimError, FmuError
 from cosim.fmi import FmuComponent, FmuOptions
-from cosim.fmi.description import read
-from cosim.fmi.ports import groups
-from cosim.fmi.values import parameter, port, settable
+from cosim.fmi.file.description import read
+from cosim.fmi.file.ports import groups
+from cosim.fmi.file.values import parameter, port, settable
 from fmus.models import planar2r
 from tests.cosim.fmi.exporter import events3, export, library, nasty2, passing3, plan_of, run
 

@@ -22,7 +22,7 @@ import pytest
 from cosim.base.errors import FmuError, RunError
 from cosim.engine.engine import Engine
 from cosim.fmi import FmuComponent, FmuOptions
-from cosim.fmi.intervals import Interval, fraction
+from cosim.fmi.file.intervals import Interval, fraction
 from cosim.fmi.isolation import protocol, remote
 from cosim.fmi.layout import StepLayout
 from cosim.fmi.library import Setup

@@ -9,7 +9,7 @@ import pytest
 
 from cosim.base.errors import CosimError, RunError, ScenarioError
 from cosim.engine.engine import Engine
-from cosim.fmi.values import NumberedTexts
+from cosim.fmi.file.values import NumberedTexts
 from cosim.scenario.assemble import assemble
 from cosim.ssp.export import write
 from tests.cosim.fmi.exporter import export

@@ -7,9 +7,9 @@ from typing import Any, Literal
 
 from cosim.base.component import Parameter, Port
 from cosim.base.errors import FmuError
-from cosim.fmi.intervals import written
-from cosim.fmi.ports import VariableGroup
-from cosim.fmi.variables import NUMERIC, TEXTS, FmuVariable, number
+from cosim.fmi.file.intervals import written
+from cosim.fmi.file.ports import VariableGroup
+from cosim.fmi.file.variables import NUMERIC, TEXTS, FmuVariable, number
 
 _KINDS: Mapping[str, Literal["real", "integer", "boolean"]] = {
     "Real": "real", "Float64": "real", "Float32": "real", "Boolean": "boolean",

@@ -13,15 +13,15 @@ from xml.etree import ElementTree
 
 from cosim.base.errors import FmuError
 from cosim.base.units import BASE, Unit
-from cosim.fmi.archive import unpack
-from cosim.fmi.model_structure import (
+from cosim.fmi.file.archive import unpack
+from cosim.fmi.file.model_structure import (
     ContinuousStates,
     Dependencies,
     read_dependencies,
     read_states,
 )
-from cosim.fmi.ports import VariableGroup, groups
-from cosim.fmi.variables import NUMERIC, FmuVariable, variables2, variables3
+from cosim.fmi.file.ports import VariableGroup, groups
+from cosim.fmi.file.variables import NUMERIC, FmuVariable, variables2, variables3
 
 
 @dataclass(frozen=True)
@@ -123,7 +123,7 @@ def _interfaces(root: ElementTree.Element, fmi: str) -> dict[str, ElementTree.El
     Raises ValueError for FMI 1.0 that cannot be run.
     """
     if fmi == "1.0":
-        from cosim.fmi.description1 import interface1
+        from cosim.fmi.file.description1 import interface1
 
         found = interface1(root)
         return {found.tag: found}
@@ -201,7 +201,7 @@ def _variables(
         return variables3(root, sizes)
     if fmi == "2.0":
         return variables2(root)
-    from cosim.fmi.description1 import variables1
+    from cosim.fmi.file.description1 import variables1
 
     return variables1(root)
 

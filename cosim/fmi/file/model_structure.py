@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from xml.etree.ElementTree import Element
 
-from cosim.fmi.ports import REAL
-from cosim.fmi.variables import FmuVariable
+from cosim.fmi.file.ports import REAL
+from cosim.fmi.file.variables import FmuVariable
 
 #: Names of the variables that each output depends on directly. What is not in it is not stated.
 Dependencies = Mapping[str, frozenset[str]]

@@ -16,8 +16,8 @@ from xml.etree import ElementTree
 from cosim.base.archive import add_sum
 from cosim.base.errors import CosimError, FmuError
 from cosim.base.parts import part
-from cosim.fmi.archive import Archive
-from cosim.fmi.headers import header_folder
+from cosim.fmi.file.archive import Archive
+from cosim.fmi.file.headers import header_folder
 
 #: For sources that were not written for our own compiler options.
 _FLAGS = ("-fvisibility=default", "-w")

@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 
 from cosim.base.errors import FmuError
-from cosim.fmi.archive import Archive
+from cosim.fmi.file.archive import Archive
 
 _MACHINE = {"amd64": "x86_64", "x86_64": "x86_64", "arm64": "aarch64", "aarch64": "aarch64"}
 _SYSTEM = {"linux": ("linux", ".so"), "darwin": ("darwin", ".dylib"), "win32": ("windows", ".dll")}
@@ -23,7 +23,7 @@ def binary(fmu: Archive, fmi: str, identifier: str, build: bool = False) -> Path
     if path.is_file():
         return path
     if build and has_sources(fmu):
-        from cosim.fmi.sources import compile_sources
+        from cosim.fmi.file.sources import compile_sources
 
         return compile_sources(fmu, fmi, identifier, path)
     found = sorted(p.name for p in (fmu.folder / "binaries").glob("*") if p.is_dir())

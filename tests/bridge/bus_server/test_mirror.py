@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 import can
 import pytest
 
-from bridge.simulated_can import mirror
+from bridge.bus_server import mirror
 from bridge.simulated_can.channel import Channel
 from bridge.simulated_can.options import PortOptions, channel_options
 from tests.bridge.bench import until

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 
+from bridge.bus_server.listener import listen
+from bridge.bus_server.server import BusServer, RemoteThreads
 from bridge.simulated_can.channel import Channel
-from bridge.simulated_can.listener import listen
 from bridge.simulated_can.options import ChannelOptions
 from bridge.simulated_can.protocol import BusAddress
-from bridge.simulated_can.server import BusServer, RemoteThreads
 from bridge.simulated_can.shared_time import SharedTime
 from cosim.bus.timing import BusTiming
 

@@ -17,13 +17,13 @@ import can
 import msgpack  # type: ignore[import-untyped]
 import pytest
 
+from bridge.bus_server.listener import ServerError, listen
+from bridge.bus_server.server import BusServer
+from bridge.bus_server.socketcand import SocketcandServer
 from bridge.simulated_can.bus import CosimBus
 from bridge.simulated_can.channel import Channel
-from bridge.simulated_can.listener import ServerError, listen
 from bridge.simulated_can.options import ChannelOperationError, ChannelOptionError, channel_options
 from bridge.simulated_can.protocol import parse_address
-from bridge.simulated_can.server import BusServer
-from bridge.simulated_can.socketcand import SocketcandServer
 from cosim.bus.frames import BusFrame
 from cosim.bus.settings import ScriptedError
 from cosim.bus.timing import frame_bits

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from cosim.base.errors import FmuError
-from cosim.fmi.variables import FmuVariable
+from cosim.fmi.file.variables import FmuVariable
 
 
 @dataclass(frozen=True, slots=True)

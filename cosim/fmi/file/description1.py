@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 from xml.etree.ElementTree import Element
 
-from cosim.fmi.variables import TYPES2, FmuVariable, limits_of
+from cosim.fmi.file.variables import TYPES2, FmuVariable, limits_of
 
 #: The reference of a variable that has no value.
 _UNDEFINED = 4294967295

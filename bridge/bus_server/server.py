@@ -17,9 +17,9 @@ from typing import Any, final
 
 import can
 
+from bridge.bus_server.listener import Acceptor
 from bridge.simulated_can.channel import Channel, ChannelPort
 from bridge.simulated_can.frames import frame_of_message
-from bridge.simulated_can.listener import Acceptor
 from bridge.simulated_can.options import (
     ChannelOperationError,
     ChannelOptionError,

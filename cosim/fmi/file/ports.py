@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from itertools import product
 from math import prod
 
-from cosim.fmi.variables import TEXTS, FmuVariable
+from cosim.fmi.file.variables import TEXTS, FmuVariable
 
 _INDEXED = re.compile(r"(.+)\[(\d+(?:,\d+)*)\]$")
 REAL = ("Real", "Float64")

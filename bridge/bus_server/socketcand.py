@@ -16,10 +16,10 @@ from typing import final
 
 import can
 
+from bridge.bus_server.listener import Acceptor
+from bridge.bus_server.server import in_thread_of_its_own
 from bridge.simulated_can.channel import Channel, ChannelPort
-from bridge.simulated_can.listener import Acceptor
 from bridge.simulated_can.options import ChannelOperationError, PortOptions
-from bridge.simulated_can.server import in_thread_of_its_own
 
 _COMMAND = re.compile(rb"<([^<>]*)>")
 _LONGEST = 4096

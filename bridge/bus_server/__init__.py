@@ -1,0 +1,1 @@
+"""A simulated CAN bus for other processes: servers, mirrors, logs and traffic."""

@@ -1,0 +1,1 @@
+"""The content of an `.fmu` file: description, variables, ports, values, binaries and sources."""

@@ -1,22 +1,28 @@
 """Write the traces of ``joint2.toml``: ``python configs/vibration/write.py``.
 
 How old the states are that a drive gets, by a simulation of the program's threads and of both buses
-(:func:`cosim.bus.host_loop.bilateral_loop`), as traces of the delay of each sample that reached it.
+(:func:`docs.evidence.host_loop.bilateral_loop`), as traces of the delay of each sample that
+reached it.
 """
 
 from __future__ import annotations
 
+import sys
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.bus.drive_bus import DriveBus
-from cosim.bus.host_loop import BilateralLoop, CommandTimes, bilateral_loop
 from cosim.bus.settings import QueueKind
 from cosim.bus.timing import BusTiming
 from cosim.links.traces import write_trace
+
+if (ROOT := str(Path(__file__).resolve().parents[2])) not in sys.path:
+    sys.path.insert(0, ROOT)
+
+from docs.evidence.drive_bus import DriveBus
+from docs.evidence.host_loop import BilateralLoop, CommandTimes, bilateral_loop
 
 FOLDER = Path(__file__).parent / "traces"
 #: The drive of joint 2; base step of the scenario, s; begin and duration of a trace, s.

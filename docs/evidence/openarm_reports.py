@@ -19,16 +19,16 @@ if str(ROOT) not in sys.path:
     sys.path.insert(0, str(ROOT))
 
 import cosim  # noqa: E402
-from cosim.bus.drive_bus import DriveBus  # noqa: E402
-from cosim.bus.host_loop import (  # noqa: E402
+from cosim.bus.timing import CLASSIC, BusTiming, FrameFormat, mean  # noqa: E402
+from docs.evidence.coupled_joints import CoupledJoints  # noqa: E402
+from docs.evidence.drive_bus import DriveBus  # noqa: E402
+from docs.evidence.host_loop import (  # noqa: E402
     BlockingLoop,
     CommandTimes,
     bilateral_loop,
     blocking_loop,
     fixed_rate,
 )
-from cosim.bus.timing import CLASSIC, BusTiming, FrameFormat, mean  # noqa: E402
-from fmus.robots.coupled import CoupledJoints  # noqa: E402
 
 SLOW, FAST = BusTiming(1e6), BusTiming(1e6, 5e6, fd=True)
 SWITCHED, UNSWITCHED = FrameFormat(fd=True, brs=True), FrameFormat(fd=True)

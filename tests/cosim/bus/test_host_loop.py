@@ -7,15 +7,15 @@ from runpy import run_path
 import numpy as np
 import pytest
 
-from cosim.bus.drive_bus import DriveBus
-from cosim.bus.host_loop import (
+from cosim.bus.timing import CLASSIC, BusTiming, FrameFormat, mean
+from docs.evidence.drive_bus import DriveBus
+from docs.evidence.host_loop import (
     BilateralLoop,
     BlockingLoop,
     bilateral_loop,
     blocking_loop,
     fixed_rate,
 )
-from cosim.bus.timing import CLASSIC, BusTiming, FrameFormat, mean
 from tests.cosim.comparison.parts import ROOT
 
 SLOW, FAST = BusTiming(1e6), BusTiming(1e6, 5e6, fd=True)

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from cosim.base.component import Outputs
+from docs.evidence.coupled_joints import CoupledJoints, rigid_limit
 from fmus.build.reference import Values
 from fmus.models import elastic_joint
-from fmus.robots.coupled import CoupledJoints, rigid_limit
 
 pytestmark = pytest.mark.usefixtures("compiled_once")
 K, D, J, M = 240.0, 3.0, 0.0158, 0.06

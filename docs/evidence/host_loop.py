@@ -19,7 +19,7 @@ from typing import NamedTuple, final
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.bus.drive_bus import DriveBus, DrivenBus
+from docs.evidence.drive_bus import DriveBus, DrivenBus
 
 
 class LoopCount(NamedTuple):

@@ -252,15 +252,6 @@ def forward(table: Table, q: Array, dq: Array, tau: Array) -> Array:
     return np.asarray(np.linalg.solve(mass_matrix(table, q), tau - bias), dtype=np.float64)
 
 
-def energy(table: Table, q: Array, dq: Array) -> tuple[float, float]:
-    """(kinetic, potential) energy, J, at q, dq (n,); the potential is 0 at the base's origin."""
-    kinetic = 0.5 * dq @ mass_matrix(table, q) @ dq
-    potential = 0.0
-    for theta, (R, r) in zip(table.inertia, placements(table, q), strict=True):
-        potential -= table.g @ (theta[0] * r + R @ theta[1:4])
-    return float(kinetic), float(potential)
-
-
 def is_rotation(R: Array) -> bool:
     """True if R (3, 3), without a unit, is a rotation, to 1e-6."""
     return bool(np.abs(R @ R.T - np.eye(3)).max() <= 1e-6 and np.linalg.det(R) > 0.0)

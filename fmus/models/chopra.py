@@ -29,7 +29,7 @@ PRESETS: dict[str, dict[str, float]] = {
     "Chopra": {"K": 16.0, "Gamma": 1.0, "lambda": 0.5},
 }
 
-#: What one side sends and where the other takes it: (source, target), see ``bilateral``.
+#: What one side sends and where the other takes it: (source, target).
 EXCHANGE = (("control.r", "control.r_j"),)
 
 

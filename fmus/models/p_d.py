@@ -34,7 +34,7 @@ PRESETS: dict[str, dict[str, float]] = {
     "P+d violating": {"K": 10.0, "B": 3.0},
 }
 
-#: What one side sends and where the other takes it: (source, target), see ``bilateral``.
+#: What one side sends and where the other takes it: (source, target).
 EXCHANGE = (("plant.q", "control.q_j"),)
 
 

@@ -34,7 +34,7 @@ from fmus.model.numeric import Array, np
 
 PRESETS: dict[str, dict[str, float]] = {"TDPA": {"a_max": 20.0}, "TDPA drift": {"a_max": 20.0}}
 
-#: What this end sends and where the other takes it: (source, target), see ``bilateral``.
+#: What this end sends and where the other takes it: (source, target).
 EXCHANGE = (
     ("control.v", "control.v_j"),
     ("control.E", "control.E_j"),

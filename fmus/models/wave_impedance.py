@@ -36,7 +36,7 @@ PRESETS: dict[str, dict[str, float]] = {
     "scattering(n=3)": {"b": 9.0},
 }
 
-#: What this end sends and where the other takes it: (source, target), see ``bilateral``.
+#: What this end sends and where the other takes it: (source, target).
 EXCHANGE = (("control.u", "control.u"),)
 
 

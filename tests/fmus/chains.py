@@ -6,8 +6,9 @@ import ctypes
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
-from fmus.arms.chain import Table
+from fmus.arms.chain import Table, mass_matrix, placements
 from fmus.build import toolchain
 
 # Every function takes the number of joints, and pointers to doubles: the table first.
@@ -174,3 +175,12 @@ def random_chain(rng: np.random.Generator, n: int) -> Table:
         armature=rng.choice([0.0, 0.02], n),
         g=random_rotation(rng) @ np.array([0.0, 0.0, -9.81]),
     )
+
+
+def energy(table: Table, q: NDArray[np.float64], dq: NDArray[np.float64]) -> tuple[float, float]:
+    """(kinetic, potential) energy, J, at q, dq (n,); the potential is 0 at the base's origin."""
+    kinetic = 0.5 * dq @ mass_matrix(table, q) @ dq
+    potential = 0.0
+    for theta, (R, r) in zip(table.inertia, placements(table, q), strict=True):
+        potential -= table.g @ (theta[0] * r + R @ theta[1:4])
+    return float(kinetic), float(potential)

@@ -14,7 +14,7 @@ from cosim.base.errors import RunError
 from cosim.engine.engine import Engine
 from cosim.scenario.assemble import assemble
 from cosim.scenario.spec import build
-from fmus.models.bilateral import Pair, controls, links
+from tests.fmus.bilateral import Pair, controls, links
 
 ARMS = ("master", "slave")
 H = 1e-3

@@ -14,7 +14,7 @@ from cosim.base.errors import FmuError, RunError, ScenarioError
 from fmus.arms import chain
 from fmus.models import arm, planar2r
 from fmus.models.arm import Arm
-from tests.fmus.chains import fr3, planar, random_chain
+from tests.fmus.chains import energy, fr3, planar, random_chain
 from tests.fmus.test_parity import differ, inputs
 
 pytestmark = pytest.mark.usefixtures("compiled_once")
@@ -91,10 +91,10 @@ def test_numpy_and_c_agree_on_random_arms(n: int) -> None:
 def test_a_free_arm_keeps_its_energy() -> None:
     table = fr3()
     seen = run(fr3_arm({"dq": np.array([0.5, -0.4, 0.3, 0.8, -0.6, 0.7, -0.9])}), {}, 1e-3, 400)
-    energy = [chain.energy(table, y["q"], y["dq"]) for y in seen[::20]]
-    kinetic = [e[0] for e in energy]
+    energies = [energy(table, y["q"], y["dq"]) for y in seen[::20]]
+    kinetic = [e[0] for e in energies]
     assert max(kinetic) > 10.0
-    assert np.ptp([sum(e) for e in energy]) < 1e-6 * max(kinetic)
+    assert np.ptp([sum(e) for e in energies]) < 1e-6 * max(kinetic)
 
 
 def test_gravity_is_held_by_the_same_torque() -> None:
@@ -156,9 +156,9 @@ def test_steep_dry_friction_takes_energy_and_stops_a_light_arm() -> None:
     friction = {"friction": np.ones(7), "v_f": np.full(7, 1e-3), "dq": np.full(7, 0.1)}
     kernel.initialize({**table.values(), **START, **friction})
     seen = run(kernel, {}, 1e-3, 250)
-    energy = [chain.energy(table, y["q"], y["dq"])[0] for y in seen]
-    assert all(later <= before for before, later in pairwise(energy)), energy
-    assert energy[0] > 0.01 and energy[-1] < 1e-4 * energy[0]
+    energies = [energy(table, y["q"], y["dq"])[0] for y in seen]
+    assert all(later <= before for before, later in pairwise(energies)), energies
+    assert energies[0] > 0.01 and energies[-1] < 1e-4 * energies[0]
 
 
 def test_steep_dry_friction_stops_a_joint_where_coulomb_friction_does() -> None:

@@ -9,7 +9,7 @@ import pytest
 
 from cosim.scenario.assemble import assemble
 from cosim.scenario.spec import build
-from fmus.models.bilateral import PAIRS, Pair, controls, links
+from tests.fmus.bilateral import PAIRS, Pair, controls, links
 from tests.fmus.pairs import ARMS, CONSTANT, JITTER, document, run
 
 MODULES = sorted({side.model for pair in PAIRS.values() for side in (pair.first, pair.second)})

@@ -11,7 +11,7 @@ from cosim.base.errors import FmuError, ScenarioError
 from fmus.arms import chain, dynamics
 from fmus.arms.joints import Joints
 from fmus.models import planar2r
-from tests.fmus.chains import ChainInC, compile_chain, fr3, planar, random_chain
+from tests.fmus.chains import ChainInC, compile_chain, energy, fr3, planar, random_chain
 
 Q = np.array([0.1, -0.4, 0.2, -1.9, 0.3, 1.6, -0.5])
 DQ = np.array([0.5, -0.4, 0.3, 0.8, -0.6, 0.7, -0.9])
@@ -69,7 +69,7 @@ def test_the_power_of_the_torques_changes_the_energy(library: ctypes.CDLL) -> No
         q, dq, ddq = rng.uniform(-1, 1, (3, 5))
         h = 1e-4
         after, before = (
-            sum(chain.energy(table, q + s * dq + s**2 / 2 * ddq, dq + s * ddq)) for s in (h, -h)
+            sum(energy(table, q + s * dq + s**2 / 2 * ddq, dq + s * ddq)) for s in (h, -h)
         )
         power = dq @ ChainInC(table, library).inverse(q, dq, ddq)
         assert (after - before) / (2 * h) == pytest.approx(power, rel=1e-6)

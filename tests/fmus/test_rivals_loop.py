@@ -13,7 +13,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fmus.models.bilateral import PAIRS, BilateralSide, Pair
+from tests.fmus.bilateral import PAIRS, BilateralSide, Pair
 from tests.fmus.pairs import (
     CONSTANT,
     JITTER,

@@ -12,8 +12,8 @@ from typing import Any
 from cosim.checks import Finding, check
 from cosim.scenario.assemble import assemble
 from cosim.scenario.spec import build
-from fmus.models.bilateral import PAIRS, controls, links
 from fmus.paper.experiments import STARTS, arm
+from tests.fmus.bilateral import PAIRS, controls, links
 
 Document = dict[str, Any]
 

@@ -12,8 +12,8 @@ import pytest
 from cosim.base.errors import ScenarioError
 from cosim.comparison.documents import Case, check, read_base, scenario
 from cosim.comparison.variants_file import read
-from fmus.models.bilateral import PAIRS, controls, links
 from tests.cosim.comparison.parts import CONFIG, SMALL, VARIANTS, loaded, push, written
+from tests.fmus.bilateral import PAIRS, controls, links
 
 PAPER = {"law": "uniform", "low": "300 ms", "high": "1200 ms", "hold": "30 ms"}
 

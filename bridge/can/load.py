@@ -199,20 +199,10 @@ def measured_load(ends: IntArray, durations: IntArray, window_ns: int = 100_000_
     return Measured(mean_load, float(each[most] / window_ns), int(begins[most]), window_ns, windows)
 
 
-def load_of_log(
-    rows: NDArray[np.void], timing: BusTiming, window_ns: int = 100_000_000
-) -> Measured:
-    """Load of the frames of one bus as a log has them (``bridge.native.frame.frame_dtype``), (N,).
-
-    `t_ns` is taken as the end of a frame. Error frames count as no time.
-    """
-    return measured_load(rows["t_ns"], durations(rows, timing), window_ns)
-
-
 def durations(rows: NDArray[np.void], timing: BusTiming) -> IntArray:
-    """The time that the frames of a log, (N,) as in :func:`load_of_log`, took, (N,) ns.
+    """The time that the frames of a log (``bridge.native.frame.frame_dtype``), (N,), took, (N,) ns.
 
-    Raises TimingError where a frame cannot be one.
+    Error frames count as no time. Raises TimingError where a frame cannot be one.
     """
     bits = log_bits(rows["id"], rows["flags"], rows["length"], rows["data"])
     return log_times(bits, timing)

@@ -26,12 +26,6 @@ def view(listener: Listener, now_ns: int) -> View:
     return View(f"listening on {', '.join(listener.ears)}", line, _tables(listener, now_ns, known))
 
 
-def tables(listener: Listener, now_ns: int) -> list[TextTable]:
-    """All that is known, as tables; empty ones are left out."""
-    known = window.metrics(listener.system, listener.heard.values(), now_ns)
-    return _tables(listener, now_ns, known)
-
-
 def _tables(
     listener: Listener, now_ns: int, metrics: tuple[list[MetricResult], tuple[str, ...]]
 ) -> list[TextTable]:

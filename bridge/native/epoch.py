@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from bridge.native.library import library
 from bridge.native.structs import Epoch
 
-__all__ = ["IDENTITY", "SIGNALS", "Epoch", "date_values", "new_run", "values"]
+__all__ = ["IDENTITY", "SIGNALS", "Epoch", "new_run", "values"]
 #: Values of the message, in this order. `origin`: date of t = 0, us, modulo 2^33 * 10 us.
 SIGNALS = ("run", "host", "kept", "origin")
 #: What follows where there is room: the identity of the host, 32 bits each.
@@ -22,11 +22,6 @@ def values(
     `identity`: of the host (4,), where the message has room for it.
     """
     return [run, host, float(kept), float(library().epoch_origin_us(date_ns)), *identity]
-
-
-def date_values(host: int, date_ns: int) -> list[float]:
-    """Values of the frame DATE before EPOCH on CAN, sent at this date (ns since 1970)."""
-    return values(host & 63, 0, False, date_ns)
 
 
 def new_run(origin_ns: int) -> int:

@@ -37,11 +37,6 @@ def frame_reader(ring: Ring, descriptor: int, frame: Frame) -> Callable[[], int]
     return lambda: int(take(*arguments))
 
 
-def wait(ring: Ring, deadline_ns: int) -> bool:
-    """Sleep until `ring` has something, or until a time (monotonic, ns); whether it has."""
-    return bool(library().mail_wait(c.byref(ring.struct), deadline_ns))
-
-
 def keep_thread() -> None:
     """Keep the Python state of the calling thread, which was not created by Python.
 

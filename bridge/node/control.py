@@ -17,7 +17,6 @@ from typing import Any, final
 from bridge.native import node as native
 from bridge.native.journal import Journal
 from bridge.native.safety import Command, LifeState
-from bridge.records.records import reason_names, refusal
 from cosim.base.clock import monotonic_ns, sleep
 
 Say = Callable[[Mapping[str, Any]], None]
@@ -176,11 +175,6 @@ def room_ahead(journals: Sequence[Journal], helping: Helpers) -> Iterator[None]:
     finally:
         ended.set()
         thread.join()
-
-
-def refusal_text(struct: native.NodeStruct) -> str:
-    """The reason why the last ARM or START was refused, in words."""
-    return refusal(reason_names(struct.refused), bool(struct.life.armed))
 
 
 def listen_to(stream: Iterable[str]) -> Callable[[Control], None]:

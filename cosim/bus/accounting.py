@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.bus.arbitration import rank
 from cosim.bus.frames import BusEvent, BusFrame, DropCause, frame_of
-from cosim.bus.response import Response
 from cosim.bus.timing import BusTiming
 
 
@@ -196,39 +194,3 @@ def waits(
         if last.get(number, at) > at:
             found.append((node, at, last[number]))
     return found
-
-
-class Margin(NamedTuple):
-    """Simulated and analysed worst response of an identifier, ns, both with the intermission.
-
-    `bound` None: the analysis has no bound. `margin`: bound minus simulated, ns.
-    """
-
-    name: str
-    simulated: int
-    bound: int | None
-
-    @property
-    def margin(self) -> int | None:
-        """The bound minus the simulated worst case, ns; negative: it exceeds the bound."""
-        return None if self.bound is None else self.bound - self.simulated
-
-
-def margins(
-    found: Iterable[IdentifierAccount], analysed: Iterable[Response], bit_ns: float
-) -> list[Margin]:
-    """The simulated worst case next to the analysis, for each identifier that has both.
-
-    `analysed`: of ``cosim.bus.response.responses``, each stream with the rank of its identifier.
-    The analysis counts to the end of the intermission, so three bits (`bit_ns`, ns) are added to
-    the simulated times. The analysis also adds the jitter of queueing, which accounts do not
-    contain: give the streams jitter 0 if the requests already have the times of queueing.
-    """
-    bounds = {r.stream.rank: r for r in analysed}
-    rows = []
-    for account in found:
-        key = rank(account.identifier, account.extended)
-        if key in bounds and account.sent:
-            simulated = int(np.ceil(account.worst / 1000 + 3 * bit_ns))
-            rows.append(Margin(bounds[key].stream.name, simulated, bounds[key].worst))
-    return rows

@@ -1,19 +1,13 @@
 """Arbitration on one CAN bus: the most urgent waiting frame is sent, without interruption.
 
 The arbitration compares the frames bit by bit, and a dominant bit wins. A node takes part with its
-most urgent frame or (``fifo``) with its oldest request, as with the default queue of Linux and with
-many USB adapters. :func:`arbitrate` is the test oracle of the response times. It assumes that there
-are no errors and that queues are never full.
+most urgent frame or with its oldest request, as with the default queue of Linux and with many USB
+adapters.
 
 Source: Bosch, CAN Specification 2.0 (1991), part B, bitwise arbitration; ISO 11898-1:2015.
 """
 
 from __future__ import annotations
-
-from collections.abc import Iterable
-from dataclasses import dataclass
-
-from cosim.bus.timing import TimingError
 
 
 def rank(identifier: int, extended: bool = False, remote: bool = False) -> int:
@@ -25,59 +19,3 @@ def rank(identifier: int, extended: bool = False, remote: bool = False) -> int:
     if extended:
         return (identifier >> 18) << 21 | 3 << 19 | (identifier & 0x3FFFF) << 1 | remote
     return identifier << 21 | remote << 20
-
-
-@dataclass(frozen=True, slots=True)
-class PendingFrame:
-    """A frame that waits from `at` ns on and takes `duration` ns, intermission included."""
-
-    at: int
-    rank: int
-    duration: int
-    node: int = 0
-
-
-@dataclass(frozen=True, slots=True)
-class Sent:
-    """A request, when its frame began, and when the next could begin, ns.
-
-    Receivers have the frame three bits before `end`, at the end of EOF.
-    """
-
-    request: PendingFrame
-    start: int
-    end: int
-
-
-def arbitrate(requests: Iterable[PendingFrame], *, fifo: bool = False) -> list[Sent]:
-    """All frames in the order of sending; of equal ranks of one node, the oldest request first.
-
-    Raises TimingError if frames of equal rank of two nodes compete: on a bus they collide with bit
-    errors, which `cosim.bus.simulation` simulates.
-    """
-    coming = sorted(requests, key=lambda r: r.at)
-    waiting: list[PendingFrame] = []
-    sent: list[Sent] = []
-    now = 0
-    while coming or waiting:
-        now = max(now, waiting[0].at if waiting else coming[0].at)
-        while coming and coming[0].at <= now:
-            waiting.append(coming.pop(0))
-        heads = _heads(waiting) if fifo else waiting
-        first = min(heads, key=lambda r: r.rank)
-        if any(r.rank == first.rank and r.node != first.node for r in heads):
-            raise TimingError(
-                f"found rank {first.rank} at two nodes at {now} ns, expected one node"
-            )
-        waiting.remove(first)
-        sent.append(Sent(first, now, now + first.duration))
-        now += first.duration
-    return sent
-
-
-def _heads(waiting: list[PendingFrame]) -> list[PendingFrame]:
-    """The oldest request of each node, from requests in the order of queueing."""
-    heads: dict[int, PendingFrame] = {}
-    for request in waiting:
-        heads.setdefault(request.node, request)
-    return list(heads.values())

@@ -76,20 +76,6 @@ class Topology:
         """True if the graphs that last have a spanning tree together (Theorems 3 and 4)."""
         return bool(self.roots)
 
-    def check_root(self, robot: int) -> None:
-        """Refuse a robot that does not reach all: an operator there does not move the network.
-
-        Raises ScenarioError that names those it does not reach, and the roots (Sec. V).
-        """
-        check_robot(robot, self.n)
-        missed = sorted(set(range(1, self.n + 1)) - self.union.reached(robot))
-        if missed:
-            roots = ", ".join(map(str, sorted(self.roots))) or "none: there is no spanning tree"
-            raise ScenarioError(
-                f"signals of robot {robot} do not reach {', '.join(map(str, missed))}; expected"
-                f" a root of the union of the graphs ({roots})"
-            )
-
     def weights(
         self,
         receiver: int,

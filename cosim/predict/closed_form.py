@@ -220,13 +220,6 @@ def grip_stable(law: DynamicFeedback, M: float, K: float, k_p: float, k_d: float
     return inner > M * law.lambda_M * k_p
 
 
-def stiffest_grip(law: DynamicFeedback, M: float, K: float, k_d: float = 0.0) -> float:
-    """The k_p at which such a grip begins to swing, N.m/rad; inf where none does."""
-    a = K + law.alpha * M + k_d
-    excess = M * law.lambda_M - a
-    return inf if excess <= 0 else a * (law.alpha * K + law.lambda_M * k_d) / excess
-
-
 def stiffest_network_grip(
     net: RobotNetwork,
     q: Sequence[float],
@@ -239,7 +232,7 @@ def stiffest_network_grip(
     `k_p` (N.m/rad) and `k_d` (N.m.s/rad) of the grip: one for all joints, or one each. At x times
     this grip det(1 + x (k_p + k_d jω) G(jω)) = 0: an eigenvalue of (k_p + k_d jω) G crosses the
     negative real axis at -1/x. The least x over `count` frequencies; inf where there is none. With
-    k_p = 1 and no damping it is a stiffness. One robot: :func:`stiffest_grip`.
+    k_p = 1 and no damping it is a stiffness.
     """
     p = 1j * np.geomspace(0.05, 500.0, count)
     grip = spread(k_p, len(q)) + p[:, None] * spread(k_d, len(q))

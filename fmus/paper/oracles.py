@@ -169,17 +169,6 @@ def manipulability_bound(t: ArrayLike, K: float, alpha: float, lambda_M: float) 
     return np.asarray((1.0 + 2.0 * lambda_M * np.asarray(t) / pi) / (alpha * K))
 
 
-def push_manipulability(t: float, K: float, alpha: float, lambda_M: float) -> float:
-    """M^t of a constant push from rest, theta known, without inertia: ‖q - q(0)‖₂ / ‖τ_h‖₂.
-
-    q - q(0) = τ (λ_M t/α + (1 - λ_M/α)(1 - exp(-αt))/α)/K, from q = ((p + λ_M)/(p(p + α))) s.
-    """
-    sigma = np.linspace(0.0, t, 20001)
-    rise = (1 - lambda_M / alpha) * (1 - np.exp(-alpha * sigma)) / alpha
-    y = (lambda_M * sigma / alpha + rise) / K
-    return float(np.sqrt(((y[1:] ** 2 + y[:-1] ** 2) / 2).mean()))
-
-
 def inertia(theta: Sequence[float], q: Array) -> Array:
     """M(q), kg.m2, (n, 2, 2), of the planar arm; `theta` (3,) kg.m2, `q` (n, 2) rad."""
     c2 = np.cos(q[:, 1])

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from fmus.arms import dynamics
 from fmus.paper import oracles
 from fmus.paper.experiments import Q_H, THETA, THETA_G
+from tests.paper.oracles import push_manipulability
 
 gains = st.floats(0.1, 50.0)
 rates = st.floats(0.1, 10.0)
@@ -75,7 +76,7 @@ def test_delay_is_felt_as_damping_and_not_as_distance(
 def test_a_push_stays_below_the_bound_on_manipulability(
     t: float, K: float, alpha: float, lambda_M: float
 ) -> None:
-    push = oracles.push_manipulability(t, K, alpha, lambda_M)
+    push = push_manipulability(t, K, alpha, lambda_M)
     assert push <= oracles.manipulability_bound(t, K, alpha, lambda_M) * (1 + 1e-9)
 
 

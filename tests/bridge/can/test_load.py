@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bridge.can.load import kind_of, load_of_log, log_bits, log_times, measured_load, planned_load
+from bridge.can.load import durations, kind_of, log_bits, log_times, measured_load, planned_load
 from bridge.native import load as native
 from bridge.native.frame import Flags, Frame, frame_dtype
 from cosim.bus.arbitration import rank
@@ -132,7 +132,9 @@ def test_rows_of_a_log_have_a_load() -> None:
     rows["t_ns"], rows["length"], rows["id"] = np.arange(100) * 1_000_000, 8, 0x123
     rows["data"][:, :8] = 0x55
     busy = frame_bits(0x123, b"\x55" * 8).nominal / 1000
-    assert load_of_log(rows, MEGABIT, 10_000_000).peak == pytest.approx(busy)
+    assert measured_load(rows["t_ns"], durations(rows, MEGABIT), 10_000_000).peak == pytest.approx(
+        busy
+    )
 
 
 def test_bits_that_arbitrate() -> None:

@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 from bridge.can.interface import attach
 from bridge.cli.monitor import monitor
 from bridge.monitor.listener import Listener
-from bridge.monitor.listener_view import tables, view
+from bridge.monitor.listener_view import view
 from bridge.native import message as native
 from bridge.native.frame import Frame
 from bridge.native.message import Header
@@ -80,7 +80,7 @@ def test_values_status_and_losses(system, talker):
         assert heard.values.tolist() == [19 + 0.5 * i for i in range(width)]
         assert heard.lost == len(skipped) and len(heard.recent) == sent and not heard.refused
         now = monotonic_ns()
-        row = next(r for r in tables(listener, now)[1].rows if r[0] == "LINK_2")
+        row = next(r for r in view(listener, now).tables[1].rows if r[0] == "LINK_2")
         assert row[1] == "master_control" and row[7] == "deadman simulated"
         listener.receive(now + 2 * SECOND)
         assert not heard.recent
@@ -113,7 +113,7 @@ def test_heartbeats_tell_the_state_of_a_node(system, talker):
         now = monotonic_ns()
         assert "master_control stopping" in view(listener, now).line
         assert "master_control silent" in view(listener, now + 2 * SECOND).line
-        nodes = tables(listener, now)[0]
+        nodes = view(listener, now).tables[0]
         assert [r[2] for r in nodes.rows if r[0] != "master_control"] == ["never"] * 3
         assert len(nodes.marked) == 4
 

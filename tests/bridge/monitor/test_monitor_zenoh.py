@@ -16,7 +16,7 @@ from bridge.cli.monitor import monitor
 from bridge.deployment.system import System
 from bridge.deployment.zenoh_keys import names_of
 from bridge.monitor.listener import Listener
-from bridge.monitor.listener_view import tables, view
+from bridge.monitor.listener_view import view
 from bridge.monitor.messages import HeardSample, ReceivedMessage
 from bridge.native.safety import LifeState, Status, Why
 from bridge.zenoh.channel import ZenohAttachment
@@ -64,7 +64,7 @@ def test_values_states_and_losses(system: System, master: ZenohAttachment):
         assert listener.beats["master"].state == "active" and listener.there("master")
         assert listener.there("slave") is False
         assert master.bus.drain() == []  # nothing was sent to it
-        row = next(r for r in tables(listener, monotonic_ns())[1].rows if r[0] == "xi_master")
+        row = next(r for r in view(listener, monotonic_ns()).tables[1].rows if r[0] == "xi_master")
         assert row[1] == "master" and row[6] == "3" and row[7].endswith("simulated")
         assert "master active" in view(listener, monotonic_ns()).line
 
@@ -143,7 +143,7 @@ def test_a_node_that_has_gone_is_listened_to_again_when_it_runs_again(
         reached(listener, lambda: heard.t_ns > before, lambda: again.bus.send(sample))
         assert heard.values.tolist() == [3.0, 4.0] and heard.lost == 0
         assert listener.beats["master"].boots == 2
-        why = next(t for t in tables(listener, monotonic_ns()) if t.title == "why")
+        why = next(t for t in view(listener, monotonic_ns()).tables if t.title == "why")
         assert [row[0] for row in why.rows] == ["master", "master"]
         again.close()
 

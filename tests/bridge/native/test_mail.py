@@ -1,14 +1,20 @@
 """Rings between C and threads of Python: sleeping readers are woken, overflow is counted."""
 
+import ctypes
 import os
 import threading
 
 from bridge.native import pace
 from bridge.native.frame import DATA, Frame, Ring
-from bridge.native.mail import frame_reader, frame_writer, keep_thread, wait
+from bridge.native.library import library
+from bridge.native.mail import frame_reader, frame_writer, keep_thread
 from bridge.zenoh.wakeup import Wake
 
 FAR = 10_000_000_000  # ns; nobody sleeps that long here
+
+
+def wait(ring: Ring, deadline_ns: int) -> bool:
+    return bool(library().mail_wait(ctypes.byref(ring.struct), deadline_ns))
 
 
 def test_what_is_brought_is_a_frame_that_has_arrived_now():

@@ -48,7 +48,7 @@ class Alone(Bench):
         header = Header(status=int(status))
         encoding = self.system.services["left"].epoch
         if apart is not None:
-            said = native.date_values(host, now() + off)
+            said = native.values(host & 63, 0, False, now() + off)
             self.put("left", encoding.frame(said, header, now()))
         values = native.values(run, host, bool(kept), date)
         self.put("left", encoding.frame(values, header, now()))

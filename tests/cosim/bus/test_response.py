@@ -9,9 +9,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cosim.bus.arbitration import PendingFrame, arbitrate, rank
+from cosim.bus.arbitration import rank
 from cosim.bus.response import NO_ERRORS, Errors, FrameStream, responses
 from cosim.bus.timing import TimingError, worst
+from tests.cosim.bus.queueing import PendingFrame, arbitrate
 
 US, MS = 1_000, 1_000_000
 

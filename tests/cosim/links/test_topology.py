@@ -138,22 +138,6 @@ def test_what_lasts_decides_on_the_roots():
     assert Topology((BACK,), Static(), seed=0).roots == frozenset()
 
 
-def test_an_operator_belongs_on_a_root():
-    tree = Topology(PRESETS["tree3"], Random(0.15), seed=0)
-    tree.check_root(3)
-    with pytest.raises(ScenarioError, match=r"robot 1 do not reach 3, 4, 5, 6.*\(3\)"):
-        tree.check_root(1)
-    with pytest.raises(ScenarioError, match="robot 7; expected 1 to 6"):
-        tree.check_root(7)
-    alone = Topology((BACK,), Static(), seed=0)
-    with pytest.raises(ScenarioError, match=r"do not reach 1, 2.*none: there is no spanning"):
-        Topology((Graph.of(3, [(3, 1)]),), Static(), seed=0).check_root(3)
-    assert alone.union.reached(3) == {1, 3}
-    ring = Topology(PRESETS["ring"], Random(0.15), seed=0)
-    for robot in ALL:
-        ring.check_root(robot)
-
-
 def test_facts_are_plain_and_complete():
     topology = Topology((CHAIN, BACK), Schedule((0.0, 0.5), (0, 1), 1.0), seed=7, name="net")
     assert topology.facts() == {

@@ -24,6 +24,13 @@ CanInterface = Annotated[
 CanBitrate = Annotated[
     float | None, typer.Option(callback=finite, min=1, help="can: bit rate, bit/s.")
 ]
+#: Options of both ends of a path between nodes.
+PingDeployment = Annotated[
+    str, typer.Option("--deploy", help="Of a scenario: deployment, file or name.")
+]
+PingSettings = Annotated[
+    list[str] | None, typer.Option("--set", metavar="PATH=VALUE", help="Change a value.")
+]
 
 
 def bus_settings(

@@ -1,4 +1,4 @@
-"""``cosim ping udp`` and the other paths without a deployment: measure, print, keep the trace."""
+"""``cosim ping udp`` and the other paths: measure, print, keep the trace."""
 
 from __future__ import annotations
 
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from bridge.ping.figures import PathResult
     from bridge.ping.measure import PingPlan
     from bridge.ping.prediction import PathTrace
+    from bridge.ping.zenoh import PingedNodes
     from cosim.base.errors import ScenarioError
 
 PATHS = ("udp", "zenoh", "can")
@@ -29,7 +30,10 @@ PATHS = ("udp", "zenoh", "can")
 
 @dataclass(frozen=True, slots=True)
 class EndOptions:
-    """Options of our end of a path: UDP's service, Zenoh's configuration, CAN's bus and frames."""
+    """Options of our end of a path: UDP's service, Zenoh's configuration, CAN's bus and frames.
+
+    `nodes`: of a deployment, between which a path over Zenoh is.
+    """
 
     tos: int = 0
     config: Path | None = None
@@ -37,6 +41,7 @@ class EndOptions:
     bitrate: float | None = None
     ask: str = ""
     answer: str = ""
+    nodes: PingedNodes | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -202,7 +207,7 @@ def measured(request: PathRequest, say: Say, live: Show, tell: Say) -> PathOutco
     for name, lines in link.items():
         tell(f"{name}, as a link:")
         tell(indent("\n".join(lines.values()), "  "))
-    predicted = _predicted(request.kind, result, request.prediction, out)
+    predicted = _predicted(request, result)
     notes = PingNotes(link, _command(), below, predicted.scenario, predicted.controllers)
     page = write_ping_page(out / "report.html", result, notes)
     for line in predicted.text(request.prediction, out):
@@ -282,17 +287,16 @@ class ShownPrediction:
         return lines
 
 
-def _predicted(
-    kind: str, result: PathResult, wanted: PredictionOptions, out: Path
-) -> ShownPrediction:
+def _predicted(request: PathRequest, result: PathResult) -> ShownPrediction:
     """The scenario on this path, and the controllers that come to rest on it."""
+    wanted = request.prediction
     if wanted.scenario is None:
         return ShownPrediction()
     from bridge.ping.prediction import predict, survivors
     from cosim.comparison.variants_file import variants_path
 
-    trace = _path_trace(kind, result)
-    found = predict(wanted.scenario, trace, wanted.link, wanted.settings)
+    trace = _path_trace(request.kind, result)
+    found = predict(wanted.scenario, trace, wanted.link, wanted.settings, request.end.nodes)
     data = asdict(found)
     for number in data["numbers"]:
         for key in ("value", "least", "most", "ideal"):
@@ -300,7 +304,7 @@ def _predicted(
     if not wanted.compare:
         return ShownPrediction(data, tuple(found.lines()))
     variants = variants_path(wanted.scenario)
-    each = survivors(wanted.scenario, variants, trace, out, wanted.settings, jobs=2)
+    each = survivors(wanted.scenario, variants, trace, request.out, wanted.settings, jobs=2)
     data["controllers"] = {one.name: dict(one.verdicts) for one in each}
     return ShownPrediction(data, tuple(found.lines()), tuple(one.text for one in each))
 
@@ -319,9 +323,12 @@ def open_path(kind: str, where: str, size: int, end: EndOptions) -> OpenedPath:
         address = parse_address(where)
         opened = closing(UdpPath(address, tos=end.tos))
         return OpenedPath(f"udp {address[0]}:{address[1]}", opened, PacketCodec(size), size)
-    from bridge.ping.zenoh import zenoh_path
+    from bridge.ping.zenoh import node_path, zenoh_path
     from bridge.zenoh.exchange import ENDPOINT
 
+    if end.nodes is not None:
+        name = f"zenoh {end.nodes.here} -> {end.nodes.there}"
+        return OpenedPath(name, node_path(end.nodes), PacketCodec(size), size)
     endpoint = where or ENDPOINT
     return OpenedPath(
         f"zenoh {endpoint}", zenoh_path(endpoint, end.config), PacketCodec(size), size

@@ -8,7 +8,13 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from bridge.cli.options import CanBitrate, CanInterface, ZenohConfig
+from bridge.cli.options import (
+    CanBitrate,
+    CanInterface,
+    PingDeployment,
+    PingSettings,
+    ZenohConfig,
+)
 from cosim.cli.numbers import finite
 
 if TYPE_CHECKING:
@@ -17,11 +23,14 @@ if TYPE_CHECKING:
 
 
 def pong(
-    path: Annotated[str, typer.Argument(help="Kind of path: udp, zenoh or can.")] = "udp",
+    path: Annotated[
+        str, typer.Argument(help="Kind of path: udp, zenoh or can; or a scenario file (.toml).")
+    ] = "udp",
     where: Annotated[
         str,
         typer.Argument(
-            help="udp: HOST:PORT, default all addresses; zenoh: an endpoint; can: a channel."
+            help="udp: HOST:PORT, default all addresses; zenoh: an endpoint; can: a channel; "
+            "scenario: the node that answers, default the second one."
         ),
     ] = "",
     connect: Annotated[
@@ -30,6 +39,8 @@ def pong(
     config: ZenohConfig = None,
     interface: CanInterface = "socketcan",
     bitrate: CanBitrate = None,
+    deploy: PingDeployment = "zenoh",
+    set_: PingSettings = None,
     for_: Annotated[
         float | None,
         typer.Option("--for", callback=finite, min=0.001, help="End after this time, s."),
@@ -41,9 +52,11 @@ def pong(
     from cosim.base.errors import ScenarioError
     from cosim.base.interrupts import act_on_signal, until_signal
 
-    if path not in ("udp", "zenoh", "can") or (path == "can" and not where):
+    scenario = path.endswith(".toml")
+    if not (scenario or path in ("udp", "zenoh", "can")) or (path == "can" and not where):
         raise ScenarioError(
-            f"found {f'{path} {where}'.strip()!r}; expected udp, zenoh, or can CHANNEL",
+            f"found {f'{path} {where}'.strip()!r}; expected udp, zenoh, can CHANNEL, or a "
+            "scenario file (.toml)",
             "cosim pong",
         )
     with ExitStack() as stack:
@@ -51,7 +64,13 @@ def pong(
         if path == "can":
             responder = _can(where, interface, bitrate, stack)
         else:
-            opened = _udp(where) if path == "udp" else _zenoh(where, config, connect)
+            opened = (
+                _node(Path(path), where, deploy, set_ or [])
+                if scenario
+                else _udp(where)
+                if path == "udp"
+                else _zenoh(where, config, connect)
+            )
             responder = PingResponder(stack.enter_context(opened))
         stop = None if for_ is None else monotonic_ns() + round(for_ * 1e9)
         with until_signal():
@@ -82,6 +101,17 @@ def _zenoh(where: str, config: Path | None, connect: bool) -> AbstractContextMan
     opened = zenoh_responder(endpoint, config, listen=not connect)
     typer.echo(f"zenoh {endpoint} answers; Ctrl-C ends it", err=True)
     return opened
+
+
+def _node(
+    scenario: Path, node: str, deploy: str, settings: list[str]
+) -> AbstractContextManager[PingPath]:
+    from bridge.deployment.system import load_system
+    from bridge.ping.zenoh import node_responder, pinged_nodes
+
+    nodes = pinged_nodes(load_system(scenario, deploy, settings), there=node)
+    typer.echo(f"{nodes.there} answers; Ctrl-C ends it", err=True)
+    return node_responder(nodes)
 
 
 def _can(channel: str, interface: str, bitrate: float | None, stack: ExitStack) -> CanResponder:

@@ -18,7 +18,10 @@ from typing import Any
 
 import numpy as np
 
+from bridge.deployment.latency import network_delays
+from bridge.deployment.system import System
 from bridge.ping.clocks import Floats
+from bridge.ping.zenoh import PingedNodes
 from cosim.base.errors import RunError, ScenarioError
 from cosim.base.settings import change
 from cosim.checks.laws import prediction as findings
@@ -66,6 +69,10 @@ class PathTrace:
         sent = np.arange(self.sent.size) * np.median(np.diff(self.sent))
         there, back = np.roll(self.there, -first) + later, np.roll(self.back, -first) + later
         return PathTrace(np.asarray(sent, dtype=np.float64), there, back, self.semantics)
+
+    def way(self, back: bool) -> Floats:
+        """The delays of one direction, (n,), s."""
+        return self.back if back else self.there
 
     def write(self, folder: Path) -> tuple[Path, Path]:
         """The files of both directions in a folder."""
@@ -119,26 +126,30 @@ def _said(x: float) -> str:
 
 
 def predict(
-    path: Path, trace: PathTrace, link: str = "", settings: Sequence[str] = ()
-) -> ScenarioPrediction:
+    path: Path, trace: PathTrace, link: str = "", settings: Sequence[str] = (),
+    nodes: PingedNodes | None = None,
+) -> ScenarioPrediction:  # fmt: skip
     """Run a scenario (TOML) on a path, from several starts, and without delay.
 
     `link`: ``FROM->TO`` or the name of the only link that is replaced, by the way there. Otherwise
     all links are: those from the component of the first one by the way there, others by the way
-    back. `settings`: ``PATH=VALUE``. Raises ScenarioError.
+    back; on a path between `nodes`, all links between nodes, by the node that sends. Where their
+    deployment adds the scenario's delays to those of the network, the links keep their laws, and
+    the path comes on top. `settings`: ``PATH=VALUE``. Raises ScenarioError.
     """
-    ways = directions(_document(path, settings), path, link)
+    if nodes is not None:
+        settings = [*nodes.system.deployment.settings(), *settings]
+    by_node = nodes is not None and not link
+    ways = nodes.ways() if nodes and by_node else directions(_document(path, settings), path, link)
+    adding = nodes.system if nodes and nodes.system.deployment.latency else None
     later = _longest_period(path, settings, ways)
     failures: list[str] = []
     on_path = []
     with TemporaryDirectory() as kept:
         for i, start in enumerate(STARTS):
-            files = trace.rolled(start, later * (i % 2)).write(Path(kept))
-            delays = {
-                link: {"law": "trace", "file": str(files[back]), "repeat": True}
-                for link, back in ways.items()
-            }
-            scenario = _on(path, settings, delays, trace.semantics)
+            rolled = trace.rolled(start, later * (i % 2))
+            delays = _delays(rolled, ways, Path(kept), adding)
+            scenario = _on(path, settings, delays, "" if adding else trace.semantics)
             results, failure = _run(scenario)
             on_path.append(results)
             if start == STARTS[0]:
@@ -150,6 +161,26 @@ def predict(
     numbers = [_number(key, on_path, ideal) for key in {**ideal, **on_path[0]}]
     links = [_link_line(path, settings, i, back) for i, back in ways.items()]
     return ScenarioPrediction(tuple(numbers), said, tuple(failures), tuple(links))
+
+
+def _delays(
+    trace: PathTrace, ways: Mapping[int, bool], folder: Path, adding: System | None
+) -> dict[int, Document]:
+    """The delay of each link on a path; with `adding`, what the path takes comes on its law."""
+    if adding is None:
+        files = trace.write(folder)
+        return {
+            i: {"law": "trace", "file": str(files[back]), "repeat": True}
+            for i, back in ways.items()
+        }
+    plans = {link.name: link for link in adding.plan.links}
+    found = {}
+    for i, back in ways.items():
+        link, file = adding.scenario.links[i], folder.resolve() / f"link{i}.csv"
+        planned = plans[f"{link.source}->{link.target}"]
+        write_trace(file, *network_delays(planned, adding.plan.ticks, trace.sent, trace.way(back)))
+        found[i] = {"law": "trace", "file": str(file)}
+    return found
 
 
 def _document(path: Path, settings: Sequence[str]) -> Document:
@@ -186,13 +217,16 @@ def directions(document: Mapping[str, Any], path: Path, link: str = "") -> dict[
 def _on(
     path: Path, settings: Sequence[str], delays: Mapping[int, Document], semantics: str
 ) -> Scenario:
-    """The scenario with these delays by number of link, and the semantics of the path."""
+    """The scenario with these delays by number of link.
+
+    `semantics`: of the path; empty: each link keeps its own.
+    """
     document = _document(path, settings)
     for i, delay in delays.items():
         link = document["links"][i]
-        for key in ("loss", "bus", "frame", "playout"):
+        for key in ("loss", "bus", "frame", *(("playout",) if semantics else ())):
             link.pop(key, None)
-        link |= {"delay": delay, "semantics": semantics}
+        link |= {"delay": delay, **({"semantics": semantics} if semantics else {})}
     return build(document, path)
 
 

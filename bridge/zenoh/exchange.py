@@ -1,4 +1,4 @@
-"""Raw bytes between two sessions under two keys: for measurements without a deployment."""
+"""Raw bytes between two sessions under two keys: for measurements of a path."""
 
 from __future__ import annotations
 
@@ -7,19 +7,39 @@ import json
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import NamedTuple
 
 import zenoh
 
+from bridge.deployment.system import System
 from bridge.zenoh.channel import control_publisher
-from bridge.zenoh.options import ZenohOptions
+from bridge.zenoh.node_channel import rules_of
+from bridge.zenoh.options import ZenohOptions, options_of
 from bridge.zenoh.session import close_session, configure, open_session
 from cosim.base.clock import monotonic_ns, sleep, stopwatch
 from cosim.base.errors import RunError, ScenarioError
 
+OpenSession = zenoh.Session
 #: Where a responder listens and a client connects unless an endpoint is given.
 ENDPOINT = "tcp/127.0.0.1:7462"
-#: Keys are PREFIX/ask/NUMBER and PREFIX/answer/NUMBER.
-PREFIX = "cosim/ping"
+
+
+class PingKeys(NamedTuple):
+    """Keys of questions and of answers, with the name of who asks in place of the chunk ``*``.
+
+    `responder`: the command that answers, for messages.
+    """
+
+    ask: str = "cosim/ping/ask/*"
+    answer: str = "cosim/ping/answer/*"
+    responder: str = "cosim pong zenoh"
+
+    def asker(self, key: str) -> str:
+        """The name of who asks under `key`."""
+        return key.split("/")[self.ask.split("/").index("*")]
+
+
+KEYS = PingKeys()
 
 
 @contextmanager
@@ -45,22 +65,35 @@ def plain_session(
 
 
 @contextmanager
+def node_session(system: System, bus: str, node: str) -> Iterator[tuple[OpenSession, str]]:
+    """A session as that of a node, and the reliability of its messages. Raises BusError,
+    ScenarioError.
+    """
+    options = options_of(system.deployment, bus, node)
+    session = open_session(configure(options, node, rules_of(system, bus)), bus)
+    try:
+        yield session, options.reliability
+    finally:
+        close_session(session)
+
+
+@contextmanager
 def asking(
-    session: zenoh.Session, number: str, heard: Callable[[bytes, int], None],
-    reliability: str = "best-effort", patience: float = 5.0,
+    session: zenoh.Session, name: str, heard: Callable[[bytes, int], None],
+    keys: PingKeys = KEYS, reliability: str = "best-effort", patience: float = 5.0,
 ) -> Iterator[Callable[[bytes], None]]:  # fmt: skip
-    """A function that publishes questions under `number`; `heard(data, t_ns)` gets the answers.
+    """A function that publishes questions of `name`; `heard(data, t_ns)` gets the answers.
 
     Raises RunError if no responder subscribes within `patience` (s).
     """
-    key = f"{PREFIX}/ask/{number}"
+    key = keys.ask.replace("*", name)
 
     def came(sample: zenoh.Sample) -> None:
         t_ns = monotonic_ns()
         heard(sample.payload.to_bytes(), t_ns)
 
     subscriber = session.declare_subscriber(
-        f"{PREFIX}/answer/{number}", zenoh.handlers.Callback(came, indirect=False)
+        keys.answer.replace("*", name), zenoh.handlers.Callback(came, indirect=False)
     )
     publisher = control_publisher(session, key, reliability)
     elapsed = stopwatch()
@@ -68,7 +101,7 @@ def asking(
         if elapsed() > patience:
             raise RunError(
                 f"zenoh: no responder on {key} after {patience:g} s; expected "
-                "`cosim pong zenoh` on this network"
+                f"`{keys.responder}` on this network"
             )
         sleep(0.01)
     try:
@@ -80,28 +113,26 @@ def asking(
 @contextmanager
 def answering(
     session: zenoh.Session, heard: Callable[[bytes, int, str], None],
-    reliability: str = "best-effort",
+    keys: PingKeys = KEYS, reliability: str = "best-effort",
 ) -> Iterator[Callable[[bytes, str], None]]:  # fmt: skip
     """A function that answers a sender; `heard(data, t_ns, sender)` gets its questions."""
     publishers: dict[str, zenoh.Publisher] = {}
 
     def came(sample: zenoh.Sample) -> None:
         t_ns = monotonic_ns()
-        heard(sample.payload.to_bytes(), t_ns, str(sample.key_expr).rpartition("/")[2])
+        heard(sample.payload.to_bytes(), t_ns, keys.asker(str(sample.key_expr)))
 
     def answer(data: bytes, sender: str) -> None:
         if sender not in publishers:
             for oldest in list(itertools.islice(publishers, max(0, len(publishers) - 63))):
                 publishers.pop(oldest).undeclare()  # type: ignore[no-untyped-call]
             publishers[sender] = control_publisher(
-                session, f"{PREFIX}/answer/{sender}", reliability
+                session, keys.answer.replace("*", sender), reliability
             )
         publishers[sender] = publishers.pop(sender)  # the oldest is the one that is quiet
         publishers[sender].put(data)
 
-    subscriber = session.declare_subscriber(
-        f"{PREFIX}/ask/*", zenoh.handlers.Callback(came, indirect=False)
-    )
+    subscriber = session.declare_subscriber(keys.ask, zenoh.handlers.Callback(came, indirect=False))
     try:
         yield answer
     finally:

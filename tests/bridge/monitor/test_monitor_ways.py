@@ -17,12 +17,15 @@ from bridge.monitor.listener_view import view
 from bridge.native.frame import Frame
 from bridge.native.safety import LifeState
 from bridge.node.buses import can_spec
+from bridge.ping.measure import PingResponder
+from bridge.ping.zenoh import node_responder, pinged_nodes
 from bridge.zenoh.certificates import make_keys
 from bridge.zenoh.node_channel import open_bus
 from bridge.zenoh.options import ZenohOptions, options_of
 from bridge.zenoh.session import configure, open_session
 from cosim.base.clock import monotonic_ns, sleep
 from tests.bridge.listening import ARMS, beat, encoded, followed, loaded, reached
+from tests.bridge.ping.test_paths import answering
 from tests.bridge.zenoh.rehearsed import CONFIGS, sockets
 from tests.bridge.zenoh.test_channel import free_ports, until
 
@@ -115,9 +118,10 @@ def test_an_operator_and_pings_with_certificates(tmp_path: Path):
         assert done.exit_code == 0, done.output
         return done.output
 
-    out = ("--count", "10", "--no-predict", "--out", str(tmp_path / "ping"))
-    assert "10 pings" in call("ping", scenario, "--local", *out)
     system = loaded(*settings)
+    out = ("--rate", "100", "--duration", "0.1", "--ramp", "--json")
+    with node_responder(pinged_nodes(system)) as far, answering(PingResponder(far)):
+        assert "steps" in call("ping", scenario, *out)
     master, slave = (open_bus(system, "net", arm) for arm in ARMS)
     nmt = system.services["net"].nmt
     assert nmt is not None

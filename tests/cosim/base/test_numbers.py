@@ -97,7 +97,7 @@ def test_a_deep_or_long_document_is_a_sentence() -> None:
     [
         ["run", SCENARIO, "--tolerance"],
         ["soak", SCENARIO, "--hours"],
-        ["ping", SCENARIO, "--period"],
+        ["ping", SCENARIO, "--rate"],
         ["analyze", SCENARIO, "--lowest"],
     ],
 )

@@ -57,7 +57,7 @@ def convert(value: Any, kind: type[T], path: Path, place: str = "") -> T:
         return msgspec.convert(value, kind)
     except msgspec.ValidationError as error:
         message, inside = sentence(error, kind, value)
-        at = f"{place}{inside}".lstrip(".")
+        at = f"{place}{_with_key(error, kind, value, inside)}".lstrip(".")
         raise ScenarioError(message, f"{path} at {at}" if at else str(path)) from None
 
 
@@ -78,6 +78,32 @@ def sentence(error: msgspec.ValidationError, kind: Any, value: Any) -> tuple[str
     if words := _allowed_words(kind, inside.strip(".")) if "enum" in message else ():
         return f"{message}; expected one of {', '.join(map(str, words))}", inside
     return _in_words_of_toml(message, _found(value, inside)), inside
+
+
+def _with_key(error: msgspec.ValidationError, kind: Any, value: Any, inside: str) -> str:
+    """The place with its key where msgspec writes ``[...]``: in a table whose keys are free."""
+    before, dots, after = inside.partition("[...]")
+    keys = before.strip(".").split(".") if before else []
+    for key in _below(value, keys) if dots and "[" not in before else ():
+        try:
+            msgspec.convert(_only(value, keys, key), kind)
+        except msgspec.ValidationError as again:
+            if str(again) == str(error):
+                return f"{before}.{key}{after}"
+    return inside
+
+
+def _below(value: Any, keys: Sequence[str]) -> Any:
+    for key in keys:
+        value = value[key]
+    return value
+
+
+def _only(value: Any, keys: Sequence[str], key: str) -> dict[str, Any]:
+    """The value, of whose table at `keys` there is one entry."""
+    if not keys:
+        return {key: value[key]}
+    return {**value, keys[0]: _only(value[keys[0]], keys[1:], key)}
 
 
 def _in_words_of_toml(message: str, found: str) -> str:

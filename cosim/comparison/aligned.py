@@ -25,7 +25,7 @@ from math import isfinite, nan
 import numpy as np
 
 from cosim.base.errors import ScenarioError
-from cosim.comparison.toml import Section
+from cosim.comparison.spec import AlignedSpec
 from cosim.measure.metric_result import MetricResult, length, root_mean_square
 from cosim.record.signals import Signals, stack
 
@@ -72,18 +72,16 @@ class AlignedError:
         )
 
 
-def aligned_error(name: str, table: Section, arms: Mapping[str, str]) -> AlignedError:
-    """The column that `table` declares; `arms` by role. Raises ScenarioError."""
-    table.only("kind", "label", "part", "of", "target")
-    of, target = table.texts("of"), table.text("target")
-    if len(of) != 1:
-        raise ScenarioError(f"found {len(of)} signals; expected one", table.place("of"))
+def aligned_error(
+    name: str, spec: AlignedSpec, arms: Mapping[str, str], place: str
+) -> AlignedError:
+    """The column that a table declares; `arms` by role. Raises ScenarioError."""
     roles = {arm: role for role, arm in arms.items()}
     ends = []
-    for key, signal in (("of", of[0]), ("target", target)):
+    for key, signal in (("of", spec.of[0]), ("target", spec.target)):
         role = roles.get(signal.partition(".")[0])
         if role is None or role in ends:
             expected = f"a signal of the arm of another role, one of {', '.join(roles)}"
-            raise ScenarioError(f"found {signal!r}; expected {expected}", table.place(key))
+            raise ScenarioError(f"found {signal!r}; expected {expected}", f"{place}.{key}")
         ends.append(role)
-    return AlignedError(name, of[0], target, "->".join(ends))
+    return AlignedError(name, spec.of[0], spec.target, "->".join(ends))

@@ -17,7 +17,6 @@ from typing import Any
 from cosim.base import toml
 from cosim.base.errors import CosimError, ScenarioError
 from cosim.base.settings import change
-from cosim.comparison.toml import Section
 from cosim.comparison.variants import (
     ComparisonSelection,
     Controller,
@@ -86,7 +85,7 @@ def read_base(path: str | Path, variants: Variants, settings: Sequence[str] = ()
     for name, role in variants.roles.items():
         for key, component in (("arm", role.arm), ("controller", role.controller)):
             if component not in known:
-                where = Section({}, variants.path, ("roles", name)).place(key)
+                where = f"{variants.path} at roles.{name}.{key}"
                 raise ScenarioError(f"{path} has {unknown(component, known, 'component')}", where)
     return Base(path, document)
 

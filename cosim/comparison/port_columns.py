@@ -21,14 +21,16 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from math import nan
-from typing import get_args
+from pathlib import Path
 
 from cosim.analysis.experiments import FORCE, Bench
 from cosim.analysis.force_tests import UNSTABLE
+from cosim.base.convert import number
 from cosim.base.errors import CosimError, RunError, ScenarioError
+from cosim.base.names import unknown
 from cosim.comparison.documents import Case
-from cosim.comparison.toml import Section
-from cosim.comparison.variants import Environment, MetricColumn, PortBench, PortKind, PortMeasure
+from cosim.comparison.spec import Environment, PortColumnSpec, PortKind, PortSpec
+from cosim.comparison.variants import MetricColumn, PortBench, PortMeasure
 from cosim.predict.frequency import MultiSine, PortGain
 from cosim.predict.port import port_of
 from cosim.predict.system import system
@@ -156,43 +158,29 @@ class _Port:
 # ---- the file -----------------------------------------------------------------------------------
 
 
-def port_bench(table: Section, arms: Mapping[str, str]) -> PortBench | None:
-    """The table ``[port]``, None if it is missing; `arms` by role. Raises ScenarioError."""
-    if not table.data:
-        return None
-    table.only("operator", "environment", "q", "band", "spring", "rigid")
-    found = []
-    for key in ("operator", "environment"):
-        role = table.text(key)
+def port_bench(spec: PortSpec, arms: Mapping[str, str], path: Path) -> PortBench:
+    """The bench that a table ``[port]`` declares; `arms` by role. Raises ScenarioError."""
+    place = f"{path} at port"
+    for key, role in (("operator", spec.operator), ("environment", spec.environment)):
         if role not in arms:
-            raise ScenarioError(
-                f"no role {role!r}; expected one of {', '.join(arms)}", table.place(key)
-            )
-        found.append(arms[role])
-    band = table.numbers("band")
-    if len(band) != 2 or not 0 < band[0] < band[1]:
+            raise ScenarioError(unknown(role, arms, "role"), f"{place}.{key}")
+    if not 0 < spec.band[0] < spec.band[1]:
         raise ScenarioError(
-            f"found {list(band)}; expected two frequencies in rad/s, the lower first",
-            table.place("band"),
+            f"found {list(spec.band)}; expected two frequencies in rad/s, the lower first",
+            f"{place}.band",
         )
-    spring, rigid = (_spring(table.table(key)) for key in ("spring", "rigid"))
-    return PortBench(found[0], found[1], table.numbers("q"), (band[0], band[1]), spring, rigid)
+    spring, rigid = (
+        (
+            number(x.stiffness, "N.m/rad", f"{place}.{key}.stiffness"),
+            number(x.damping, "N.m.s/rad", f"{place}.{key}.damping"),
+        )
+        for key, x in (("spring", spec.spring), ("rigid", spec.rigid))
+    )
+    return PortBench(arms[spec.operator], arms[spec.environment], spec.q, spec.band, spring, rigid)
 
 
-def _spring(table: Section) -> tuple[float, float]:
-    table.only("stiffness", "damping")
-    return table.quantity("stiffness", "N.m/rad"), table.quantity("damping", "N.m.s/rad")
-
-
-def port_measure(kind: str, table: Section) -> PortMeasure | None:
-    """The measure of a column, None where `kind` is a metric's. Raises ScenarioError."""
-    known: dict[str, PortKind] = {x: x for x in get_args(PortKind)}
-    if kind not in known:
-        return None
-    table.only("kind", "label", "environment")
-    environments: dict[str, Environment] = {x: x for x in get_args(Environment)}
-    name = table.text("environment", "free")
-    if name not in environments or ("environment" in table and kind != "passivity"):
-        expected = "free, spring or rigid, of kind 'passivity'"
-        raise ScenarioError(f"found {name!r}; expected {expected}", table.place("environment"))
-    return PortMeasure(known[kind], environments[name])
+def port_measure(spec: PortColumnSpec, place: str) -> PortMeasure:
+    """The measure of a column. Raises ScenarioError."""
+    if spec.environment is not None and spec.kind != "passivity":
+        raise ScenarioError("the key 'environment' is of kind 'passivity'", f"{place}.environment")
+    return PortMeasure(spec.kind, spec.environment or "free")

@@ -5,15 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 from cosim.base.errors import ScenarioError
 from cosim.comparison.aligned import AlignedError
+from cosim.comparison.spec import Environment, PortKind
 from cosim.measure.metrics import Metric
 from cosim.scenario.connect import unknown
-
-PortKind = Literal["transparency", "z_width", "free_impedance", "passivity"]
-Environment = Literal["free", "spring", "rigid"]
 
 
 @dataclass(frozen=True, slots=True)

@@ -50,16 +50,35 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, cast, get_args
+from typing import Any, get_args
 
+from cosim.base.convert import convert, convert_each, number
 from cosim.base.errors import ScenarioError
 from cosim.comparison.aligned import KIND, aligned_error
 from cosim.comparison.extends import document
 from cosim.comparison.port_columns import port_bench, port_measure
-from cosim.comparison.roles_file import heard_roles, read_roles
-from cosim.comparison.toml import Section
+from cosim.comparison.spec import (
+    AlignedSpec,
+    ColumnSpec,
+    ControllerSpec,
+    LinkSpec,
+    OperatorSpec,
+    PartSpec,
+    PictureSpec,
+    PortColumnSpec,
+    PortKind,
+    RoleSpec,
+    SideSpec,
+    StableSpec,
+    Table,
+    VariantsSpec,
+    WaySpec,
+    Wires,
+    WiringSpec,
+    with_roles,
+)
 from cosim.comparison.variants import (
     ComparisonSelection,
     Controller,
@@ -68,24 +87,17 @@ from cosim.comparison.variants import (
     MetricColumn,
     Operator,
     Picture,
-    PortBench,
     PortMeasure,
     Role,
     Stability,
     Variants,
     choose,
 )
-from cosim.measure.metrics import Distance, metric
+from cosim.measure.metrics import metric
 from cosim.scenario.connect import unknown
 
 _NAME = re.compile(r"[\w.+-]+$")
 _ENDPOINT = re.compile(r"(\w+)\.(\w[\w.]*(?:\[[\d, ]+\])*)$")
-_TOP = ("title", "set", "roles", "wiring", "controllers", "operators", "links", "columns",
-        "stable", "figure", "port", "default")  # fmt: skip
-_COMPONENT = ("model", "fmi", "sizes", "options", "preset", "period", "parameters", "start")
-_WIRING = ("inputs", "drives", "receives")
-_LINK = ("delay", "semantics", "playout", "loss")
-_METRIC = ("kind", "of", "target", "within", "window", "contact", "norm", "label")
 
 
 def variants_path(scenario: str | Path) -> Path:
@@ -110,205 +122,228 @@ def variants_path(scenario: str | Path) -> Path:
 def read(path: str | Path) -> Variants:
     """Read a variants file. Raises ScenarioError with the place of what is wrong."""
     path = Path(path)
-    top = Section(document(path), path)
-    top.only(*_TOP)
-    _check_names(top)
-    roles = read_roles(top)
-    controllers = {name: _controller(name, t, top, roles) for name, t in top.tables("controllers")}
-    operators = {name: _operator(name, t, roles) for name, t in top.tables("operators")}
-    links = {name: _link(name, t, roles) for name, t in top.tables("links")}
+    spec = convert(document(path), VariantsSpec, path)
+    _check_names(spec, path)
+    if len(spec.roles) < 2:
+        there = ", ".join(spec.roles) or "none"
+        raise ScenarioError(f"expected at least two roles, found {there}", f"{path} at roles")
+    roles = {name: _role(name, role, spec.roles, path) for name, role in spec.roles.items()}
+    controllers = _controllers(spec, roles, path)
+    operators = _operators(spec, roles, path)
+    links = _links(spec, roles, path)
     arms = {name: role.arm for name, role in roles.items()}
-    bench = port_bench(top.table("port"), arms)
-    columns = tuple(_column(name, t, operators, arms) for name, t in top.tables("columns"))
-    _check_without(top, operators, columns)
-    _check_port(top, columns, bench)
-    given = top.table("default")
-    given.only("controllers", "operators", "links", "columns")
+    columns = {
+        name: _column(name, table, operators, arms, path) for name, table in spec.columns.items()
+    }
+    for name, operator in operators.items():
+        _known(operator.without, columns, "column", f"{path} at operators.{name}.without")
+    given, place = spec.default, f"{path} at default"
     default = ComparisonSelection(
-        _known_names(given, "controllers", controllers, "controller"),
-        _known_names(given, "operators", operators, "operator"),
-        _known_names(given, "links", links, "link"),
+        _known(given.controllers, controllers, "controller", f"{place}.controllers"),
+        _known(given.operators, operators, "operator", f"{place}.operators"),
+        _known(given.links, links, "link", f"{place}.links"),
     )
+    bench = None if spec.port is None else port_bench(spec.port, arms, path)
+    measures = [c for c in columns.values() if isinstance(c.metric, PortMeasure)]
+    for column in measures if bench is None else ():
+        kind = getattr(column.metric, "kind", "")
+        raise ScenarioError(
+            f"kind {kind!r} needs a table [port]", f"{path} at columns.{column.name}"
+        )
     return Variants(
-        path, top.text("title", path.stem), top.texts("set", ()), roles, controllers, operators,
-        links, columns, _stability(top.table("stable")), _picture(top.table("figure")), default,
-        _known_names(given, "columns", {c.name: c for c in columns}, "column"), bench,
+        path, spec.title or path.stem, spec.set, roles, controllers, operators, links,
+        tuple(columns.values()), _stability(spec.stable, path), _picture(spec.figure, path),
+        default, _known(given.columns, columns, "column", f"{place}.columns"), bench,
     )  # fmt: skip
 
 
 # ---- parts of the file --------------------------------------------------------------------------
 
 
-def _check_names(top: Section) -> None:
+def _check_names(spec: VariantsSpec, path: Path) -> None:
     """Names end up in lists between commas and in paths."""
     for key in ("controllers", "operators", "links"):
-        for name in top.table(key).data:
+        for name in getattr(spec, key):
             if not _NAME.match(name):
                 expected = "letters, digits and any of . + - _"
-                raise ScenarioError(f"the name {name!r}: expected {expected}", top.place(key))
+                raise ScenarioError(f"the name {name!r}: expected {expected}", f"{path} at {key}")
 
 
-def _controller(name: str, table: Section, top: Section, roles: Mapping[str, Role]) -> Controller:
-    own = ("title", "condition", "constant_delay")
-    table.only(*own, *_COMPONENT, *_WIRING, "components", *roles)
-    wiring = top.table("wiring")
-    wiring.only("inputs", "drives")
-    return Controller(
-        name,
-        table.text("title", name),
-        table.text("condition", ""),
-        table.flag("constant_delay"),
-        {role: _side(table, table.table(role), wiring) for role in roles},
+def _role(name: str, spec: RoleSpec, roles: Mapping[str, RoleSpec], path: Path) -> Role:
+    """A role. Of two roles each receives from the other; more must name it."""
+    hears = spec.hears
+    if hears is None and len(roles) > 2:
+        raise ScenarioError("the key 'hears' is missing", f"{path} at roles.{name}")
+    if hears is None:
+        hears = next(other for other in roles if other != name)
+    return Role(
+        spec.arm, spec.controller, _heard(hears, name, roles, f"{path} at roles.{name}.hears")
     )
 
 
-def _side(shared: Section, own: Section, wiring: Section) -> ControllerSide:
-    """A role's own keys before those of both sides; parameters and start values are joined."""
-    own.only(*_COMPONENT, *_WIRING)
-    component = {key: (own if key in own else shared).data.get(key) for key in _COMPONENT}
-    for key in ("sizes", "options", "parameters", "start"):
-        component[key] = shared.mapping(key) | own.mapping(key)
-    component["model"] = (own if "model" in own else shared).text("model")
-    further = dict(shared.tables("components")) if "components" in shared else {}
-    owners = ("arm", "controller", *further)
+def _heard(
+    hears: str | Sequence[str], name: str, roles: Iterable[str], place: str
+) -> tuple[str, ...]:
+    """The roles from which `name` receives: another one, or a list. Raises ScenarioError."""
+    heard = (hears,) if isinstance(hears, str) else tuple(hears)
+    if not heard:
+        raise ScenarioError("empty list; expected the roles from which it receives", place)
+    _check_roles(heard, roles, place)
+    for i, role in enumerate(heard):
+        if role == name:
+            raise ScenarioError(f"{name} receives from itself; expected another role", place)
+        if role in heard[:i]:
+            raise ScenarioError(f"{role} twice; expected each role once", place)
+    return heard
+
+
+def _check_roles(names: Iterable[str], roles: Iterable[str], place: str) -> None:
+    for name in names:
+        if name not in roles:
+            raise ScenarioError(unknown(name, roles, "role"), place)
+
+
+def _controllers(
+    spec: VariantsSpec, roles: Mapping[str, Role], path: Path
+) -> dict[str, Controller]:
+    kind = with_roles(ControllerSpec, SideSpec, roles)
+    return {
+        name: Controller(
+            name, given.title or name, given.condition, given.constant_delay,
+            _sides(given, spec.wiring, roles, path, f"controllers.{name}"),
+        )
+        for name, given in convert_each(spec.controllers, kind, path, "controllers").items()
+    }  # fmt: skip
+
+
+def _sides(
+    spec: ControllerSpec, wiring: WiringSpec, roles: Iterable[str], path: Path, key: str
+) -> dict[str, ControllerSide]:
+    """The sides of a controller, and the components that each of them has besides."""
+    further = convert_each(spec.components, PartSpec, path, f"{key}.components")
+    owners, parts = ("arm", "controller", *further), {}
+    for name, part in further.items():
+        place = f"{path} at {key}.components.{name}"
+        if part.model is None:
+            raise ScenarioError("the key 'model' is missing", place)
+        parts[name] = (part.keys(), _wires(part.inputs, owners, f"{place}.inputs"))
+    sides = {}
+    for role in roles:
+        own: SideSpec = getattr(spec, role) or SideSpec()
+        component = {k: v for k, v in _joined(spec.keys(), own.keys()).items() if v != {}}
+        if "model" not in component:
+            raise ScenarioError("the key 'model' is missing", f"{path} at {key}")
+        wires = {}
+        for name in ("inputs", "drives", "receives"):
+            tables = {f"{key}.{role}": own, key: spec, "wiring": wiring}
+            given = [
+                (x, t)
+                for x, table in tables.items()
+                if (t := getattr(table, name, None)) is not None
+            ]
+            place, table = given[0] if given else ("", {})
+            wires[name] = _wires(table, owners, f"{path} at {place}.{name}")
+        sides[role] = ControllerSide(component, **wires, parts=parts)
+    return sides
+
+
+def _joined(shared: Table, own: Table) -> Table:
+    """A role's own keys before those of both sides; tables are joined."""
+    joined = shared | own
+    for key in shared.keys() & own.keys():
+        if isinstance(shared[key], dict) and isinstance(own[key], dict):
+            joined[key] = shared[key] | own[key]
+    return joined
+
+
+def _wires(table: Wires, owners: Sequence[str], place: str) -> dict[str, tuple[str, str]]:
     wires = {}
-    for key in _WIRING:
-        table = next((t for t in (own, shared, wiring) if key in t), shared)
-        wires[key] = _wires(table.table(key), owners)
-    parts = {name: _part(part, owners) for name, part in further.items()}
-    made = {k: v for k, v in component.items() if v not in (None, {})}
-    return ControllerSide(made, **wires, parts=parts)
-
-
-def _part(
-    table: Section, owners: Sequence[str]
-) -> tuple[Mapping[str, Any], Mapping[str, tuple[str, str]]]:
-    """A further component of a side: its keys, and its wires."""
-    table.only(*_COMPONENT, "inputs")
-    table.text("model")
-    keys = {key: table.data[key] for key in _COMPONENT if key in table}
-    return keys, _wires(table.table("inputs"), owners)
-
-
-def _wires(table: Section, owners: Sequence[str]) -> dict[str, tuple[str, str]]:
-    found = {}
-    for port in table.data:
-        match = _ENDPOINT.match(table.text(port))
+    for port, end in table.items():
+        match = _ENDPOINT.match(end)
         if match is None or match[1] not in owners:
             expected = " or ".join(f"'{owner}.PORT'" for owner in owners)
-            raise ScenarioError(f"{table.text(port)!r}: expected {expected}", table.place(port))
-        found[port] = (match[1], match[2])
-    return found
+            raise ScenarioError(f"{end!r}: expected {expected}", f"{place}.{port}")
+        wires[port] = (match[1], match[2])
+    return wires
 
 
-def _operator(name: str, table: Section, roles: Mapping[str, Role]) -> Operator:
-    table.only("title", "without", "components", "feeds", "control", *roles)
-    values = {role: table.mapping(role) for role in roles if role in table}
-    fed = table.table("feeds")
-    fed.only(*roles)
-    feeds = {role: fed.mapping(role) for role in roles if role in fed}
-    title, without = table.text("title", name), table.texts("without", ())
-    components, control = table.mapping("components"), table.mapping("control")
-    return Operator(name, title, values, without, components, feeds, control)
+def _operators(spec: VariantsSpec, roles: Mapping[str, Role], path: Path) -> dict[str, Operator]:
+    kind = with_roles(OperatorSpec, dict[str, Any], roles)
+    operators = {}
+    for name, given in convert_each(spec.operators, kind, path, "operators").items():
+        _check_roles(given.feeds, roles, f"{path} at operators.{name}.feeds")
+        values = {role: x for role in roles if (x := getattr(given, role)) is not None}
+        operators[name] = Operator(
+            name, given.title or name, values, given.without, given.components, given.feeds,
+            given.control,
+        )  # fmt: skip
+    return operators
 
 
-def _link(name: str, table: Section, roles: Mapping[str, Role]) -> LinkLaw:
-    table.only("title", "hears", *_LINK, *roles)
-    graph = table.table("hears")
-    graph.only(*roles)
-    hears = {role: heard_roles(graph, role, role, roles) for role in graph.data}
-    sides = {role: table.table(role) for role in roles if role in table}
-    for side in sides.values():
-        side.only(*_LINK)
-    if "delay" not in table and not all("delay" in sides.get(role, ()) for role in roles):
-        raise ScenarioError("missing key 'delay'", table.place())
-    options, *own = (
-        {key: x.data[key] for key in _LINK if key in x} for x in (table, *sides.values())
-    )
-    each = dict(zip(sides, own, strict=True))
-    return LinkLaw(name, table.text("title", name), options, each, hears)
+def _links(spec: VariantsSpec, roles: Mapping[str, Role], path: Path) -> dict[str, LinkLaw]:
+    kind = with_roles(LinkSpec, WaySpec, roles)
+    laws = {}
+    for name, given in convert_each(spec.links, kind, path, "links").items():
+        place = f"{path} at links.{name}"
+        _check_roles(given.hears, roles, f"{place}.hears")
+        hears = {r: _heard(x, r, roles, f"{place}.hears.{r}") for r, x in given.hears.items()}
+        sides = {r: x.keys() for r in roles if (x := getattr(given, r)) is not None}
+        options = given.keys()
+        if "delay" not in options and not all("delay" in sides.get(r, ()) for r in roles):
+            raise ScenarioError("the key 'delay' is missing", place)
+        laws[name] = LinkLaw(name, given.title or name, options, sides, hears)
+    return laws
 
 
 def _column(
-    name: str, table: Section, operators: Mapping[str, Operator], arms: Mapping[str, str]
+    name: str,
+    table: Table,
+    operators: Mapping[str, Operator],
+    arms: Mapping[str, str],
+    path: Path,
 ) -> MetricColumn:
-    label = table.text("label", name)
-    if table.text("kind") == KIND:
-        aligned = aligned_error(name, table, arms)
-        return MetricColumn(name, label, table.text("part", ""), aligned, ())
-    measure = port_measure(table.text("kind"), table)
-    if measure is not None:
-        return MetricColumn(name, label, "", measure, ())
-    table.only("part", "only", *_METRIC)
-    found = metric(
+    key, kind = f"columns.{name}", table.get("kind")
+    if kind == KIND:
+        aligned = convert(table, AlignedSpec, path, key)
+        error = aligned_error(name, aligned, arms, f"{path} at {key}")
+        return MetricColumn(name, aligned.label or name, aligned.part, error, ())
+    if kind in get_args(PortKind):
+        port = convert(table, PortColumnSpec, path, key)
+        return MetricColumn(
+            name, port.label or name, "", port_measure(port, f"{path} at {key}"), ()
+        )
+    spec, place = convert(table, ColumnSpec, path, key), f"{path} at {key}"
+    measured = metric(
         name,
-        table.text("kind"),
-        table.texts("of"),
-        target=_target(table),
-        within=None if "within" not in table else table.quantity("within", "1"),
-        window=None if "window" not in table else table.quantity("window", "s"),
-        contact=table.texts("contact", ()),
-        norm=_norm(table),
-        label=label,
-        place=table.place(),
+        spec.kind,
+        spec.of,
+        target=spec.target,
+        within=None if spec.within is None else number(spec.within, "1", f"{place}.within"),
+        window=None if spec.window is None else number(spec.window, "s", f"{place}.window"),
+        contact=spec.contact,
+        norm=spec.norm,
+        label=spec.label or name,
+        place=place,
     )
-    only = _known_names(table, "only", operators, "operator") if "only" in table else ()
-    return MetricColumn(name, label, table.text("part", ""), found, only)
+    only = _known(spec.only, operators, "operator", f"{place}.only") if "only" in table else ()
+    return MetricColumn(name, spec.label or name, spec.part, measured, only)
 
 
-def _target(table: Section) -> str | tuple[float, ...] | None:
-    """A signal, or a number per entry."""
-    if "target" not in table:
-        return None
-    found = table.data["target"]
-    return found if isinstance(found, str) else table.numbers("target")
+def _stability(spec: StableSpec, path: Path) -> Stability:
+    units = {"position_limit": "rad", "velocity_limit": "rad/s", "rest": "rad/s", "window": "s"}
+    values = {
+        key: number(getattr(spec, key), unit, f"{path} at stable.{key}")
+        for key, unit in units.items()
+    }
+    return Stability(spec.position, spec.velocity, **values)
 
 
-def _norm(table: Section) -> Distance:
-    found, known = table.text("norm", "max"), get_args(Distance)
-    if found not in known:
-        raise ScenarioError(f"expected {' or '.join(known)}, found {found!r}", table.place("norm"))
-    return cast(Distance, found)
+def _picture(spec: PictureSpec, path: Path) -> Picture:
+    return Picture(spec.y, spec.reference, number(spec.until, "s", f"{path} at figure.until"))
 
 
-def _stability(table: Section) -> Stability:
-    table.only("position", "velocity", "position_limit", "velocity_limit", "rest", "window")
-    return Stability(
-        table.texts("position"),
-        table.texts("velocity"),
-        table.quantity("position_limit", "rad"),
-        table.quantity("velocity_limit", "rad/s"),
-        table.quantity("rest", "rad/s"),
-        table.quantity("window", "s"),
-    )
-
-
-def _picture(table: Section) -> Picture:
-    table.only("y", "reference", "until")
-    until = table.quantity("until", "s", float("inf"))
-    return Picture(table.texts("y"), table.numbers("reference", ()), until)
-
-
-def _check_without(
-    top: Section, operators: Mapping[str, Operator], columns: Sequence[MetricColumn]
-) -> None:
-    names = [column.name for column in columns]
-    for operator in operators.values():
-        for name in operator.without:
-            if name not in names:
-                place = top.place("operators", operator.name, "without")
-                raise ScenarioError(unknown(name, names, "column"), place)
-
-
-def _check_port(top: Section, columns: Sequence[MetricColumn], bench: PortBench | None) -> None:
-    for column in columns:
-        if isinstance(column.metric, PortMeasure) and bench is None:
-            kind = column.metric.kind
-            raise ScenarioError(
-                f"kind {kind!r} needs a table [port]", top.place("columns", column.name)
-            )
-
-
-def _known_names(table: Section, key: str, known: Mapping[str, Any], what: str) -> tuple[str, ...]:
+def _known(
+    names: Sequence[str], known: Mapping[str, Any], what: str, place: str
+) -> tuple[str, ...]:
     """The names in a list, all of which must exist; all names if there is no list."""
-    return choose(table.texts(key, ()), known, tuple(known), what, table.place(key))
+    return choose(names, known, tuple(known), what, place)

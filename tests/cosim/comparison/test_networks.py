@@ -89,16 +89,16 @@ def test_an_operator_may_limit_every_controller(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("was", "now", "says"),
     [
-        ('hears = "r4"\n', "", "missing key 'hears'"),
+        ('hears = "r4"\n', "", "the key 'hears' is missing"),
         ('hears = "r4"', 'hears = "r1"', "r1 receives from itself; expected another role"),
         ('hears = "r4"', 'hears = "r9"', "no role 'r9'"),
         ('r3 = "r1", ', 'r3 = "r3", ', "at links.tree.hears.r3: r3 receives from itself"),
         ('r3 = ["r2", "r4"]', 'r3 = ["r2", "r3"]', "at links.path.hears.r3: r3 receives from"),
         ('r3 = ["r2", "r4"]', 'r3 = ["r2", "r2"]', "at links.path.hears.r3: r2 twice"),
         ('r3 = ["r2", "r4"]', "r3 = []", "at links.path.hears.r3: empty list"),
-        ('r3 = ["r2", "r4"]', 'r3 = ["r2", 4]', "r3: expected a list of texts, found"),
+        ('r3 = ["r2", "r4"]', 'r3 = ["r2", 4]', "r3[1]: expected text, found"),
         ('r3 = ["r2", "r4"]', 'r3 = ["r2", "r7"]', "at links.path.hears.r3: no role 'r7'"),
-        ('r3 = "r1", ', 'x = "r1", ', "at links.tree.hears: no key 'x'"),
+        ('r3 = "r1", ', 'x = "r1", ', "at links.tree.hears: no role 'x'"),
     ],
 )
 def test_what_is_no_graph_is_refused(tmp_path: Path, was: str, now: str, says: str) -> None:

@@ -51,8 +51,11 @@ def test_both_ways_of_a_link_may_differ(tmp_path: Path) -> None:
     ("change", "says"),
     [
         (("slave = { delay", "slave = { dealy"), "no key 'dealy'"),
-        (("feeds.master", "feeds.mastr"), "no key 'mastr'"),
-        (('master = { delay = { law = "preset", name = "wifi5" } }', ""), "missing key 'delay'"),
+        (("feeds.master", "feeds.mastr"), "no role 'mastr'"),
+        (
+            ('master = { delay = { law = "preset", name = "wifi5" } }', ""),
+            "the key 'delay' is missing",
+        ),
     ],
 )
 def test_what_the_file_cannot_say(tmp_path: Path, change: tuple[str, str], says: str) -> None:

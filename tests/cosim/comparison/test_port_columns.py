@@ -127,7 +127,7 @@ def test_columns_are_chosen_and_ports_are_measured_once(tmp_path: Path) -> None:
         (("[port]\n", "[other]\n"), "unknown|no key 'other'"),
         (('environment = "slave"\nq', 'environment = "slav"\nq'), "no role 'slav'"),
         ((f"band = {list(BAND)}", "band = [3.0, 1.0]"), "two frequencies in rad/s"),
-        (('environment = "spring"\n', 'environment = "springy"\n'), "free, spring or rigid"),
+        (('environment = "spring"\n', 'environment = "springy"\n'), "free, spring, rigid"),
         (('kind = "z_width"', 'kind = "z_width"\nof = ["master.q"]'), "no key 'of'"),
     ],
 )

@@ -128,14 +128,17 @@ def test_an_unknown_name_is_told_with_the_nearest(shipped: Variants) -> None:
 _LINK = 'delay = { law = "constant", delay = "100 ms" }'
 WRONG = {
     "not TOML": ("[roles", "not valid TOML"),
-    "key on top": ("title = 1", "at title: expected a text, found 1"),
+    "key on top": ("title = 1", "at title: expected text, found 1"),
     "unknown key on top": ("contrllers = 1", "no key 'contrllers'; did you mean 'controllers'"),
     "one role": (
         ('[roles.slave]\narm = "slave"\ncontroller = "slave_control"\n', ""),
         "at roles: expected at least two roles, found master",
     ),
-    "a role's key": (('arm = "slave"\n', ""), "at roles.slave: missing key 'arm'"),
-    "no model": (('model = "fmus.models.pd"\n', ""), "at controllers.pd: missing key 'model'"),
+    "a role's key": (('arm = "slave"\n', ""), "at roles.slave: the key 'arm' is missing"),
+    "no model": (
+        ('model = "fmus.models.pd"\n', ""),
+        "at controllers.pd: the key 'model' is missing",
+    ),
     "a controller's key": (
         ('preset = "PD(10,4)"', 'presets = "PD(10,4)"'),
         "at controllers.pd: no key 'presets'; did you mean 'preset'?",
@@ -146,7 +149,7 @@ WRONG = {
     ),
     "a wire": (
         ('tau = "controller.tau"', "tau = 3"),
-        "at wiring.drives.tau: expected a text, found 3",
+        "at wiring.drives.tau: expected text, found",
     ),
     "an operator's role": (
         ("master = { k_p = 10.0, k_d = 5.0 }", "left = { k_p = 10.0 }"),
@@ -160,7 +163,7 @@ WRONG = {
         ("master = { k_p = 10.0, k_d = 5.0 }", 'without = ["efort"]'),
         "at operators.light.without: no column 'efort'; did you mean 'effort'?",
     ),
-    "no delay": ((_LINK, ""), "at links.constant: missing key 'delay'"),
+    "no delay": ((_LINK, ""), "at links.constant: the key 'delay' is missing"),
     "a link's key": ((_LINK, f"{_LINK}\nhold = 1"), "at links.constant: no key 'hold'"),
     "a column's kind": (
         ('kind = "norm"', 'kind = "sum"'),
@@ -168,11 +171,11 @@ WRONG = {
     ),
     "a column's target": (
         ('kind = "norm"', 'kind = "error"\ntarget = ["a"]'),
-        "at columns.effort.target: expected a list of numbers",
+        "at columns.effort.target[0]: expected a number",
     ),
     "a column's norm": (
         ('kind = "norm"', 'kind = "error"\ntarget = [1, 1]\nnorm = "sum"'),
-        "at columns.effort.norm: expected max or euclidean, found 'sum'",
+        "at columns.effort.norm: Invalid enum value 'sum'; expected one of max, euclidean",
     ),
     "a column's operators": (
         ('kind = "norm"', 'kind = "norm"\nonly = ["ligth"]'),
@@ -182,7 +185,7 @@ WRONG = {
         ("position_limit = 100.0", 'position_limit = "100 s"'),
         "at stable.position_limit: ",
     ),
-    "no window": (("window = 1.0\n", ""), "at stable: missing key 'window'"),
+    "no window": (("window = 1.0\n", ""), "at stable: the key 'window' is missing"),
     "the figure": (("[figure]", "[figure]\nuntil = true"), "at figure.until: expected a number"),
     "the default": (
         ("[figure]", '[default]\nlinks = ["paper"]\n[figure]'),

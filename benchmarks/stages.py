@@ -56,6 +56,7 @@ def main() -> None:
     import cosim.cli.commands
 
     stages.mark("import the command line")
+    from cosim.cli.options import OutputOptions
     from cosim.cli.summary import pictures, summary
     from cosim.engine.simulate import simulate
     from cosim.loading.files import load
@@ -73,7 +74,7 @@ def main() -> None:
     run = Run.open(sys.argv[3])
     summary(scenario, run, outcome)
     stages.mark("metrics")
-    list(pictures(scenario, run, report=len(sys.argv) == 4))
+    list(pictures(scenario, run, OutputOptions(plot=len(sys.argv) == 4)))
     stages.mark("write the report")
     import json
 

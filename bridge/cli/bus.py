@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from cosim.cli.numbers import finite
+from cosim.cli.options import finite
 
 if TYPE_CHECKING:
     from bridge.simulated_can.channel import Channel

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from bridge.cli.rehearse import Interface, Realtime, Set
+from bridge.cli.options import BusOptions, Interface, Realtime
 from cosim.cli.json_file import write_json
-from cosim.cli.options import Json
+from cosim.cli.options import Json, Set
 from cosim.cli.supervise import announce_run_folder
 
 if TYPE_CHECKING:
@@ -171,13 +171,12 @@ def _one(
     realtime: bool,
 ) -> JudgedRun | None:
     """Rehearse with one script; None: this interface cannot."""
-    from bridge.cli.options import bus_settings
     from bridge.deployment import spec as deploy
     from bridge.deployment.system import load_system
     from bridge.rehearsal.supervisor import Settings
 
     path = deploy.find(campaign.scenario, campaign.deploy)
-    said = (*changes, *bus_settings(deploy.load(path), interface, [], None, None, None))
+    said = (*changes, *BusOptions(interface).settings(deploy.load(path)))
     system = load_system(campaign.scenario, str(path), said)
     kernel = any(e.action in KERNEL for e in script.events)
     if kernel and any(b.interface != "socketcan" for b in system.deployment.buses.values()):

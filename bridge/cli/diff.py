@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from cosim.cli.numbers import finite
-from cosim.cli.options import Json
+from cosim.cli.options import Json, finite
 
 if TYPE_CHECKING:
     from bridge.replay.diff import RunDifference

@@ -79,8 +79,10 @@ def doctor(
     """
     if deploy is not None:
         from bridge.cli.doctor_deploy import check_deployment
+        from bridge.cli.options import BusOptions
 
-        found: list[Any] = list(check_deployment(deploy, interface, channel or [], yes, as_json))
+        buses = BusOptions(interface, channel or [])
+        found: list[Any] = list(check_deployment(deploy, buses, yes, as_json))
     else:
         found = list(checks())
         if not as_json:

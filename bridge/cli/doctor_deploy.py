@@ -7,6 +7,7 @@ from pathlib import Path
 
 import typer
 
+from bridge.cli.options import BusOptions
 from bridge.commission.drive_line import DriveLine
 from bridge.commission.interfaces import StepFinding, check_interfaces
 from bridge.commission.line_drives import LineDrive, line_drives
@@ -21,16 +22,13 @@ FIRST = 0.05
 
 
 def check_deployment(
-    path: Path, interface: str | None, channels: Sequence[str], yes: bool, quiet: bool
+    path: Path, buses: BusOptions, yes: bool, quiet: bool
 ) -> Iterator[StepFinding]:
     """The findings of all steps; each is printed as it comes, unless `quiet`.
 
     `yes`: nobody is asked. Raises ScenarioError for a deployment without drives of a profile.
     """
-    from bridge.cli.options import bus_settings
-
-    bare = deployments.load(path)
-    changes = bus_settings(bare, interface, channels, None, None, None)
+    changes = buses.settings(deployments.load(path))
     d = deployments.load(path, [text.removeprefix("deploy.") for text in changes])
     drives = line_drives(d)
     if not drives:

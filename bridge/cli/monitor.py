@@ -6,12 +6,13 @@ import os
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from bridge.cli.rehearse import Bitrate, Channel, DataBitrate, Fd, Interface
+from bridge.cli.options import BusOptions
 from cosim.base.interrupts import acknowledge, until_signal
 
 if TYPE_CHECKING:
@@ -26,30 +27,23 @@ if TYPE_CHECKING:
 REFRESH, LINE, DRAIN = 0.2, 1.0, 0.05
 
 
-def monitor(
-    run: Annotated[
-        Path | None,
-        typer.Argument(help="Run folder. Default: the most recent active run in runs/."),
-    ] = None,
+@dataclass(frozen=True, slots=True)
+class ViewOptions:
+    """Views, files and servers of the files of a run."""
+
     once: Annotated[
         bool, typer.Option("--once", help="Print the current status once and exit.")
-    ] = False,
+    ] = False
     mcap: Annotated[
         Path | None,
         typer.Option(metavar="FILE", help="Write an MCAP file (Foxglove, PlotJuggler)."),
-    ] = None,
+    ] = None
     foxglove: Annotated[
         str | None,
         typer.Option(
             metavar="HOST:PORT", help="Serve Foxglove at this address, such as 127.0.0.1:8765."
         ),
-    ] = None,
-    plotjuggler: Annotated[
-        str | None,
-        typer.Option(
-            metavar="HOST:PORT", help="Send JSON by UDP to this address, such as 127.0.0.1:9870."
-        ),
-    ] = None,
+    ] = None
     web: Annotated[
         int | None,
         typer.Option(
@@ -58,47 +52,56 @@ def monitor(
             max=65535,
             help="Serve a page for a browser of this machine at this port; 0: any free one.",
         ),
-    ] = None,
+    ] = None
     plot: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Draw positions, torques, ages, lateness.")
-    ] = None,
+    ] = None
+    force: Annotated[bool, typer.Option("--force", help="Replace an existing file.")] = False
+
+
+@dataclass(frozen=True, slots=True)
+class ListenOptions(BusOptions):
+    """The deployment of a run, and how to listen on its buses."""
+
     scenario: Annotated[
         Path | None, typer.Option(help="Scenario file. Default: the one recorded in the folder.")
-    ] = None,
+    ] = None
     deploy: Annotated[
         str | None, typer.Option(help="Deployment. Default: the one recorded in the folder.")
-    ] = None,
-    force: Annotated[bool, typer.Option("--force", help="Replace an existing file.")] = False,
+    ] = None
     listen: Annotated[
         bool,
         typer.Option(
             "--listen",
             help="Listen on the buses of --scenario and --deploy instead of reading files.",
         ),
-    ] = False,
+    ] = False
     connect: Annotated[
-        list[str] | None,
+        list[str],
         typer.Option(
-            metavar="ENDPOINT",
-            help="Zenoh endpoint for --listen. Default: the deployment's.",
+            metavar="ENDPOINT", help="Zenoh endpoint for --listen. Default: the deployment's."
         ),
-    ] = None,
+    ] = field(default_factory=list)
     bus: Annotated[
-        list[str] | None,
+        list[str],
         typer.Option(metavar="NAME", help="Bus to listen to (default: all). Requires --listen."),
-    ] = None,
+    ] = field(default_factory=list)
     as_: Annotated[
         str, typer.Option("--as", help="Certificate to use for --listen, if TLS is enabled.")
-    ] = "monitor",
+    ] = "monitor"
     set_: Annotated[
-        list[str] | None,
+        list[str],
         typer.Option("--set", metavar="PATH=VALUE", help="Change a value, with --listen."),
+    ] = field(default_factory=list)
+
+
+def monitor(
+    view: ViewOptions,
+    listen: ListenOptions,
+    run: Annotated[
+        Path | None,
+        typer.Argument(help="Run folder. Default: the most recent active run in runs/."),
     ] = None,
-    interface: Interface = None,
-    channel: Channel = None,
-    bitrate: Bitrate = None,
-    data_bitrate: DataBitrate = None,
-    fd: Fd = None,
 ) -> None:
     """Show the status of a running or finished rehearsal (read-only).
 
@@ -107,59 +110,48 @@ def monitor(
     """
     from bridge.recording.live_run import LiveRun, find_run, is_live
 
-    if listen:
-        _reject_file_options({"--mcap": mcap, "--foxglove": foxglove, "--plotjuggler": plotjuggler,
-                 "--plot": plot, "--web": web, "a run folder": run})  # fmt: skip
-        buses = (interface, channel or [], bitrate, data_bitrate, fd)
-        system = _system(scenario, deploy, buses, set_ or [])
-        _listen(system, once, connect or [], as_, bus or [])
+    if listen.listen:
+        files = {f"--{key}": getattr(view, key) for key in ("mcap", "foxglove", "plot", "web")}
+        _reject_file_options({**files, "a run folder": run})
+        _listen(_system(listen), view.once, listen)
         return
     folder = run or find_run(Path("runs"))
     if is_live(folder):
         _behind()
     with ExitStack() as stack:
-        watched = stack.enter_context(LiveRun.open(folder, scenario, deploy))
-        feed = _feed(stack, watched, mcap, foxglove, plotjuggler, force)
+        watched = stack.enter_context(LiveRun.open(folder, listen.scenario, listen.deploy))
+        feed = _feed(stack, watched, view)
         try:
-            if web is None:
-                _look(watched, feed, once)
+            if view.web is None:
+                _look(watched, feed, view.once)
             else:
                 from bridge.monitor.web import serve
 
-                serve(watched, web, lambda address: typer.echo(f"page             {address}"))
+                serve(watched, view.web, lambda address: typer.echo(f"page             {address}"))
         except KeyboardInterrupt:
             acknowledge()
             typer.echo(
                 "monitor closed; the run continues" if watched.running else "monitor closed",
                 err=True,
             )
-        if plot is not None:
+        if view.plot is not None:
             from bridge.monitor.figure import draw
 
-            typer.echo(f"figure           {draw(watched, plot)}")
-    if mcap is not None:
-        typer.echo(f"MCAP             {mcap}")
+            typer.echo(f"figure           {draw(watched, view.plot)}")
+    if view.mcap is not None:
+        typer.echo(f"MCAP             {view.mcap}")
 
 
-def _feed(
-    stack: ExitStack,
-    watched: LiveRun,
-    mcap: Path | None,
-    foxglove: str | None,
-    plotjuggler: str | None,
-    force: bool,
-) -> Feed:
-    from bridge.monitor.sinks import Foxglove, Mcap, Udp
+def _feed(stack: ExitStack, watched: LiveRun, wanted: ViewOptions) -> Feed:
+    from bridge.monitor.sinks import Foxglove, Mcap
     from bridge.monitor.topics import Feed, Sink
 
     sinks: list[Sink] = []
-    if mcap is not None:
-        sinks.append(stack.enter_context(Mcap(mcap, replace=force)))
-    if foxglove is not None:
-        sinks.append(stack.enter_context(Foxglove(foxglove)))
-        typer.echo(f"Foxglove         ws://{foxglove}", err=True)
-    if plotjuggler is not None:
-        sinks.append(stack.enter_context(Udp(plotjuggler)))
+    if wanted.mcap is not None:
+        sinks.append(stack.enter_context(Mcap(wanted.mcap, replace=wanted.force)))
+    if wanted.foxglove is not None:
+        sinks.append(stack.enter_context(Foxglove(wanted.foxglove)))
+        typer.echo(f"Foxglove         ws://{wanted.foxglove}", err=True)
     return Feed(watched, sinks)
 
 
@@ -192,7 +184,7 @@ def _behind(*, wakes: bool = False) -> None:
         os.nice(10)
 
 
-def _listen(system: System, once: bool, connect: list[str], who: str, only: list[str]) -> None:
+def _listen(system: System, once: bool, options: ListenOptions) -> None:
     """Listen on the buses until Ctrl-C; with `once`, for about a second after the last new node."""
     from bridge.monitor.listener import Listener
     from bridge.monitor.listener_view import view
@@ -201,7 +193,7 @@ def _listen(system: System, once: bool, connect: list[str], who: str, only: list
 
     _behind(wakes=True)
     with (
-        Listener(system, connect, who, only) as listener,
+        Listener(system, options.connect, options.as_, options.bus) as listener,
         until_signal(),
         ExitStack() as stack,
     ):
@@ -227,21 +219,18 @@ def _reject_file_options(said: Mapping[str, object]) -> None:
             raise ScenarioError(f"--listen neither reads nor writes files; expected no {name}")
 
 
-def _system(
-    scenario: Path | None, deploy: str | None, buses: tuple[Any, ...], settings: list[str]
-) -> System:
-    from bridge.cli.options import bus_settings
+def _system(options: ListenOptions) -> System:
     from bridge.deployment import spec as deployments
     from bridge.deployment.system import load_system
     from cosim.base.errors import ScenarioError
 
-    if scenario is None:
+    if options.scenario is None:
         raise ScenarioError(
             "--listen needs --scenario, and --deploy for a deployment other than its usual one"
         )
-    path = deployments.find(scenario, deploy or "")
-    said = bus_settings(deployments.load(path), *buses)
-    return load_system(scenario, str(path), [*settings, *said])
+    path = deployments.find(options.scenario, options.deploy or "")
+    changes = [*options.set_, *options.settings(deployments.load(path))]
+    return load_system(options.scenario, str(path), changes)
 
 
 def _print(view: View) -> None:

@@ -3,25 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from threading import Event
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from bridge.cli.rehearse import (
-    Bitrate,
-    Channel,
-    DataBitrate,
-    Deploy,
-    Fd,
-    Interface,
-    Set,
-    report_findings,
-)
-from cosim.cli.options import Strict
-from cosim.cli.supervise import allow_terminal_input, announce_run_folder
+from bridge.cli.options import DeployOptions, HardwareOptions
+from bridge.cli.rehearse import report_findings
+from cosim.cli.options import Strict, unused_folder
+from cosim.cli.supervise import announce_run_folder
 
 if TYPE_CHECKING:
+    from bridge.deployment.system import System
+    from bridge.node.control import Control
     from bridge.records.node_lives import Life
     from bridge.records.records import Statement
     from bridge.wiring.wiring import Rows
@@ -35,34 +31,29 @@ UNSHARED = (
 )
 
 
-def node(
-    scenario: Annotated[Path, typer.Argument(help="Scenario file (.toml).")],
-    name: Annotated[str, typer.Option("--node", help="Node of the deployment to run.")],
-    deploy: Deploy = "",
-    set_: Set = None,
-    interface: Interface = None,
-    channel: Channel = None,
-    bitrate: Bitrate = None,
-    data_bitrate: DataBitrate = None,
-    fd: Fd = None,
+@dataclass(frozen=True, slots=True)
+class NodeRunOptions:
+    """The node, when it starts, and its folder."""
+
+    name: Annotated[str, typer.Option("--node", help="Node of the deployment to run.")]
     now: Annotated[
         bool,
         typer.Option(
             "--now",
             help="Start or join at once. Default: wait for NMT start, or join a running run.",
         ),
-    ] = False,
+    ] = False
     out: Annotated[
         Path | None, typer.Option(help="Run folder to write. Default: a new folder in runs/.")
-    ] = None,
-    hardware: Annotated[
-        bool,
-        typer.Option(
-            "--hardware", help="Allow frames that can move real drives; asks for confirmation."
-        ),
-    ] = False,
-    yes: Annotated[bool, typer.Option("--yes", help="Do not ask for confirmation.")] = False,
-    strict: Strict = False,
+    ] = None
+    strict: Strict = False
+
+
+def node(
+    scenario: Annotated[Path, typer.Argument(help="Scenario file (.toml).")],
+    options: NodeRunOptions,
+    deploy: DeployOptions,
+    hardware: HardwareOptions,
 ) -> None:
     """Run one node of a deployment: configure it, wait for the start, run until the end.
 
@@ -74,97 +65,112 @@ def node(
     Ctrl-C ramps the torque down and ends the node; a second Ctrl-C ends it at once. Exit status 1
     if the node was stopped before the end.
     """
-    import threading
-
-    from bridge.cli.options import bus_settings, unused_folder
     from bridge.deployment import spec as deployments
     from bridge.deployment.system import load_system
-    from bridge.node.control import Control
-    from bridge.node.drive_enable import disabled_at_the_end, foreign_drives
+    from bridge.node.drive_enable import disabled_at_the_end
     from bridge.node.run import NodeOptions, run_node
     from bridge.preflight import deployment
     from bridge.records.node_lives import Life
     from bridge.results.node_alone import begin_node, complete_node
     from cosim.base.clock import stamp
-    from cosim.base.errors import RunError, ScenarioError
+    from cosim.base.errors import ScenarioError
     from cosim.record.folder import NODES
 
-    path = deployments.find(scenario, deploy)
-    changes = [*(set_ or [])]
-    changes += bus_settings(
-        deployments.load(path), interface, channel or [], bitrate, data_bitrate, fd
-    )
-    changes += [] if hardware else waiting_for_a_restart(path, changes)
+    path, name = deployments.find(scenario, deploy.deploy), options.name
+    changes = [*deploy.set_, *deploy.settings(deployments.load(path))]
+    changes += [] if hardware.hardware else waiting_for_a_restart(path, changes)
     system = load_system(scenario, str(path), changes)
     if name not in system.nodes:
         raise ScenarioError(f"no node {name!r}; there are: {', '.join(system.nodes)}", str(path))
-    report_findings(deployment.check(system), strict=strict, quiet=False)
-    if hardware and not yes:
-        with allow_terminal_input():
-            typer.confirm("Frames of this node may move real drives. Go on?", abort=True)
-    folder = out or unused_folder(Path("runs") / f"{name}-{stamp()}")
+    report_findings(deployment.check(system), strict=options.strict, quiet=False)
+    hardware.confirm("node")
+    folder = options.out or unused_folder(Path("runs") / f"{name}-{stamp()}")
     announce_run_folder(folder)
     facts = begin_node(system, folder, {"settings": changes, "node": name})
+    real = hardware.hardware
+    started = _Started(system, name, now=options.now, real=real)
+    with disabled_at_the_end(system, [name] if real else []):
+        report = run_node(
+            system,
+            NodeOptions(Life(name), folder.absolute() / NODES, real=real, warm_up=1.0, alone=True),
+            started.say,
+            started.listen,
+        )
+    rows = complete_node(system, folder, report, facts)
+    _say(system, folder, report, rows)
 
-    controls: list[Control] = []
-    waited: list[str] = []
-    ready, enabled = threading.Event(), threading.Event()
 
-    def say(event: Mapping[str, Any]) -> None:
-        if event["event"] == "waiting":
-            if event["for"] != waited:
-                waited[:] = event["for"]
-                typer.echo(f"{name}: has not received from {', '.join(waited)}", err=True)
-            return
-        if event["event"] == "deaf":
-            cure = "the deployment's `silence` (--set deploy.silence=60) lets it wait for longer"
-            typer.echo(f"{name}: receives nothing from {', '.join(event['to'])}; {cure}", err=True)
-            return
-        if event["event"] == "joined":
-            typer.echo(f"{name}: joins the run at t = {event['t']:g} s")
-            return
-        if event["event"] == "unshared":
-            typer.echo(f"{name}: {UNSHARED}", err=True)
-            return
-        if event["event"] == "drives":
-            failed = "; ".join(event["failed"])
-            if failed and now and not enabled.is_set():
-                raise RunError(f"{name}: {failed}")
-            typer.echo(f"{name}: {failed or 'all drives are ready'}", err=bool(failed))
-            if not failed:
-                enabled.set()
-            return
-        if event["event"] == "refused":
-            typer.echo(f"{name}: refused to start or to arm: {event['why']}", err=True)
-            for control in controls if now else ():
-                control.quit()
-            return
+class _Started:
+    """A node that was started by hand: prints its events, and starts it at once if `now`."""
+
+    def __init__(self, system: System, name: str, *, now: bool, real: bool) -> None:
+        self._system, self._name, self._now, self._real = system, name, now, real
+        self._controls: list[Control] = []
+        self._waited: list[str] = []
+        self._ready, self._enabled = Event(), Event()
+
+    def say(self, event: Mapping[str, Any]) -> None:
+        """Print an event. Raises RunError if drives are not enabled that `now` needs."""
+        match event["event"]:
+            case "waiting":
+                if event["for"] != self._waited:
+                    self._waited[:] = event["for"]
+                    self._note(f"has not received from {', '.join(self._waited)}")
+            case "deaf":
+                cure = (
+                    "the deployment's `silence` (--set deploy.silence=60) lets it wait for longer"
+                )
+                self._note(f"receives nothing from {', '.join(event['to'])}; {cure}")
+            case "joined":
+                typer.echo(f"{self._name}: joins the run at t = {event['t']:g} s")
+            case "unshared":
+                self._note(UNSHARED)
+            case "drives":
+                self._drives("; ".join(event["failed"]))
+            case "refused":
+                self._note(f"refused to start or to arm: {event['why']}")
+                for control in self._controls if self._now else ():
+                    control.quit()
+            case _:
+                self._begin(event)
+
+    def _note(self, text: str) -> None:
+        typer.echo(f"{self._name}: {text}", err=True)
+
+    def _drives(self, failed: str) -> None:
+        from cosim.base.errors import RunError
+
+        if failed and self._now and not self._enabled.is_set():
+            raise RunError(f"{self._name}: {failed}")
+        typer.echo(f"{self._name}: {failed or 'all drives are ready'}", err=bool(failed))
+        if not failed:
+            self._enabled.set()
+
+    def _begin(self, event: Mapping[str, Any]) -> None:
         for text in (*event.get("refused", ()), event.get("warning", "")):
             if text:
                 typer.echo(f"not granted: {text}", err=True)
-        waiting = "starting" if now else "waiting for NMT start on its bus (Ctrl-C ends)"
-        typer.echo(f"{name}: ready, {waiting}")
-        ready.set()
+        waiting = "starting" if self._now else "waiting for NMT start on its bus (Ctrl-C ends)"
+        typer.echo(f"{self._name}: ready, {waiting}")
+        self._ready.set()
 
-    def listen(control: Control) -> None:
-        controls.append(control)
-        if now:
-            if not ready.wait(system.deployment.patience):
-                wanting = ", ".join(waited)
-                raise RunError(f"{name}: not ready: has not received from {wanting}")
-            if hardware:
-                control.arm()
-                if foreign_drives(system, [name]) and not enabled.wait(system.deployment.patience):
-                    raise RunError(f"{name}: its drives are not ready")
-            control.begin(0.5)
+    def listen(self, control: Control) -> None:
+        """Start the node once it is ready, if `now`. Raises RunError if it does not get ready."""
+        from bridge.node.drive_enable import foreign_drives
+        from cosim.base.errors import RunError
 
-    options = NodeOptions(
-        Life(name), folder.absolute() / NODES, real=hardware, warm_up=1.0, alone=True
-    )
-    with disabled_at_the_end(system, [name] if hardware else []):
-        report = run_node(system, options, say, listen)
-    rows = complete_node(system, folder, report, facts)
-    _say(system, folder, report, rows)
+        self._controls.append(control)
+        if not self._now:
+            return
+        patience = self._system.deployment.patience
+        if not self._ready.wait(patience):
+            wanting = ", ".join(self._waited)
+            raise RunError(f"{self._name}: not ready: has not received from {wanting}")
+        if self._real:
+            control.arm()
+            if foreign_drives(self._system, [self._name]) and not self._enabled.wait(patience):
+                raise RunError(f"{self._name}: its drives are not ready")
+        control.begin(0.5)
 
 
 def waiting_for_a_restart(path: Path, changes: Sequence[str]) -> list[str]:

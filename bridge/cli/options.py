@@ -3,17 +3,43 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from cosim.base.errors import ScenarioError
-from cosim.cli.numbers import finite
+from cosim.cli.options import finite
 
 if TYPE_CHECKING:
     from bridge.deployment.spec import Deployment
 
+Deploy = Annotated[
+    str,
+    typer.Option(
+        "--deploy",
+        show_default=False,
+        help="Deployment: a file, or a name in deploy/ next to the scenario. Default: the "
+        "scenario's name, or can.",
+    ),
+]
+Interface = Annotated[
+    str | None,
+    typer.Option(
+        "--interface", "-i", help="python-can interface of all CAN buses; cosim: simulated."
+    ),
+]
+Channel = Annotated[
+    list[str],
+    typer.Option("--channel", "-c", metavar="BUS=CHANNEL", help="Channel of a bus; repeatable."),
+]
+Realtime = Annotated[
+    bool,
+    typer.Option(
+        "--realtime/--no-realtime", help="Request real-time priority from the operating system."
+    ),
+]
 #: Options that both ends of a measured path have.
 ZenohConfig = Annotated[
     Path | None, typer.Option(help="zenoh: session configuration (JSON5), for TLS.")
@@ -33,33 +59,36 @@ PingSettings = Annotated[
 ]
 
 
-def bus_settings(
-    deployment: Deployment,
-    interface: str | None,
-    channels: Sequence[str],
-    bitrate: int | None,
-    data_bitrate: int | None,
-    fd: bool | None,
-) -> list[str]:
-    """``deploy.buses.NAME.KEY=VALUE`` settings for the options of CAN buses on the command line.
+@dataclass(frozen=True, slots=True)
+class BusOptions:
+    """Changes of the CAN buses of a deployment."""
 
-    `channels`: ``BUS=CHANNEL``, or one channel for the only bus. Raises ScenarioError.
-    """
-    names = [name for name, bus in deployment.buses.items() if bus.kind == "can"]
-    said: list[str] = []
-    for name in names:
-        at = f"deploy.buses.{name}"
-        if interface is not None:
-            said.append(f'{at}.interface="{interface}"')
-            if interface != deployment.buses[name].interface and not channels:
-                said.append(f'{at}.channel="{name}"')
-        if bitrate is not None:
-            said.append(f"{at}.bitrate={bitrate}")
-        if data_bitrate is not None:
-            said.append(f"{at}.data_bitrate={data_bitrate}")
-        if fd is not None:
-            said.append(f"{at}.fd={'true' if fd else 'false'}")
-    for text in channels:
+    interface: Interface = None
+    channel: Channel = field(default_factory=list)
+    bitrate: Annotated[int | None, typer.Option("--bitrate", "-b", help="Bit rate, bit/s.")] = None
+    data_bitrate: Annotated[
+        int | None, typer.Option(help="Bit rate of CAN FD data phases, bit/s.")
+    ] = None
+    fd: Annotated[bool | None, typer.Option("--fd/--no-fd", help="CAN FD or classic CAN.")] = None
+
+    def settings(self, deployment: Deployment) -> list[str]:
+        """The same as ``deploy.buses.NAME.KEY=VALUE``. Raises ScenarioError."""
+        names = [name for name, bus in deployment.buses.items() if bus.kind == "can"]
+        fd = None if self.fd is None else str(self.fd).lower()
+        changed = {"bitrate": self.bitrate, "data_bitrate": self.data_bitrate, "fd": fd}
+        found: list[str] = []
+        for name in names:
+            at = f"deploy.buses.{name}"
+            if self.interface is not None:
+                found.append(f'{at}.interface="{self.interface}"')
+                if self.interface != deployment.buses[name].interface and not self.channel:
+                    found.append(f'{at}.channel="{name}"')
+            found += [f"{at}.{key}={value}" for key, value in changed.items() if value is not None]
+        return [*found, *(self._channel(text, names) for text in self.channel)]
+
+    @staticmethod
+    def _channel(text: str, names: Sequence[str]) -> str:
+        """The setting of ``BUS=CHANNEL``, or of one channel for the only bus."""
         bus, equals, channel = text.partition("=")
         if not equals:
             bus, channel = (names[0], text) if len(names) == 1 else ("", text)
@@ -67,8 +96,44 @@ def bus_settings(
             raise ScenarioError(
                 f"--channel {text}: expected BUS=CHANNEL, with one of {', '.join(names)}"
             )
-        said.append(f'deploy.buses.{bus}.channel="{channel}"')
-    return said
+        return f'deploy.buses.{bus}.channel="{channel}"'
+
+
+@dataclass(frozen=True, slots=True)
+class DeployOptions(BusOptions):
+    """A deployment, and changes of it and of the scenario."""
+
+    deploy: Deploy = ""
+    set_: Annotated[
+        list[str],
+        typer.Option(
+            "--set",
+            metavar="PATH=VALUE",
+            help="Change a value of the scenario, or of the deployment: deploy.nodes.…; "
+            "repeatable.",
+        ),
+    ] = field(default_factory=list)
+
+
+@dataclass(frozen=True, slots=True)
+class HardwareOptions:
+    """The permission to move real drives."""
+
+    hardware: Annotated[
+        bool,
+        typer.Option(
+            "--hardware", help="Allow frames that can move real drives; asks for confirmation."
+        ),
+    ] = False
+    yes: Annotated[bool, typer.Option("--yes", help="Do not ask for confirmation.")] = False
+
+    def confirm(self, what: str) -> None:
+        """Ask whether frames of `what` may move drives, where they can; ends the command if not."""
+        from cosim.cli.supervise import allow_terminal_input
+
+        if self.hardware and not self.yes:
+            with allow_terminal_input():
+                typer.confirm(f"Frames of this {what} may move real drives. Go on?", abort=True)
 
 
 def clock_settings(deployment: Deployment, clock: str) -> list[str]:
@@ -96,12 +161,3 @@ def refuse_in_simulated_time(deployment: Deployment, **given: bool) -> None:
             raise ScenarioError(
                 f"found --{option} with the simulated clock, expected it with --clock wall only"
             )
-
-
-def unused_folder(folder: Path) -> Path:
-    """`folder`, or with -2, -3, … behind it."""
-    n, path = 1, folder
-    while path.exists():
-        n += 1
-        path = folder.with_name(f"{folder.name}-{n}")
-    return path

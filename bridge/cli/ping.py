@@ -15,7 +15,7 @@ from bridge.cli.options import (
     PingSettings,
     ZenohConfig,
 )
-from cosim.cli.numbers import finite
+from cosim.cli.options import finite
 
 if TYPE_CHECKING:
     from bridge.cli.ping_path import EndOptions, PathRequest

@@ -2,120 +2,68 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from cosim.cli.options import Force, Json, Pdf, Png, Quiet, Report, Strict
-from cosim.cli.supervise import allow_terminal_input, announce_run_folder
+from bridge.cli.options import DeployOptions, HardwareOptions, Realtime
+from cosim.cli.options import OutputOptions
 
 if TYPE_CHECKING:
     from bridge.deployment.system import System
+    from bridge.faults.script import FaultScript
     from bridge.rehearsal.supervisor import Settings
     from bridge.results.rehearsal_outcome import RehearsalOutcome
     from bridge.results.verdict import Verdict
 
-Deploy = Annotated[
-    str,
-    typer.Option(
-        "--deploy",
-        show_default=False,
-        help="Deployment: a file, or a name in deploy/ next to the scenario. Default: the "
-        "scenario's name, or can.",
-    ),
-]
-Set = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--set",
-        metavar="PATH=VALUE",
-        help="Change a value of the scenario, or of the deployment: deploy.nodes.…; repeatable.",
-    ),
-]
-Interface = Annotated[
-    str | None,
-    typer.Option(
-        "--interface", "-i", help="python-can interface of all CAN buses; cosim: simulated."
-    ),
-]
-Realtime = Annotated[
-    bool,
-    typer.Option(
-        "--realtime/--no-realtime", help="Request real-time priority from the operating system."
-    ),
-]
-Channel = Annotated[
-    list[str] | None,
-    typer.Option("--channel", "-c", metavar="BUS=CHANNEL", help="Channel of a bus; repeatable."),
-]
-Bitrate = Annotated[int | None, typer.Option("--bitrate", "-b", help="Bit rate, bit/s.")]
-DataBitrate = Annotated[int | None, typer.Option(help="Bit rate of CAN FD data phases, bit/s.")]
-Fd = Annotated[bool | None, typer.Option("--fd/--no-fd", help="CAN FD or classic CAN.")]
 
+@dataclass(frozen=True, slots=True)
+class RehearsalOptions(OutputOptions):
+    """The nodes and the clock of a rehearsal, its faults, and what is made of it."""
 
-def rehearse(
-    scenario: Annotated[Path, typer.Argument(help="Scenario file (.toml).")],
-    deploy: Deploy = "",
-    set_: Set = None,
-    seed: Annotated[int | None, typer.Option(help="Seed of links and topology.")] = None,
-    interface: Interface = None,
-    channel: Channel = None,
-    bitrate: Bitrate = None,
-    data_bitrate: DataBitrate = None,
-    fd: Fd = None,
+    seed: Annotated[int | None, typer.Option(help="Seed of links and topology.")] = None
     latency: Annotated[
         bool,
         typer.Option(
             "--latency/--no-latency",
             help="Add the link delays of the scenario to those of the bus.",
         ),
-    ] = True,
+    ] = True
     nodes: Annotated[
         str | None,
         typer.Option(metavar="A,B", help="Start these nodes only; the others are already running."),
-    ] = None,
+    ] = None
     clock: Annotated[
         str,
         typer.Option(
             help="Clock: wall, simulated (the time of simulated CAN buses, with -i cosim), or "
             "lockstep (as fast as samples arrive; Zenoh only)."
         ),
-    ] = "wall",
+    ] = "wall"
     faults: Annotated[
         Path | None,
         typer.Option(metavar="SCRIPT", help="Fault script: faults to inject (see docs/faults.md)."),
-    ] = None,
-    out: Annotated[
-        Path | None, typer.Option(help="Run folder to write. Default: a new folder in runs/.")
-    ] = None,
-    force: Force = False,
+    ] = None
     twin: Annotated[
         bool, typer.Option("--twin/--no-twin", help="Compare with the simulated twin.")
-    ] = True,
+    ] = True
     log: Annotated[
-        list[str] | None,
+        list[str],
         typer.Option(
-            "--log",
-            metavar="FORMAT",
-            help="Format of the bus logs: log (candump), blf, asc or mf4.",
+            metavar="FORMAT", help="Format of the bus logs: log (candump), blf, asc or mf4."
         ),
-    ] = None,
-    realtime: Realtime = True,
-    hardware: Annotated[
-        bool,
-        typer.Option(
-            "--hardware", help="Allow frames that can move real drives; asks for confirmation."
-        ),
-    ] = False,
-    yes: Annotated[bool, typer.Option("--yes", help="Do not ask for confirmation.")] = False,
-    plot: Report = True,
-    png: Png = False,
-    pdf: Pdf = False,
-    strict: Strict = False,
-    json: Json = None,
-    quiet: Quiet = False,
+    ] = field(default_factory=lambda: ["log"])
+    realtime: Realtime = True
+
+
+def rehearse(
+    scenario: Annotated[Path, typer.Argument(help="Scenario file (.toml).")],
+    deploy: DeployOptions,
+    hardware: HardwareOptions,
+    options: RehearsalOptions,
 ) -> None:
     """Run a scenario in real time, one process per node, on real buses; then check the run.
 
@@ -123,45 +71,37 @@ def rehearse(
     were received that were not sent, or an injected fault is not in the report. Exit status 3 if
     the result is inconclusive because this machine was too slow.
     """
-    from bridge.cli.options import bus_settings, clock_settings, refuse_in_simulated_time
+    from bridge.cli.options import clock_settings, refuse_in_simulated_time
     from bridge.deployment import spec as deployments
     from bridge.deployment.system import load_system
-
-    path = deployments.find(scenario, deploy)
-    changes = [*(set_ or [])]
-    changes += [f"run.seed={seed}"] if seed is not None else []
-    changes += [] if latency else ["deploy.latency=false"]
-    changes += clock_settings(deployments.load(path), clock)
-    changes += bus_settings(
-        deployments.load(path), interface, channel or [], bitrate, data_bitrate, fd
-    )
-    system = load_system(scenario, str(path), changes)
-    refuse_in_simulated_time(
-        system.deployment, faults=faults is not None, nodes=nodes is not None, hardware=hardware
-    )
-    found = checked(system, scenario, changes, strict=strict, quiet=quiet)
-    if hardware and not yes:
-        with allow_terminal_input():
-            typer.confirm("Frames of this run may move real drives. Go on?", abort=True)
     from bridge.rehearsal.supervisor import Settings
 
-    settings = Settings(
-        scenario=scenario, deployment=path, changes=tuple(changes), realtime=realtime,
-        real=hardware, script=str(faults) if faults else "", nodes=_selected_nodes(system, nodes),
-        say=(lambda text: None) if quiet else typer.echo,
-    )  # fmt: skip
-    _run(
-        system,
-        settings,
-        _folder(system, out),
-        force,
-        twin,
-        tuple(log or ("log",)),
-        {"report": plot, "png": png, "pdf": pdf},
-        found,
-        quiet,
-        json,
+    path = deployments.find(scenario, deploy.deploy)
+    changes = [*deploy.set_]
+    changes += [f"run.seed={options.seed}"] if options.seed is not None else []
+    changes += [] if options.latency else ["deploy.latency=false"]
+    changes += clock_settings(deployments.load(path), options.clock)
+    changes += deploy.settings(deployments.load(path))
+    system = load_system(scenario, str(path), changes)
+    refuse_in_simulated_time(
+        system.deployment,
+        faults=options.faults is not None,
+        nodes=options.nodes is not None,
+        hardware=hardware.hardware,
     )
+    found = checked(system, scenario, changes, options)
+    hardware.confirm("run")
+    settings = Settings(
+        scenario=scenario,
+        deployment=path,
+        changes=tuple(changes),
+        realtime=options.realtime,
+        real=hardware.hardware,
+        script=str(options.faults) if options.faults else "",
+        nodes=_selected_nodes(system, options.nodes),
+        say=options.say,
+    )
+    _run(system, settings, options, found)
 
 
 def _selected_nodes(system: System, nodes: str | None) -> tuple[str, ...]:
@@ -176,71 +116,40 @@ def _selected_nodes(system: System, nodes: str | None) -> tuple[str, ...]:
     return named
 
 
-def _folder(system: System, out: Path | None) -> Path:
-    from bridge.cli.options import unused_folder
-    from cosim.base.clock import stamp
-
-    name = f"{system.scenario.name}-{system.deployment.name}-{stamp()}"
-    return out or unused_folder(Path("runs") / name)
-
-
 def _run(
-    system: System,
-    settings: Settings,
-    folder: Path,
-    force: bool,
-    twin: bool,
-    formats: tuple[str, ...],
-    drawn: Mapping[str, bool],
-    found: list[dict[str, Any]],
-    quiet: bool,
-    json: Path | None,
+    system: System, settings: Settings, options: RehearsalOptions, found: list[dict[str, Any]]
 ) -> None:
+    """The rehearsal and its results. Ends the command unless the verdict is good."""
     from dataclasses import replace
 
     from bridge.faults.load import load
     from bridge.preflight import host
     from bridge.rehearsal import injector
-    from bridge.rehearsal.supervisor import Rehearsal
     from bridge.results.data import as_data
-    from bridge.results.outcome import begin, clear, complete
-    from cosim.base.errors import Interrupted
+    from bridge.results.outcome import clear
     from cosim.base.interrupts import exit_code
     from cosim.cli.json_file import write_json
-    from cosim.cli.summary import progress_bar, this_command
+    from cosim.cli.summary import this_command
     from cosim.record import claim_folder, held_folder
 
     host.check(system, settings.nodes)
     script = load(Path(settings.script)) if settings.script else None
     if script is not None:
         settings = replace(settings, events=injector.events(script, system))
+    folder = options.folder(f"{system.scenario.name}-{system.deployment.name}")
+    facts = {
+        "settings": list(settings.changes), "faults": settings.script, "real": settings.real,
+        "command": this_command(), "findings": found,
+    }  # fmt: skip
     with held_folder(folder):
-        if force:
+        if options.force:
             clear(folder)
-        announce_run_folder(folder)
-        claim_folder(folder, force=force)
-        if not quiet:
-            typer.echo(header(system))
-        facts = {
-            "settings": list(settings.changes), "faults": settings.script, "real": settings.real,
-            "command": this_command(), "findings": found,
-        }  # fmt: skip
-        begin(system, folder, facts)
-        interrupted = False
-        with Rehearsal(system, settings, folder) as rehearsal:
-            try:
-                with progress_bar(quiet) as progress:
-                    rehearsal.run(lambda t, end: progress(round(t * 1e3), round(end * 1e3)))
-            except Interrupted:
-                interrupted = True
-            rehearsal.end()
-            outcome = complete(
-                system, folder, rehearsal.ended, facts,
-                with_twin=twin, formats=formats, script=script,
-            )  # fmt: skip
-        verdict = _say(system, outcome, drawn, quiet)
-        if json is not None:
-            write_json(json, as_data(system, outcome))
+        claim_folder(folder, force=options.force)
+        options.say(header(system))
+        outcome, interrupted = _rehearsed(system, settings, folder, facts, script, options)
+        verdict = _say(system, outcome, options)
+        if options.json is not None:
+            write_json(options.json, as_data(system, outcome))
         if interrupted:
             typer.echo(f"interrupted; recorded until then: {folder}", err=True)
             raise typer.Exit(exit_code())
@@ -248,8 +157,38 @@ def _run(
             raise typer.Exit(verdict.exit_code)
 
 
+def _rehearsed(
+    system: System,
+    settings: Settings,
+    folder: Path,
+    facts: dict[str, Any],
+    script: FaultScript | None,
+    options: RehearsalOptions,
+) -> tuple[RehearsalOutcome, bool]:
+    """The outcome, and whether a signal ended the run."""
+    from bridge.rehearsal.supervisor import Rehearsal
+    from bridge.results.outcome import begin, complete
+    from cosim.base.errors import Interrupted
+    from cosim.cli.summary import progress_bar
+
+    begin(system, folder, facts)
+    interrupted = False
+    with Rehearsal(system, settings, folder) as rehearsal:
+        try:
+            with progress_bar(options.quiet) as progress:
+                rehearsal.run(lambda t, end: progress(round(t * 1e3), round(end * 1e3)))
+        except Interrupted:
+            interrupted = True
+        rehearsal.end()
+        outcome = complete(
+            system, folder, rehearsal.ended, facts,
+            with_twin=options.twin, formats=tuple(options.log), script=script,
+        )  # fmt: skip
+    return outcome, interrupted
+
+
 def checked(
-    system: System, path: Path, settings: Sequence[str], *, strict: bool, quiet: bool
+    system: System, path: Path, settings: Sequence[str], options: OutputOptions
 ) -> list[dict[str, Any]]:
     """Check scenario and deployment, as ``cosim check --deploy`` does; print and return what
     :func:`report_findings` does. Errors of the scenario alone do not prevent a run.
@@ -263,6 +202,7 @@ def checked(
     from cosim.scenario.assemble import assemble
 
     alone = load(path, [s for s in settings if not s.startswith("deploy.")])
+    strict, quiet = options.strict, options.quiet
     found = print_warnings(alone, assemble(alone), strict=strict, quiet=quiet)["findings"]
     more = [f for f in deployment.check(system) if f.as_data() not in found]
     return [*found, *report_findings(more, strict=strict, quiet=quiet)]
@@ -313,9 +253,10 @@ def header(system: System) -> str:
     return f"{system.scenario.title}\n{d.title}: {nodes}; {buses}; {length:g} s {clock}"
 
 
-def _say(
-    system: System, outcome: RehearsalOutcome, drawn: Mapping[str, bool], quiet: bool
-) -> Verdict:
+def _say(system: System, outcome: RehearsalOutcome, options: OutputOptions) -> Verdict:
+    """Draw what is wanted, and print the results."""
+    from dataclasses import replace
+
     from bridge.realtime.lateness import draw
     from bridge.results import verdict as verdicts
     from bridge.results.outcome import lines, metric_lines
@@ -327,17 +268,17 @@ def _say(
     run = Run.open(outcome.folder)
     said = [*metric_lines(system, outcome, run), *lines(system, outcome)]
     found = verdicts.judge(system, outcome)
-    if drawn["report"]:
+    if options.plot:
         said.append(line("report", str(write_page(system, run, outcome, found, said))))
-    figures = pictures(system.scenario, run, **{**drawn, "report": False})
+    figures = pictures(system.scenario, run, replace(options, plot=False))
     said += [line(what, str(path)) for what, path in figures]
-    if drawn["png"]:
+    if options.png:
         late = {str(r.life): r.lateness for r in outcome.reports}
         said.append(line("figure", str(draw(late, outcome.folder / "lateness.png"))))
     seal(outcome.folder)
     said.append(line("verdict", found.text(success_text(outcome))))
     said.append(line("run folder", str(outcome.folder)))
-    if not quiet:
+    if not options.quiet:
         typer.echo("\n".join(said))
     elif found.exit_code:
         typer.echo(f"error: {found.text()}", err=True)

@@ -8,10 +8,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from bridge.cli.rehearse import Interface, Realtime, Set
+from bridge.cli.options import BusOptions, Interface, Realtime
 from cosim.cli.json_file import write_json
-from cosim.cli.numbers import finite
-from cosim.cli.options import Json, Quiet
+from cosim.cli.options import Json, Quiet, Set, finite
 
 if TYPE_CHECKING:
     from bridge.campaign.soak import SoakSetup
@@ -116,7 +115,6 @@ def _job(
     """The soak test that was asked for. Raises ScenarioError."""
     from bridge.campaign.soak import SoakSetup
     from bridge.campaign.soak_spec import load_soak
-    from bridge.cli.options import bus_settings
     from bridge.deployment import spec as deployments
     from cosim.base.errors import ScenarioError
 
@@ -127,7 +125,7 @@ def _job(
             f"--run {seconds:g} s: faults may last until {drawn.last:g} s; expected more",
             str(drawn.path),
         )
-    said = bus_settings(deployments.load(path), interface, [], None, None, None)
+    said = BusOptions(interface).settings(deployments.load(path))
     changes = (*drawn.spec.settings, *said, *(set_ or []), f"run.stop={seconds}")
     name = f"soak-{scenario.stem}-{path.stem}"
     return SoakSetup(

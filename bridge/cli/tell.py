@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from bridge.cli.rehearse import Deploy
+from bridge.cli.options import Deploy
+from cosim.cli.options import Set
 
 if TYPE_CHECKING:
     from bridge.deployment.system import System
@@ -29,9 +30,7 @@ def tell(
     as_: Annotated[
         str, typer.Option("--as", help="Certificate to use, if TLS is enabled.")
     ] = "operator",
-    set_: Annotated[
-        list[str] | None, typer.Option("--set", metavar="PATH=VALUE", help="Change a value.")
-    ] = None,
+    set_: Set = None,
 ) -> None:
     """Send a command or a query to the nodes of a deployment, and print their answers.
 

@@ -10,11 +10,11 @@ import typer
 
 from cosim.base.errors import Interrupted, ScenarioError
 from cosim.checks.finding import Finding
-from cosim.cli.supervise import announce_run_folder
 
 if TYPE_CHECKING:
     from bridge.can.messages import BusMessage
     from cosim.bus.timing import BusTiming
+    from cosim.cli.run import RunOptions
 
 
 def findings(scenario: Path, deploy: str, settings: Sequence[str]) -> list[Finding]:
@@ -79,31 +79,16 @@ def _print_buses(messages: Sequence[BusMessage], timings: Mapping[str, BusTiming
             typer.echo(text)
 
 
-def run(
-    scenario: Path,
-    deploy: str,
-    clock: str,
-    settings: Sequence[str],
-    out: Path | None,
-    *,
-    force: bool,
-    report: bool,
-    png: bool,
-    pdf: bool,
-    strict: bool,
-    quiet: bool,
-    json: Path | None = None,
-) -> None:
-    """Run the twin into a run folder, and print its numbers.
+def run(scenario: Path, settings: Sequence[str], options: RunOptions) -> None:
+    """Run the twin of ``options.deploy`` into a run folder, and print its numbers.
 
-    Raises ScenarioError if `clock` is not ``simulated``.
+    Raises ScenarioError if the clock is not ``simulated``.
     """
-    from bridge.cli.options import unused_folder
     from bridge.cli.rehearse import checked, header
     from bridge.deployment.system import load_system
     from bridge.results.outcome import run_twin
     from bridge.results.report import line
-    from cosim.base.clock import stamp, stopwatch
+    from cosim.base.clock import stopwatch
     from cosim.base.interrupts import exit_code
     from cosim.cli.json_file import write_json
     from cosim.cli.summary import metrics_as_data, pictures, this_command
@@ -111,40 +96,33 @@ def run(
     from cosim.measure.metrics import evaluate
     from cosim.record import Run, claim_folder, held_folder, seal
 
-    if clock != "simulated":
+    if options.clock != "simulated":
         raise ScenarioError(
-            f"--clock {clock}: expected simulated; for wall time use cosim rehearse"
+            f"--clock {options.clock}: expected simulated; for wall time use cosim rehearse"
         )
-    system = load_system(scenario, deploy, settings)
-    findings = checked(system, scenario, settings, strict=strict, quiet=quiet)
-    name = f"{system.scenario.name}-{system.deployment.name}-twin-{stamp()}"
-    folder = out or unused_folder(Path("runs") / name)
-    announce_run_folder(folder)
+    system = load_system(scenario, options.deploy or "", settings)
+    findings = checked(system, scenario, settings, options)
+    folder = options.folder(f"{system.scenario.name}-{system.deployment.name}-twin")
     watch = stopwatch()
     try:
-        further = {"command": this_command(), "findings": findings}
         with held_folder(folder):
-            claim_folder(folder, force=force)
-            run_twin(system, folder, settings, further)
+            claim_folder(folder, force=options.force)
+            facts = {"command": this_command(), "findings": findings}
+            run_twin(system, folder, settings, facts)
     except Interrupted as stop:
         typer.echo(f"{stop}; recorded until then: {stop.saved}", err=True)
         raise typer.Exit(exit_code()) from None
-    wall = watch()
+    wall, length = watch(), system.plan.ticks * system.plan.h
     result = Run.open(folder)
-    length = system.plan.ticks * system.plan.h
-    said = [header(system).replace("on the wall clock", "in simulated time")]
-    said += [
-        line(r.label, r.text) for r in evaluate(declared_metrics.metrics(system.scenario), result)
-    ]
-    said.append(
-        line("wall time", f"{wall:.2f} s for {length:g} s: {length / wall:.0f} x real time")
-    )
-    found = pictures(system.scenario, result, report=report, png=png, pdf=pdf)
-    said += [line(what, str(path)) for what, path in found]
+    options.say(header(system).replace("on the wall clock", "in simulated time"))
+    for r in evaluate(declared_metrics.metrics(system.scenario), result):
+        options.say(line(r.label, r.text))
+    speed = f"{wall:.2f} s for {length:g} s: {length / wall:.0f} x real time"
+    options.say(line("wall time", speed))
+    for what, path in pictures(system.scenario, result, options):
+        options.say(line(what, str(path)))
     seal(folder)
-    if json is not None:
-        found_metrics = metrics_as_data(system.scenario, result)
-        write_json(json, {"folder": str(folder), "wall_s": wall, "metrics": found_metrics})
-    said.append(line("run folder", str(folder)))
-    if not quiet:
-        typer.echo("\n".join(said))
+    if options.json is not None:
+        metrics = metrics_as_data(system.scenario, result)
+        write_json(options.json, {"folder": str(folder), "wall_s": wall, "metrics": metrics})
+    options.say(line("run folder", str(folder)))

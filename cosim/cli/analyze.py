@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from cosim.cli.numbers import finite
-from cosim.cli.options import Json, Plot, Set, Verify
+from cosim.cli.options import Json, Plot, Set, Verify, finite
 
 if TYPE_CHECKING:
     from cosim.analysis.analysis import Analysis

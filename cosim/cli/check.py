@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from cosim.base.parts import part
-from cosim.cli.numbers import finite
-from cosim.cli.options import Json, Set
+from cosim.cli.options import Json, Set, finite
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence

@@ -7,14 +7,25 @@ from importlib.util import find_spec
 from typing import Any, final
 
 import typer
+from typer.core import TyperOption
 from typer.main import get_command
 
+from cosim.base.errors import ScenarioError
 from cosim.base.names import hint
 from cosim.base.parts import commands
 from cosim.base.python import add_working_directory
 from cosim.cli.ending import ProgramGroup, run_program
+from cosim.cli.groups import flat
 from cosim.cli.overview import COMMANDS, overview
 
+#: Options of commands that are no longer there, as they were typed, and what serves instead.
+REMOVED = {
+    "run": {
+        "--estimate-error": 'algorithm = "adaptive" keeps the error of a step below a tolerance',
+        "--tolerance TEXT": 'algorithm = "adaptive" has run.adaptive.tolerance',
+    },
+    "monitor": {"--plotjuggler TEXT": "PlotJuggler opens the file that --mcap FILE writes"},
+}
 _SETTINGS = {"help_option_names": ["-h", "--help"]}
 
 
@@ -39,12 +50,27 @@ class _Commands(ProgramGroup):
             rich_markup_mode=None,
             context_settings=_SETTINGS,
         )
-        alone.command(cmd_name)(function(cmd_name))
-        return get_command(alone)
+        alone.command(cmd_name)(flat(function(cmd_name)))
+        one = get_command(alone)
+        one.params += [_removed(*option) for option in REMOVED.get(cmd_name, {}).items()]
+        return one
 
     def format_help(self, ctx: Any, formatter: Any) -> None:
         """The help of the program."""
         formatter.write(overview())
+
+
+def _removed(typed: str, instead: str) -> TyperOption:
+    """An option that is hidden, and refused with what serves instead."""
+    name, _, value = typed.partition(" ")
+
+    def refuse(_context: object, _option: object, value: object) -> None:
+        if value:
+            raise ScenarioError(f"found {name}, which is no longer there; {instead}")
+
+    return TyperOption(
+        param_decls=[name], is_flag=not value, hidden=True, expose_value=False, callback=refuse
+    )
 
 
 def function(name: str) -> Any:

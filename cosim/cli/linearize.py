@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from cosim.cli.json_file import write_json
-from cosim.cli.numbers import finite
-from cosim.cli.options import Json, Quiet, Set
+from cosim.cli.options import Json, Quiet, Set, finite
 
 if TYPE_CHECKING:
     from cosim.linear.model import LinearModel

@@ -1,11 +1,14 @@
-"""Options that several commands share, each with one name and one meaning."""
+"""Options that several commands share, each with one name and one meaning; groups of them."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
 
 import typer
+
+from cosim.base.toml import EXPECTED, is_usable_number
 
 Set = Annotated[
     list[str] | None,
@@ -13,9 +16,6 @@ Set = Annotated[
 ]
 Force = Annotated[bool, typer.Option("--force", help="Replace an existing run folder.")]
 Plot = Annotated[bool, typer.Option("--plot/--no-plot", help="Draw the figures.")]
-Report = Annotated[
-    bool, typer.Option("--plot/--no-plot", help="Write report.html, a page to look at the run.")
-]
 Png = Annotated[bool, typer.Option("--png", help="Also draw the figures of the scenario as PNG.")]
 Pdf = Annotated[bool, typer.Option("--pdf", help="Also draw the figures of the scenario as PDF.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")]
@@ -26,3 +26,91 @@ Json = Annotated[
 Verify = Annotated[
     bool, typer.Option("--verify/--no-verify", help="Check the SHA-256 sums of RUN first.")
 ]
+
+
+@dataclass(frozen=True, slots=True)
+class RunSettings:
+    """Changes of the scenario of a run."""
+
+    set_: Annotated[
+        list[str],
+        typer.Option(
+            "--set",
+            metavar="PATH=VALUE",
+            help="Change a value, e.g. components.master.parameters.k_p=20 (of a single FMU: "
+            "m=2); repeatable.",
+        ),
+    ] = field(default_factory=list)
+    stop: Annotated[
+        str | None, typer.Option(metavar="TIME", help='Stop time (run.stop), e.g. 10 or "500 ms".')
+    ] = None
+    start: Annotated[
+        str | None, typer.Option(metavar="TIME", help="Time at which the run begins (run.start).")
+    ] = None
+    seed: Annotated[int | None, typer.Option(help="Seed of links and topology (run.seed).")] = None
+    record: Annotated[
+        list[str],
+        typer.Option(
+            metavar="SIGNAL",
+            help="Record these signals only (run.record.signals), e.g. plant.x, 'plant.*' or all, "
+            "also variables of FMUs that are no outputs; repeatable.",
+        ),
+    ] = field(default_factory=list)
+
+    @property
+    def all(self) -> list[str]:
+        """All of them as ``PATH=VALUE``."""
+        from cosim.base.settings import as_toml
+
+        own = {"seed": self.seed, "start": self.start, "stop": self.stop}
+        found = [f"run.{key}={value}" for key, value in own.items() if value is not None]
+        signals = [f"run.record.signals={as_toml(self.record)}"] if self.record else []
+        return [*self.set_, *found, *signals]
+
+
+@dataclass(frozen=True, slots=True)
+class OutputOptions:
+    """The files and the text of a run."""
+
+    out: Annotated[
+        Path | None, typer.Option(help="Run folder to write. Default: runs/SCENARIO-DATE-TIME.")
+    ] = None
+    force: Force = False
+    plot: Annotated[
+        bool, typer.Option("--plot/--no-plot", help="Write report.html, a page to look at the run.")
+    ] = True
+    png: Png = False
+    pdf: Pdf = False
+    strict: Strict = False
+    json: Json = None
+    quiet: Quiet = False
+
+    def folder(self, name: str) -> Path:
+        """The run folder: `out`, or a new one in ``runs``; it is announced to the supervisor."""
+        from cosim.base.clock import stamp
+        from cosim.cli.supervise import announce_run_folder
+
+        folder = self.out or unused_folder(Path("runs") / f"{name}-{stamp()}")
+        announce_run_folder(folder)
+        return folder
+
+    def say(self, text: str) -> None:
+        """Print `text`, unless the command is quiet."""
+        if not self.quiet:
+            typer.echo(text)
+
+
+def finite(value: float | None) -> float | None:
+    """The callback of a numeric option, in the unit its help gives. Raises BadParameter."""
+    if value is not None and not is_usable_number(value):
+        raise typer.BadParameter(f"found {value!r}; expected {EXPECTED}")
+    return value
+
+
+def unused_folder(folder: Path) -> Path:
+    """`folder`, or with -2, -3, … behind it: two runs may start in one second."""
+    n, path = 1, folder
+    while path.exists():
+        n += 1
+        path = folder.with_name(f"{folder.name}-{n}")
+    return path

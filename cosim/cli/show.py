@@ -10,8 +10,7 @@ import typer
 
 from cosim.base.names import extent
 from cosim.cli.json_file import write_json
-from cosim.cli.numbers import finite
-from cosim.cli.options import Json, Set, Strict, Verify
+from cosim.cli.options import Json, Set, Strict, Verify, finite
 
 if TYPE_CHECKING:
     from cosim.bus.accounting import BusHistory

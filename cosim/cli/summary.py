@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 from cosim.base.errors import ScenarioError
 
 if TYPE_CHECKING:
+    from cosim.cli.options import OutputOptions
     from cosim.engine.simulate import RunOutcome
     from cosim.measure.metrics import MetricResult
     from cosim.record import Column, Run
@@ -236,16 +237,13 @@ def _ages_together(outcome: RunOutcome) -> list[str]:
     ]
 
 
-def pictures(
-    scenario: Scenario, run: Run, *, report: bool, png: bool = False, pdf: bool = False
-) -> Iterator[tuple[str, Path]]:
+def pictures(scenario: Scenario, run: Run, wanted: OutputOptions) -> Iterator[tuple[str, Path]]:
     """Write the report and the scenario's figures into the run folder: what it is, and its file."""
-    if report:
+    if wanted.plot:
         from cosim.reporting.run_report import write_report
 
         yield "report", write_report(run)
-    if png or pdf:
-        yield from draw_figures(scenario, run, png=png, pdf=pdf)
+    yield from draw_figures(scenario, run, png=wanted.png, pdf=wanted.pdf)
 
 
 def draw_figures(
@@ -255,10 +253,13 @@ def draw_figures(
 
     `width`: of the figures, m.
     """
+    forms = [f for f, wanted in (("png", png), ("pdf", pdf)) if wanted]
+    if not forms:
+        return
     from cosim.reporting.declared import figure_specs
     from cosim.reporting.figures import draw
 
-    for form in [f for f, wanted in (("png", png), ("pdf", pdf)) if wanted]:
+    for form in forms:
         for name, figure in figure_specs(scenario, run.metadata).items():
             if width is not None:
                 figure = replace(figure, width=width / 0.0254)

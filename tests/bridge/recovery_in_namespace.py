@@ -8,7 +8,7 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from bridge.cli.options import bus_settings
+from bridge.cli.options import BusOptions
 from bridge.deployment import spec
 from bridge.deployment.system import load_system
 from bridge.rehearsal.settings import ScheduledEvent
@@ -39,7 +39,7 @@ EVENTS = (
 
 def main(folder):
     path = spec.find(SCENARIO, "can")
-    said = (*CALM, "run.stop=7", *bus_settings(spec.load(path), "udp_multicast", [], *[None] * 3))
+    said = (*CALM, "run.stop=7", *BusOptions("udp_multicast").settings(spec.load(path)))
     system = load_system(SCENARIO, str(path), said)
     with Rehearsal(system, Settings(SCENARIO, path, said, events=EVENTS), folder) as rehearsal:
         rehearsal.run()

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from bridge.monitor.figure import draw
-from bridge.monitor.sinks import Udp, address
+from bridge.monitor.sinks import address
 from bridge.monitor.topics import Feed, TopicSource
 from bridge.native.journal import Journal
 from bridge.recording.live_run import LiveRun
@@ -162,23 +162,6 @@ def test_a_number_that_is_not_finite_is_null(made):
     sample = TopicSource(system.nodes["master"], 0).samples(row, float("inf"))[0]
     assert sample.content["q"] == [None, None]
     json.dumps(sample.content, allow_nan=False)
-
-
-def test_plotjuggler_gets_json_by_udp(made, watched):
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as server:
-        server.bind(("127.0.0.1", 0))
-        server.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 20)
-        server.settimeout(5.0)
-        samples = TopicSource(made[1].nodes["master"], WALL).samples(
-            rows_of(made[0], "master")[:50], 100.0
-        )
-        with Udp(f"127.0.0.1:{server.getsockname()[1]}") as sink:
-            for sample in samples:
-                sink.put(sample)
-        said = [json.loads(server.recv(65536)) for _ in samples]
-    assert [s["timestamp"] for s in said] == [s.t_ns * 1e-9 for s in samples]
-    assert said[0]["master"] == samples[0].content
-    assert said[1]["nodes/master"]["state"] == samples[1].content["state"]
 
 
 def test_foxglove_is_served_on_this_machine():

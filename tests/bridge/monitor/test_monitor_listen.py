@@ -19,6 +19,7 @@ from bridge.node.buses import can_spec
 from bridge.safety.limits import explain
 from cosim.base.clock import monotonic_ns, sleep
 from cosim.base.errors import ScenarioError
+from cosim.cli.groups import flat
 from tests.bridge.deployments import TELEOPERATION, named
 
 SECOND = 10**9
@@ -120,7 +121,7 @@ def test_heartbeats_tell_the_state_of_a_node(system, talker):
 
 def test_listening_once_from_the_command_line():
     app = typer.Typer()
-    app.command()(monitor)
+    app.command()(flat(monitor))
     given = ["--listen", "--scenario", str(TELEOPERATION), "-i", "virtual", "--once"]
     done = CliRunner().invoke(app, given, catch_exceptions=False)
     assert done.exit_code == 0 and "listening on left, right" in done.output

@@ -17,6 +17,7 @@ from bridge.rehearsal.supervisor import STARTED
 from bridge.replay.replay import load, received_by_life, replay
 from cosim.base.clock import monotonic_ns, sleep
 from cosim.base.errors import ScenarioError
+from cosim.cli.groups import flat
 from tests.bridge.watching import folder_of
 
 ROOT = Path(__file__).parents[3]
@@ -34,7 +35,7 @@ SETTINGS = [
 
 def call(*arguments: str):
     app = typer.Typer()
-    app.command()(monitor)
+    app.command()(flat(monitor))
     return CliRunner().invoke(app, arguments, catch_exceptions=False)
 
 
@@ -93,7 +94,8 @@ def test_looking_at_a_rehearsal_that_runs(tmp_path):
 
 
 def look(folder: Path, *arguments: str) -> str:
-    code = "import typer; from bridge.cli.monitor import monitor; typer.run(monitor)"
+    code = "import typer; from bridge.cli.monitor import monitor; "
+    code += "from cosim.cli.groups import flat; typer.run(flat(monitor))"
     done = subprocess.run(
         [sys.executable, "-c", code, str(folder), *arguments],
         capture_output=True, text=True, timeout=60, cwd=ROOT,

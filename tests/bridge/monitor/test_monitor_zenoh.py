@@ -24,6 +24,7 @@ from bridge.zenoh.node_channel import open_bus, traffic_of
 from bridge.zenoh.options import options_of
 from cosim.base.clock import monotonic_ns
 from cosim.base.errors import ScenarioError
+from cosim.cli.groups import flat
 from tests.bridge.listening import ARMS, beat, encoded, followed, loaded, reached
 from tests.bridge.zenoh.rehearsed import CONFIGS, collect, prepared, sockets
 
@@ -170,7 +171,7 @@ def test_what_is_sent_before_the_run_counts_nothing(system: System, master: Zeno
 
 def call(*arguments: str):
     app = typer.Typer()
-    app.command()(monitor)
+    app.command()(flat(monitor))
     given = ["--listen", "--scenario", str(CONFIGS / "teleoperation.toml"), *arguments]
     return CliRunner().invoke(app, given, catch_exceptions=False)
 

@@ -10,6 +10,7 @@ from bridge.deployment.system import load_system
 from cosim.base.errors import ScenarioError
 from cosim.checks import preflight
 from cosim.cli.check import print_warnings
+from cosim.cli.options import OutputOptions
 from tests.bridge.zenoh.rehearsed import CONFIGS
 from tests.cli.command import Command
 from tests.cli.conftest import cosim as cosim  # the command as a fixture
@@ -37,13 +38,13 @@ def test_what_the_check_warns_of_is_in_the_folder_of_a_twin(cosim: Command, tmp_
 def test_a_rehearsal_checks_scenario_and_deployment(capsys: pytest.CaptureFixture[str]) -> None:
     system = load_system(TELEOPERATION, "can", ["run.stop=0.05"])
     settings = ["run.stop=0.05", "deploy.latency=false"]
-    found = checked(system, TELEOPERATION, settings, strict=False, quiet=False)
+    found = checked(system, TELEOPERATION, settings, OutputOptions())
     places = [(f["rule"], f["where"]) for f in found]
     assert ("passivity", "master_control, slave_control") in places
     assert len(set(places)) == len(places)
     assert capsys.readouterr().err.count("check: warning: ") == len(found)
     with pytest.raises(ScenarioError, match="passivity"):
-        checked(system, TELEOPERATION, settings, strict=True, quiet=True)
+        checked(system, TELEOPERATION, settings, OutputOptions(strict=True, quiet=True))
 
 
 def test_a_check_that_fails_is_a_finding_not_its_absence(monkeypatch: pytest.MonkeyPatch) -> None:

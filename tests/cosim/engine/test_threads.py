@@ -304,7 +304,8 @@ def test_a_run_with_threads_is_the_same_run(tmp_path) -> None:  # type: ignore[n
 def test_the_command_says_when_there_is_nothing_to_share(
     tmp_path, monkeypatch, capsys: pytest.CaptureFixture[str]
 ) -> None:  # type: ignore[no-untyped-def]
-    from cosim.cli.run import run
+    from cosim.cli.options import RunSettings
+    from cosim.cli.run import RunOptions, run
 
     monkeypatch.setattr(binding, "LEAST", 32)
     few = str(CONFIGS / "teleoperation.toml")
@@ -312,10 +313,7 @@ def test_the_command_says_when_there_is_nothing_to_share(
         (few, ["run.stop=1"], "found nothing that 2 threads could share"),
         (str(CONFIGS / "many.toml"), ["run.stop=1", "graphs.net.n=40"], ""),
     ):
-        run(
-            Path(path), set_=changes, stop=None, seed=None, record=None, table=None,
-            out=tmp_path / Path(path).stem, links=None, deploy=None, json=None, threads=2,
-            plot=False,
-        )  # fmt: skip
+        settings = RunSettings(set_=changes)
+        run(Path(path), settings, RunOptions(out=tmp_path / Path(path).stem, plot=False, threads=2))
         err = capsys.readouterr().err
         assert (said in err) if said else ("could share" not in err)

@@ -1,4 +1,4 @@
-"""Receivers of the messages of :mod:`bridge.monitor.topics`: an MCAP file, Foxglove, PlotJuggler.
+"""Receivers of the messages of :mod:`bridge.monitor.topics`: an MCAP file, Foxglove.
 
 MCAP and the WebSocket are the Foxglove SDK's (``foxglove-sdk``), imported when one is wanted.
 """
@@ -6,7 +6,6 @@ MCAP and the WebSocket are the Foxglove SDK's (``foxglove-sdk``), imported when 
 from __future__ import annotations
 
 import json
-import socket
 from pathlib import Path
 from typing import Any, Self, final
 
@@ -111,33 +110,3 @@ class Foxglove:
 
     def __exit__(self, *_: object) -> None:
         self._server.stop()
-
-
-@final
-class Udp:
-    """JSON datagrams to ``HOST:PORT``, as PlotJuggler's UDP server takes them."""
-
-    rate = LIVE_RATE
-
-    def __init__(self, text: str) -> None:
-        self._to = address(text)
-        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-
-    def put(self, sample: TopicMessage) -> None:
-        """Send one: ``{"timestamp": s, TOPIC: {…}}``; without a listener it is lost.
-
-        Raises RunError if the socket refuses it.
-        """
-        content = {"timestamp": sample.t_ns * 1e-9, sample.topic.name[1:]: sample.content}
-        try:
-            self._socket.sendto(json.dumps(content, allow_nan=False).encode(), self._to)
-        except OSError as error:
-            raise RunError(
-                f"cannot send to {self._to[0]}:{self._to[1]}: {error.strerror}"
-            ) from error
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._socket.close()

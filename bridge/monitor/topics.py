@@ -1,4 +1,4 @@
-"""Rows of nodes as messages for plotting tools: MCAP files, Foxglove, PlotJuggler.
+"""Rows of nodes as messages for plotting tools: MCAP files and Foxglove.
 
 A component is a topic, ``/master``, whose fields are its ports, flattened. A node is another topic,
 ``/nodes/master``, with the data of its journal for each slot. Messages are JSON with a schema, so

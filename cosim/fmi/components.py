@@ -183,26 +183,16 @@ def sloped_inputs(component: Component) -> frozenset[str]:
     return frozenset() if fmu is None else fmu.sloped
 
 
-def reason_not_repeatable(component: Component) -> str:
-    """The reason why a step cannot be repeated in halves from a saved state; "": it can."""
+def reason_not_rolled_back(component: Component) -> str:
+    """The reason why the engine cannot repeat steps with other lengths; "": it can."""
     if isinstance(component, FmuDriver):
         return "steps together with the others on its bus"
     if is_simulator(component):
         return "has a step of its own, which cannot be halved"
-    fmu = fmu_of(component)
+    fmu = stepped_fmu(component)
     if fmu is None:
         missing = [m for m in ("get_state", "set_state") if m not in dir(component)]
         return f"cannot save its state (no {' and no '.join(missing)})" if missing else ""
-    if fmu.description.states is not None:
-        return "is integrated here, and the state of its solver is not saved"
-    return _reason_fixed(fmu)
-
-
-def reason_not_rolled_back(component: Component) -> str:
-    """The reason why the engine cannot repeat steps with other lengths; "": it can."""
-    fmu = stepped_fmu(component)
-    if fmu is None:
-        return reason_not_repeatable(component)
     if fmu.options.isolate:
         return "is in a process of its own (isolate)"
     return _reason_fixed(fmu)

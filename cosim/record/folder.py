@@ -23,8 +23,8 @@ TABLES, TABLE_ROWS = "links.parquet", "links.rows"
 #: Of a rehearsal: the journals of its nodes, of which trajectories are made at its end.
 NODES, JOURNAL = "nodes", ".journal"
 SUMS = "SHA256SUMS"
-#: What is made of a run: its report, a table, an estimate of errors; the log of an FMU, figures.
-REPORT, CSV, ESTIMATE = "report.html", "trajectories.csv", "estimate.json"
+#: What is made of a run: its report, a table; the log of an FMU, figures.
+REPORT, CSV = "report.html", "trajectories.csv"
 FMU_LOG, FIGURES = ".fmu.log", (".png", ".pdf")
 #: Times of the events of FMUs.
 EVENTS = "events.csv"
@@ -34,7 +34,7 @@ ROWS = ".rows"
 #: more was cut short; `cosim recover` makes it "recovered".
 RUNNING, FINISHED, STOPPED, RECOVERED = "running", "finished", "stopped", "recovered"
 _SINGLE = (TRAJECTORIES, PART, LIVE, METADATA, LAST, SUMS, TABLES, TABLE_ROWS)
-_MADE = (REPORT, CSV, ESTIMATE, EVENTS)
+_MADE = (REPORT, CSV, EVENTS)
 
 
 def claim_folder(folder: str | Path, *, force: bool = False) -> Path:

@@ -129,12 +129,12 @@ def variant(record: Record, name: str) -> None:
     record.tables(target)
 
 
-def estimate(record: Record) -> None:
-    """Analysis of a port, errors of steps, an SSP of the scenario, a table as CSV."""
+def export(record: Record) -> None:
+    """A table as CSV, and an SSP of the scenario."""
     path, folder = SCENARIOS["teleoperation"], record.folder
     say(
-        record, "estimate", "run", path, "--set", "run.stop=2", "--estimate-error", "--csv",
-        "--no-plot", "--out", folder / "run",
+        record, "run", "run", path, "--set", "run.stop=2", "--csv", "--no-plot",
+        "--out", folder / "run",
     )  # fmt: skip
     record.array("csv", np.loadtxt(folder / "run" / "trajectories.csv", delimiter=",", skiprows=1))
     say(record, "export", "export", path, "--ssp", folder / "system.ssp")

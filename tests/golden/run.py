@@ -23,7 +23,7 @@ CASES: Mapping[str, Callable[[Record], None]] = {
     **twins.CASES,
     **{f"run {n}": partial(offline.scenario, name=n) for n in offline.SCENARIOS},
     **{f"run {n}": partial(offline.variant, name=n) for n in offline.VARIANTS},
-    "estimate": offline.estimate,
+    "export": offline.export,
     "sweep": offline.study,
     "compare": offline.comparison,
     "fmus": offline.fmus,

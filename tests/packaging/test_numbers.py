@@ -24,7 +24,6 @@ from bridge.native.pace import _LINEAR, _PER_OCTAVE
 from bridge.realtime.os_grants import Realtime
 from bridge.simulated_can.bus import CosimBus
 from bridge.zenoh.options import ZenohOptions
-from cosim.estimate.local_error import estimate
 from cosim.fmi.options import FmuOptions
 from cosim.scenario.spec import ComponentSpec, LinkSpec, RecordSpec, RunSpec
 from cosim.sweeps.spec import StudySpec
@@ -63,8 +62,6 @@ def usual(key: str) -> float:
 
 NODE = deployment.NodeSpec
 NUMBERS: list[tuple[str, str, Callable[[], float]]] = [
-    ("algorithms.md", r"up to (\d+) points", lambda: default(estimate, "samples")),
-    ("algorithms.md", r"\[--tolerance (\S+)\]", lambda: default(estimate, "tolerance")),
     ("can.md", r"`ESTOP` .{9,15} every (\d+) ms", lambda: in_c("service.c", "ALARM_NS") / 1e6),
     ("can.md", r"at most every (\d+) ms", lambda: in_c("run_epoch.c", "APART_NS") / 1e6),
     ("can.md", r"HEARTBEAT_n` .{9,15} every (\d+) ms", lambda: default(NODE, "heartbeat") * 1e3),

@@ -8,7 +8,6 @@ from hypothesis import strategies as st
 from benchmarks.cases import rings
 from cosim.base.errors import CosimError, PlanError
 from cosim.engine.engine import Engine
-from cosim.estimate.local_error import estimate
 from cosim.scenario.assemble import assemble
 from tests.cosim.algorithms.networks import column, networks, record
 from tests.cosim.algorithms.test_gauss_seidel import OSCILLATOR
@@ -91,12 +90,6 @@ def test_a_slow_source_is_no_line():
     assert (
         record(plan(linear(slow, ["v"]))).tobytes() == execute(plan(linear(slow, ["v"]))).tobytes()
     )
-
-
-def test_the_estimate_leaves_out_who_extrapolates():
-    found = estimate(lambda: plan(linear(OSCILLATOR, ["x"]), step=0.01))
-    assert "extrapolated" in found.left_out["x"]
-    assert [c.name for c in found.components] == ["v"]
 
 
 @pytest.mark.parametrize("choice", ["fmi2", "fmi3"])

@@ -146,12 +146,6 @@ def test_the_scene_of_a_variant_is_relative_to_its_file(tmp_path) -> None:
     assert documents._model("mujoco:a/b.xml", tmp_path) == f"mujoco:{tmp_path}/a/b.xml"
 
 
-def test_the_error_of_a_step_is_not_estimated_and_why(cosim: Command) -> None:
-    done = cosim("run", SHIPPED, "--set", "run.stop=0.1", "--estimate-error", "--no-plot")
-    assert done.code == 0
-    assert "has a step of its own, which cannot be halved" in done.out
-
-
 @pytest.mark.slow
 def test_controllers_are_compared_at_the_wall(cosim: Command, tmp_path) -> None:
     done = cosim(

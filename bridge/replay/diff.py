@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, replace
-from math import inf, isfinite
+from math import inf
 from pathlib import Path
 from typing import Any, Literal
 
@@ -223,8 +223,9 @@ def _rms(d: Array) -> float:
 
 def within_a_period(t: Array, signals: Iterable[Array], period: float) -> tuple[float, float]:
     """RMS and maximum of what signals (n,) at the times `t` (n,) change by within a period, s."""
-    step = (t[-1] - t[0]) / (len(t) - 1) if len(t) > 1 else inf
-    n = max(1, round(period / step)) if isfinite(step) else 1
+    if len(t) < 2:
+        return 0.0, 0.0
+    n = max(1, round(period * (len(t) - 1) / (t[-1] - t[0])))
     changes = [np.abs(x[n:] - x[:-n]) for x in signals]
     changes = [v[np.isfinite(v)] for v in changes]
     changes = [v for v in changes if v.size]

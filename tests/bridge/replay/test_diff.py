@@ -121,6 +121,14 @@ def test_a_ramp_changes_within_a_period_by_the_rows_in_it(step, rows):
     assert within_a_period(t[:1], (t[:1],), 0.5) == (0.0, 0.0)
 
 
+@pytest.mark.parametrize("count", [3, 4])
+def test_a_period_of_a_few_rows_that_begin_late_has_the_same_rows(count):
+    """Of a ramp of 1/s in steps of 0.1 s: two rows are a period of 0.2 s."""
+    t = 10 + 0.1 * np.arange(count)
+    assert within_a_period(t, (t,), 0.2) == pytest.approx((0.2, 0.2))
+    assert within_a_period(t[:2], (t[:2],), 0.1) == pytest.approx((0.1, 0.1))
+
+
 def test_numbers_that_are_none_are_equal_to_each_other_only(tmp_path):
     gap = WAVE.copy()
     gap[5] = np.nan
@@ -190,6 +198,7 @@ def test_a_step_of_the_codec_is_in_the_bound(runs):
         0
     ]
     assert coarse.bound - plain.bound > 0.9 * 2**-10
+    assert coarse.bound_rms - plain.bound_rms > 0.9 * 2**-10
 
 
 def test_another_seed_is_another_run(runs, tmp_path):
@@ -253,3 +262,14 @@ def test_the_page_of_two_runs_shows_each_where_it_was(tmp_path, rows):
     text = write_diff_page(compare_runs(a, b), tmp_path / "page.html").read_text(encoding="utf-8")
     assert "a: x" in text and "b: x" in text
     assert "until" in text and f"{0.25 * (rows - 1):g} s" in text
+
+
+def test_the_page_has_the_signals_and_then_the_metrics_of_both(runs, tmp_path):
+    found = compare_runs(runs / "offline", runs / "can", ["master.q"])
+    text = write_diff_page(found, tmp_path / "page.html").read_text(encoding="utf-8")
+    signals, metrics = text.index("<h2>Signals</h2>"), text.index("<h2>Metrics</h2>")
+    assert signals < text.index("master.q[1]", signals) < metrics
+    effort = next(m for m in found.metrics if m.label == "operator effort")
+    row = text[text.index("operator effort", metrics) :]
+    assert f"{effort.a:.5g}" in row and f"{effort.b:.5g}" in row
+    assert f"{effort.b - effort.a:.2g}" in row

@@ -3,7 +3,8 @@
 Asked are the files of tests that execute the block of C code in which the change lies, every file
 of the group where it lies in none (Python code, a constant). Of these the tests come first that
 execute the block themselves; among them those that noticed changes of the same source before, then
-those of the files that execute little else, then the fastest ones.
+those in the folder that mirrors the source's, then those of the files that execute little else,
+then the fastest ones.
 """
 
 from __future__ import annotations
@@ -52,7 +53,7 @@ class Choice:
     def executing(self, mutant: Mutant) -> list[str]:
         """The files of tests that execute the block of a change, in the order of their fitness."""
         number = block_of(self._blocks, mutant.file, mutant.at)
-        source = str(mutant.file)
+        source, room = str(mutant.file), f"tests/{mutant.file.parent}/"
         own = {block.number for block in self._blocks if block.file == mutant.file}
         ranks: dict[str, tuple[float, ...]] = {}
         for name, known in self._measured.items():
@@ -60,7 +61,8 @@ class Choice:
             if number is None or number in executed or not known.executed:
                 share = len(executed & own) / max(1, len(executed))
                 cost = sum(cpu for _, cpu in known.seconds.values())
-                ranks[name] = (-self._noticed[source, name], -share, cost)
+                far = not name.startswith(room)
+                ranks[name] = (-self._noticed[source, name], far, -share, cost)
         return sorted(ranks, key=lambda name: (ranks[name], name))
 
     def tests(self, mutant: Mutant) -> tuple[list[str], int]:

@@ -68,3 +68,12 @@ def test_a_test_that_waits_for_the_clock_is_known() -> None:
 def test_tests_whose_blocks_are_unknown_are_asked() -> None:
     unknown = {"x.py": Outcome(seconds={"x.py::a": (0.1, 0.1)})}
     assert Choice(MEASURED | unknown, BLOCKS, 60).tests(INNER)[0][0] == "x.py::a"
+
+
+def test_tests_in_the_folder_that_mirrors_the_source_s_come_first() -> None:
+    known = {
+        f"tests/{room}/test_{n}.py": Outcome(seconds={f"tests/{room}/test_{n}.py::a": (cpu, cpu)})
+        for n, (room, cpu) in enumerate([("far", 0.1)] * 3 + [("near", 0.9)])
+    }
+    asked, _ = Choice(known, [], 1.1).tests(Mutant(Path("near/a.py"), 5, " < ", " <= "))
+    assert asked == [f"tests/{file}.py::a" for file in ("far/test_0", "far/test_1", "near/test_3")]

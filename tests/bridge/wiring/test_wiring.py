@@ -256,6 +256,23 @@ def test_a_guard_sees_the_position_of_its_torque(wired):
     assert sources.tolist() == [tau, tau + 1, xi, xi + 1]
 
 
+def test_a_guard_counts_in_periods_of_its_controller_inside_a_node_and_at_its_end(wired, tmp_path):
+    """Controllers of a period of 5 ms with a base step of 1 ms, each beside its arm or apart."""
+    outside = wired(changed(tmp_path, {}), "master_control")
+    assert [g.struct.h for g in outside.guards.values()] == [0.005]
+    guard = {"tau_max": "3 N.m"}
+    inside = wired(changed(tmp_path, {"master": {"guard": guard}}, "zenoh"), "master")
+    assert list(inside.guards) == ["master_control.tau"]
+    assert inside.guards["master_control.tau"].struct.h == 0.005
+    assert inside.struct.h_ns == 1 * MS
+
+
+def test_as_many_joints_as_a_guard_takes_are_taken(wired, monkeypatch):
+    monkeypatch.setattr("bridge.wiring.outlets.JOINTS", 2)
+    (guard,) = wired(named("can", SHORT), "master_control").guards.values()
+    assert guard.struct.joints == 2
+
+
 # ---- files, and the clock of a replay ------------------------------------------------------------
 
 

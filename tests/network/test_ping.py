@@ -4,6 +4,7 @@ import json
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -182,3 +183,50 @@ def test_the_rate_beyond_which_a_path_breaks_is_its_capacity(
     assert 0.85 * truth < found["holds"] < 1.1 * truth, (found, truth)
     assert 0.95 * truth < found["breaks"] < 1.25 * truth, (found, truth)
     assert "grow" in found["why"] or "lost" in found["why"]
+
+
+def test_a_session_of_zenoh_is_not_late_after_as_many_messages_as_in_twenty_minutes(
+    tmp_path: Path,
+) -> None:
+    """The report zenoh-python 540: 24 000 questions, those of 20 minutes at 20 Hz, in one session of
+    two processes. None is late until 1 s is added to the path, and then the alarm sounds.
+    """
+    rate, window, quiet = 400, 4, 15
+    alarm = "p50 > 500 ms"  # a median: a machine that stands still for a moment does not move it
+    with RelayNetwork(("near", "far"), tmp_path / "packets", seed=5) as network:
+        where = f"tcp/{network.addresses['far']}:7450"
+        command = [sys.executable, "-m", "cosim"]
+        with network.on_host("far"):
+            far = subprocess.Popen(
+                [*command, "pong", "zenoh", where], stderr=subprocess.PIPE, text=True
+            )
+        assert far.stderr is not None and "answers" in far.stderr.readline()
+        options = ["--rate", str(rate), "--watch", str(window), "--alarm", alarm, "--json"]
+        duration = ["--duration", str(window * (quiet + 4)), "--out", "found"]
+        with network.on_host("near"):
+            near = subprocess.Popen(
+                [*command, "ping", "zenoh", where, *options, *duration],
+                stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True, cwd=tmp_path,
+            )  # fmt: skip
+        try:
+            file = tmp_path / "found" / "watch.jsonl"
+            while near.poll() is None and len(lines(file)) < quiet:
+                time.sleep(0.2)
+            network.set("near>far", delay={"law": "constant", "delay": "1 s"})
+            said, _ = near.communicate()
+        finally:
+            near.kill()
+            far.send_signal(signal.SIGINT)
+            far.communicate()
+        assert json.loads(said)["alarms"] == [alarm] and near.returncode == 1
+    before, after = lines(file)[:quiet], lines(file)[quiet:]
+    assert sum(w["sent"] for w in before) == rate * window * quiet == 24_000
+    assert [w["alarms"] for w in before] == [[]] * quiet
+    assert after[-1]["alarms"] == [alarm]
+    assert after[-1]["figures"]["delays"]["round trip"]["p50"] > 1.0
+
+
+def lines(file: Path) -> list[dict[str, Any]]:
+    """The windows that are complete so far."""
+    text = file.read_text() if file.exists() else ""
+    return [json.loads(line) for line in text.splitlines() if line.endswith("}")]

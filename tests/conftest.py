@@ -37,6 +37,7 @@ gc.set_threshold(50_000)
 
 
 _TIDIER: list[Tidier] = []
+_LAST: list[pytest.Item] = []
 
 
 def pytest_collection_finish() -> None:
@@ -49,6 +50,9 @@ def pytest_collection_finish() -> None:
 def pytest_runtest_protocol(item: pytest.Item, nextitem: pytest.Item | None) -> Any:
     """Clear what the tests of a file have left."""
     done = yield
+    for last in _LAST:
+        vars(last).pop("cancel_timeout", None)  # pytest-timeout leaves a thread's objects there
+    _LAST[:] = [item]
     modules = [x.module if isinstance(x, pytest.Function) else None for x in (item, nextitem)]
     if modules[0] is not None and _TIDIER:
         _TIDIER[0].after(modules[0], modules[1])

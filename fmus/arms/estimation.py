@@ -36,7 +36,8 @@ _TOLD = 0.5
 @dataclass(frozen=True, slots=True)
 class MeasuredTorques:
     """Rows of each joint, one in `spacing` s: the regressor `W` (k, n, p), `torque` (k, n) in N.m
-    or N; `rate` (k, n, p): dW/dt in 1/s; `slow` (k, n): the sign of the speed near standstill.
+    or N; `rate` (k, n, p): dW/dt in 1/s; `slow` (k, n, m): the sign of the speed near standstill,
+    for each of m speeds that count as near.
     """
 
     W: Array
@@ -97,8 +98,9 @@ class ArmEstimate:
 def estimate(data: MeasuredTorques) -> ArmEstimate:
     """The parameters of W that explain the torques best, with the traces that stand out."""
     _, n, p = data.W.shape
-    open_traces = [(kind, j) for kind in ("gain", "late", "slow") for j in range(n)]
-    chosen: list[tuple[str, int]] = []
+    kinds = [("gain", 0), ("late", 0), *(("slow", i) for i in range(data.slow.shape[2]))]
+    open_traces = [(kind, j, i) for kind, i in kinds for j in range(n)]
+    chosen: list[tuple[str, int, int]] = []
     value, interval, rho = _solved(data.W, data.torque)
     while True:
         tried = []
@@ -108,8 +110,8 @@ def estimate(data: MeasuredTorques) -> ArmEstimate:
                 continue
             found, width, _ = _solved(X, y)
             tried.append((abs(found[-1] / width[-1]) * 1.96, trace))
-        best = max(tried, default=(0.0, ("", 0)))
-        if best[0] < _BEYOND + np.sqrt(2.0 * np.log(3.0 * n)):
+        best = max(tried, default=(0.0, ("", 0, 0)))
+        if best[0] < _BEYOND + np.sqrt(2.0 * np.log(len(kinds) * n)):
             break
         chosen.append(best[1])
         open_traces.remove(best[1])
@@ -119,7 +121,7 @@ def estimate(data: MeasuredTorques) -> ArmEstimate:
     X, y = _linear(data, value[:p], chosen)
     traces = tuple(
         Trace(kind, j, float(value[p + i]), float(interval[p + i]))
-        for i, (kind, j) in enumerate(chosen)
+        for i, (kind, j, _) in enumerate(chosen)
     )
     unsure = max((abs(trace.value) for trace in traces if trace.kind == "gain"), default=0.0)
     interval = interval[:p] + unsure * np.abs(value[:p])
@@ -128,14 +130,14 @@ def estimate(data: MeasuredTorques) -> ArmEstimate:
 
 
 def _linear(
-    data: MeasuredTorques, value: Array, traces: list[tuple[str, int]]
+    data: MeasuredTorques, value: Array, traces: list[tuple[str, int, int]]
 ) -> tuple[Array, Array]:
     """Columns (k, n, p + traces) and torques (k, n) of the model with traces, near `value` (p,)."""
     columns = []
-    for kind, j in traces:
+    for kind, j, i in traces:
         column = np.zeros(data.torque.shape)
         source = {"gain": data.W, "late": -data.rate}.get(kind)
-        column[:, j] = data.slow[:, j] if source is None else (source @ value)[:, j]
+        column[:, j] = data.slow[:, j, i] if source is None else (source @ value)[:, j]
         columns.append(column)
     return np.concatenate([data.W, np.stack(columns, axis=2)], axis=2) if columns else data.W, (
         data.torque

@@ -7,6 +7,7 @@ import os
 import signal
 import subprocess
 import sys
+import weakref
 from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
@@ -87,3 +88,17 @@ def test_a_process_of_tests_forgets_what_the_tests_of_a_file_have_left(monkeypat
     assert tidier.after(made, other)
     assert vars(made)["runs"].cache_info().currsize == 0
     assert not tidier.after(other, made)
+
+
+class Left:
+    """What refers to itself, with some memory."""
+
+    def __init__(self) -> None:
+        self.itself, self.memory = self, b"x" * (2 * garbage.GARBAGE << 20)
+
+
+def test_garbage_of_a_test_does_not_wait_for_the_end_of_its_file() -> None:
+    tidier, made = garbage.Tidier(), ModuleType("made")
+    gone = weakref.ref(Left())
+    tidier.after(made, made)
+    assert gone() is None

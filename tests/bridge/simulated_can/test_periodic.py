@@ -55,8 +55,7 @@ def test_a_time_out_is_of_the_channel(bench: Bench) -> None:
     fast = bench.bus(speed=100.0)
     began = fast.time
     assert fast.recv(2.0) is None
-    assert fast.time - began == pytest.approx(2.0, rel=0.9)
-    assert fast.time - began >= 2.0
+    assert 2.0 <= fast.time - began < 100.0  # 2 s of the wall are 200 s there
 
 
 def test_what_a_modifier_sends_besides_is_no_call_of_a_call(bench: Bench) -> None:

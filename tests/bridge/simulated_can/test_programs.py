@@ -11,6 +11,7 @@ import can
 import cantools
 import pytest
 
+from bridge.simulated_can import pace
 from tests.bridge.simulated_can.benches import Bench, bench, everything, message
 
 __all__ = ["bench"]
@@ -89,9 +90,10 @@ def test_a_bus_forwards_by_iteration(bench: Bench) -> None:
 
 
 def test_threads_that_answer_each_other_take_the_same_simulated_time_always(
-    bench: Bench,
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Time stands while one of them computes; both requests of a round are arbitrated."""
+    monkeypatch.setattr(pace, "PATIENCE_NS", 10 * 10**9)  # also where the machine stands still
 
     def run(name: str) -> list[tuple[float, int]]:
         bench.name = name
@@ -106,6 +108,7 @@ def test_threads_that_answer_each_other_take_the_same_simulated_time_always(
                 while request and request.arbitration_id != 0x10:
                     request = bus.recv(1)
                 bus.send(message(identifier, b"\1\2\3"))
+            bus.shutdown()
 
         threads = [threading.Thread(target=server, args=(n,)) for n in (0x21, 0x20)]
         for thread in threads:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from bridge.native import node as native
+from bridge.native.vendor import VendorFault
 from bridge.wiring.wiring import WiredNode, heard_dtype, heard_rows, row_dtype
 from cosim.base.errors import RunError
 from cosim.native import structs
@@ -234,6 +235,30 @@ def test_an_inlet_takes_its_values_from_where_they_are_and_puts_them_where_they_
     (sent,) = node.outlet_bindings.outlets[:1]
     assert (sent.measured_q, sent.measured_dq) == (0, 2)
     assert (sent.every, sent.hit_ticks) == (5, 1)
+
+
+def test_a_drive_takes_steps_of_its_plant(wired, tmp_path):
+    """Of 1 ms, and of 5 ms where the plant has a period of five ticks."""
+    for period, h in (("1 ms", 0.001), ("5 ms", 0.005)):
+        system = changed(tmp_path, {}, settings=(SHORT, f"components.master.period='{period}'"))
+        node = wired(system, "master")
+        (entry,) = node.inlet_bindings.own_drives
+        assert entry.drive.contents.h == h and entry.drive.contents.joints == 2
+
+
+def test_faults_of_a_drive_of_our_own_protocol_come_in_the_order_of_time(wired):
+    """A drive that boots loses its power, and has it again 0.3 s later."""
+    bindings = wired(named("can", SHORT), "master").inlet_bindings
+    bindings.suffer([(0.5, VendorFault.REBOOT, 7), (0.6, VendorFault.HOT, 4)])
+    (entry,) = bindings.own_drives
+    table = [(f.t_ns, f.fault, f.code) for f in entry.faults[: entry.n_faults]]
+    assert table == [
+        (500 * MS, VendorFault.REBOOT, 1),
+        (600 * MS, VendorFault.HOT, 4),
+        (800 * MS, VendorFault.REBOOT, 0),
+    ]
+    bindings.suffer([])
+    assert entry.n_faults == 0
 
 
 def test_an_input_of_a_controller_beside_its_arm_is_looked_at_when_it_computes(wired):

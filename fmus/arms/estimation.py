@@ -7,8 +7,10 @@ between joints, and over :data:`_LAGS` values beyond this, widens the intervals 
 Some errors are no noise. A drive whose torque is not the recorded one by a factor, a torque that
 was recorded late, and friction that is larger near standstill each leave a trace of their own in
 what is left: they are tried one by one, and one that stands out is estimated with the parameters,
-which then have the intervals of the larger problem. An equal factor of all drives leaves no trace:
-which of them is right is not known, so a factor of one widens all intervals by as much.
+which then have the intervals of the larger problem. Below which speed friction is larger is known
+to one of a few speeds: half of the way to the next ones widens the intervals. An equal factor of
+all drives leaves no trace: which of them is right is not known, so a factor of one widens all
+intervals by as much.
 
 Source: S. Prais and C. Winsten, "Trend estimators and serial correlation", Cowles Commission 383,
 1954; W. Newey, K. West, "A simple, positive semi-definite, heteroskedasticity and autocorrelation
@@ -114,7 +116,7 @@ def estimate(data: MeasuredTorques) -> ArmEstimate:
         if best[0] < _BEYOND + np.sqrt(2.0 * np.log(len(kinds) * n)):
             break
         chosen.append(best[1])
-        open_traces.remove(best[1])
+        open_traces = [trace for trace in open_traces if trace[:2] != best[1][:2]]
         for _ in range(3):  # Gauss and Newton: columns of traces depend on the parameters
             X, y = _linear(data, value[:p], chosen)
             value, interval, rho = _solved(X, y)
@@ -124,9 +126,21 @@ def estimate(data: MeasuredTorques) -> ArmEstimate:
         for i, (kind, j, _) in enumerate(chosen)
     )
     unsure = max((abs(trace.value) for trace in traces if trace.kind == "gain"), default=0.0)
-    interval = interval[:p] + unsure * np.abs(value[:p])
+    interval = interval[:p] + unsure * np.abs(value[:p]) + _unsure_speed(data, value[:p], chosen)
     memory = np.where(rho > _TOLD, -data.spacing / np.log(np.clip(rho, 1e-9, 0.999)), 0.0)
     return ArmEstimate(value[:p], interval, y - X @ value, traces, memory)
+
+
+def _unsure_speed(data: MeasuredTorques, value: Array, chosen: list[tuple[str, int, int]]) -> Array:
+    """What the parameters (p,) change by half of the way to the next speed near standstill."""
+    found = np.zeros(value.size)
+    for place, (kind, j, i) in enumerate(chosen):
+        for other in (i - 1, i + 1) if kind == "slow" else ():
+            if 0 <= other < data.slow.shape[2]:
+                traces = [*chosen[:place], (kind, j, other), *chosen[place + 1 :]]
+                again, _, _ = _solved(*_linear(data, value, traces))
+                found = np.maximum(found, 0.5 * np.abs(again[: value.size] - value))
+    return found
 
 
 def _linear(

@@ -40,7 +40,7 @@ _UNEXCITED = 1e-4
 #: Random states of each joint for the base parameters.
 _STATES = 20
 #: Speeds, relative to v_f, below which friction may be another one.
-_NEAR = np.array([0.5, 1.0, 2.0, 4.0])
+NEAR = np.geomspace(0.5, 6.0, 6)
 #: Cutoff of the positions, and rate of Y, relative to that of torques and Y.
 _POSITIONS, _RATE = 5.0, 20.0
 
@@ -217,7 +217,7 @@ def _regression(
     progress(f"regressor of {len(rows)} states")
     Y = np.array([columns(table, v_f, smooth[k], dq[k], ddq[k]) for k in rows])
     torque = _filtered(_filtered(tau, h, fast)[::every], h * every, cutoff)
-    sign, near = np.tanh(dq[::every] / v_f), (dq[::every] / v_f)[:, :, None] / _NEAR
+    sign, near = np.tanh(dq[::every] / v_f), (dq[::every] / v_f)[:, :, None] / NEAR
     slow = sign[:, :, None] * np.exp(-(near**2))
     Y, slow = (_filtered(x, h * every, cutoff) for x in (Y, slow))
     keep = slice(ends // every, len(Y) - ends // every, max(1, round(0.4 / cutoff / (h * every))))

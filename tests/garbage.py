@@ -10,17 +10,18 @@ from mmap import PAGESIZE
 from types import ModuleType
 
 #: Python's own, which `freeze_tests` replaces.
-unfreeze = gc.unfreeze
+freeze, unfreeze = gc.freeze, gc.unfreeze
 
 
 def freeze_tests() -> None:
     """Set aside all objects there are, until the process ends.
 
-    A node that freezes its objects thaws all objects at its end; these ones stay frozen.
+    A node sets aside its objects and takes all back at its end. Here it does neither: the tests
+    would not stay where they are, and those of the node would, with all that they hold.
     """
     gc.collect()
-    gc.freeze()
-    gc.unfreeze = lambda: None
+    freeze()
+    gc.freeze = gc.unfreeze = lambda: None
 
 
 #: How much more memory, MiB, and how many more open files since the last time are cleaned up.
@@ -50,7 +51,7 @@ class Tidier:
             gc.collect()
             self._least = memory = _used()[0]
         self._least = min(self._least, memory)
-        if module is following or memory < self._memory + MEMORY and files < self._files + FILES:
+        if module is following or (memory < self._memory + MEMORY and files < self._files + FILES):
             return False
         for seen in self._modules - {following}:
             forget(seen)

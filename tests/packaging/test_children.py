@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import gc
 import os
 import signal
 import subprocess
@@ -14,6 +15,7 @@ from types import ModuleType
 
 import pytest
 
+from bridge.realtime.requests import Realtime, enter
 from tests import garbage
 from tests.children import FAILED, fork
 
@@ -101,4 +103,12 @@ def test_garbage_of_a_test_does_not_wait_for_the_end_of_its_file() -> None:
     tidier, made = garbage.Tidier(), ModuleType("made")
     gone = weakref.ref(Left())
     tidier.after(made, made)
+    assert gone() is None
+
+
+def test_what_a_node_of_a_test_sets_aside_goes_with_it() -> None:
+    gone = weakref.ref(left := Left())
+    with enter(Realtime(priority=0, timer_slack_ns=0, lock_memory=False, cpu_latency_us=None)):
+        del left
+    gc.collect()
     assert gone() is None

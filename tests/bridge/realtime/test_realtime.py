@@ -26,7 +26,7 @@ from bridge.realtime.requests import (
     warm_up_warning,
 )
 from cosim.base.errors import CosimError
-from tests.garbage import unfreeze
+from tests.garbage import freeze, unfreeze
 
 ROOT = Path(__file__).parents[3]
 LINUX = pytest.mark.skipif(sys.platform != "linux", reason="asks Linux")
@@ -130,11 +130,13 @@ def test_without_privileges_it_says_what_is_needed() -> None:
 
 @pytest.fixture(autouse=True)
 def thawed(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """Python's own way to thaw objects, which tests/conftest.py replaces, and none frozen."""
+    """Python's own ways to freeze objects, which tests/conftest.py replaces, and none frozen."""
     unfreeze()
+    monkeypatch.setattr(gc, "freeze", freeze)
     monkeypatch.setattr(gc, "unfreeze", unfreeze)
     yield
-    gc.freeze()
+    gc.collect()
+    freeze()
 
 
 def python() -> tuple[bool, int, float]:

@@ -4,8 +4,9 @@ In a copy of the checkout, one small change after the other is made in the sourc
 it reaches is built again, and tests run until one fails: those that execute the changed block of C
 code (:mod:`tests.mutants.choice`), as many as the budget of time allows. A mutant that no test
 notices has *survived*: its line is printed, and a test is missing there, or the change makes no
-difference and belongs in ``tests/mutants/equivalent.toml``. Exits with 1 where fewer than
-``--least`` of the mutants of a group were noticed.
+difference and belongs in ``tests/mutants/equivalent.toml``. One of which the compiler makes the
+same as before is none. Exits with 1 where fewer than ``--least`` of the mutants of a group were
+noticed.
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ from typing import Any
 
 from tests.mutants.changes import Mutant, equivalent
 from tests.mutants.groups import GROUPS
+from tests.mutants.worker import SAME
 
 ROOT = Path(__file__).resolve().parents[2]
 LEFT_OUT = shutil.ignore_patterns(".git", ".venv", ".*_cache", "runs", ".hypothesis")
@@ -60,6 +62,7 @@ def tried(
             number, failed = event["number"], event["failed"]
             chosen, executing = event["tests"]
             by = f"noticed by {failed}" if failed else f"SURVIVED {chosen} of {executing} tests"
+            by = f"compiles to {failed}" if failed == SAME else by
             wall, cpu = event["took"]
             took = f"{cpu:.1f} s of processor time in {wall:.1f} s"
             print(f"{name} {number}: {said[number]}\n    {by}, {took}", flush=True)
@@ -71,8 +74,10 @@ def tried(
 
 def survivors(
     name: str, asked: Mapping[str, Any], mutants: Sequence[Mutant], parallel: int
-) -> list[Mutant]:
-    """The mutants that nothing noticed; `parallel` of them are tried at a time."""
+) -> tuple[list[Mutant], int]:
+    """The mutants that nothing noticed, and how many are the same program as before; `parallel` of
+    them are tried at a time.
+    """
     numbered = list(enumerate(mutants, 1))
     with tempfile.TemporaryDirectory(prefix="mutants-") as scratch:
         with ThreadPoolExecutor(parallel) as pool:
@@ -81,7 +86,8 @@ def survivors(
                 for n in range(min(parallel, len(numbered)))
             ]
         found = sorted(result for job in jobs for result in job.result())
-    return [mutants[number - 1] for number, failed in found if not failed]
+    alive = [mutants[number - 1] for number, failed in found if not failed]
+    return alive, sum(failed == SAME for _, failed in found)
 
 
 def main() -> int:
@@ -106,11 +112,13 @@ def main() -> int:
         mutants = chosen(name, options.count, options.seed, options.only)
         tests = options.tests or GROUPS[name].tests
         asked = {"tests": tests, "budget": options.budget, "checkout": str(ROOT)}
-        alive = survivors(name, asked, mutants, max(1, options.parallel))
-        made = len(mutants)
+        alive, same = survivors(name, asked, mutants, max(1, options.parallel))
+        made = len(mutants) - same
         share = 1 - len(alive) / made if made else 1.0
         few |= share < options.least
         print(f"{name}: {made - len(alive)} of {made} noticed ({share:.0%}), seed {options.seed}")
+        if same:
+            print(f"    not counted, since they compile to the same program: {same}")
         print("".join(f"    {mutant.said(ROOT)}\n" for mutant in alive), end="", flush=True)
     return 1 if few else 0
 

@@ -9,6 +9,7 @@ in forked processes.
 
 from __future__ import annotations
 
+import hashlib
 import importlib
 import json
 import os
@@ -28,6 +29,8 @@ from tests.objects import keep
 OUTSIDE = ("hypothesis", "numpy", "pyarrow", "pyarrow.parquet", "msgspec", "msgspec.toml")
 #: Commands, and our libraries, which have the names of modules.
 LIBRARIES = ("_engine", "_bus", "_bridge")
+#: In place of a test: the change makes no difference, for the compiler makes the same of both.
+SAME = "the same program"
 NOT_IMPORTED = ("__main__", *LIBRARIES)
 
 
@@ -36,11 +39,11 @@ class Trials:
 
     def __init__(self, choice: Choice, root: Path) -> None:
         self._choice, self._root, self._log = choice, root, root / "mutants.log"
+        self._built = built(root)
 
     def failed(self, mutant: Mutant) -> tuple[str, list[int]]:
-        """The first test that fails with this change, or ``""``; how many of how many were chosen.
-
-        The file is restored.
+        """The first test that fails with this change, ``""`` or :data:`SAME`; how many of how many
+        were chosen. The file is restored.
         """
         file = self._root / mutant.file
         text = file.read_text(encoding="utf-8")
@@ -57,6 +60,8 @@ class Trials:
                 compiled(self._root, self._log)
             except SystemExit:
                 return "the build"
+            if built(self._root) == self._built:
+                return SAME
         for files in self._choice.rounds(mutant, chosen):
             found = self._outcome(files, chosen)
             if found.failures and self._choice.waits(found.failures[0].split(" (")[0]):
@@ -77,6 +82,14 @@ class Trials:
         limit = 60 + 5 * sum(seconds[test][0] for test in chosen if file_of(test) in place)
         selection = Selection(rank, frozenset(chosen), seconds)
         return run(files, selection, self._log, limit)
+
+
+def built(root: Path) -> str:
+    """The digest of the libraries and FMUs of a checkout."""
+    digest = hashlib.sha256()
+    for file in sorted([*root.glob("*/_*.so"), *root.glob("fmus/_built/*.fmu")]):
+        digest.update(hashlib.sha256(file.read_bytes()).digest())
+    return digest.hexdigest()
 
 
 def _write(file: Path, text: str) -> None:

@@ -188,8 +188,8 @@ def test_the_rate_beyond_which_a_path_breaks_is_its_capacity(
 def test_a_session_of_zenoh_is_not_late_after_as_many_messages_as_in_twenty_minutes(
     tmp_path: Path,
 ) -> None:
-    """The report zenoh-python 540: 24 000 questions, those of 20 minutes at 20 Hz, in one session of
-    two processes. None is late until 1 s is added to the path, and then the alarm sounds.
+    """The report zenoh-python 540: 24 000 questions, those of 20 minutes at 20 Hz, in one session
+    of two processes. None is late until 1 s is added to the path, and then the alarm sounds.
     """
     rate, window, quiet = 400, 4, 15
     alarm = "p50 > 500 ms"  # a median: a machine that stands still for a moment does not move it

@@ -54,7 +54,8 @@ class Library:
     def declarations(self) -> Declarations:
         """Everything that its headers declare. Raises c_headers.HeaderError."""
         folder = ROOT / self.folder
-        return read(self.own(), sorted(folder.glob("*.[ch]")), ROOT / "cosim/c")
+        offered = [*folder.glob("*.[ch]"), *folder.glob("engine/*.c")]
+        return read(self.own(), sorted(offered), ROOT / "cosim/c")
 
     def class_name(self, struct: str) -> str:
         """The name of the class of a struct."""

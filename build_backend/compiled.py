@@ -36,7 +36,7 @@ def _engine() -> list[Path]:
     from fmus.build.toolchain import shared_suffix
 
     folder = ROOT / "cosim" / "c"
-    sources = [*folder.glob("*.c"), *folder.glob("*.h")]
+    sources = [*folder.glob("*.[ch]"), *folder.glob("engine/*.[ch]")]
     output = ROOT / "cosim" / f"_engine{shared_suffix()}"
     return _library(output, sorted(folder.glob("*.c")), sources, folder)
 

@@ -91,10 +91,11 @@ def texts(source: Path, folders: Iterable[Path]) -> list[bytes]:
     found: dict[Path, bytes] = {}
     left = [source]
     while left:
-        here = left.pop()
+        here = left.pop().resolve()
         if here in found:
             continue
         found[here] = here.read_bytes()
         for name in _INCLUDE.findall(found[here].decode()):
-            left += [folder / name for folder in folders if (folder / name).is_file()][:1]
+            places = [here.parent, *folders]
+            left += [folder / name for folder in places if (folder / name).is_file()][:1]
     return list(found.values())

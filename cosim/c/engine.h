@@ -21,10 +21,10 @@
  * rare is not. */
 #if defined(__GNUC__)
 #define INLINE static inline __attribute__((always_inline))
-#define NOINLINE static __attribute__((noinline))
+#define NOINLINE __attribute__((noinline))
 #else
 #define INLINE static inline
-#define NOINLINE static
+#define NOINLINE
 #endif
 
 /* Store a count after everything that was written before it. */
@@ -61,7 +61,7 @@ enum engine_result { RUN_OK, RUN_STOPPED, RUN_STEP, RUN_SET, RUN_GET, RUN_NOT_FI
        RUN_STATE,               /* a state could not be saved, or not be restored */
        RUN_LOOP };              /* outputs that depend on each other at once do not agree */
 enum state_move { MOVE_SAVE, MOVE_BACK, MOVE_SAVE_END, MOVE_BACK_END };
-enum output_role { ROLE_COUNTED, ROLE_DIRECT, ROLE_HELD }; /* of an output in macro steps, see direct.h */
+enum output_role { ROLE_COUNTED, ROLE_DIRECT, ROLE_HELD }; /* of an output in macro steps, see direct_outputs.c */
 enum { TYPE_F64, TYPE_F32, TYPE_I8, TYPE_U8, TYPE_I16, TYPE_U16, TYPE_I32, TYPE_U32, TYPE_I64,
        TYPE_U64, TYPE_BOOL2, TYPE_BOOL3 };
 enum solver_kind { SOLVER_EULER, SOLVER_HEUN, SOLVER_RK4, SOLVER_CVODE };
@@ -282,7 +282,7 @@ typedef struct {
     const int32_t *members; /* where they begin in `direct` of the group */
     const int64_t *outputs; /* these outputs, into signals: first those that a component before theirs takes, or theirs */
     const int64_t *places;  /* the same in the vectors of the group */
-    double *memory;         /* see direct.h */
+    double *memory;         /* see direct_outputs.c */
     int64_t n_members, n_outputs, n_fed_back;
     int64_t n_kept, kept;   /* passes that are remembered: at most, and now */
     int64_t solved, passes; /* of the run */
@@ -379,7 +379,7 @@ typedef struct {
     int64_t unused[5];
 } member_t;
 
-/* Parts, and the threads that run them, see parts.h. */
+/* Parts, and the threads that run them, see partitions.c. */
 typedef struct {
     uint64_t finished;      /* chunks of this window */
     int64_t limit;          /* the tick at which this window ends */

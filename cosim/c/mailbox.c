@@ -155,20 +155,11 @@ API int32_t engine_await(mail_end_t *x, double patience)
     return lost;
 }
 
-/* The side with the FMU: steps when asked, until a call is asked for (1) or the other side has ended (0). */
-API int32_t engine_serve(mail_end_t *x)
+int32_t mailbox_asked(mail_end_t *x)
 {
-    mailbox_t *box = x->box;
-
-    for (;;) {
-        if (await(x, &box->asked, &box->asked_asleep, HUGE_VAL) != LOST_NOT) return 0;
-        x->seen++;
-        if (box->what != ASK_STEP) return 1;
-        box->result = engine_unit(x->unit, x->signals, box->t, box->hit, &box->status,
-                                  &box->failed);
-        box->reached = x->unit->reached;
-        bring(x, &box->answered, &box->answered_asleep);
-    }
+    if (await(x, &x->box->asked, &x->box->asked_asleep, HUGE_VAL) != LOST_NOT) return -1;
+    x->seen++;
+    return x->box->what;
 }
 
 API void engine_answer(mail_end_t *x)
@@ -190,7 +181,7 @@ int32_t mailbox_answer(const unit_t *u, double *s, double *reached, int *status,
 }
 API void engine_ask(mail_end_t *x) { (void)x; }
 API int32_t engine_await(mail_end_t *x, double patience) { (void)x, (void)patience; return LOST_ENDED; }
-API int32_t engine_serve(mail_end_t *x) { (void)x; return 0; }
+int32_t mailbox_asked(mail_end_t *x) { (void)x; return -1; }
 API void engine_answer(mail_end_t *x) { (void)x; }
 
 #endif

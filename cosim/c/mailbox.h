@@ -44,8 +44,8 @@ typedef struct {
 void mailbox_ask(const unit_t *u, const double *s, double t, int64_t hit);
 /* The result of a step: the outputs are in `s`. RUN_LOST: *status is LOST_... */
 int32_t mailbox_answer(const unit_t *u, double *s, double *reached, int *status, int32_t *failed);
-/* A step of an FMU outside of a plan; the result, RUN_... */
-API int32_t engine_unit(unit_t *u, double *s, double t, int64_t hit, int32_t *status,
-                        int32_t *failed);
+/* The side with the FMU: wait for what is asked next, ASK_..., -1: the other side has ended. */
+int32_t mailbox_asked(mail_end_t *x);
+API void engine_answer(mail_end_t *x);
 
 #endif

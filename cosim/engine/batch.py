@@ -1,4 +1,4 @@
-"""Engines that run together: their plans differ in numbers only (``many.h``).
+"""Engines that run together: their plans differ in numbers only (``batch.c``).
 
 Each has its own signals and fails or ends on its own, with the results of :meth:`Engine.run`. The
 steps of all instances of an FMU are done at once, which is quicker where it steps several at a time

@@ -1,4 +1,4 @@
-"""Groups with macro steps as ``macro.h`` sees them, and what they have done."""
+"""Groups with macro steps as ``macro_steps.c`` sees them, and what they have done."""
 
 from __future__ import annotations
 

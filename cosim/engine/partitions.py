@@ -1,4 +1,4 @@
-"""A plan in parts that may run apart, as ``parts.h`` sees it: with operations of their own."""
+"""A plan in parts that may run apart, as ``partitions.c`` sees it: with operations of their own."""
 
 from __future__ import annotations
 

@@ -62,7 +62,7 @@ def leave_out_constant_inputs(bound: Binding) -> None:
 
 
 def structure(bound: Binding) -> bytes:
-    """The structure that engines must share to run together (``many.h``)."""
+    """The structure that engines must share to run together (``batch.c``)."""
     names = [name for name, _ in structs.OperationStruct._fields_ if name not in _NUMBERS]
     units = [(u.kind, u.lag, u.period, u.h, u.steps or 0) for u in bound.units]
     numbers = repr(

@@ -1,4 +1,4 @@
-"""Parts of a plan run apart, by one or more threads (``parts.h``).
+"""Parts of a plan run apart, by one or more threads (``partitions.c``).
 
 Parts reach each other over links only. What a part needs of the others is older than the least
 delay of these links; for so many ticks, a window, each can run alone. If wires connect too much, a

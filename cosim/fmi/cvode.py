@@ -1,7 +1,7 @@
 """CVODE of SUNDIALS 7, from the libraries in the package FMPy, as the solver of a stiff FMU.
 
-The solver is made here and stepped by ``cosim/c/cvode.h``. Functions and constants: SUNDIALS 7,
-"User Documentation for CVODE", chapter 5.
+The solver is made here and stepped by ``cosim/c/engine/cvode.c``. Functions and constants:
+SUNDIALS 7, "User Documentation for CVODE", chapter 5.
 """
 
 from __future__ import annotations

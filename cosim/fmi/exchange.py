@@ -13,7 +13,7 @@ from cosim.fmi.library import Instance
 from cosim.fmi.options import FmuOptions
 from cosim.native import enums, structs
 
-#: Vectors of states and of event indicators that ``exchange.h`` works with.
+#: Vectors of states and of event indicators that ``model_exchange.c`` works with.
 _STATES, _INDICATORS = 7, 4
 #: Relative tolerance of CVODE, where neither a scenario nor the FMU states one.
 TOLERANCE = 1e-6

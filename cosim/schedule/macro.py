@@ -1,4 +1,4 @@
-"""Groups of components that exchange values several times in a period (``macro.h``).
+"""Groups of components that exchange values several times in a period (``macro_steps.c``).
 
 With ``algorithm = "adaptive"``, continuous components of one period that wires connect are a group.
 Its period is divided into macro steps, each of them the period over a power of two, so that every

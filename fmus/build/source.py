@@ -36,6 +36,7 @@ _GENERIC = (
     "instance.c",
     "kernel.c",
     "state.c",
+    "stepping.c",
 )
 _HEADERS = (
     "declaration.h",

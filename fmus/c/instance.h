@@ -100,12 +100,16 @@ Status reset(Instance *x);
 /* Recalculate what depends on start values, parameters and inputs, before the first step. */
 Status settle(Instance *x, const char *function);
 
-/* One communication step h (s) from t (s). */
-Status do_step(Instance *x, double t, double h, const char *function);
-/* Steps of n instances from t[0], ... t[m - 1]. An instance stops at its first step that fails: made[k] is how many steps
- * instance k has made before it, and status[k] its Status, which is an error for one that may not be stepped now. */
-void do_steps(Instance *const x[], size_t n, const double t[], size_t m, double h,
-              const char *function, int status[], size_t made[]);
+/* The first input that is not finite, or the time. */
+static inline unsigned find_not_finite(const double *values) {
+    for (unsigned i = 0; i < declared.n_input_ranges; i++) {
+        const Range range = input_ranges[i];
+        if (all_finite(values + range.first, range.size)) continue;
+        for (unsigned k = range.first; k < range.first + range.size; k++)
+            if (!all_finite(values + k, 1)) return k;
+    }
+    return TIME;
+}
 
 /* STATUS_DISCARD, after logging a message, if an input is not finite at time t, in s. */
 Status check_inputs(const Instance *x, double t, const char *function);
@@ -139,6 +143,15 @@ Status clock_evaluate(Instance *x, const char *function);
 Status clock_update(Instance *x, const char *function);
 /* A communication step h (s) from t (s): its ticks, or whether the importer has given them. */
 Status step_clocked(Instance *x, double t, double h, const char *function);
+
+/* --- stepping.c ----------------------------------------------------------------------------- */
+
+/* One communication step h (s) from t (s). */
+Status do_step(Instance *x, double t, double h, const char *function);
+/* Steps of n instances from t[0], ... t[m - 1]. An instance stops at its first step that fails: made[k] is how many steps
+ * instance k has made before it, and status[k] its Status, which is an error for one that may not be stepped now. */
+void do_steps(Instance *const x[], size_t n, const double t[], size_t m, double h,
+              const char *function, int status[], size_t made[]);
 
 /* --- state.c ------------------------------------------------------------------------------ */
 

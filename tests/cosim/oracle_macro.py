@@ -1,4 +1,4 @@
-"""Macro steps of the oracle: one group over one period, in plain Python (``cosim/c/macro.h``)."""
+"""Macro steps of the oracle: one group over one period, in plain Python (``macro_steps.c``)."""
 
 from __future__ import annotations
 

@@ -41,7 +41,7 @@ GROUPS = {
         ("cosim", "fmus"),
     ),
     "engine": Group(
-        ("cosim/c/*.c", "cosim/c/*.h"),
+        ("cosim/c/*.c", "cosim/c/*.h", "cosim/c/engine/*.c"),
         (
             "tests/cosim/engine",
             "tests/cosim/algorithms",

@@ -21,21 +21,6 @@ static int32_t next_recovery(const bus_t *b, int64_t *at)
     return node;
 }
 
-/* Rule 12: back on the bus, error active, counters 0. The time is b->stamp. */
-void recover(bus_t *b, int32_t node)
-{
-    node_t *n = &b->nodes[node];
-    b->off--;
-    n->tec = n->rec = 0;
-    n->phase = PHASE_IDLE;
-    n->state = STATE_ACTIVE;
-    n->sender = 0;
-    n->needed = 0;
-    n->earliest = b->stamp;
-    refresh(b, node);
-    event(b, node, EVENT_RECOVERED, 0, -1, -1, 0);
-}
-
 int64_t next_start(const bus_t *b)
 {
     int64_t first = NEVER;

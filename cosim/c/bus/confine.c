@@ -83,3 +83,18 @@ void node_sent(bus_t *b, int32_t node, int32_t slot)
     event(b, node, EVENT_SENT, 0, request, row, 0);
     node_confine(b, node);
 }
+
+/* Rule 12: back on the bus, error active, counters 0. The time is b->stamp. */
+void recover(bus_t *b, int32_t node)
+{
+    node_t *n = &b->nodes[node];
+    b->off--;
+    n->tec = n->rec = 0;
+    n->phase = PHASE_IDLE;
+    n->state = STATE_ACTIVE;
+    n->sender = 0;
+    n->needed = 0;
+    n->earliest = b->stamp;
+    refresh(b, node);
+    event(b, node, EVENT_RECOVERED, 0, -1, -1, 0);
+}

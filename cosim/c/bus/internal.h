@@ -164,6 +164,7 @@ void node_confine(bus_t *b, int32_t node);
 void node_sent(bus_t *b, int32_t node, int32_t slot);
 void node_failed(bus_t *b, int32_t node);
 void count_received(bus_t *b, node_t *node, int32_t rec);
+void recover(bus_t *b, int32_t node);
 can_frame_t node_frame(const node_t *node, int32_t slot);   /* as sent: with its ESI */
 
 /* node.c */
@@ -184,7 +185,6 @@ int32_t clean_step(bus_t *b, int64_t until);
 int64_t next_start(const bus_t *b);
 /* From now on the losses of the transmission in flight are followed, even where `follow` is 0. */
 void follow_losers(bus_t *b);
-void recover(bus_t *b, int32_t node);
 /* Make the transmission in flight one that is simulated bit by bit, up to now. */
 void unfold(bus_t *b);
 void wire_enter(bus_t *b, int64_t t);

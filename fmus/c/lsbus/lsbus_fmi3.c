@@ -1,7 +1,5 @@
 /* lsbus_fmi3.c - the functions of FMI 3.0.2 that an FMU with CAN terminals needs; see lsbus.h. */
 #include <math.h>
-#include <stdarg.h>
-#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -18,15 +16,6 @@ enum { TIME = 4 * N_PORTS + 1 };
     do {                                                                                     \
         if (!(x->mode & (modes))) return lsbus_refuse(x, "%s: not allowed in this mode", __func__); \
     } while (0)
-
-fmi3Status lsbus_refuse(fmu_t *x, const char *format, ...) {
-    va_list values;
-    va_start(values, format);
-    vsnprintf(x->message, sizeof x->message, format, values);
-    va_end(values);
-    if (x->log) x->log(x->environment, fmi3Error, "logStatusError", x->message);
-    return fmi3Error;
-}
 
 void lsbus_begin(fmu_t *x) {
     x->now = 0;

@@ -1,9 +1,21 @@
 /* lsbus_refused.c - functions of FMI 3.0.2 that every binary must export and this one does not support. */
+#include <stdarg.h>
+#include <stdio.h>
+
 #include "core.h"
 
 #ifdef __GNUC__
 #pragma GCC diagnostic ignored "-Wunused-parameter" /* the standard's, not needed here */
 #endif
+
+fmi3Status lsbus_refuse(fmu_t *x, const char *format, ...) {
+    va_list values;
+    va_start(values, format);
+    vsnprintf(x->message, sizeof x->message, format, values);
+    va_end(values);
+    if (x->log) x->log(x->environment, fmi3Error, "logStatusError", x->message);
+    return fmi3Error;
+}
 
 #define REFUSED(function, ...)                                                               \
     fmi3Status fmi3##function(fmi3Instance x, __VA_ARGS__) {                                 \

@@ -1,12 +1,13 @@
-/* scheduled.h: scheduled execution of an FMU of FMI 3.0 (3.0.2, 5.2): its input clocks activate its
+/* scheduled.c: scheduled execution of an FMU of FMI 3.0 (3.0.2, 5.2): its input clocks activate its
  * partitions, in the order of time, at the same time in that of their priorities, which is that of the
- * clocks here. Part of typed.h.
+ * clocks here.
  *
  * The variables of a clock are set before its activation and got after it; those without a clock, before
  * the first activation of a step and after the last one. Nothing is preempted. Within an activation the
  * FMU may call back: then its output clocks are asked whether they tick, and those that count down for
  * their intervals.
  */
+#include "engine_internal.h"
 
 API void engine_lock(void) {} /* both call-backs about preemption */
 
@@ -71,7 +72,7 @@ static int activate(doing_t *d, ticker_t *c, double now)
 
 /* All that is activated from t to before t + h, with the inputs of t. What is at the same time gets the
  * same time: that of the step, or of the first. */
-static int step_scheduled(doing_t *d, double t)
+SHARED int step_scheduled(doing_t *d, double t)
 {
     typed_t *x = d->unit->typed;
     const double slack = SLACK * d->unit->h, end = t + d->unit->h;
@@ -80,7 +81,7 @@ static int step_scheduled(doing_t *d, double t)
     int result = RUN_OK, calls = 0;
 
     for (int64_t i = 0; i < x->n_clocks; i++)
-        if (x->clocks[i].kind == CLOCK_WIRED && due(x->clocks + i, 0, t, d->signals))
+        if (x->clocks[i].kind == CLOCK_WIRED && is_due(x->clocks + i, 0, t, d->signals))
             x->clocks[i].next = t;
     while (result == RUN_OK && (c = next_partition(x, end, slack))) {
         if (c->next > now + slack) now = c->next;

@@ -1,5 +1,5 @@
-/* together.h: steps of several units that follow each other in a tick, and need nothing of each other. Part of
- * engine.c. */
+/* steps_at_once.c: steps of several units that follow each other in a tick, and need nothing of each other. */
+#include "engine_internal.h"
 
 /* FMUs in processes of their own whose steps follow each other: all are asked before one is waited for. */
 static int step_remote(const engine_t *e, int64_t tick, const operation_t *op, failure_t *failure)
@@ -28,7 +28,7 @@ static int step_remote(const engine_t *e, int64_t tick, const operation_t *op, f
 /* `*ticks` steps of units of one FMU whose steps follow each other, while no input of theirs changes. Outputs are got
  * in their order, up to the first step that fails; *ticks becomes the number of steps before that: what comes behind
  * it matters only if it fails sooner. Their values are open (layout.py), so no input is refused. */
-NOINLINE int step_often(const engine_t *e, int64_t tick, int64_t *ticks, const operation_t *op,
+SHARED int step_often(const engine_t *e, int64_t tick, int64_t *ticks, const operation_t *op,
                         failure_t *failure)
 {
     const int64_t n = op->count + 1, done = *ticks;
@@ -57,7 +57,7 @@ NOINLINE int step_often(const engine_t *e, int64_t tick, int64_t *ticks, const o
 }
 
 /* One step of units whose steps follow each other. */
-static int step_units(const engine_t *e, int64_t tick, const operation_t *op, failure_t *failure)
+SHARED int step_units(const engine_t *e, int64_t tick, const operation_t *op, failure_t *failure)
 {
     int64_t one = 1;
 

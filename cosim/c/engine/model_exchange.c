@@ -1,15 +1,13 @@
-/* exchange.h: one communication step of an FMU for model exchange: integration, with its events.
+/* model_exchange.c: one communication step of an FMU for model exchange: integration, with its events.
  *
- * Part of engine.c. The states go from event to event: time events are hit exactly, state events (an
+ * The states go from event to event: time events are hit exactly, state events (an
  * indicator changes between "> 0" and "<= 0", FMI 2.0.5 3.1.1, 3.0.2 3.1.1) are located to the resolution
  * of time, and step events come from the FMU after each step. Indicators are compared with what they were
  * after the last event, and the FMU enters Event Mode at the right end of the bracket, where its relation
  * has changed. Inputs are constant over a communication step; a new value is an event.
  */
+#include "engine_internal.h"
 
-typedef int (*set_time_t)(void *, double);
-typedef int (*set_states_t)(void *, const double *, size_t);
-typedef int (*get_numbers_t)(void *, double *, size_t);
 typedef int (*completed2_t)(void *, int, int *, int *);
 typedef int (*completed3_t)(void *, _Bool, _Bool *, _Bool *);
 typedef struct {
@@ -24,155 +22,6 @@ typedef struct {
     double next;
 } event_info1_t;
 typedef int (*event_update1_t)(void *, char, event_info1_t *);
-
-/* A step being done; every function returns RUN_..., and a status that is not OK in *status. */
-typedef struct {
-    unit_t *unit;
-    exchange_t *x;
-    void *fmu;
-    double *signals;
-    int *status;
-    int32_t *failed;
-} exchanging_t;
-
-enum { REFUSED = 2, HALVINGS = 30 }; /* fmi2Discard: a trial state that the FMU cannot evaluate */
-enum { START, END, TRIAL, STAGES, BEFORE = 0, AFTER, LEFT, TRIED }; /* vectors of states, of indicators */
-
-static double *states(const exchange_t *x, int which) { return x->memory + which * x->n_states; }
-static double *indicators(const exchange_t *x, int which)
-{
-    return x->memory + 7 * x->n_states + which * x->n_indicators;
-}
-
-static int did(const exchanging_t *d, int status, int result)
-{
-    if (!failed_call(status)) return RUN_OK;
-    *d->status = status;
-    return result;
-}
-
-/* Put the FMU at a time, with these states. */
-static int place(const exchanging_t *d, double t, const double *y)
-{
-    const exchange_t *x = d->x;
-    const size_t n = (size_t)x->n_states;
-    int result = did(d, ((set_time_t)x->set_time)(d->fmu, t), RUN_STEP);
-
-    if (result == RUN_OK && n)
-        result = did(d, ((set_states_t)x->set_states)(d->fmu, y, n), RUN_STEP);
-    return result;
-}
-
-static int derive(const exchanging_t *d, double t, const double *y, double *rates)
-{
-    exchange_t *x = d->x;
-    const int result = place(d, t, y);
-
-    if (result != RUN_OK || !x->n_states) return result;
-    x->evaluations++;
-    return did(d, ((get_numbers_t)x->derivatives)(d->fmu, rates, (size_t)x->n_states), RUN_STEP);
-}
-
-static int indicate(const exchanging_t *d, double *z)
-{
-    const exchange_t *x = d->x;
-    if (!x->n_indicators) return RUN_OK;
-    return did(d, ((get_numbers_t)x->indicators)(d->fmu, z, (size_t)x->n_indicators), RUN_STEP);
-}
-
-/* The methods whose stages depend on the one before only; nodes and weights. */
-static const struct {
-    int stages;
-    double node[4], weight[4];
-} methods[] = {
-    {1, {0.0}, {1.0}},
-    {2, {0.0, 1.0}, {0.5, 0.5}},
-    {4, {0.0, 0.5, 0.5, 1.0}, {1.0 / 6.0, 1.0 / 3.0, 1.0 / 3.0, 1.0 / 6.0}},
-};
-
-/* The states at x->now + h in y; the first stage has been computed. */
-static int runge_kutta(const exchanging_t *d, int method, double h, double *y)
-{
-    const exchange_t *x = d->x;
-    const int64_t n = x->n_states;
-    const double *start = states(x, START);
-
-    for (int i = 1; i < methods[method].stages; i++) {
-        const double node = methods[method].node[i], *last = states(x, STAGES + i - 1);
-        int result;
-        for (int64_t k = 0; k < n; k++) y[k] = start[k] + h * node * last[k];
-        result = derive(d, x->now + node * h, y, states(x, STAGES + i));
-        if (result != RUN_OK) return result;
-    }
-    for (int64_t k = 0; k < n; k++) {
-        double sum = 0.0;
-        for (int i = 0; i < methods[method].stages; i++)
-            sum += methods[method].weight[i] * states(x, STAGES + i)[k];
-        y[k] = start[k] + h * sum;
-    }
-    return RUN_OK;
-}
-
-/* Two times closer than this are one. */
-static double resolution(double a, double b)
-{
-    const double most = fabs(a) > fabs(b) ? fabs(a) : fabs(b);
-    return 4.0 * DBL_EPSILON * most;
-}
-
-#include "cvode.h"
-
-/* From a continuous state that is new: states, their derivatives and the indicators from the FMU. */
-static int restart(const exchanging_t *d)
-{
-    exchange_t *x = d->x;
-    double *y = states(x, START);
-    int result = RUN_OK;
-
-    if (x->n_states)
-        result = did(d, ((get_numbers_t)x->get_states)(d->fmu, y, (size_t)x->n_states), RUN_STEP);
-    if (result == RUN_OK) result = indicate(d, indicators(x, BEFORE));
-    if (result == RUN_OK && x->solver == SOLVER_CVODE) result = cvode_restart(d);
-    x->fresh = 0;
-    return result;
-}
-
-/* One step of the solver, to *end or less far: END has the states there. A trial state that the FMU refuses
- * halves the step of a method of fixed steps; CVODE does so itself. */
-static int solver_step(const exchanging_t *d, double bound, double *end)
-{
-    exchange_t *x = d->x;
-    const double left = bound - x->now;
-    const int cvode = x->solver == SOLVER_CVODE;
-    const int64_t parts = 1 + (int64_t)((1.0 - SLACK) * left / x->longest);
-    double h = left / (double)parts;
-    int result;
-
-    x->steps++;
-    if (cvode && left > 4.0 * resolution(x->now, bound)) return cvode_step(d, bound, end);
-    if (cvode) x->fresh = 1; /* too short for it: see below */
-    for (int i = 0;; i++) {
-        result = derive(d, x->now, states(x, START), states(x, STAGES));
-        if (result == RUN_OK)
-            result = runge_kutta(d, cvode ? SOLVER_EULER : x->solver, h, states(x, END));
-        if (result == RUN_OK || *d->status != REFUSED || i == HALVINGS) break;
-        h *= 0.5;
-    }
-    *end = h == left ? bound : x->now + h;
-    return result;
-}
-
-/* The states at t within the step to `end`, in y. */
-static int interpolate(const exchanging_t *d, double t, double end, double *y)
-{
-    const exchange_t *x = d->x;
-    if (t == end) {
-        memcpy(y, states(x, END), (size_t)x->n_states * sizeof *y);
-        return RUN_OK;
-    }
-    if (x->solver == SOLVER_CVODE && !x->fresh) return cvode_dense(d, t, y);
-    return runge_kutta(d, x->solver == SOLVER_CVODE ? SOLVER_EULER : x->solver, t - x->now, y);
-}
 
 /* Whether indicator j of z is in another domain than after the last event. */
 static int differs(const exchange_t *x, const double *z, int64_t j)
@@ -234,7 +83,7 @@ static int locate(const exchanging_t *d, double *end)
 {
     const exchange_t *x = d->x;
     const int64_t n = x->n_indicators;
-    const double fine = resolution(x->now, *end), last = *end;
+    const double fine = time_resolution(x->now, *end), last = *end;
     double *before = indicators(x, LEFT), *after = indicators(x, AFTER);
     double *tried = indicators(x, TRIED);
     bracket_t k = {x->now, *end, 1.0, 1.0, *end - x->now, before, after, 0, 0};
@@ -247,7 +96,7 @@ static int locate(const exchanging_t *d, double *end)
         if (!(t < k.b - 0.5 * fine)) t = k.b - 0.5 * fine;
         if (!(t > k.a && t < k.b)) break;
         result = interpolate(d, t, last, y);
-        if (result == RUN_OK) result = place(d, t, y);
+        if (result == RUN_OK) result = put_states(d, t, y);
         if (result == RUN_OK) result = indicate(d, tried);
         if (result != RUN_OK) break;
         narrow(&k, t, !crossed(x, tried));
@@ -341,14 +190,14 @@ static int move(const exchanging_t *d, double bound)
     exchange_t *x = d->x;
     double end = bound;
     int found = 0, wanted = 0, terminate = 0;
-    int result = x->fresh ? restart(d) : RUN_OK;
+    int result = x->fresh ? solver_restart(d) : RUN_OK;
 
     if (result == RUN_OK) result = solver_step(d, bound, &end);
-    if (result == RUN_OK) result = place(d, end, states(x, END));
+    if (result == RUN_OK) result = put_states(d, end, states(x, END));
     if (result == RUN_OK) result = indicate(d, indicators(x, AFTER));
     if (result == RUN_OK && (found = crossed(x, indicators(x, AFTER)))) {
         result = locate(d, &end);
-        if (result == RUN_OK) result = place(d, end, states(x, END));
+        if (result == RUN_OK) result = put_states(d, end, states(x, END));
     }
     if (result != RUN_OK) return result;
     x->now = end;
@@ -380,10 +229,7 @@ static int integrate(const exchanging_t *d, double end)
     return result;
 }
 
-#if defined(__GNUC__)
-__attribute__((noinline)) /* the common steps stay as they are without it */
-#endif
-static int step_exchange(unit_t *u, double *s, double t, int *status, int32_t *failed)
+SHARED int step_exchange(unit_t *u, double *s, double t, int *status, int32_t *failed)
 {
     exchange_t *x = u->exchange;
     const typed_t *typed = u->typed;

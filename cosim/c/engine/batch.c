@@ -1,10 +1,12 @@
-/* many.h: executions of plans that differ in numbers only, an operation of all of them at a time.
+/* batch.c: executions of plans that differ in numbers only, an operation of all of them at a time.
  *
- * Part of engine.c. Each execution has an engine of its own, with its own signals, tables and records; none
+ * Each execution has an engine of its own, with its own signals, tables and records; none
  * sees another one. What they have in common is which operation is due when, so that the steps of instances
  * of one FMU, which belong to different executions, can be done at once. An execution that fails or ends is
  * left out from then on, as it stands; the others go on.
  */
+#include "engine_internal.h"
+
 enum { MANY = 16 };             /* executions, at most */
 
 /* Executions that still run, by their number, and what became of each. */
@@ -18,20 +20,20 @@ typedef struct {
     failure_t ended[MANY];      /* why it leaves when these are done; `operation` -1: it does not */
 } many_t;
 
-NOINLINE void leave(many_t *m, int32_t number, int64_t tick, const failure_t *f, int result)
+static NOINLINE void leave(many_t *m, int32_t number, int64_t tick, const failure_t *f, int result)
 {
     engine_t *const e = m->engines[number];
     int64_t kept = 0;
 
     e->tick = tick;
-    m->results[number] = result == RUN_STOPPED ? result : failed(e, f, result);
+    m->results[number] = result == RUN_STOPPED ? result : keep_failure(e, f, result);
     for (int64_t k = 0; k < m->n; k++)
         if (m->running[k] != number) m->running[kept++] = m->running[k];
     m->n = kept;
 }
 
 /* What an operation came to in one execution, if not RUN_OK. */
-NOINLINE void take_note(many_t *m, int32_t number, int64_t tick, failure_t *f, int result)
+static NOINLINE void take_note(many_t *m, int32_t number, int64_t tick, failure_t *f, int result)
 {
     f->result = result;
     f->tick = tick;
@@ -44,7 +46,7 @@ NOINLINE void take_note(many_t *m, int32_t number, int64_t tick, failure_t *f, i
 
 /* A step that failed in one execution. Of ticks that are run as one, the first that fails counts, and units
  * behind this one may fail sooner. */
-NOINLINE void take_note_of_step(many_t *m, int32_t number, int64_t tick, failure_t *f, int result)
+static NOINLINE void take_note_of_step(many_t *m, int32_t number, int64_t tick, failure_t *f, int result)
 {
     failure_t *const ended = m->ended + number;
 
@@ -68,7 +70,7 @@ typedef struct {
 } stepped_t;
 
 /* After steps from `tick` on: executions with one that failed are left out; the first one counts. */
-NOINLINE void drop_failed(many_t *m, stepped_t *s, int64_t tick, int64_t place)
+static NOINLINE void drop_failed(many_t *m, stepped_t *s, int64_t tick, int64_t place)
 {
     int64_t kept = 0;
 
@@ -108,7 +110,7 @@ INLINE void enter_all(const many_t *m, stepped_t *s, int64_t place)
 }
 
 /* The step of operation `place` and of the `count` behind it in all executions, at once. */
-NOINLINE void step_all(many_t *m, int64_t tick, int64_t place, int64_t count)
+static NOINLINE void step_all(many_t *m, int64_t tick, int64_t place, int64_t count)
 {
     const engine_t *first = m->engines[m->running[0]];
     const unit_t *u = first->units + first->operations[place].index;

@@ -1,23 +1,5 @@
-/* events.h: Event Mode of an FMU of FMI 3.0 (3.0.2, 2.3.5 and 4.2.1), and steps with events in them.
- *
- * Part of typed.h.
- */
-
-#define SLACK 1e-9               /* of a step: two times closer than this are one */
-enum { CALLS_AT_MOST = 100000 }; /* without getting anywhere, within one step */
-
-/* A step being done: what everything in it needs. */
-typedef struct {
-    unit_t *unit;
-    double *signals;
-    int *status;
-    int32_t *failed;
-    double now;     /* s: of a partition that is active, or the start of the step */
-    int result;     /* of call-backs: RUN_..., and then the status of the call that failed in one */
-    int refused;
-} doing_t;
-
-#include "clocks.h"
+/* events.c: Event Mode of an FMU of FMI 3.0 (3.0.2, 2.3.5 and 4.2.1), and steps with events in them. */
+#include "engine_internal.h"
 
 /* fmi3UpdateDiscreteStates until nothing changes and no clock ticks, then Step Mode. */
 static int leave_event_mode(const doing_t *d, double now)
@@ -29,7 +11,7 @@ static int leave_event_mode(const doing_t *d, double now)
 
     for (int i = 0; again && !terminate; i++) {
         int result = tick_clocks(d, now);
-        if (result == RUN_OK) result = exchange(d);
+        if (result == RUN_OK) result = exchange_clocked(d);
         if (result != RUN_OK) return result;
         if (i == CALLS_AT_MOST) return RUN_STUCK;
         again = 0;
@@ -48,7 +30,7 @@ static int leave_event_mode(const doing_t *d, double now)
     return failed_call(*d->status) ? RUN_EVENT : RUN_OK;
 }
 
-static void note_event(const typed_t *x, double now)
+SHARED void note_event(const typed_t *x, double now)
 {
     event_times_t *e = x->happened;
     if (e && e->count++ < e->room) e->times[e->count - 1] = now;
@@ -61,7 +43,7 @@ static int enter_event_mode(const doing_t *d, double now)
     return failed_call(*d->status) ? RUN_EVENT : RUN_OK;
 }
 
-static int changed(const access_t *a, int64_t n, const double *s)
+SHARED int changed(const access_t *a, int64_t n, const double *s)
 {
     int different = 0;
     for (; n > 0; n--, a++)
@@ -74,7 +56,7 @@ static int changed(const access_t *a, int64_t n, const double *s)
 }
 
 /* One event at the start of step `hit`: discrete inputs that changed, and all clocks due. */
-static int input_event(const doing_t *d, int64_t hit, double t)
+SHARED int input_event(const doing_t *d, int64_t hit, double t)
 {
     const typed_t *x = d->unit->typed;
     int result, needed = changed(x->discrete, x->n_discrete, d->signals);
@@ -127,7 +109,7 @@ API void engine_intermediate(void *environment, double time, _Bool set, _Bool ge
 }
 
 /* What went wrong in a call-back: the call that it was in may have said that all is well. */
-static int refused_inside(const doing_t *d)
+SHARED int refused_inside(const doing_t *d)
 {
     *d->status = d->refused;
     return d->result;
@@ -139,7 +121,7 @@ static int is_stopped(const typed_t *x)
 }
 
 /* doStep until t + h: the FMU may return early, and is stopped where an event or a tick is known. */
-static int advance(doing_t *d, double t)
+SHARED int do_step(doing_t *d, double t)
 {
     unit_t *u = d->unit;
     typed_t *x = u->typed;

@@ -1,15 +1,7 @@
-/* rollback.h: the states of components in macro steps, saved and restored, and the vectors of their group.
- *
- * Part of engine.c.
- */
+/* rollback.c: the states of components in macro steps, saved and restored, and the vectors of their group. */
+#include "engine_internal.h"
 
-enum { FETCH, PUT_BACK };
-
-typedef struct {
-    double *inputs, *held, *start, *first, *last, *end, *largest;
-} macro_memory_t;
-
-static macro_memory_t memory_of(const macro_t *m)
+SHARED macro_memory_t memory_of(const macro_t *m)
 {
     double *at = m->memory;
     macro_memory_t found;
@@ -24,7 +16,7 @@ static macro_memory_t memory_of(const macro_t *m)
 }
 
 /* Save the state of a unit, or go back to it: MOVE_... */
-static int move_state(const engine_t *e, rollback_t *r, int what, failure_t *failure)
+SHARED int move_state(const engine_t *e, rollback_t *r, int what, failure_t *failure)
 {
     unit_t *u = e->units + r->unit;
     const int back = what & 1, end = what >> 1;
@@ -46,7 +38,7 @@ static int move_state(const engine_t *e, rollback_t *r, int what, failure_t *fai
     return RUN_STATE;
 }
 
-static int move_states(const engine_t *e, macro_t *m, int what, int coupled, failure_t *failure)
+SHARED int move_states(const engine_t *e, macro_t *m, int what, int coupled, failure_t *failure)
 {
     int result = RUN_OK;
     for (int64_t i = 0; i < m->n_members && result == RUN_OK; i++)

@@ -1,6 +1,6 @@
-/* macro.h: components that exchange values several times in a period, as often as a tolerance needs.
+/* macro_steps.c: components that exchange values several times in a period, as often as a tolerance needs.
  *
- * Part of engine.c. A period is divided into macro steps; each is the period divided by a power of two, so
+ * A period is divided into macro steps; each is the period divided by a power of two, so
  * that time stays a whole number (of the smallest steps) and every sampling instant is the end of one. A
  * macro step from a to b is done at least twice, from the same state: in the first sweep the inputs hold
  * their values u_a, in the others they are (u_a + u_b)/2, with u_b from the sweep before. These are the
@@ -8,8 +8,11 @@
  * outputs is the estimate of the error, and the second is kept (Hairer, Norsett, Wanner, Solving Ordinary
  * Differential Equations I, II.4).
  *
- * Outputs with direct feed-through are those of the end of a step by direct.h, at the end of each sweep.
+ * Outputs with direct feed-through are those of the end of a step by direct_outputs.c, at the end of each sweep.
  */
+#include "engine_internal.h"
+
+enum { FETCH, PUT_BACK }; /* of outputs */
 
 /* One sweep: a step of all, or of those with inputs from the others. */
 static int sweep(engine_t *e, macro_t *m, int64_t tick, double t, double h, int coupled,
@@ -227,10 +230,7 @@ static int do_macro(engine_t *e, macro_t *m, int64_t tick, double t, double leng
 }
 
 /* One period of all members. An FMU that ends the simulation ends it after the macro step it does so in. */
-#if defined(__GNUC__)
-__attribute__((noinline))
-#endif
-static int run_macro(engine_t *e, int64_t tick, macro_t *m, failure_t *failure)
+SHARED int run_macro(engine_t *e, int64_t tick, macro_t *m, failure_t *failure)
 {
     const int64_t whole = (int64_t)1 << m->halvings;
     const double start = time_of(e, tick - m->period + 1), length = (double)m->period * e->h;

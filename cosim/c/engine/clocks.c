@@ -1,10 +1,11 @@
-/* clocks.h: the clocks of an FMU of FMI 3.0 (3.0.2, 2.2.8): which tick now, when next, and what
- * belongs to them. Part of events.h.
+/* clocks.c: the clocks of an FMU of FMI 3.0 (3.0.2, 2.2.8): which tick now, when next, and what
+ * belongs to them.
  *
  * Clocked variables have values only while one of their clocks is active: from when it ticks until
  * the discrete states are updated. In between they are set and got, and the signals hold them until
  * the next tick.
  */
+#include "engine_internal.h"
 
 enum { INTERVAL_NOT_YET_KNOWN, INTERVAL_UNCHANGED, INTERVAL_CHANGED };
 
@@ -16,7 +17,7 @@ static int any_active(const typed_t *x, const int32_t *clocks, int64_t n)
 }
 
 /* At the start of step `hit`, or within one: then `hit` is negative, and only time ticks clocks. */
-static int due(ticker_t *c, int64_t hit, double now, const double *s)
+SHARED int is_due(ticker_t *c, int64_t hit, double now, const double *s)
 {
     double before = c->held;
 
@@ -31,19 +32,19 @@ static int due(ticker_t *c, int64_t hit, double now, const double *s)
 }
 
 /* Which input clocks tick now: they become active. */
-static int wake(const doing_t *d, int64_t hit, double now)
+SHARED int wake(const doing_t *d, int64_t hit, double now)
 {
     const typed_t *x = d->unit->typed;
     const double reach = now + SLACK * d->unit->h;
     int any = 0;
 
     for (int64_t i = 0; i < x->n_clocks; i++)
-        any |= x->active[i] = due(x->clocks + i, hit, reach, d->signals);
+        any |= x->active[i] = is_due(x->clocks + i, hit, reach, d->signals);
     return any;
 }
 
 /* Calls fmi3SetClock for active clocks; a clock whose time has passed is late. */
-static int tick_clocks(const doing_t *d, double now)
+SHARED int tick_clocks(const doing_t *d, double now)
 {
     typed_t *x = d->unit->typed;
 
@@ -79,7 +80,7 @@ static double after_fraction(const doing_t *d, ticker_t *c, double now, uint64_t
 }
 
 /* The next tick after an interval from now on. */
-static int ask_interval(const doing_t *d, ticker_t *c, double now)
+SHARED int ask_interval(const doing_t *d, ticker_t *c, double now)
 {
     const typed_t *x = d->unit->typed;
     double next = 0.0;
@@ -103,7 +104,7 @@ static int ask_interval(const doing_t *d, ticker_t *c, double now)
 
 /* Reads the intervals of countdown clocks always, of changing clocks after a tick. A clock that ticks
  * immediately becomes active, and `*again` is set. */
-static int ask_intervals(const doing_t *d, double now, _Bool *again)
+SHARED int ask_intervals(const doing_t *d, double now, _Bool *again)
 {
     const typed_t *x = d->unit->typed;
     const double reach = now + SLACK * d->unit->h;
@@ -122,7 +123,7 @@ static int ask_intervals(const doing_t *d, double now, _Bool *again)
 }
 
 /* Time of the next clock tick or time event (s). */
-static double next_time(const typed_t *x)
+SHARED double next_time(const typed_t *x)
 {
     double next = x->next_event;
     if (!x->asks) return next;
@@ -132,7 +133,7 @@ static double next_time(const typed_t *x)
 }
 
 /* Sets the inputs whose clocks are active, once per instant. */
-static int feed_partitions(const doing_t *d)
+SHARED int feed_partitions(const doing_t *d)
 {
     const typed_t *x = d->unit->typed;
     int result = RUN_OK;
@@ -148,7 +149,7 @@ static int feed_partitions(const doing_t *d)
 }
 
 /* Which clocks the FMU ticks itself; one that belongs to others only while these are active. */
-static int ask_clocks(const doing_t *d)
+SHARED int ask_clocks(const doing_t *d)
 {
     const typed_t *x = d->unit->typed;
 
@@ -166,7 +167,7 @@ static int ask_clocks(const doing_t *d)
 }
 
 /* Gets the outputs whose clocks are active. No clock is active afterwards. */
-static int take_partitions(const doing_t *d)
+SHARED int take_partitions(const doing_t *d)
 {
     const typed_t *x = d->unit->typed;
     int result = RUN_OK;
@@ -184,7 +185,7 @@ static int take_partitions(const doing_t *d)
 }
 
 /* Clocked values of this instant, in and out. */
-static int exchange(const doing_t *d)
+SHARED int exchange_clocked(const doing_t *d)
 {
     const typed_t *x = d->unit->typed;
     int result = feed_partitions(d);

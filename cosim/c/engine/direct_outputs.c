@@ -1,6 +1,6 @@
-/* direct.h: outputs with direct feed-through at the end of a macro step.
+/* direct_outputs.c: outputs with direct feed-through at the end of a macro step.
  *
- * Part of engine.c. Such an output depends on the input that is held, which is the one of the middle of the
+ * Such an output depends on the input that is held, which is the one of the middle of the
  * step. So each sweep ends with a short step of such components from the end, b, with their inputs there, after
  * which they go back to b. They follow each other along their wires, and what the short step itself has changed
  * is taken away along the line from a.
@@ -13,8 +13,9 @@
  * step changes is measured there, by one with the inputs of the middle of the step: the line knows it to a
  * thousandth of the change of y only, which a loop amplifies.
  */
+#include "engine_internal.h"
 
-enum { SHORT_STEP = 1024, CONVERGED_TENTHS = 1 }; /* a step over the short one at its end */
+enum { SHORT_STEP = 1024 }; /* a step over the short one at its end */
 
 /* What the wires to one member carry now, and what its inputs were; or `back`, these. */
 static void carry(const engine_t *e, const macro_t *m, const rollback_t *r, double *held, int back)
@@ -235,7 +236,7 @@ static int finish_loop(engine_t *e, macro_t *m, loop_t *l, int64_t tick, double 
 }
 
 /* Outputs with direct feed-through for the inputs at the end, t, of a macro step of length h. */
-static int finish_outputs(engine_t *e, macro_t *m, int64_t tick, double t, double h,
+SHARED int finish_outputs(engine_t *e, macro_t *m, int64_t tick, double t, double h,
                           const double *guess, failure_t *failure)
 {
     loop_t *l = m->loops;

@@ -1,8 +1,9 @@
-/* cvode.h: CVODE (SUNDIALS 7) as the solver of an FMU for model exchange.
+/* cvode.c: CVODE (SUNDIALS 7) as the solver of an FMU for model exchange.
  *
- * Part of exchange.h. Python loads the library and creates the solver (cosim/fmi/cvode.py); here it is
+ * Python loads the library and creates the solver (cosim/fmi/cvode.py); here it is
  * stepped. Its root finder is not used: it takes a zero reached from either side for an event.
  */
+#include "engine_internal.h"
 
 enum { ONE_STEP = 2, NO_PROGRESS = -4 }; /* -4: CV_CONV_FAILURE */
 
@@ -53,7 +54,7 @@ API int32_t exchange_jacobian(double t, void *y, void *rates, void *matrix, void
 
     (void)rates, (void)a, (void)b, (void)c;
     d.status = &status;
-    place(&d, t, data_of(x, y));
+    put_states(&d, t, data_of(x, y));
     memset(seed, 0, n * sizeof *seed);
     for (size_t j = 0; j < n && !failed_call(status); j++) {
         double *column = ((column_t)x->column)(matrix, (int64_t)j);
@@ -71,7 +72,7 @@ API int32_t exchange_jacobian(double t, void *y, void *rates, void *matrix, void
 }
 
 /* Start anew from the states in START: what went before an event is of no use. */
-static int cvode_restart(const exchanging_t *d)
+SHARED int cvode_restart(const exchanging_t *d)
 {
     exchange_t *x = d->x;
     x->current = (void *)d;
@@ -79,7 +80,7 @@ static int cvode_restart(const exchanging_t *d)
     return solved(d, ((restart_t3)x->restart)(x->cvode, x->now, x->vector));
 }
 
-static int cvode_step(const exchanging_t *d, double bound, double *end)
+SHARED int cvode_step(const exchanging_t *d, double bound, double *end)
 {
     exchange_t *x = d->x;
     int flag = ((stop_time_t)x->stop_time)(x->cvode, bound);
@@ -88,12 +89,12 @@ static int cvode_step(const exchanging_t *d, double bound, double *end)
     if (flag >= 0) flag = ((advance_t5)x->advance)(x->cvode, bound, x->vector, end, ONE_STEP);
     if (flag >= 0) memcpy(states(x, END), data_of(x, x->vector), (size_t)x->n_states * sizeof(double));
     /* It goes on with steps that no longer change the time where the FMU refuses every later state. */
-    if (flag >= 0 && *end - x->now <= resolution(x->now, *end)) flag = NO_PROGRESS;
+    if (flag >= 0 && *end - x->now <= time_resolution(x->now, *end)) flag = NO_PROGRESS;
     return solved(d, flag);
 }
 
 /* The states within its last step. */
-static int cvode_dense(const exchanging_t *d, double t, double *y)
+SHARED int cvode_dense(const exchanging_t *d, double t, double *y)
 {
     const exchange_t *x = d->x;
     const int result = solved(d, ((dense_t)x->dense)(x->cvode, t, 0, x->vector));
@@ -103,7 +104,7 @@ static int cvode_dense(const exchanging_t *d, double t, double *y)
 }
 
 /* Absolute tolerances of 0.01 relative ones of the nominal values (FMI 2.0.5, 2.1.3). */
-static int cvode_tolerances(const exchanging_t *d)
+SHARED int cvode_tolerances(const exchanging_t *d)
 {
     const exchange_t *x = d->x;
     double *most = data_of(x, x->absolute);

@@ -1,6 +1,6 @@
-/* parts.h: parts of a plan that run apart, for as many ticks as a value needs from one to another.
+/* partitions.c: parts of a plan that run apart, for as many ticks as a value needs from one to another.
  *
- * Part of engine.c. The parts of a plan are connected by links only. Where the least delay of all these
+ * The parts of a plan are connected by links only. Where the least delay of all these
  * links is n ticks, a part needs nothing of the others that is newer than n ticks: each can run n ticks
  * on its own, whoever runs it and in whatever order. That is a window. What a part needs stays in the
  * cache of the processor for its length, and threads meet once a window. Where wires connect parts, a
@@ -11,6 +11,8 @@
  * next chunk. A thread that comes late finds fewer chunks, and no thread waits for one that has none. The
  * caller starts the threads: each calls engine_work while engine_run runs.
  */
+#include "engine_internal.h"
+
 #if defined(_WIN32)
 #define WIN32_LEAN_AND_MEAN /* nothing of sockets, whose names are common words */
 #include <windows.h>
@@ -25,7 +27,7 @@
 #define STORE(place, value) __atomic_store_n(place, value, __ATOMIC_RELEASE)
 #define ADD(place, value) __atomic_fetch_add(place, value, __ATOMIC_ACQ_REL)
 /* With the assembler's nothing, since gcc leaves out calls of functions that only prefetch. */
-#define FETCH(place) (__extension__({ __builtin_prefetch(place); __asm__ volatile(""); }))
+#define PREFETCH(place) (__extension__({ __builtin_prefetch(place); __asm__ volatile(""); }))
 #define SWAP(place, old, value) \
     __atomic_compare_exchange_n(place, old, value, 0, __ATOMIC_ACQ_REL, __ATOMIC_ACQUIRE)
 #else /* a compiler whose atomic operations are not known here: one thread */
@@ -33,7 +35,7 @@
 #define STORE(place, value) (*(place) = (value))
 #define ADD(place, value) ((*(place) += (value)) - (value))
 #define SWAP(place, old, value) (*(place) = (value), 1)
-#define FETCH(place) (void)(place)
+#define PREFETCH(place) (void)(place)
 #endif
 
 enum { LINE = 64 }; /* bytes of a line of the cache */
@@ -102,7 +104,7 @@ typedef struct {
 static void fetch_spans(const span_t *x, const span_t *end)
 {
     for (; x < end; x++)
-        for (int64_t i = 0; i < x->size; i += LINE) FETCH(x->first + i);
+        for (int64_t i = 0; i < x->size; i += LINE) PREFETCH(x->first + i);
 }
 
 /* The last row of a link's table that is read in this window, or one before its first. */
@@ -119,8 +121,8 @@ static void fetch_rows(const engine_t *e, const received_t *x, const received_t 
         const link_t *l = e->links + x->link;
         const int64_t last = last_row(e, *x);
         for (int64_t row = l->row; row <= last; row += LINE / (int64_t)sizeof *l->table)
-            FETCH(l->table + row);
-        if (last > l->row) FETCH(l->table + last);
+            PREFETCH(l->table + row);
+        if (last > l->row) PREFETCH(l->table + last);
     }
 }
 
@@ -136,7 +138,7 @@ static void fetch_samples(const engine_t *e, const received_t *x, const received
             const char *sample =
                 (const char *)(from->history + (held & (from->capacity - 1)) * from->width);
             if (held < 0 || (before && sample >= before && sample < before + LINE)) continue;
-            FETCH(sample);
+            PREFETCH(sample);
             before = sample;
         }
     }
@@ -169,7 +171,7 @@ static int64_t ticks_as_one(const team_t *team, int64_t tick, int64_t limit)
 }
 
 /* A part up to the end of the window, or to the tick after which another one has failed. */
-NOINLINE void run_part(engine_t *e, part_t *part, const ahead_t *ahead, member_t *mine)
+static NOINLINE void run_part(engine_t *e, part_t *part, const ahead_t *ahead, member_t *mine)
 {
     team_t *team = e->team;
     failure_t failure = {-1, 0, 0, 0, 0, 0}, ended = {-1, 0, 0, 0, 0, 0};
@@ -341,16 +343,16 @@ static int stop_early(engine_t *e, const failure_t *failure, const failure_t *en
         (ended->operation >= 0 && ended->tick < failure->tick && failure->status != FATAL)) {
         go_back(e, ended->tick, 1);
         arrive(e, ended->tick + 1, 0);
-        return failed(e, ended, RUN_TERMINATED);
+        return keep_failure(e, ended, RUN_TERMINATED);
     }
     for (int64_t k = 0; k < team->n_parts; k++)
         if (team->parts[k].tick < tick) tick = team->parts[k].tick;
     go_back(e, tick, 0);
     arrive(e, tick, tick == failure->tick && failure->operation > team->record);
-    return failed(e, failure, failure->result);
+    return keep_failure(e, failure, failure->result);
 }
 
-static int32_t run_windows(engine_t *e, int64_t end)
+SHARED int32_t run_windows(engine_t *e, int64_t end)
 {
     failure_t failure = {-1, 0, 0, 0, 0, 0}, ended = {-1, 0, 0, 0, 0, 0};
 

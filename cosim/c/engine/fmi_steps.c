@@ -1,0 +1,145 @@
+/* fmi_steps.c: one step of a unit of any kind. */
+#include "engine_internal.h"
+
+/* The inputs of a unit of `kind`, UNIT_FMI2 or UNIT_FMI3; returns the FMU's status. The values of our own
+ * FMUs are open between steps. */
+HOT int set_inputs(const unit_t *u, int32_t kind, const double *s)
+{
+    s += u->input;
+    if (u->values) {
+        for (int64_t i = 0; i < u->n_inputs; i++) u->values[u->inputs[i]] = s[i];
+        return 0;
+    }
+    if (!u->n_inputs) return 0;
+    if (kind == UNIT_FMI2)
+        return ((set2_t)u->set)(u->instance, u->inputs, (size_t)u->n_inputs, s);
+    return ((set3_t)u->set)(u->instance, u->inputs, (size_t)u->n_inputs, s,
+                            (size_t)u->input_count);
+}
+
+/* The same of the outputs. */
+INLINE int get_outputs(const unit_t *u, int32_t kind, double *s)
+{
+    s += u->output;
+    if (u->values) {
+        for (int64_t i = 0; i < u->n_outputs; i++) s[i] = u->values[u->outputs[i]];
+        return 0;
+    }
+    if (!u->n_outputs) return 0;
+    if (kind == UNIT_FMI2)
+        return ((get2_t)u->get)(u->instance, u->outputs, (size_t)u->n_outputs, s);
+    return ((get3_t)u->get)(u->instance, u->outputs, (size_t)u->n_outputs, s,
+                            (size_t)u->output_count);
+}
+
+INLINE int step_fmi2(const unit_t *u, double *s, double t, int *status)
+{
+    *status = set_inputs(u, UNIT_FMI2, s);
+    if (failed_call(*status)) return RUN_SET;
+    *status = ((step2_t)u->step)(u->instance, t, u->h, !u->repeats);
+    if (failed_call(*status)) return RUN_STEP;
+    *status = get_outputs(u, UNIT_FMI2, s);
+    return failed_call(*status) ? RUN_GET : RUN_OK;
+}
+
+INLINE int step_fmi3(unit_t *u, double *s, double t, int *status)
+{
+    _Bool event = 0, terminate = 0, early = 0;
+    double reached = t;
+    *status = set_inputs(u, UNIT_FMI3, s);
+    if (failed_call(*status)) return RUN_SET;
+    *status = ((step3_t)u->step)(u->instance, t, u->h, !u->repeats, &event, &terminate, &early,
+                                 &reached);
+    if (failed_call(*status)) return RUN_STEP;
+    if (early && !terminate) return RUN_EARLY_RETURN;
+    *status = get_outputs(u, UNIT_FMI3, s);
+    if (failed_call(*status)) return RUN_GET;
+    if (!terminate) return RUN_OK;
+    u->reached = reached;
+    return RUN_TERMINATED;
+}
+
+/* A step of a unit from t (s); `tick`: the one in which it ends. */
+HOT int step_from(const engine_t *e, int64_t tick, double t, int32_t index, failure_t *failure)
+{
+    unit_t *u = e->units + index;
+    double *s = e->signals;
+    int status = 0, result = RUN_OK;
+
+    if (u->kind == UNIT_FMI2) {
+        result = step_fmi2(u, s, t, &status);
+    } else if (u->kind == UNIT_FMI3) {
+        result = step_fmi3(u, s, t, &status);
+    } else if (u->kind == UNIT_TYPED) {
+        result = step_typed(u, s, t, (tick - u->lag) / u->period, &status, &failure->signal);
+    } else if (u->kind == UNIT_EXCHANGE) {
+        result = step_exchange(u, s, t, &status, &failure->signal);
+    } else if (u->kind == UNIT_REMOTE) {
+        mailbox_ask(u, s, t, (tick - u->lag) / u->period);
+        result = mailbox_answer(u, s, &u->reached, &status, &failure->signal);
+    } else if (u->kind == UNIT_NATIVE) {
+        if (((native_t)u->step)(u->instance, t, u->h, s + u->input, s + u->output))
+            result = RUN_STEP;
+    } else {
+        result = ((call_t)u->step)(index, t, u->h);
+    }
+    if ((result == RUN_OK || result == RUN_TERMINATED) &&
+        not_finite(s + u->output, u->output_count))
+        result = RUN_NOT_FINITE;
+    if (result != RUN_OK) {
+        failure->index = index;
+        failure->status = status;
+    }
+    return result;
+}
+
+HOT int step_unit(const engine_t *e, int64_t tick, int32_t index, failure_t *failure)
+{
+    return step_from(e, tick, time_of(e, tick - e->units[index].lag), index, failure);
+}
+
+/* The outputs of a unit whose step had this status. */
+HOT int take_outputs(const engine_t *e, int32_t index, int status, failure_t *failure)
+{
+    const unit_t *u = e->units + index;
+    int result = RUN_OK;
+
+    if (failed_call(status))
+        result = RUN_STEP;
+    else if (failed_call(status = get_outputs(u, u->kind, e->signals)))
+        result = RUN_GET;
+    else if (not_finite(e->signals + u->output, u->output_count))
+        result = RUN_NOT_FINITE;
+    if (result != RUN_OK) {
+        failure->index = index;
+        failure->status = status;
+    }
+    return result;
+}
+
+/* One step of an FMU outside of a plan: for a process that has but one. */
+API int32_t engine_unit(unit_t *u, double *s, double t, int64_t hit, int32_t *status,
+                        int32_t *failed)
+{
+    switch (u->kind) {
+    case UNIT_FMI2: return step_fmi2(u, s, t, status);
+    case UNIT_FMI3: return step_fmi3(u, s, t, status);
+    case UNIT_EXCHANGE: return step_exchange(u, s, t, status, failed);
+    default: return step_typed(u, s, t, hit, status, failed);
+    }
+}
+
+/* In a process with an FMU: steps when asked, until a call is asked for (1) or the other side has ended (0). */
+API int32_t engine_serve(mail_end_t *x)
+{
+    mailbox_t *box = x->box;
+    int32_t asked;
+
+    while ((asked = mailbox_asked(x)) == ASK_STEP) {
+        box->result = engine_unit(x->unit, x->signals, box->t, box->hit, &box->status,
+                                  &box->failed);
+        box->reached = x->unit->reached;
+        engine_answer(x);
+    }
+    return asked == ASK_CALL;
+}

@@ -30,9 +30,9 @@ from cosim.base.clock import stopwatch
 from cosim.base.processes import processes
 from cosim.loading.files import load
 from cosim.scenario.assemble import assemble
-from cosim.sweeps.execute import sweep
-from cosim.sweeps.study import Study, load_study
-from cosim.sweeps.workers import threads
+from cosim.study.execute import sweep
+from cosim.study.study import Study, load_study
+from cosim.study.workers import threads
 
 SCENARIO = Path(__file__).resolve().parents[1] / "configs" / "teleoperation.toml"
 WORKERS = {"processes": processes, "threads": threads}

@@ -64,7 +64,7 @@ FILES: Mapping[str, tuple[str, ...]] = {
         "cosim.scenario.spec", "cosim.links.named_graphs", "cosim.scenario.bus_spec",
         "cosim.links.spec",
     ),
-    "Study": ("cosim.sweeps.spec",),
+    "Study": ("cosim.study.spec",),
     "Deployment": (
         "bridge.deployment.spec", "bridge.deployment.motors", "bridge.deployment.signal_spec",
         "bridge.safety.limits", "bridge.drives.model",

@@ -13,14 +13,15 @@ from typing import Any
 from bridge.campaign import compressed, judgement, soak
 from bridge.campaign.drive_judge import judge_drives
 from bridge.campaign.plan import Many, document
-from bridge.campaign.soak_driver import UNOBSERVED, Record, RunsObserver, drive
+from bridge.campaign.soak_driver import Record, drive
 from bridge.campaign.soak_judgement import RunDone
 from bridge.campaign.soak_spec import Table
 from bridge.campaign.spec import CampaignRunSpec
 from bridge.deployment.system import System, load_system
 from bridge.rehearsal.hosts import groups
 from cosim.record.folder import NODES
-from cosim.sweeps.run_point import StudyRow
+from cosim.study.run_point import StudyRow
+from cosim.study.runner import UNOBSERVED, Observer
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,7 +113,7 @@ def campaign(
     faults: int,
     parallel: int,
     retry: bool = False,
-    observer: RunsObserver = UNOBSERVED,
+    observer: Observer = UNOBSERVED,
 ) -> list[Record]:
     """Make the runs that the folder does not have yet; rows of all, as :func:`soak_drive.drive`."""
     return drive(

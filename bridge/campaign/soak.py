@@ -33,7 +33,7 @@ from cosim.base.interrupts import signals_as_interrupt
 from cosim.fmi.failures import sentence
 from cosim.record import seal
 from cosim.record.recover import is_unfinished
-from cosim.sweeps.run_point import StudyRow
+from cosim.study.run_point import StudyRow
 
 RUNS, SCRIPT = "runs", "script.toml"
 

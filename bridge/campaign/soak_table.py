@@ -9,7 +9,7 @@ import numpy as np
 
 from bridge.results.symptoms import SIGNS
 from bridge.results.verdict import Word
-from cosim.sweeps.table import column
+from cosim.study.table import column
 
 Record = Mapping[str, Any]
 

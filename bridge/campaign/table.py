@@ -10,7 +10,7 @@ import numpy as np
 from bridge.campaign.judgement import markdown as table
 from bridge.campaign.soak_table import facts, failures, inconclusive
 from bridge.results.symptoms import SIGNS
-from cosim.sweeps.table import column
+from cosim.study.table import column
 
 Record = Mapping[str, Any]
 WHATS = ("injected", "seen", "idle", "unseen")

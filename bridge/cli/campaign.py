@@ -116,12 +116,12 @@ def _run_many(
     """A campaign of many faults, and its table."""
     from bridge.campaign import driver, page, table
     from bridge.campaign.plan import load_many
-    from bridge.campaign.soak_driver import RunsObserver
     from bridge.campaign.soak_table import failures, inconclusive
     from bridge.rehearsal import hosts
     from cosim.cli.show import aligned
     from cosim.cli.summary import this_command
     from cosim.cli.sweep import interrupted, progress_of, stopping
+    from cosim.study.runner import Observer
 
     why = hosts.missing()
     if why and not blind:
@@ -130,7 +130,7 @@ def _run_many(
     job = driver.CampaignSetup(load_many(file), folder.resolve(), seed, not why, blind, realtime)
     with progress_of(False) as progress:
         try:
-            observer = RunsObserver(
+            observer = Observer(
                 lambda b: progress.begin(b, job.many.spec.title, "runs"), progress.done, stopping
             )
             records = driver.campaign(job, faults, parallel, retry, observer)

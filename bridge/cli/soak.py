@@ -158,13 +158,13 @@ def _own_bus(deployment: Deployment) -> str:
 def _driven(
     job: SoakSetup, runs: int, parallel: int, retry: bool, quiet: bool
 ) -> list[dict[str, object]]:
-    from bridge.campaign.soak_driver import RunsObserver
     from bridge.campaign.soak_driver import soak as drive
     from cosim.cli.sweep import interrupted, progress_of, stopping
+    from cosim.study.runner import Observer
 
     with progress_of(quiet) as progress:
         try:
-            observer = RunsObserver(
+            observer = Observer(
                 lambda b: progress.begin(b, job.soak.spec.title, "runs"), progress.done, stopping
             )
             return drive(job, runs, parallel, retry, observer)

@@ -17,8 +17,8 @@ from cosim.scenario.spec import Scenario, build
 if TYPE_CHECKING:
     from cosim.checks import Finding
     from cosim.comparison.comparison import Comparison
-    from cosim.sweeps.run_point import StudyRow
-    from cosim.sweeps.table import SweepTable
+    from cosim.study.run_point import StudyRow
+    from cosim.study.table import SweepTable
 
 #: ``links[0]`` as a path has it: ``links.0``.
 _INDEX = re.compile(r"\[(\d+)\]")
@@ -116,8 +116,8 @@ def sweep(
     from functools import partial
 
     from cosim.base.processes import processes
-    from cosim.sweeps import execute
-    from cosim.sweeps.study import load_study
+    from cosim.study import execute
+    from cosim.study.study import load_study
 
     opened = partial(processes, jobs)
     return execute.sweep(

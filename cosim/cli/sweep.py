@@ -14,8 +14,8 @@ from cosim.cli.options import Json, Plot, Quiet, Strict
 
 if TYPE_CHECKING:
     from cosim.base.processes import Opened
-    from cosim.sweeps.execute import PlannedRuns
-    from cosim.sweeps.run_point import StudyRow
+    from cosim.study.run_point import StudyRow
+    from cosim.study.runner import PlannedRuns
 
 #: Seconds between two lines of progress where there is no terminal.
 _EVERY = 10.0
@@ -54,8 +54,8 @@ def sweep(
     from cosim.cli.json_file import write_json
     from cosim.cli.summary import this_command
     from cosim.record import seal
-    from cosim.sweeps import boundary, boundary_figure, execute, figures, page, summary
-    from cosim.sweeps.study import load_study
+    from cosim.study import boundary, boundary_figure, execute, figures, page, summary
+    from cosim.study.study import load_study
 
     loaded = load_study(study)
     folder = out or Path("runs") / loaded.path.stem
@@ -115,7 +115,7 @@ def _workers(kind: str, jobs: int, scheduler: str) -> Opened:
 
     from cosim.base.errors import ScenarioError
     from cosim.base.processes import processes
-    from cosim.sweeps import workers
+    from cosim.study import workers
 
     if scheduler:
         return partial(workers.cluster, scheduler)

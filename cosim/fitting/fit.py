@@ -28,7 +28,7 @@ from cosim.fitting.varied import Varied, with_values
 from cosim.record import Column
 from cosim.record.recording import Recording
 from cosim.schedule.plan import Plan
-from cosim.sweeps.memory import record
+from cosim.study.memory import record
 
 Array = NDArray[np.float64]
 #: Residual, in standard deviations of the data, that stands for a run that stopped.

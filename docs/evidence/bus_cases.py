@@ -29,8 +29,8 @@ from cosim.reporting.figures import draw_styled, png  # noqa: E402
 from cosim.scenario.assemble import assemble, scenario_components  # noqa: E402
 from cosim.scenario.buses import bus_history  # noqa: E402
 from cosim.scenario.connect_links import frames_on_buses  # noqa: E402
-from cosim.sweeps.design import Point, points  # noqa: E402
-from cosim.sweeps.study import load_study  # noqa: E402
+from cosim.study.design import Point, points  # noqa: E402
+from cosim.study.study import load_study  # noqa: E402
 
 STUDIES = ROOT / "configs" / "studies"
 SCENARIO = ROOT / "configs" / "can" / "teleoperation-bus.toml"

@@ -18,7 +18,7 @@ from tests.browser.devtools import Browser
 from tests.cli.command import Command
 from tests.cli.conftest import cosim as cosim  # the command as a fixture
 from tests.cosim.comparison.parts import CONFIG
-from tests.cosim.sweeps.studies import STUDY, written
+from tests.cosim.study.studies import STUDY, written
 from tests.system.runs import run as simulated
 from tests.system.runs import teleoperation
 

@@ -13,7 +13,7 @@ import pytest
 from tests.cli.command import Command
 from tests.cli.conftest import cosim as cosim  # the command as a fixture
 from tests.cosim.comparison.parts import CONFIG
-from tests.cosim.sweeps.studies import STUDY, written
+from tests.cosim.study.studies import STUDY, written
 
 pytestmark = [pytest.mark.slow, pytest.mark.browser]
 GRID = """values = [1, 10, 205]

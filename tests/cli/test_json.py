@@ -14,7 +14,7 @@ from cosim.cli.json_file import write_json
 from fmus.models import planar2r
 from tests.cli.command import ROOT, Command
 from tests.cli.conftest import cosim as cosim  # the command as a fixture
-from tests.cosim.sweeps.studies import STUDY, written
+from tests.cosim.study.studies import STUDY, written
 
 CONFIG = ROOT / "configs" / "teleoperation.toml"
 

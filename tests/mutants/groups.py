@@ -48,7 +48,7 @@ GROUPS = {
             "tests/cosim/fmi",
             "tests/cosim/mujoco",
             "tests/system",
-            "tests/cosim/sweeps/test_batch.py",
+            "tests/cosim/study/test_batch.py",
             "tests/cosim/links/test_drawing.py",
         ),
         ("cosim", "fmus"),

@@ -26,7 +26,7 @@ from bridge.simulated_can.bus import CosimBus
 from bridge.zenoh.options import ZenohOptions
 from cosim.fmi.options import FmuOptions
 from cosim.scenario.spec import ComponentSpec, LinkSpec, RecordSpec, RunSpec
-from cosim.sweeps.spec import StudySpec
+from cosim.study.spec import StudySpec
 
 ROOT = Path(__file__).resolve().parents[2]
 

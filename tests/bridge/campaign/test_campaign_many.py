@@ -14,12 +14,12 @@ from bridge.campaign import table as campaign_table
 from bridge.campaign.drive_draw import drives_of
 from bridge.campaign.driver import CampaignSetup
 from bridge.campaign.plan import document, load_many
-from bridge.campaign.soak_driver import RunsObserver
 from bridge.campaign.soak_table import failures
 from bridge.deployment.system import load_system
 from bridge.faults.load import SPECS, build
 from bridge.rehearsal import hosts
 from cosim.base.errors import ScenarioError
+from cosim.study.runner import Observer
 from tests.bridge.rehearsing import COSIM, ROOT, SCENARIO, environment
 
 FILE = ROOT / "configs" / "faults" / "many.toml"
@@ -111,7 +111,7 @@ def test_simulated_runs_pass_and_are_not_made_again(many, tmp_path):
     injected, seen, idle, unseen = map(int, table["all"].split(" / "))
     assert injected >= 20 and seen + idle == injected and seen > 0 and unseen == 0
     begun = []
-    again = driver.campaign(job, 20, 1, observer=RunsObserver(begun=begun.append))
+    again = driver.campaign(job, 20, 1, observer=Observer(begun=begun.append))
     assert begun[0].to_run == 0 and len(again) == len(records)
     assert "| drop |" in campaign_table.markdown(records, "Title")
     with pytest.raises(ScenarioError, match="was started with another seed"):

@@ -21,8 +21,9 @@ from bridge.relay import namespaces
 from cosim.base.errors import RunError, ScenarioError
 from cosim.loading.files import read_document
 from cosim.record import seal, verify
-from cosim.sweeps.run_point import StudyRow
-from cosim.sweeps.store import Store
+from cosim.study.run_point import StudyRow
+from cosim.study.runner import Observer
+from cosim.study.store import Store
 from tests.bridge.faulty import BOTH, SCENARIO, report, script, shown
 from tests.bridge.rehearsing import COSIM, ROOT, environment
 from tests.bridge.zenoh.rehearsed import prepared, sockets
@@ -233,9 +234,7 @@ def test_runs_that_are_there_are_not_made_again(tmp_path):
         for row in rows():
             store.append(row)
     begun = []
-    records = soak_driver.soak(
-        job(tmp_path), 2, 1, observer=soak_driver.RunsObserver(begun=begun.append)
-    )
+    records = soak_driver.soak(job(tmp_path), 2, 1, observer=Observer(begun=begun.append))
     assert [(b.points, b.found, b.to_run) for b in begun] == [(2, 2, 0)]
     assert [r["run"] for r in records] == ["00000", "00001"]
     assert (tmp_path / soak_driver.TABLE).is_file()

@@ -19,7 +19,7 @@ from cosim.record.recording import Recording
 from cosim.scenario.assemble import assemble
 from cosim.scenario.spec import build
 from cosim.schedule.plan import Plan
-from cosim.sweeps.memory import record
+from cosim.study.memory import record
 from fmus.models import planar2r
 from tests.cli.command import Command
 from tests.cli.conftest import cosim as cosim  # the command as a fixture

@@ -15,7 +15,7 @@ from cosim.loading.files import load
 from cosim.record import Run
 from cosim.record.folder import read_metadata
 from cosim.scenario.assemble import assemble
-from cosim.sweeps.memory import record
+from cosim.study.memory import record
 from tests.cosim.fmi.exporter import export, strict2, strict3
 
 ENDS, EVENT = 6, 7

@@ -46,6 +46,9 @@ def compare(
         ),
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Replace an earlier comparison.")] = False,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Continue the unfinished comparison in the folder.")
+    ] = False,
     keep: Annotated[bool, typer.Option("--keep", help="Keep the run folder of every run.")] = False,
     jobs: Annotated[int, typer.Option(min=1, help="Number of processes.")] = os.cpu_count() or 1,
     plot: Annotated[bool, typer.Option("--plot/--no-plot", help="Draw the figure.")] = True,
@@ -64,8 +67,11 @@ def compare(
     from cosim.comparison import page, report
     from cosim.comparison.comparison import compare as compare_all
     from cosim.comparison.documents import check, read_base
+    from cosim.comparison.kept import KeptResults
     from cosim.comparison.variants_file import read, variants_path
+    from cosim.engine.simulate import versions
     from cosim.record import seal
+    from cosim.study.runner import fingerprint_of
 
     known = read(variants or variants_path(scenario))
     if list_:
@@ -77,12 +83,13 @@ def compare(
     folder = out or Path("runs") / f"compare-{scenario.stem}-{stamp()}"
     plans = check(base, known, chosen)  # before there is a folder
     report_unconnected_inputs(plans, strict=strict, quiet=quiet)
-    report.claim(folder, force=force)
-    watch = stopwatch()
-    with progress_bar(quiet) as progress:
+    report.claim(folder, force=force, resume=resume)
+    watch, same = stopwatch(), fingerprint_of(repr(versions()).encode(), plans)
+    runs = folder / report.RUNS if keep else None
+    with progress_bar(quiet) as progress, KeptResults(folder, same, runs) as kept:
         found = compare_all(
-            base, known, chosen, range(base.seed, base.seed + seeds), jobs=jobs,
-            keep=folder / report.RUNS if keep else None, progress=progress,
+            base, known, chosen, range(base.seed, base.seed + seeds), jobs=jobs, kept=kept,
+            progress=progress,
         )  # fmt: skip
     paths = list(report.write(found, folder, _command()))
     if plot:

@@ -2,23 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import product
-from pathlib import Path
-from typing import TypeVar
 
-from cosim.base.interrupts import stop_on_signal
-from cosim.base.processes import processes, spread
+from cosim.base.processes import processes
 from cosim.comparison.documents import Base, Case, scenario
+from cosim.comparison.kept import KeptResults
 from cosim.comparison.measure import CaseOutcome, Task, failed_case, run_case
 from cosim.comparison.port_columns import PortOutcome, PortTask, run_port
 from cosim.comparison.same_links import Tables
 from cosim.comparison.variants import ComparisonSelection, MetricColumn, PortMeasure, Variants
-
-T = TypeVar("T")
-R = TypeVar("R")
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,14 +53,15 @@ def compare(
     seeds: Sequence[int],
     *,
     jobs: int = 1,
-    keep: Path | None = None,
+    kept: KeptResults | None = None,
     progress: Callable[[int, int], None] = lambda done, all_: None,
 ) -> Comparison:
-    """Run every case of `chosen` with every seed. `keep`: folder for the run folders, or None.
+    """Run every case of `chosen` with every seed, but for those whose results are `kept`.
 
     A failure is an outcome with its reason; :func:`cosim.comparison.documents.check` finds cases
     that cannot be assembled beforehand. `progress` is called with (done, all) runs.
     """
+    kept = kept or KeptResults()
     of_runs = [c for c in variants.columns if not isinstance(c.metric, PortMeasure)]
     tasks = [
         Task(
@@ -74,14 +70,15 @@ def compare(
             tuple(c for c in of_runs if c.applies(variants.operators[case.operator])),
             variants.stability,
             variants.picture,
-            None if keep is None else keep / case.name,
+            None if kept.runs is None else kept.runs / case.name,
         )
         for case in cases(chosen, seeds)
     ]
     ports = _port_tasks(base, variants, chosen, seeds)
     tables, found, told = Tables(), dict[Case, CaseOutcome](), 0
     total = len(tasks) + len(ports)
-    for task, result in _each(run_case, tasks, jobs):
+    opened = None if jobs < 2 else partial(processes, jobs)
+    for task, result in kept.results(run_case, tasks, CaseOutcome, opened):
         found[task.case] = failed_case(task.case, result) if isinstance(result, str) else result
         while told < len(tasks) and tasks[told].case in found:  # in order, whoever was done first
             outcome = found[tasks[told].case]
@@ -89,27 +86,12 @@ def compare(
             found[outcome.case] = outcome.without_tables()
             told += 1
         progress(len(found), total)
-    for done, (port, measured) in enumerate(_each(run_port, ports, jobs), len(found) + 1):
+    measures = kept.results(run_port, ports, PortOutcome, opened)
+    for done, (port, measured) in enumerate(measures, len(found) + 1):
         _add(found, port, PortOutcome(reason=measured) if isinstance(measured, str) else measured)
         progress(done, total)
     outcomes = tuple(found[task.case] for task in tasks)
     return Comparison(base, variants, chosen, tuple(seeds), outcomes, tables)
-
-
-def _each(function: Callable[[T], R], tasks: Sequence[T], jobs: int) -> Iterator[tuple[T, R | str]]:
-    """(task, result) as they are done; a text instead of the result if its process died.
-
-    One job is done in this process, where nothing holds off a crash. Raises what `function` raises,
-    and KeyboardInterrupt after the calls that run have ended.
-    """
-    if jobs < 2:
-        for task in tasks:
-            yield task, function(task)
-        return
-    pressed: list[bool] = []
-    with stop_on_signal(lambda: pressed.append(True)):
-        opened = partial(processes, jobs)
-        yield from spread(opened, function, tasks, lambda: bool(pressed))
 
 
 def _port_tasks(

@@ -27,9 +27,10 @@ from cosim.comparison.rows import ComparisonRow, columns, header, notes, rows, r
 from cosim.comparison.variants import Controller
 from cosim.engine.simulate import versions
 from cosim.record.folder import SUMS, reason
+from cosim.study.store import JOURNAL
 
 RESULT, FIGURE, RUNS = "table.json", "comparison.png", "runs"
-_OWN = {RESULT, "table.md", "table.csv", FIGURE, PAGE, "links", RUNS, SUMS}
+_OWN = {RESULT, "table.md", "table.csv", FIGURE, PAGE, "links", RUNS, SUMS, JOURNAL}
 
 
 def text(comparison: Comparison) -> list[str]:
@@ -129,22 +130,31 @@ def as_data(comparison: Comparison, command: str) -> dict[str, Any]:
 # ---- files --------------------------------------------------------------------------------------
 
 
-def claim(folder: Path, *, force: bool = False) -> None:
-    """Make the folder, or take one that is empty or, with `force`, holds a comparison only.
+def claim(folder: Path, *, force: bool = False, resume: bool = False) -> None:
+    """Make the folder, or take one that is empty.
 
-    Its table, figure and link tables are deleted then; run folders stay until they are written
-    anew. Raises ScenarioError.
+    With `force` it may hold a comparison, whose table, figure and link tables are deleted then;
+    with `resume` one that is not finished. Run folders stay until they are written anew. Raises
+    ScenarioError.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
         present = {path.name for path in folder.iterdir()}
     except OSError as error:
         raise ScenarioError(f"cannot be used: {reason(error)}", str(folder)) from error
-    if present and not (force and RESULT in present and present <= _OWN):
+    unfinished = JOURNAL in present and RESULT not in present
+    if unfinished and not (force or resume):
+        raise ScenarioError(
+            "the folder holds an unfinished comparison; use --resume to continue it, or --force to "
+            "begin again", str(folder)
+        )  # fmt: skip
+    ours = (unfinished or (force and RESULT in present)) and present <= _OWN
+    if present and not ours:
         expected = "an empty one, or --force to replace a comparison"
         raise ScenarioError(f"the folder is not empty; expected {expected}", str(folder))
-    old = (*folder.glob("table.*"), *folder.glob("links/*/*.parquet"))
-    for path in (*old, folder / FIGURE, folder / PAGE, folder / SUMS):
+    old = [*folder.glob("table.*"), *folder.glob("links/*/*.parquet")]
+    old += [folder / name for name in (FIGURE, PAGE, SUMS)]
+    for path in (*old, *(() if resume else (folder / JOURNAL,))):
         path.unlink(missing_ok=True)
 
 
@@ -163,4 +173,5 @@ def write(comparison: Comparison, folder: Path, command: str) -> Iterator[Path]:
         write_file(path, content)
         yield path
     comparison.tables.save(folder / "links")
+    (folder / JOURNAL).unlink(missing_ok=True)  # of results that are in the table now
     yield folder / "links"

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import signal
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from cosim.comparison.comparison import Comparison, _each, compare
+from cosim.comparison.comparison import Comparison, compare
 from cosim.comparison.documents import check, read_base
 from cosim.comparison.measure import CaseOutcome, RecordedTable
 from cosim.comparison.rows import rows
@@ -207,23 +206,6 @@ def test_what_fails_is_a_row_with_its_reason(tmp_path: Path) -> None:
     assert "will not start" in refuses.verdict.reason
     assert [len(c.t) for c in fails.curves] == [101, 101]  # until then there is a trajectory
     assert number(one(found, "pd", "light", "constant"), "effort") > 0
-
-
-def test_one_job_is_done_here_and_in_order() -> None:
-    done, sure = [], [3, 1, 2]
-    assert list(_each(done.append, sure, 1)) == [(x, None) for x in sure]
-    assert done == sure
-
-
-def test_ctrl_c_comes_when_the_calls_that_run_have_ended() -> None:
-    done = []
-    with pytest.raises(KeyboardInterrupt):
-        for task, result in _each(abs, range(-100, 0), 2):
-            assert result == -task
-            if not done:
-                signal.raise_signal(signal.SIGINT)
-            done.append(task)
-    assert 1 <= len(done) < 10
 
 
 def test_a_crash_is_a_row_too_and_jobs_change_nothing(tmp_path: Path) -> None:

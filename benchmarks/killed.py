@@ -6,9 +6,9 @@ A run of the teleoperator lasts longer than 30 s of wall time: most are paced by
 sleeps, every fourth goes as fast as it can. At a moment drawn from 0 to 30 s after the recording
 has begun SIGKILL is sent to the command, to the process that works for it, or to both. The
 component records the clock in every row, so the loss is the time from the last recorded row to the
-kill. Each folder has to be readable as it is and after `cosim recover`, row by row from t = 0 and
-with its link tables, and no more than 1 s may be lost; the exit code is 1 where that fails. Every
-kill is a line of `--out`: the same command goes on with those that are missing.
+kill. Each folder has to be readable as it is and after `cosim report --recover`, row by row from
+t = 0 and with its link tables, and no more than 1 s may be lost; the exit code is 1 where that
+fails. Every kill is a line of `--out`: the same command goes on with those that are missing.
 """
 
 from __future__ import annotations

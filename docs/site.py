@@ -186,10 +186,11 @@ def _trees() -> str:
 
 def commands() -> str:
     """Every command with its help."""
-    from cosim.cli.overview import GROUPS as KINDS
+    from cosim.cli.overview import GROUPS as FIRST
+    from cosim.cli.overview import MORE
 
     parts = ["# Commands\n"]
-    for title, found in KINDS.items():
+    for title, found in (*FIRST.items(), *MORE.items()):
         parts.append(f"## {title}\n")
         for name in found:
             help_ = subprocess.run(

@@ -4,27 +4,31 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from cosim.cli.options import Json, Plot, Set, Verify, finite
+from cosim.cli.json_file import write_json
+from cosim.cli.linearize import LinearOptions, linearize
+from cosim.cli.options import Json, Plot, Quiet, Set, Verify, finite
 
 if TYPE_CHECKING:
     from cosim.analysis.analysis import Analysis
     from cosim.analysis.quantity import Quantity
 
 
-def analyze(
-    target: Annotated[Path, typer.Argument(help="Run folder, or scenario file (.toml).")],
+@dataclass(frozen=True, slots=True)
+class PortOptions:
+    """The port, the tests that are applied to it, and the figures."""
+
     port: Annotated[
         str,
         typer.Option(
             metavar="NAME", help="Component that the hand holds.", show_default="the held arm"
         ),
-    ] = "",
-    set_: Set = None,
+    ] = ""
     tests: Annotated[
         bool | None,
         typer.Option(
@@ -32,56 +36,70 @@ def analyze(
             help="Also apply test forces to the port.",
             show_default="up to 500 components",
         ),
-    ] = None,
+    ] = None
     lowest: Annotated[
         float,
         typer.Option(
             callback=finite, help="Frequency of the slowest test force, rad/s.", min=1e-4, max=10.0
         ),
-    ] = 0.03,
-    json: Json = None,
-    plot: Plot = True,
+    ] = 0.03
+    plot: Plot = True
     out: Annotated[
         Path | None,
         typer.Option(
             help="Folder for the figures.", show_default="RUN/analysis, runs/SCENARIO-analysis"
         ),
-    ] = None,
-    check: Verify = True,
+    ] = None
+    check: Verify = True
+
+
+def analyze(
+    target: Annotated[Path, typer.Argument(help="Run folder, or scenario file (.toml).")],
+    port: PortOptions,
+    linear: LinearOptions,
+    set_: Set = None,
+    json: Json = None,
+    quiet: Quiet = False,
 ) -> None:
     """Analyze a port: manipulability, felt damping and stiffness, and passivity.
 
     A scenario is run in memory. For a run folder, the numbers are those of the run, and test forces
-    are applied to the scenario of that run.
+    are applied to the scenario of that run. With --linear: the linear model of a scenario, from one
+    period of the slowest component to the next, with the delays of links at this time.
     """
     from cosim.analysis.analysis import analyse
     from cosim.analysis.analyzed_port import of_run, of_scenario
     from cosim.base.errors import ScenarioError
     from cosim.record import verify
 
+    if linear.linear:
+        if port != PortOptions():
+            raise ScenarioError("found options of a port besides --linear; expected none")
+        linearize(target, set_ or [], linear, json, quiet)
+        return
+    if linear != LinearOptions():
+        raise ScenarioError("found options of a linear model; expected --linear with them")
     if target.is_dir() and set_:
         raise ScenarioError("--set applies to a scenario, not to a recorded run", str(target))
-    if target.is_dir() and check:
+    if target.is_dir() and port.check:
         verify(target)
     if target.is_dir():
-        subject, folder = of_run(target, port), target / "analysis"
+        subject, folder = of_run(target, port.port), target / "analysis"
     else:
-        subject = of_scenario(target, set_ or [], port)
+        subject = of_scenario(target, set_ or [], port.port)
         folder = Path("runs") / f"{target.stem}-analysis"
     with status() as say:
-        found = analyse(subject, tests=tests, lowest=lowest, progress=say)
-    for line in report(found):
-        typer.echo(line)
+        found = analyse(subject, tests=port.tests, lowest=port.lowest, progress=say)
+    lines = report(found)
     if json is not None:
-        from cosim.cli.json_file import write_json
-
         write_json(json, found.as_data())
-        typer.echo(f"\n{'numbers':<12} {json}")
-    if plot:
+        lines.append(f"\n{'numbers':<12} {json}")
+    if port.plot:
         from cosim.reporting.analysis import draw
 
-        for path in draw(found, out or folder):
-            typer.echo(f"{'figure':<12} {path}")
+        lines += [f"{'figure':<12} {path}" for path in draw(found, port.out or folder)]
+    if not quiet:
+        typer.echo("\n".join(lines))
 
 
 @contextmanager

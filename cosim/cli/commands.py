@@ -16,7 +16,7 @@ from cosim.base.parts import commands
 from cosim.base.python import add_working_directory
 from cosim.cli.ending import ProgramGroup, run_program
 from cosim.cli.groups import flat
-from cosim.cli.overview import COMMANDS, overview
+from cosim.cli.overview import ALIASES, COMMANDS, overview
 
 #: Options of commands that are no longer there, as they were typed, and what serves instead.
 REMOVED = {
@@ -54,6 +54,10 @@ class _Commands(ProgramGroup):
         one = get_command(alone)
         one.params += [_removed(*option) for option in REMOVED.get(cmd_name, {}).items()]
         return one
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        """The command that the first of `args` names, also by an earlier name, and the others."""
+        return super().resolve_command(ctx, [*ALIASES.get(args[0], args[:1]), *args[1:]])
 
     def format_help(self, ctx: Any, formatter: Any) -> None:
         """The help of the program."""

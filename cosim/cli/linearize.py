@@ -1,14 +1,16 @@
-"""``cosim linearize``: A, B, C, D of a scenario at an operating point, and its poles."""
+"""``cosim analyze --linear``: A, B, C, D of a scenario at an operating point, and its poles."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from cosim.cli.json_file import write_json
-from cosim.cli.options import Json, Quiet, Set, finite
+from cosim.cli.options import finite
 
 if TYPE_CHECKING:
     from cosim.linear.model import LinearModel
@@ -19,48 +21,67 @@ _MOST = 24
 _AT_ONE = 1e-9
 
 
-def linearize(
-    scenario: Annotated[Path, typer.Argument(help="Scenario file (.toml), .ssp or .fmu.")],
+@dataclass(frozen=True, slots=True)
+class LinearOptions:
+    """The linear model of a scenario."""
+
+    linear: Annotated[
+        bool,
+        typer.Option(
+            "--linear", help="Linearize a scenario at a time of its run: A, B, C, D and the poles."
+        ),
+    ] = False
     at: Annotated[
         float | None,
         typer.Option(
-            callback=finite, min=0.0, help="Time of the run, s.", show_default="the end"
+            callback=finite,
+            min=0.0,
+            help="With --linear: time of the run, s.",
+            show_default="the end",
         ),
-    ] = None,
+    ] = None
     component: Annotated[
-        str, typer.Option(metavar="NAME", help="This component alone.", show_default="all")
-    ] = "",
+        str,
+        typer.Option(
+            metavar="NAME", help="With --linear: this component alone.", show_default="all"
+        ),
+    ] = ""
     inputs: Annotated[
         str,
         typer.Option(
             metavar="NAMES",
-            help="Inputs, separated by commas, e.g. master.tau_ext.",
+            help="With --linear: inputs, separated by commas, e.g. master.tau_ext.",
             show_default="those that nothing feeds",
         ),
-    ] = "",
+    ] = ""
     outputs: Annotated[
         str,
         typer.Option(
             metavar="NAMES",
-            help="Outputs, e.g. master.q[0],slave.q.",
+            help="With --linear: outputs, e.g. master.q[0],slave.q.",
             show_default="those of continuous components",
         ),
-    ] = "",
+    ] = ""
     size: Annotated[
         float,
         typer.Option(
-            callback=finite, min=1e-9, max=1.0,
-            help="Change of a value for the differences; relative where it is above 1.",
+            callback=finite,
+            min=1e-9,
+            max=1.0,
+            help="With --linear: change of a value for the differences; relative where it is "
+            "above 1.",
         ),
-    ] = 1e-3,
-    set_: Set = None,
-    json: Json = None,
+    ] = 1e-3
     mat: Annotated[
-        Path | None, typer.Option("--mat", metavar="FILE", help="Write the model for MATLAB.")
-    ] = None,
-    quiet: Quiet = False,
-) -> None:  # fmt: skip
-    """Linearize a scenario at a time of its run: A, B, C, D and the poles.
+        Path | None,
+        typer.Option("--mat", metavar="FILE", help="With --linear: write the model for MATLAB."),
+    ] = None
+
+
+def linearize(
+    scenario: Path, settings: Sequence[str], options: LinearOptions, json: Path | None, quiet: bool
+) -> None:
+    """Print the linear model of a scenario, and write it.
 
     The model goes from one period of the slowest component to the next, and contains the rates and
     the delays of links at this time.
@@ -70,13 +91,19 @@ def linearize(
 
     with live_line(quiet) as say:
         found = linearized(
-            scenario, set_ or [], at, component, _names(inputs), _names(outputs), size,
+            scenario,
+            settings,
+            options.at,
+            options.component,
+            _names(options.inputs),
+            _names(options.outputs),
+            options.size,
             lambda name: say(f"derivatives of {name}"),
-        )  # fmt: skip
+        )
     if json is not None:
         write_json(json, found.as_data())
-    if mat is not None:
-        _save(mat, _matlab(found))
+    if options.mat is not None:
+        _save(options.mat, _matlab(found))
     if not quiet:
         for line in report(found):
             typer.echo(line)

@@ -3,38 +3,29 @@
 from __future__ import annotations
 
 import textwrap
+from collections.abc import Mapping
 from shutil import get_terminal_size
 
-#: Of each group of commands: the first line of a command's help. Its function has its name and
+#: The commands of the first page: the first line of a command's help. Its function has its name and
 #: stands in the module of that name in this folder, or it is an entry point (cosim.base.parts).
 GROUPS: dict[str, dict[str, str]] = {
     "Simulate": {
+        "new": "Write a scenario, its rehearsal and a test: for your controller or your arm.",
         "run": (
             "Run a scenario; write trajectories, metadata, link tables and a report to a folder."
         ),
         "check": (
             "Check a scenario without running it: stability margins, links, wiring, predictions."
         ),
-        "show": (
-            "Print how a scenario runs: components, rates, order, and what every input samples."
-        ),
         "info": (
             "Print the ports and units of an FMU, a model or a scene of MuJoCo; validate an FMU."
         ),
-        "export": "Write a scenario or a run for other tools.",
-        "new": "Write a scenario, its rehearsal and a test: for your controller or your arm.",
-        "doctor": (
-            "Check this machine: Python, engine, compiler, networks, CAN, real time; with cures."
-        ),
-        "completion": 'Print the completion of a shell: eval "$(cosim completion bash)".',
         "report": (
             "Write the report of a run again: a page with diagrams, arms that move, and results."
         ),
-        "recover": "Complete a run folder after the run was killed or the disk was full.",
     },
     "Judge": {
         "analyze": "Analyze a port: manipulability, felt damping and stiffness, and passivity.",
-        "linearize": "Linearize a scenario at a time of its run: A, B, C, D and the poles.",
         "compare": (
             "Compare controllers: run each with every operator and link law, and print one table."
         ),
@@ -44,45 +35,70 @@ GROUPS: dict[str, dict[str, str]] = {
         "fit": (
             "Fit parameters of a scenario or an FMU to measured data, with confidence intervals."
         ),
-        "identify": "Identify the base parameters of an arm from a recorded run, with intervals.",
         "diff": (
             "Compare two runs signal by signal, largest differences first, and print a verdict."
         ),
+    },
+    "Rehearse": {
+        "doctor": (
+            "Check this machine: Python, engine, compiler, networks, CAN, real time; with cures."
+        ),
+        "rehearse": (
+            "Run a scenario in real time, one process per node, on real buses; then check the run."
+        ),
+        "monitor": "Show the status of a running or finished rehearsal (read-only).",
+        "replay": "Recompute a recorded run offline, and compare every signal of every node.",
+        "ping": (
+            "Measure delays of a network each way and by parts; predict the effect on controllers."
+        ),
+    },
+}
+#: The others, which the first page names.
+MORE: dict[str, dict[str, str]] = {
+    "Scenarios and runs": {
+        "show": (
+            "Print how a scenario runs: components, rates, order, and what every input samples."
+        ),
+        "export": "Write a scenario or a run for other tools.",
+        "delays": (
+            "List delays by name: presets of networks, and frozen traces with their SHA-256 sums."
+        ),
+    },
+    "Models": {
+        "identify": "Identify the base parameters of an arm from a recorded run, with intervals.",
         "reproduce": (
             "Reproduce the paper: run Sec. VII and Theorems 1-5, draw figures, check all claims."
         ),
     },
-    "Rehearse": {
-        "rehearse": (
-            "Run a scenario in real time, one process per node, on real buses; then check the run."
-        ),
+    "Nodes": {
         "node": (
             "Run one node of a deployment: configure it, wait for the start, run until the end."
         ),
-        "replay": "Recompute a recorded run offline, and compare every signal of every node.",
-        "monitor": "Show the status of a running or finished rehearsal (read-only).",
         "tell": "Send a command or a query to the nodes of a deployment, and print their answers.",
-        "campaign": "Run a rehearsal with each fault script of a campaign, and check each run.",
-        "soak": "Run a soak test: many rehearsals with random faults, several at once.",
-    },
-    "Networks": {
-        "delays": (
-            "List delays by name: presets of networks, and frozen traces with their SHA-256 sums."
-        ),
-        "ping": (
-            "Measure delays of a network each way and by parts; predict the effect on controllers."
-        ),
-        "pong": "Answer the questions of cosim ping, until Ctrl-C.",
-        "bus": (
-            "Serve a simulated CAN bus to python-can programs, socketcand clients and SocketCAN."
-        ),
         "keys": (
             "Create a test authority and one certificate per node, for configs/zenoh/secure.json5."
         ),
     },
+    "Faults": {
+        "campaign": "Run a rehearsal with each fault script of a campaign, and check each run.",
+        "soak": "Run a soak test: many rehearsals with random faults, several at once.",
+    },
+    "Networks": {
+        "pong": "Answer the questions of cosim ping, until Ctrl-C.",
+        "bus": (
+            "Serve a simulated CAN bus to python-can programs, socketcand clients and SocketCAN."
+        ),
+    },
+    "Shell": {
+        "completion": 'Print the completion of a shell: eval "$(cosim completion bash)".',
+    },
 }
-#: The same without the groups.
-COMMANDS = {name: line for group in GROUPS.values() for name, line in group.items()}
+#: Both without the groups.
+COMMANDS = {
+    name: line for group in (*GROUPS.values(), *MORE.values()) for name, line in group.items()
+}
+#: Earlier names of commands, which this release still takes, and what they are now.
+ALIASES = {"recover": ("report", "--recover"), "linearize": ("analyze", "--linear")}
 _HEAD = """\
 Usage: cosim [OPTIONS] COMMAND [ARGS]...
 
@@ -99,19 +115,23 @@ Begin with: cosim new controller my_law
 
 
 def overview() -> str:
-    """The help of the program: a line for each command, wrapped to the terminal (at most 100)."""
+    """The help of the program, wrapped to the terminal (at most 100 columns)."""
+    parts = [_HEAD, *(f"{title}:\n{_rows(group)}\n" for title, group in GROUPS.items())]
+    more = {title: ", ".join(group) for title, group in MORE.items()}
+    return "\n".join([*parts, f"More commands:\n{_rows(more)}\n", _END])
+
+
+def _rows(texts: Mapping[str, str]) -> str:
+    """Names and texts in two columns."""
     width = min(100, get_terminal_size().columns)
-    column = max(map(len, COMMANDS)) + 4
-    parts = [_HEAD]
-    for title, group in GROUPS.items():
-        lines = [
-            textwrap.fill(
-                line,
-                max(width, column + 20),
-                initial_indent=f"  {name}".ljust(column),
-                subsequent_indent=" " * column,
-            )
-            for name, line in group.items()
-        ]
-        parts.append("\n".join([f"{title}:", *lines, ""]))
-    return "\n".join([*parts, _END])
+    column = max(len(name) for name in (*COMMANDS, *MORE)) + 4
+    return "\n".join(
+        textwrap.fill(
+            text,
+            max(width, column + 20),
+            initial_indent=f"  {name}".ljust(column),
+            subsequent_indent=" " * column,
+            break_on_hyphens=False,
+        )
+        for name, text in texts.items()
+    )

@@ -26,9 +26,24 @@ def report(
             "Default: 183 mm.",
         ),
     ] = None,
+    recover: Annotated[
+        bool,
+        typer.Option(
+            "--recover", help="Only complete the folder of a run that was killed or lacked disk."
+        ),
+    ] = False,
     quiet: Quiet = False,
 ) -> None:
-    """Write the report of a run again: a page with diagrams, arms that move, and results."""
+    """Write the report of a run again: a page with diagrams, arms that move, and results.
+
+    Every command reads the folder of a run that was killed as it is; other tools need the complete
+    files, which --recover writes.
+    """
+    if recover:
+        from cosim.engine.recovery import repair
+
+        typer.echo(repair(run) or "complete: nothing is to be recovered")
+        return
     from cosim.base.convert import number
     from cosim.base.errors import ScenarioError
     from cosim.cli.summary import draw_figures

@@ -160,7 +160,6 @@ def _finish(
     options: RunOptions,
 ) -> None:
     """Print the numbers of a run; write its table, pictures and sums."""
-    from cosim.cli.json_file import write_json
     from cosim.cli.summary import announced, as_data, pictures, summary
     from cosim.measure.joint_limits import beyond
     from cosim.record import seal
@@ -179,6 +178,8 @@ def _finish(
         options.say(f"{what:<16} {path}")
     seal(folder)
     if options.json is not None:
+        from cosim.cli.json_file import write_json
+
         write_json(options.json, as_data(loaded, result, outcome))
     options.say(f"{'run folder':<16} {folder}")
 

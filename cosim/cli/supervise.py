@@ -191,7 +191,7 @@ def _complete(folder: Path, how: str) -> None:
     except Exception as error:
         if not (lacking := shortage(error)):
             raise
-        sys.stderr.write(f"error: {lacking}; `cosim recover {folder}` completes it\n")
+        sys.stderr.write(f"error: {lacking}; `cosim report {folder} --recover` completes it\n")
 
 
 _CRASHES = {"SIGSEGV", "SIGBUS", "SIGFPE", "SIGILL", "SIGABRT"}

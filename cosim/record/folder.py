@@ -31,7 +31,7 @@ EVENTS = "events.csv"
 #: Suffix of a link's table while a run goes on.
 ROWS = ".rows"
 #: What ``status`` of ``run.json`` may be. A folder that is "running" and whose run is not there any
-#: more was cut short; `cosim recover` makes it "recovered".
+#: more was cut short; `cosim report --recover` makes it "recovered".
 RUNNING, FINISHED, STOPPED, RECOVERED = "running", "finished", "stopped", "recovered"
 _SINGLE = (TRAJECTORIES, PART, LIVE, METADATA, LAST, SUMS, TABLES, TABLE_ROWS)
 _MADE = (REPORT, CSV, EVENTS)

@@ -15,8 +15,8 @@ from cosim.base.errors import ScenarioError
 from cosim.base.parts import part
 from cosim.cli import main
 from cosim.cli.commands import function
-from cosim.cli.overview import COMMANDS
-from tests.cli.command import CALL
+from cosim.cli.overview import ALIASES, COMMANDS, GROUPS, MORE
+from tests.cli.command import CALL, Command
 
 ROOT = Path(__file__).parents[2]
 TELEOPERATION = ROOT / "configs" / "teleoperation.toml"
@@ -49,8 +49,33 @@ def test_every_command_is_listed_with_its_line(words: list[str]) -> None:
     assert done.returncode == (0 if words else 2)
     assert max(map(len, done.stdout.splitlines())) <= 80
     listed = " ".join(done.stdout.split())
-    for name, line in COMMANDS.items():
-        assert f"{name} {line}" in listed
+    first = {name: line for group in GROUPS.values() for name, line in group.items()}
+    assert len(first) <= 16  # a page
+    assert all(f"{name} {line}" in listed for name, line in first.items())
+    for title, group in MORE.items():
+        assert f"{title} {', '.join(group)}" in listed
+
+
+@pytest.mark.parametrize("name", ALIASES)
+def test_an_earlier_name_is_the_command_with_an_option(name: str, cosim: Command) -> None:
+    command, option = ALIASES[name]
+    now = cosim(command, option, "nowhere")
+    assert now.code == 2
+    assert (cosim(name, "nowhere").code, cosim(name, "nowhere").err) == (2, now.err)
+    assert option in cosim(name, "--help").out
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--at", "1"], "expected --linear with them"),
+        (["--linear", "--port", "master"], "options of a port besides --linear"),
+    ],
+)
+def test_options_of_a_port_and_a_linear_model_exclude_each_other(
+    words: list[str], said: str, cosim: Command
+) -> None:
+    assert said in cosim.refused("analyze", TELEOPERATION, *words)
 
 
 @pytest.mark.parametrize(
@@ -127,7 +152,7 @@ def test_another_distribution_adds_a_command(words: list[str], tmp_path: Path) -
         env=os.environ | {"PYTHONPATH": str(tmp_path)},
     )
     assert done.returncode == 0, done.stderr
-    assert ("Say hello." if words[0] == "greet" else " keys greet") in done.stdout
+    assert ("Say hello." if words[0] == "greet" else " completion greet") in done.stdout
 
 
 def test_a_part_that_is_not_installed_is_named() -> None:

@@ -76,7 +76,7 @@ def test_recover_completes_the_folder(cosim: Command, tmp_path: Path) -> None:
     assert json.loads((here / "run.json").read_text())["status"] == "running"
     with pytest.warns(CutShort):
         before = Run.open(here)
-    said = cosim("recover", here)
+    said = cosim("report", here, "--recover")
     assert said.out.strip() == f"recorded until t = {before.t[-1]:.6g} s", said
     left = sorted(str(p.relative_to(here)) for p in here.rglob("*") if p.is_file())
     assert [p for p in left if not p.startswith("links")] == [
@@ -89,7 +89,7 @@ def test_recover_completes_the_folder(cosim: Command, tmp_path: Path) -> None:
     last = Run.open(here / "last.parquet")
     assert last.t[-1] == after.t[-1] and len(last) >= 1000
     assert "master_control.w[0]" in last.names
-    assert "complete" in cosim("recover", here).out
+    assert "complete" in cosim("report", here, "--recover").out
 
 
 @pytest.mark.parametrize(

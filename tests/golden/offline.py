@@ -14,6 +14,7 @@ from unittest.mock import patch
 
 import numpy as np
 
+from cosim.cli.overview import COMMANDS
 from tests.golden.kept import ROOT, Record
 
 CONFIGS = ROOT / "configs"
@@ -229,12 +230,11 @@ def fmus(record: Record) -> None:
 
 def helps(record: Record) -> None:
     """The help of every command, without the boxes around it."""
-    commands = re.findall(r"^\W*([a-z]+)  ", cosim("--help")[1], flags=re.M)
-    for name in ("", *commands):
+    for name in ("", *COMMANDS):
         code, out, _ = cosim(*name.split(), "--help")
         words = " ".join(re.sub(r"[^\x20-\x7e]", " ", out.replace("\n", " ")).split())
         record.text(f"cosim {name}", f"{code} {words}")
-    record.text("commands", " ".join(commands), whole=True)
+    record.text("commands", " ".join(COMMANDS), whole=True)
 
 
 def refusals(record: Record) -> None:

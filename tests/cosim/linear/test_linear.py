@@ -335,7 +335,15 @@ def test_sparse_poles_are_those_of_the_whole_matrix() -> None:
 def test_command_prints_poles_and_writes_both_files(cosim: Command, tmp_path: Path) -> None:
     (tmp_path / "mass.toml").write_text(WIRED)
     done = cosim(
-        "linearize", "mass.toml", "--inputs", "mass.f", "--json", "m.json", "--mat", "m.mat"
+        "analyze",
+        "mass.toml",
+        "--linear",
+        "--inputs",
+        "mass.f",
+        "--json",
+        "m.json",
+        "--mat",
+        "m.mat",
     )
     assert done.code == 0, done.err
     assert "2 states, 1 inputs, 2 outputs" in done.out and "±" in done.out

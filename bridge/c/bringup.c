@@ -302,9 +302,18 @@ static int64_t received_ns(const node_t *n, const reception_t *r)
     return arrival > r->previewed_ns ? arrival : r->previewed_ns;
 }
 
+/* The age of a position that the node accepts in its run; at least some periods of the message. */
+static int64_t oldest_ns(const node_t *n, const reception_t *r)
+{
+    int64_t limit = PERIODS * r->period_ns > NOW_NS ? PERIODS * r->period_ns : NOW_NS;
+    for (int32_t i = 0; i < n->n_inlets; i++)
+        if (n->inlets[i].reception == r && n->inlets[i].stop_ns > limit) limit = n->inlets[i].stop_ns;
+    return limit;
+}
+
 static int32_t is_of_now(const node_t *n, const reception_t *r, int64_t now_ns)
 {
-    const int64_t limit = PERIODS * r->period_ns > NOW_NS ? PERIODS * r->period_ns : NOW_NS;
+    const int64_t limit = oldest_ns(n, r);
     const int64_t t = received_ns(n, r);
     return t >= 0 && t >= n->commanded[r->drive].up_ns - limit && now_ns - t <= limit;
 }
@@ -315,6 +324,19 @@ API int32_t bringup_ready(const node_t *n, int64_t now_ns)
     for (int32_t i = 0; n->n_commanded > 0 && i < n->n_receptions; i++)
         if (n->receptions[i].drive >= 0 && !is_of_now(n, n->receptions + i, now_ns)) return 0;
     return 1;
+}
+
+void bringup_keep_lacks(node_t *n, int64_t now_ns)
+{
+    for (int32_t i = 0; i < n->n_commanded; i++)
+        n->commanded[i].lacks = n->commanded[i].phase == DRIVE_SERVING ? LACKS_NOTHING : LACKS_BRINGUP;
+    for (int32_t i = 0; n->n_commanded > 0 && i < n->n_receptions; i++) {
+        const reception_t *r = n->receptions + i;
+        if (r->drive < 0 || is_of_now(n, r, now_ns)) continue;
+        commanded_t *d = n->commanded + r->drive;
+        if (d->lacks == LACKS_NOTHING) d->lacks = LACKS_POSITION;
+        d->position_ns = received_ns(n, r) < 0 ? -1 : now_ns - received_ns(n, r);
+    }
 }
 
 uint64_t bringup_serving(const node_t *n)

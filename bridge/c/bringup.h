@@ -19,8 +19,11 @@ void bringup_watch(node_t *n, int64_t now_ns);
 API uint32_t bringup_step(node_t *n, int64_t now_ns, int32_t feed_all);
 /* Disables all drives now. */
 API void bringup_rest(node_t *n, int64_t now_ns);
-/* Whether all drives are ready and their positions are those of now. */
+/* Whether all drives are ready and their positions are those of now: not older than the node accepts
+ * in its run. */
 API int32_t bringup_ready(const node_t *n, int64_t now_ns);
+/* Keeps what each drive lacks now: `lacks`. */
+void bringup_keep_lacks(node_t *n, int64_t now_ns);
 /* Bits of the drives that torques are sent to; and the same in a replay. */
 uint64_t bringup_serving(const node_t *n);
 void bringup_replay(node_t *n, uint64_t serving);

@@ -44,6 +44,9 @@ enum phase { DRIVE_RESTING, DRIVE_RISING, DRIVE_SERVING, DRIVE_FAILED };
 enum failure { FAILED_NOT, FAILED_ANSWER, FAILED_VALUE, FAILED_STATE, FAILED_SILENT, FAILED_FORMAT, FAILED_NUMBER,
        FAILED_STILL };
 
+/* What a drive lacked when START was refused: nothing, its bring-up was not over, a position of now. */
+enum lacks { LACKS_NOTHING, LACKS_BRINGUP, LACKS_POSITION };
+
 typedef struct {
     accept_t status;        /* the frame that tells its state, whatever its format */
     const told_t *told;
@@ -66,7 +69,9 @@ typedef struct {
     int64_t told_ns;        /* -1: nothing yet */
     int64_t began_ns, sent_ns;  /* the step; its frame, 0: not yet */
     int64_t up_ns;          /* when it became ready */
-    int32_t answered, reserved;     /* of the step: its frame has come */
+    int32_t answered;       /* of the step: its frame has come */
+    int32_t lacks;          /* LACKS_ when START was refused last */
+    int64_t position_ns;    /* LACKS_POSITION: the age of its position then; -1: it has told none */
 
     int32_t q_of, q_at;     /* its position: number of the message, of the value; -1: none */
     int32_t dq_of, dq_at;   /* its velocity */

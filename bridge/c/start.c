@@ -10,9 +10,12 @@
 #include "service.h"
 
 enum { IDLE_NS = 5000000, BEAT_NS = 20000000, OBEY_NS = 100000000, REFUSE_NS = 20000000 };
+/* ARM waits so long for a peer that is late, on a machine that stood still. */
+#define ARM_NS INT64_C(2000000000)
 
-/* The interval in which a received START may be obeyed; until 0: there is no START. */
-typedef struct { int64_t from, until; } pending_t;
+/* The interval in which a received START may be obeyed, and the time until which ARM may; until, arm_until
+ * 0: there is none. */
+typedef struct { int64_t from, until, arm_until; } pending_t;
 
 static int32_t peer_present(const peer_t *peer, int64_t now)
 {
@@ -89,13 +92,31 @@ static void schedule_start(node_t *n, pending_t *start, int64_t start_ns, int64_
     start->until = start_ns > now ? start_ns - REFUSE_NS : now + n->patience_ns;
 }
 
+/* ARM, as soon as nothing is in its way. */
+static void arm_if_free(node_t *n, pending_t *start, int64_t now)
+{
+    if (!start->arm_until) return;
+    const uint32_t why = missing_bits(n, now);
+    if (why && now < start->arm_until) return;
+    start->arm_until = 0;
+    command(n, COMMAND_ARM, why);
+}
+
+static void schedule_arm(node_t *n, pending_t *start, int64_t now)
+{
+    start->arm_until = now + (n->patience_ns < ARM_NS ? n->patience_ns : ARM_NS);
+    arm_if_free(n, start, now);
+}
+
 /* Commands in their order; a STOP or an emergency stop has cancelled others. */
 static void follow(node_t *n, pending_t *start, uint32_t commands, int64_t start_ns, int64_t now)
 {
     for (; commands; commands >>= 3) {
         const int32_t what = (int32_t)(commands & 7);
         if (what == COMMAND_START) schedule_start(n, start, start_ns, now);
-        else command(n, what, what == COMMAND_ARM ? missing_bits(n, now) : 0);
+        else if (what == COMMAND_ARM) schedule_arm(n, start, now);
+        else command(n, what, 0);
+        if (what == COMMAND_RESET) start->arm_until = 0;
     }
 }
 
@@ -134,7 +155,8 @@ static void start_if_due(node_t *n, pending_t *start, int64_t now)
     if (n->simulated && n->n_commanded > 0 && !n->life.armed && !missing_bits(n, now)) command(n, COMMAND_ARM, 0);
     if (now < start->from) return;
     const uint32_t why = run_is_over(n, now) ? 0 : missing_bits(n, now) | (bringup_ready(n, now) ? 0 : WHY_DRIVE);
-    if (why && now < start->until) return;
+    if ((why || start->arm_until) && now < start->until) return;
+    if (why & WHY_DRIVE) bringup_keep_lacks(n, now);
     if (n->simulated && !n->life.armed && !why) command(n, COMMAND_ARM, 0);
     command(n, COMMAND_START, why);
     start->until = 0;
@@ -149,7 +171,7 @@ static void obey(node_t *n, pending_t *start, int64_t now)
     n->life.commands = 0;
     n->life.now &= ~(uint32_t)WHY_NOT_YET;
     if (stop || (n->life.now & WHY_ESTOP && (heard || told))) {
-        start->until = 0;
+        start->until = start->arm_until = 0;
         n->epoch.follows &= !stop;
         command(n, stop ? COMMAND_STOP : COMMAND_START, 0);
     } else {
@@ -158,6 +180,7 @@ static void obey(node_t *n, pending_t *start, int64_t now)
         join(n, start, now);
     }
     life_step(&n->life);
+    arm_if_free(n, start, now);
     start_if_due(n, start, now);
     /* t = 0 is known while a START waits, and when it was obeyed; not when it was refused or cancelled */
     if (n->life.state != LIFE_ACTIVE && !start->until) n->start_ns = 0;
@@ -193,7 +216,7 @@ void node_stand_by(node_t *n, int64_t until_ns, int32_t hears)
 
 int32_t node_wait(node_t *n)
 {
-    pending_t start = {0, 0};
+    pending_t start = {0, 0, 0};
     int64_t next = pace_now(), beat = 0;
     n->life.state = LIFE_INACTIVE;
     n->alarms = -1;

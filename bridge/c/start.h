@@ -9,7 +9,7 @@
  * required peers are present, `awaited` messages have been received, drives have watchdogs and
  * positions are near each other; otherwise it is refused: `refusals`, `refused`. A START whose time
  * has passed (of a node that joins a run) waits for `patience_ns`. A node that `follows` joins a run
- * on its own when it receives EPOCH, until STOP. ARM is refused under the same conditions. A rehearsal
+ * on its own when it receives EPOCH, until STOP. ARM waits for the same conditions, for 2 s at most. A rehearsal
  * arms itself; with real drives ARM must come first. LIVE_FINISHED: the node is ACTIVE. */
 int32_t node_wait(node_t *n);
 /* Between node_wait and the first slot, until this time of CLOCK_MONOTONIC: drives are fed. `hears`: what is

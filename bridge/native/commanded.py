@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from bridge.native.enums import Failure, Phase, StepKind, Told
+from bridge.native.enums import Failure, Lacks, Phase, StepKind, Told
 from bridge.native.structs import CommandedStruct, DriveEvent, DriveEvents, StepStruct, ToldStruct
 
 __all__ = [
-    "CommandedStruct", "DriveEvent", "DriveEvents", "Failure", "Phase", "StepKind",
+    "CommandedStruct", "DriveEvent", "DriveEvents", "Failure", "Lacks", "Phase", "StepKind",
     "StepStruct", "Told", "ToldStruct",
 ]  # fmt: skip

@@ -15,7 +15,7 @@ from typing import Any
 
 from bridge.native import node as native
 from bridge.native.message import REFUSALS, Receiver
-from bridge.native.safety import LifeState
+from bridge.native.safety import LifeState, Why
 from bridge.node.control import Control, Helpers, Say
 from bridge.records.records import reason_names, refusal
 from bridge.wiring.wiring import WiredNode
@@ -183,11 +183,11 @@ def never_received(wired: WiredNode) -> list[str]:
 
 def _refusal_event(wired: WiredNode) -> Mapping[str, Any]:
     struct = wired.struct
-    reasons, armed, missing = (
-        reason_names(struct.refused),
-        bool(struct.life.armed),
-        [*missing_before_start(wired), *wired.commanded.not_ready()],
-    )
+    reasons, armed = reason_names(struct.refused), bool(struct.life.armed)
+    unheard = missing_before_start(wired)
+    missing = [f"not heard: {', '.join(unheard)}"] if unheard else []
+    if struct.refused & Why.DRIVE:
+        missing += wired.commanded.not_ready()
     why = refusal(reasons, armed, missing)
     return {
         "event": "refused", "reasons": reasons, "armed": armed, "missing": missing, "why": why,

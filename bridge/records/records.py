@@ -197,7 +197,7 @@ class Missed(_Note, frozen=True, kw_only=True, tag="missed"):
 
 class Refused(_Note, frozen=True, kw_only=True, tag="refused"):
     """A life refused to arm or to start; `reasons`: names of the bits of ``Why``; `missing`: what
-    it had not heard.
+    it had not heard, and what its drives lacked.
     """
 
     life: Life
@@ -239,9 +239,9 @@ def record_note(what: str | FaultEvent, t: float) -> Note:
 
 
 def refusal(reasons: Sequence[str], armed: bool, missing: Sequence[str] = ()) -> str:
-    """The reason for which ARM or START was refused, as text; `missing`: missing inputs."""
+    """The reason for which ARM or START was refused, as text; `missing`: what there was not."""
     if missing:
-        return f"{refusal(reasons, armed)} (not heard: {', '.join(missing)})"
+        return f"{refusal(reasons, armed)} ({'; '.join(missing)})"
     others = [name for name in reasons if name != "command"]
     if not others:
         return "not in this state" if armed else "not armed"

@@ -13,6 +13,7 @@ from bridge.native.commanded import (
     CommandedStruct,
     DriveEvent,
     Failure,
+    Lacks,
     Phase,
     StepKind,
     StepStruct,
@@ -81,8 +82,8 @@ class CommandedDrives:
         return self._sentences(lambda s: s.failure != Failure.NOT)
 
     def not_ready(self) -> list[str]:
-        """The same of all drives that get no torque."""
-        return self._sentences(lambda s: s.phase != Phase.SERVING)
+        """The same of drives that were not ready when START was refused last."""
+        return self._sentences(lambda s: s.lacks != Lacks.NOTHING)
 
     def _sentences(self, chosen: Callable[[CommandedStruct], bool]) -> list[str]:
         found: dict[tuple[str, str], list[int]] = {}
@@ -165,7 +166,7 @@ def _reason(drive: Foreign, s: CommandedStruct) -> str:
     """The reason for which a drive gets no torque, as the rest of a sentence about it."""
     failure, status = Failure(s.failure), drive.profile.status
     if failure is Failure.NOT:
-        return f"has not been brought up: it tells {_told(drive, s.row, s.word) or 'nothing'}"
+        return _lacking(drive, s)
     told = status.describe(int(s.failed_word)) if s.heard else "nothing"
     match failure:
         case Failure.ANSWER:
@@ -186,6 +187,13 @@ def _reason(drive: Foreign, s: CommandedStruct) -> str:
             number = f"{int(s.failed_word) & status.number:#x}"
             return f"answers with the number of another drive ({number})"
     return f"tells {told}, expected an enabled state"
+
+
+def _lacking(drive: Foreign, s: CommandedStruct) -> str:
+    if Lacks(s.lacks) is Lacks.POSITION:
+        age = f"for {s.position_ns * 1e-6:.0f} ms" if s.position_ns >= 0 else "yet"
+        return f"has told no position {age}"
+    return f"has not been brought up: it tells {_told(drive, s.row, s.word) or 'nothing'}"
 
 
 def _told(drive: Foreign, row: int, word: int) -> str:

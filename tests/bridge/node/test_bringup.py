@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes as c
+import re
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from bridge.native.commanded import Failure
 from bridge.native.frame import Frame
 from bridge.native.safety import Command, LifeState, Why
 from bridge.native.vendor import VendorFault
+from bridge.node.missing_inputs import report_missing_inputs
 from cosim.base.clock import monotonic_ns
 from tests.bridge.bench import until
 from tests.bridge.deployments import named
@@ -23,6 +25,7 @@ ENABLE, DISABLE, CLEAR = (bytes([255] * 7 + [last]) for last in (0xFC, 0xFD, 0xF
 JUMPS = "deploy.nodes.master_control.guard.q_jump=1000"  # motors are not where the scenario begins
 DEAF = ("deploy.nodes.master_control.stale={}", "deploy.silence=0")
 CALM = "deploy.nodes.master_control.overrun='20 s'"  # a busy machine is no reason to stop
+STALE = 'deploy.nodes.master_control.stale={{"master_control.q"={{stop="{}"}}}}'
 LONG = ("run.stop=30", JUMPS, CALM, *DEAF)
 #: Deployment, number of its host, and identifiers of what feeds drive n of it.
 DEPLOYMENTS = {
@@ -221,6 +224,32 @@ def test_positions_have_to_be_those_of_now(tmp_path):
         assert start != -1.0471975511965976  # the scenario's
         motors.ended.set()  # nothing is told any more
         until(lambda: not ready(node))
+
+
+def test_a_refused_start_names_the_drive_that_told_no_position(tmp_path):
+    """Drives rest from then on, so what they lacked is kept."""
+    said = []
+    with gate("can-cia402", tmp_path) as node, Motors(node, host=2, timeout=5.0) as motors:
+        node.control.arm()
+        until(lambda: ready(node))
+        motors.ended.set()
+        until(lambda: not ready(node))
+        with report_missing_inputs(node.wired, said.append, dict):
+            node.control.start(monotonic_ns() + 200 * MS)
+            until(lambda: any(e.get("event") == "refused" for e in said))
+    why = next(e["why"] for e in said if e.get("event") == "refused")
+    assert re.search(r"drive 11 \(and 12\) on bus left has told no position for \d+ ms", why), why
+    assert "brought up" not in why
+
+
+def test_a_position_that_is_new_enough_for_the_run_is_so_for_the_start(tmp_path):
+    patient = STALE.format("20 s")
+    with gate("can-cia402", tmp_path, patient) as node, Motors(node, host=2, timeout=5.0):
+        node.control.arm()
+        until(lambda: ready(node))
+        ask, at = native.functions().bringup_ready, monotonic_ns()
+        found = [bool(ask(c.byref(node.struct), at + s * 1000 * MS)) for s in (8, 40)]
+        assert found == [True, False]
 
 
 def test_the_answer_of_a_register_is_no_position_and_no_state(tmp_path):

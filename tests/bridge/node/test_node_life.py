@@ -14,7 +14,7 @@ from bridge.native import node as native
 from bridge.native.bus import Bus
 from bridge.native.frame import Frame, Ring
 from bridge.native.message import Header
-from bridge.native.safety import LifeState, Status, Why
+from bridge.native.safety import Command, LifeState, Status, Why
 from bridge.records.records import reason_names, refusal
 from bridge.wiring import outlets
 from bridge.wiring.wiring import WiredNode
@@ -62,6 +62,32 @@ def test_a_peer_that_is_simulated_is_none_for_real_drives(tmp_path):
         bench.control.arm()
         assert refused(bench) == Why.PEER | Why.STALE
         assert not bench.struct.life.armed
+
+
+def test_arming_waits_for_a_peer_that_is_late(tmp_path):
+    with Bench(tmp_path, real=True, there=False) as bench:
+        bench.control.arm()
+        time.sleep(0.1)
+        assert bench.struct.refusals == 0 and not bench.struct.life.armed
+        bench.there = True
+        until(lambda: bench.struct.life.armed)
+        bench.begin()
+        assert bench.struct.refusals == 0
+
+
+@pytest.mark.parametrize("cancel", ["stop", "reset"])
+def test_arming_that_waits_is_cancelled(cancel, tmp_path):
+    with Bench(tmp_path, real=True, there=False) as bench:
+        bench.control.arm()
+        if cancel == "reset":
+            bench.control.reset()
+        else:
+            native.functions().node_tell(c.byref(bench.struct), Command.STOP)
+            until(lambda: not bench.struct.told)
+        bench.there = True
+        bench.heard()
+        start(bench)
+        assert refused(bench) == Why.COMMAND  # not armed
 
 
 def test_real_drives_need_arming(tmp_path):

@@ -6,7 +6,7 @@ import pytest
 
 from bridge.native import node as native
 from bridge.native.bus import Bus
-from bridge.native.commanded import Failure, Phase
+from bridge.native.commanded import Failure, Lacks, Phase
 from bridge.native.frame import Ring
 from bridge.wiring.commanded import EVENTS
 from bridge.wiring.wiring import WiredNode
@@ -103,13 +103,17 @@ def test_drives_that_are_given_up_are_told_from_those_that_serve(wired):
     numbers = [drive.node for drive in commanded.drives]
     first.phase = second.phase = Phase.SERVING
     assert commanded.given_up() == commanded.not_ready() == []
-    second.phase = Phase.RISING
+    second.phase, second.lacks = Phase.RISING, Lacks.BRINGUP
     second.row = -1
     assert commanded.given_up() == []
     (text,) = commanded.not_ready()
     assert text.startswith(f"drive {numbers[1]} on bus ") and "it tells nothing" in text
     second.row, second.word = 0, 0x00  # what the first row of the table matches
     assert "it tells DISABLED" in commanded.not_ready()[0]
+    second.lacks, second.position_ns = Lacks.POSITION, 80 * MS
+    assert "has told no position for 80 ms" in commanded.not_ready()[0]
+    second.position_ns = -1
+    assert "has told no position yet" in commanded.not_ready()[0]
     second.failure, second.phase = Failure.SILENT, Phase.FAILED
     (text,) = commanded.given_up()
     assert text.startswith(f"drive {numbers[1]} on bus ")

@@ -29,15 +29,16 @@ static int64_t drawn(vendor_t *v, int64_t range)
     return (int64_t)((z ^ z >> 31) % (uint64_t)range);
 }
 
-/* Sent in the order in which they were made, each after its time of answer. */
-static frame_t *place(vendor_t *v, int64_t t_ns)
+/* Sent in the order in which they were made, at t_ns, and after the time of answer to a request of asked_ns. */
+static frame_t *place(vendor_t *v, int64_t asked_ns, int64_t t_ns)
 {
     if (v->n_queue == VENDOR_QUEUE) {
         v->lost++;
         return 0;
     }
     frame_t *f = v->queue + v->n_queue++;
-    const int64_t due = t_ns + v->answer_ns + v->late_ns + drawn(v, v->jitter_ns);
+    const int64_t answer = asked_ns + v->answer_ns + drawn(v, v->jitter_ns);
+    const int64_t due = (answer > t_ns ? answer : t_ns) + v->late_ns;
     v->last_ns = due > v->last_ns ? due : v->last_ns;
     memset(f, 0, sizeof *f);
     f->t_ns = v->last_ns;
@@ -47,7 +48,7 @@ static frame_t *place(vendor_t *v, int64_t t_ns)
 void vendor_queue(vendor_t *v, uint32_t id, int32_t format, const uint8_t *data, int32_t length,
                   int64_t t_ns)
 {
-    frame_t *f = place(v, t_ns);
+    frame_t *f = place(v, t_ns, t_ns);
     if (!f) return;
     f->id = id;
     f->flags = (uint8_t)format;
@@ -59,8 +60,8 @@ API void vendor_say(vendor_t *v, int32_t part, const frame_t *frame, int64_t t_n
 {
     vendor_step(v, t_ns);
     if (!v->network || !(v->owed[part] > 0 || v->kind == VENDOR_ODRIVE)) return;
+    frame_t *f = place(v, v->owed[part] > 0 ? v->asked_ns[part] : t_ns, t_ns);
     if (v->owed[part] > 0) v->owed[part]--;
-    frame_t *f = place(v, t_ns);
     if (!f) return;
     const int64_t due = f->t_ns;
     *f = *frame;
@@ -150,7 +151,10 @@ API void vendor_brought_up(vendor_t *v, int64_t t_ns)
     vendor_init(v, t_ns);
     kind_of(v)->bring_up(v);
     v->acts = 1;
-    for (int32_t part = 0; part < VENDOR_PARTS; part++) v->owed[part] = 1;  /* of the last command, SYNC */
+    for (int32_t part = 0; part < VENDOR_PARTS; part++) {   /* of the last command, SYNC */
+        v->owed[part] = 1;
+        v->asked_ns[part] = t_ns - v->answer_ns - v->jitter_ns;
+    }
 }
 
 /* ---- time ---- */
@@ -193,6 +197,8 @@ API int32_t vendor_take(vendor_t *v, const frame_t *frame, int64_t t_ns)
 {
     vendor_step(v, t_ns);
     if (!v->network || !v->plugged || frame->flags & FRAME_ERROR) return 0;
+    for (int32_t part = 0; part < VENDOR_PARTS; part++)
+        if (v->owed[part] == 0) v->asked_ns[part] = t_ns;
     return kind_of(v)->take(v, frame, t_ns);
 }
 

@@ -30,7 +30,7 @@ typedef struct {
     int64_t timeout_ns;     /* of its watchdog, 0: off */
     int64_t cycle_ns;       /* of its control loop: a transition takes until the next one */
     int64_t boot_ns;        /* from power to the first frame it hears */
-    int64_t answer_ns, jitter_ns;   /* it sends so long after a frame, and up to so much longer */
+    int64_t answer_ns, jitter_ns;   /* it sends so long after a request, and up to so much longer */
     int64_t beat_ns;        /* between its own heartbeats, 0: none */
     double p_max, v_max, t_max;     /* Damiao: registers 21 to 23 */
     double rated;           /* CiA 402: rated torque (0x6076), N.m */
@@ -50,6 +50,7 @@ typedef struct {
 
     /* its own */
     int64_t now_ns, booted_ns, fed_ns, due_ns, beat_due_ns, ramp_ns;
+    int64_t asked_ns[VENDOR_PARTS]; /* when the first feedback frame that it owes was asked for */
     int64_t late_ns, last_ns;   /* LATE; when the newest frame of the queue is due */
     uint64_t draw;
     uint32_t saved, word, before;   /* Damiao: TIMEOUT as stored; CiA 402: control words */
@@ -71,7 +72,8 @@ API int32_t vendor_take(vendor_t *v, const frame_t *frame, int64_t t_ns);
 API void vendor_step(vendor_t *v, int64_t t_ns);
 /* A feedback frame of kind `part` (0: the one with its state, 1: a second one), with the values of t_ns:
  * it goes into the queue, and what is of the drive (status, error, temperatures) is written into it. Nothing
- * happens if the drive owes none: Damiao sends one for a command, CiA 402 for a SYNC, ODrive by itself. */
+ * happens if the drive owes none: Damiao sends one for a command, CiA 402 for a SYNC, ODrive by itself.
+ * Its time of answer began with that command. */
 API void vendor_say(vendor_t *v, int32_t part, const frame_t *frame, int64_t t_ns);
 /* The next frame that it sends until t_ns (its t_ns: when): 1, or 0: none. */
 API int32_t vendor_next(vendor_t *v, int64_t t_ns, frame_t *frame);

@@ -23,6 +23,9 @@ BOOTS = {
     VendorKind.ODRIVE: 800_000_000,
     VendorKind.CIA402: 500_000_000,
 }
+#: ns: from a request to its answer, and up to as much longer (assumed: a loop or two of a drive; a
+#: CiA 402 drive reads a SYNC between its cycles).
+ANSWERS = {VendorKind.DAMIAO: 100_000, VendorKind.ODRIVE: 125_000, VendorKind.CIA402: 250_000}
 #: Identifiers of feedback frames of node 0, and what one node further adds.
 _FEEDBACK = {
     VendorKind.DAMIAO: ((0x010,), 1),
@@ -92,6 +95,8 @@ def _vendor(drive: Foreign, host: int) -> VendorStruct:
         host=host if kind == VendorKind.CIA402 else 0,
         cycle_ns=CYCLES[kind],
         boot_ns=BOOTS[kind],
+        answer_ns=ANSWERS[kind],
+        jitter_ns=ANSWERS[kind],
         beat_ns=round(profile.status.every * 1e9),
         rated=profile.rated_torque,
         seed=zlib.crc32(f"{drive.bus} {drive.node}".encode()),

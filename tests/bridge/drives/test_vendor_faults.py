@@ -170,6 +170,23 @@ def test_answers_take_their_time_by_the_seed(kind: Kind) -> None:
     assert all(MS // 10 <= t < MS // 10 + MS // 2 for t in times(1))
 
 
+@KINDS
+@pytest.mark.parametrize("waited", [0, 1, 5])
+def test_the_time_of_an_answer_begins_with_its_request(kind: Kind, waited: int) -> None:
+    """A plant that gives the values later does not make the drive slower."""
+    drive = Drive(kind, answer_ns=2 * MS)
+    if kind == Kind.CIA402:
+        drive.hears(0, bytes([1, N]))
+    drive.at(3 * MS)
+    list(drive.sent())  # a boot-up
+    ask(drive)
+    ask(drive)  # the answer is that of the first request
+    drive.at((3 + waited) * MS)
+    at_once = drive.says()
+    drive.at(20 * MS)
+    assert [*at_once, *drive.sent()][0].t_ns == 3 * MS + max(2, waited) * MS
+
+
 def splitmix(seed: int) -> int:
     """The first number of Steele's SplitMix64 with this seed."""
     whole = (1 << 64) - 1

@@ -125,6 +125,14 @@ def test_drives_that_are_given_up_are_told_from_those_that_serve(wired):
     assert commanded.index("no bus", numbers[1]) == -1
 
 
+@pytest.mark.parametrize("name", ["can-damiao", "six_axis", "can-cia402"])
+def test_emulated_drives_of_vendors_take_their_time_to_answer(wired, name):
+    bound = wired(named(name, SHORT), "master").inlet_bindings.motors
+    drives = [motor.vendor for motor in bound.structs]
+    assert all(0 < v.answer_ns <= MS and 0 < v.jitter_ns <= MS for v in drives)
+    assert len({v.seed for v in drives}) == len(drives)  # each its own jitter
+
+
 @pytest.mark.parametrize("clock", [native.WALL, native.SIMULATED])
 def test_drives_of_vendors_tell_their_state_on_every_clock(tmp_path, clock):
     system = named("can-damiao", SHORT)

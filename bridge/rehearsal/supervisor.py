@@ -43,8 +43,6 @@ LOOK = 0.05
 LATE = 0.1
 #: s after the end; Zenoh stands by a connection that nobody answers any more for 10 s.
 ENDING = 30.0
-#: s from ARM until all drives are ready.
-DRIVES = 10.0
 #: s from the last node's being ready to t = 0.
 LEAD = 0.5
 
@@ -192,7 +190,8 @@ class Rehearsal:
         self._say("drives are cleared and enabled, and get torque 0")
         for name in self.current if real else commanding:
             self.current[name].send_command("arm")
-        end = monotonic_ns() + round(DRIVES * 1e9)
+        patience = self.system.deployment.patience  # a bring-up ends sooner, by its own times
+        end = monotonic_ns() + round(patience * 1e9)
         waiting = list(commanding)
         while waiting:
             for name in list(waiting):
@@ -208,8 +207,8 @@ class Rehearsal:
             if monotonic_ns() > end:
                 self.stop()
                 raise RunError(
-                    f"drives of {', '.join(waiting)} are not ready {DRIVES:g} s after ARM: "
-                    "not all have told a position"
+                    f"drives of {', '.join(waiting)} are not ready {patience:g} s after ARM "
+                    "(patience): not all have told a position"
                 )
             sleep(LOOK)
 

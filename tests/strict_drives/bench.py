@@ -9,40 +9,72 @@ The standard output is the command's, and so is the exit status.
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
+import traceback
 from collections.abc import Sequence
 from contextlib import ExitStack
+from dataclasses import dataclass
 from pathlib import Path
 
-STRICT = (sys.executable, "-m", "tests.strict_drives")
-PATIENCE = 60.0  # s
+from tests.strict_drives.__main__ import main as drives_of_a_bus
 
 
-def start(words: Sequence[str]) -> subprocess.Popen[str]:
-    """The drives of a bus, soon on the bus."""
-    return subprocess.Popen(
-        [*STRICT, *words], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
-    )
+@dataclass(frozen=True)
+class Drives:
+    """A process with the drives of a bus: its pipes, as descriptors."""
+
+    pid: int
+    to: int
+    said: int
 
 
-def ready(process: subprocess.Popen[str]) -> None:
+def start(words: Sequence[str], others: Sequence[Drives] = ()) -> Drives:
+    """The drives of a bus, soon on the bus: a fork, for imports are slow on the guest's processor.
+
+    `others`: processes whose standard input this one must not hold open.
+    """
+    heard, to = os.pipe()
+    said, tells = os.pipe()
+    pid = os.fork()
+    if pid == 0:
+        code = 1
+        try:
+            for descriptor in (to, said, *(other.to for other in others)):
+                os.close(descriptor)
+            os.dup2(heard, 0)
+            os.dup2(tells, 1)
+            code = drives_of_a_bus(words)
+        except BaseException:
+            traceback.print_exc()
+        finally:
+            os._exit(code)
+    os.close(heard)
+    os.close(tells)
+    return Drives(pid, to, said)
+
+
+def ready(drives: Drives) -> None:
     """Wait until the drives are on their bus."""
-    assert process.stdout and process.stdout.readline() == "ready\n", "strict drives did not start"
+    with os.fdopen(drives.said) as said:
+        assert said.readline() == "ready\n", "strict drives did not start"
 
 
-def end(process: subprocess.Popen[str]) -> None:
+def end(drives: Drives) -> None:
     """The end of its standard input is its end."""
-    process.communicate(timeout=PATIENCE)
-    assert process.returncode == 0, f"strict drives ended with {process.returncode}"
+    os.close(drives.to)
+    code = os.waitstatus_to_exitcode(os.waitpid(drives.pid, 0)[1])
+    assert code == 0, f"strict drives ended with {code}"
 
 
 def main(path: str) -> int:
     spec = json.loads(Path(path).read_text("utf-8"))
     with ExitStack() as stack:
-        drives = [start(words) for words in spec["drives"]]
-        for process in drives:
-            stack.callback(end, process)
+        drives: list[Drives] = []
+        for words in spec["drives"]:
+            drives.append(start(words, drives))
+            stack.callback(end, drives[-1])
         for process in drives:
             ready(process)
         return subprocess.run(spec["command"], check=False).returncode

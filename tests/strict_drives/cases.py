@@ -16,6 +16,8 @@ from tests.vcan.rehearsals import environment
 
 ROOT = Path(__file__).resolve().parents[2]
 CONFIGS = ROOT / "configs"
+#: A step of a profile that has an answer, and the usual time for it.
+STEP = r"(\{ id = (?![^}]*within)[^}]*expect = [^}]*?) \}"
 COSIM = (sys.executable, "-c", "from cosim.cli import main; main()")
 SETUP = 'ip link set lo up multicast on && ip route add 224.0.0.0/4 dev lo && exec "$@"'
 #: Root needs no namespace of users, and has real-time priorities without one.
@@ -100,13 +102,14 @@ CASES: Mapping[str, Case] = {
 
 def relaxed(case: Case, folder: Path, ms: int) -> Case:
     """The case with longer watchdogs in its drives and in copies of their profiles, where a state
-    that is as old is one.
+    that is as old is one, and so is an answer to a step.
     """
     text = (CONFIGS / "deploy" / f"{case.deploy}.toml").read_text("utf-8")
     text = text.replace('"../can/', f'"{CONFIGS}/can/')
     for profile in (CONFIGS / "drives").glob("*.toml"):
         own = re.sub(r'(?m)^watchdog = ".*?"', f'watchdog = "{ms} ms"', profile.read_text("utf-8"))
-        own = re.sub(r'(?m)^within = ".*?"', f'within = "{ms} ms"', own)
+        own = re.sub(r'\bwithin = ".*?"', f'within = "{ms} ms"', own)
+        own = re.sub(STEP, rf'\1, within = "{ms} ms" }}', own)
         for file in re.findall(r'"([\w./]+\.dbc)"', own):
             own = own.replace(f'"{file}"', f'"{(profile.parent / file).resolve()}"')
         (folder / profile.name).write_text(own, "utf-8")

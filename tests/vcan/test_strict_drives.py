@@ -14,7 +14,7 @@ import pytest
 from tests.strict_drives.cases import CASES, CONTROLLERS, GUEST, relaxed, run, slow
 from tests.strict_drives.judged import misdeeds
 
-WATCHDOG = 1000  # ms
+WATCHDOG = 2000  # ms
 #: Two ODrives an arm: six of them are too many for the guest.
 ODRIVES = replace(
     CASES["damiao"],
@@ -54,7 +54,7 @@ def test_strict_drives_on_vcan(name: str, fresh_bus: str, tmp_path: Path) -> Non
     case = relaxed(RUNS[name], tmp_path, WATCHDOG)
     case = replace(case, settings=(*case.settings, *PATIENT), words=(*case.words, "--look", "10"))
     channels = ("vcan0", "vcan1") if name == "ours" else ("vcan0", "vcan1", fresh_bus)
-    ended = run(case, tmp_path / "out", channels=channels, stop=3.0)
+    ended = run(case, tmp_path / "out", channels=channels, stop=1.0)
     assert not [drive.name for drive in ended.drives if drive.end["off"]], ended.said
     assert not [text for drive in ended.drives for text in drive.worked()], ended.said
     if ended.code == 3 and "inconclusive" in ended.said:

@@ -300,8 +300,8 @@ def test_buses_of_a_kernel_with_can(kernel: None, tmp_path: Path) -> None:
 def test_a_rehearsal_beside_strict_drives_on_a_kernel_with_can(
     kernel: None, tmp_path: Path
 ) -> None:
-    """With ``--hardware``, over vcan; the next test has the other kinds of drives."""
-    passes_on_a_kernel_with_can(tmp_path, 1, "-k", "damiao", "tests/vcan/test_strict_drives.py")
+    """With ``--hardware``, over vcan, one of each profile."""
+    passes_on_a_kernel_with_can(tmp_path, 4, "tests/vcan/test_strict_drives.py")
 
 
 @pytest.mark.slow

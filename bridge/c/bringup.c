@@ -142,7 +142,7 @@ static int32_t is_stale(const node_t *n, int32_t drive)
     return 0;
 }
 
-void bringup_watch(node_t *n, int64_t now_ns)
+API void bringup_watch(node_t *n, int64_t now_ns)
 {
     for (int32_t i = 0; i < n->n_commanded; i++) {
         commanded_t *d = n->commanded + i;
@@ -152,6 +152,15 @@ void bringup_watch(node_t *n, int64_t now_ns)
         else if (d->within_ns > 0 && now_ns - d->told_ns > d->within_ns) fail(n, d, FAILED_SILENT, now_ns);
         else if (d->heard > 0 && is_stale(n, i)) fail(n, d, FAILED_SILENT, now_ns);
         else if (stands_still(n, d)) fail(n, d, FAILED_STILL, now_ns);
+    }
+}
+
+API void bringup_excuse(node_t *n, int64_t late_ns)
+{
+    for (int32_t i = 0; i < n->n_commanded; i++) {
+        commanded_t *d = n->commanded + i;
+        if (d->phase == DRIVE_SERVING) d->told_ns += late_ns;
+        if (d->phase == DRIVE_RISING) d->late_ns += late_ns;
     }
 }
 
@@ -199,8 +208,9 @@ static void rise(node_t *n, commanded_t *d, int64_t now_ns)
     const step_t *s = d->steps + d->step;
     if (d->sent_ns == 0) {
         d->began_ns = now_ns;
+        d->late_ns = 0;
         d->answered = 0;
-    } else if (now_ns - d->began_ns > s->within_ns) {
+    } else if (now_ns - d->began_ns - d->late_ns > s->within_ns) {
         fail(n, d, FAILED_ANSWER, now_ns);
         return;
     } else if (s->again_ns == 0 || now_ns - d->sent_ns < s->again_ns) {
@@ -302,13 +312,15 @@ static int64_t received_ns(const node_t *n, const reception_t *r)
     return arrival > r->previewed_ns ? arrival : r->previewed_ns;
 }
 
-/* The age of a position that the node accepts in its run; at least some periods of the message. */
+/* The age of a position that the node accepts in its run, as long as a state of that age is one; at least
+ * some periods of the message. */
 static int64_t oldest_ns(const node_t *n, const reception_t *r)
 {
-    int64_t limit = PERIODS * r->period_ns > NOW_NS ? PERIODS * r->period_ns : NOW_NS;
+    const int64_t least = PERIODS * r->period_ns > NOW_NS ? PERIODS * r->period_ns : NOW_NS;
+    int64_t limit = n->commanded[r->drive].within_ns;
     for (int32_t i = 0; i < n->n_inlets; i++)
-        if (n->inlets[i].reception == r && n->inlets[i].stop_ns > limit) limit = n->inlets[i].stop_ns;
-    return limit;
+        if (n->inlets[i].reception == r && n->inlets[i].stop_ns < limit) limit = n->inlets[i].stop_ns;
+    return limit > least ? limit : least;
 }
 
 static int32_t is_of_now(const node_t *n, const reception_t *r, int64_t now_ns)

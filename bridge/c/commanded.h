@@ -68,6 +68,7 @@ typedef struct {
     int64_t heard;          /* frames that told a state since its bring-up began */
     int64_t told_ns;        /* -1: nothing yet */
     int64_t began_ns, sent_ns;  /* the step; its frame, 0: not yet */
+    int64_t late_ns;        /* for which the node itself stood still since the step began */
     int64_t up_ns;          /* when it became ready */
     int32_t answered;       /* of the step: its frame has come */
     int32_t lacks;          /* LACKS_ when START was refused last */

@@ -198,6 +198,16 @@ static void attend_drives(node_t *n, int64_t now)
     node_host_sync_early(n, now);
 }
 
+/* Until `wake_ns`; a machine that stood still is no fault of the drives. When the node goes on. */
+static int64_t rest_until(node_t *n, int64_t next, int64_t wake_ns)
+{
+    node_idle(n, wake_ns);
+    const int64_t now = pace_now();
+    if (now <= next + IDLE_NS) return next;
+    bringup_excuse(n, now - next);
+    return now;
+}
+
 void node_stand_by(node_t *n, int64_t until_ns, int32_t hears)
 {
     int64_t next = pace_now();
@@ -209,8 +219,7 @@ void node_stand_by(node_t *n, int64_t until_ns, int32_t hears)
         }
         attend_drives(n, next);
         next += IDLE_NS;
-        node_idle(n, next < until_ns ? next : until_ns);
-        if (pace_now() > next + IDLE_NS) next = pace_now();
+        next = rest_until(n, next, next < until_ns ? next : until_ns);
     }
 }
 
@@ -240,7 +249,6 @@ int32_t node_wait(node_t *n)
         attend_drives(n, next);
         node_alarm(n, next);
         next += IDLE_NS;
-        node_idle(n, next);
-        if (pace_now() > next + IDLE_NS) next = pace_now();
+        next = rest_until(n, next, next);
     }
 }

@@ -17,7 +17,7 @@ from tests.vcan.rehearsals import environment
 ROOT = Path(__file__).resolve().parents[2]
 CONFIGS = ROOT / "configs"
 #: A step of a profile that has an answer, and the usual time for it.
-STEP = r"(\{ id = (?![^}]*within)[^}]*expect = [^}]*?) \}"
+STEP = r"(?m)((?:^read = \{|\{ id = (?![^}]*within)[^}]*expect = )[^}]*?) \}"
 COSIM = (sys.executable, "-c", "from cosim.cli import main; main()")
 SETUP = 'ip link set lo up multicast on && ip route add 224.0.0.0/4 dev lo && exec "$@"'
 #: Root needs no namespace of users, and has real-time priorities without one.

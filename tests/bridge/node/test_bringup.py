@@ -245,11 +245,13 @@ def test_a_refused_start_names_the_drive_that_told_no_position(tmp_path):
 def test_a_position_that_is_new_enough_for_the_run_is_so_for_the_start(tmp_path):
     patient = STALE.format("20 s")
     with gate("can-cia402", tmp_path, patient) as node, Motors(node, host=2, timeout=5.0):
+        for struct in node.wired.commanded.structs:
+            struct.within_ns = 30_000 * MS
         node.control.arm()
         until(lambda: ready(node))
         ask, at = native.functions().bringup_ready, monotonic_ns()
-        found = [bool(ask(c.byref(node.struct), at + s * 1000 * MS)) for s in (8, 40)]
-        assert found == [True, False]
+        found = [bool(ask(c.byref(node.struct), at + s * 1000 * MS)) for s in (8, 25, 40)]
+        assert found == [True, False, False]
 
 
 def test_the_answer_of_a_register_is_no_position_and_no_state(tmp_path):

@@ -109,7 +109,7 @@ typedef struct {
     int64_t link_age;       /* signal that gets the age of the sample held, s; -1: none */
     int64_t later;          /* 1: a row is written before this is passed (plants), else 0 */
     motor_t *motor;         /* the drive is that of a vendor, who decides whether torque acts; or NULL */
-    int64_t ignored;        /* motor: torques received until it was enabled last do not act */
+    int64_t ignored;        /* of a drive: torques until this one, received before it was enabled, do not act */
     const motor_fault_t *faults;    /* of a drive of our own protocol, in the order of time: VENDOR_TRIP, HOT, */
     int32_t n_faults, happened;     /* DROP, and REBOOT with code 1: its power goes, 0: comes */
     int32_t hot, drops;     /* of these faults, while they last */

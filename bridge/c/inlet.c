@@ -118,7 +118,11 @@ static void follow_motor(inlet_t *in)
     d->state = power & MOTOR_ACTS ? DRIVE_ENABLED : power & MOTOR_FAULT ? DRIVE_FAULT : DRIVE_READY;
     d->faults += d->state == DRIVE_FAULT && before != DRIVE_FAULT;
     watchdog_reset(&d->watchdog, in->node->now_ns); /* the vendor has its own */
-    if (power & MOTOR_ACTS) return;
+}
+
+/* A torque that came before the drive was enabled does not act. */
+static void forget_torque(inlet_t *in)
+{
     in->ignored = in->newest;
     memset(in->command, 0, (size_t)in->count * sizeof(double));
 }
@@ -130,10 +134,10 @@ static void write_through_drive(inlet_t *in, const double *value, int32_t fresh,
     node_t *n = in->node;
     if (in->motor) follow_motor(in);
     else obey(in);
+    if (in->drive->state != DRIVE_ENABLED) forget_torque(in);
     const int32_t old = in->max_age_ns > 0 && in->held >= 0 && age_ns(in) > in->max_age_ns;
     if (old && fresh) in->reception->receiver->stale++;
-    const int32_t ignored = in->motor && in->held <= in->ignored;
-    if (value && !old && !ignored) give(in, value, in->command);
+    if (value && !old && in->held > in->ignored) give(in, value, in->command);
     drive_step(in->drive, in->command, fresh && in->held >= 0 && !old, signals + in->dq, n->now_ns,
                signals + in->target);
     n->life.now |= why_off(in);

@@ -211,6 +211,7 @@ class InletBindings:
         self.drives.append(drive)
         command = np.zeros(joints)
         entry.drive, entry.max_age_ns = c.pointer(drive.struct), torque_age(spec, d, place)
+        entry.ignored = -1
         entry.command = command.ctypes.data
         entry.q, entry.dq = q + at, dq + at
         self._alive.append(command)

@@ -60,7 +60,7 @@ class EmulatedMotors:
         """Bind the torque input behind a drive; its watchdog is that of the emulated drive."""
         motor = self.structs[self._places[drive.bus, drive.node]]
         motor.vendor.timeout_ns = model.watchdog.timeout_ns
-        entry.motor, entry.ignored = native.pointer_to(motor), -1
+        entry.motor = native.pointer_to(motor)
 
     def suffer(self, bus: str, node: int, faults: Sequence[tuple[float, int, int]]) -> None:
         """Let faults (t in s, VENDOR_..., code) happen to a drive, in the order of time."""

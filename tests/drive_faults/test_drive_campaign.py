@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +20,7 @@ from bridge.results import verdict
 from bridge.results.verdict import Word
 from tests.bridge.deployments import named
 from tests.drive_faults import __main__ as campaign
-from tests.drive_faults import lives
+from tests.drive_faults import lives, waits
 
 
 @pytest.mark.parametrize("seed", range(20))
@@ -210,3 +211,27 @@ def test_the_command_names_its_seeds_and_makes_no_run_twice(tmp_path, capsys):
     before = (tmp_path / "runs.jsonl").read_bytes()
     assert campaign.main(words) == 0
     assert (tmp_path / "runs.jsonl").read_bytes() == before and before.count(b"\n") == 2
+
+
+# ---- on the wall clock ----
+
+
+@pytest.mark.parametrize("seed", [4, 9, 13, 24])
+def test_a_fault_before_the_run_is_as_it_has_to_be(seed, tmp_path):
+    """In each phase, of two vendors; two start, or stop later, and two are refused by name."""
+    row = waits.run(seed, tmp_path)
+    assert row.problems == [] and row.early == row.forbidden == 0
+    if seed in (9, 24):
+        assert row.end == "refused" and row.text
+
+
+def test_the_judge_of_what_waits_names_misdeeds():
+    row = waits.Waited(
+        1, "can-damiao", "drive 1 on bus left", "trip", 8, 0.0, None, "rise", "started", True, 2,
+        3, "drive 2", [],
+    )  # fmt: skip
+    said = list(waits._problems(row, 1, ["drive 2"]))
+    assert len(said) == 4 and "torques before t = 0" in said[0]
+    refused = replace(row, end="refused", early=0, forbidden=0)
+    assert list(waits._problems(refused, 1, [])) == ["the node does not name the drive: drive 2"]
+    assert list(waits._problems(refused, 2, [])) == []

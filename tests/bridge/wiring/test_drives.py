@@ -159,3 +159,22 @@ def test_a_node_with_two_arms_gives_each_its_own_torque_position_and_velocity(wi
             assert (entry.q, entry.dq) == (slots[f"{name}.q"].start, slots[f"{name}.dq"].start)
             seen.add(name)
     assert seen == {"master", "slave"}
+
+
+def test_the_position_of_a_drive_is_its_own_and_no_velocity_is_taken_for_one(wired):
+    """CiA 402 tells position and velocity in messages of their own, the other drives in one."""
+    for name in ("can-cia402", "can-damiao"):
+        node = wired(named(name, SHORT), "master_control")
+        drives = {m: r.drive for m, r in node.inlet_bindings.receptions.items()}
+        assert drives["master_state_1"] == 0 and drives["master_state_2"] == 1
+        assert {n for m, n in drives.items() if not m.startswith("master_state")} <= {-1}
+    assert {r.drive for r in wired(named("can", SHORT), "master_control")
+            .inlet_bindings.receptions.values()} == {-1}  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("deployment", "node", "moves"),
+    [("can", "master", 1), ("can", "master_control", 0), ("can-damiao", "master", 0)],
+)
+def test_a_life_that_moves_is_one_with_a_drive_of_our_own_protocol(wired, deployment, node, moves):
+    assert wired(named(deployment, SHORT), node).struct.life.moves == moves

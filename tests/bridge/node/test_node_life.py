@@ -104,6 +104,17 @@ def test_real_drives_need_arming(tmp_path):
     assert not any(header.status & Status.SIMULATED for _, header in bench.beats)
 
 
+def test_real_drives_that_no_guard_limits_end_without_a_ramp(tmp_path):
+    """What lies behind the last message that a node sends is none of its messages."""
+    with Bench(tmp_path, "run.stop=0.2", real=True) as bench:
+        bench.struct.n_outlets = 0
+        until(lambda: bench.struct.life.state == LifeState.INACTIVE)
+        bench.control.arm()
+        bench.begin()
+        assert bench.end() == native.FINISHED
+        assert not bench.struct.ending
+
+
 def test_arms_too_far_apart_do_not_start(tmp_path):
     bench = Bench(tmp_path, APART, "deploy.nodes.master_control.apart.within=0.05")
     bench.elsewhere = [0.0, 0.0]

@@ -31,6 +31,8 @@ settings.load_profile("project")
 # As the command does for itself (cosim/cli/__init__.py), here before a test imports NumPy: in each
 # process of tests a second thread of OpenBLAS would wait busily beside the other processes.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+# Arrow's own pool keeps 70 MiB for what the tests once asked of it, and gives nothing back.
+os.environ.setdefault("ARROW_DEFAULT_MEMORY_POOL", "system")
 # Python would look for garbage among thousands of collected tests every 700 new objects, which
 # takes a tenth of all processor time.
 gc.set_threshold(50_000)

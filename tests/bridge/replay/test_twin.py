@@ -7,9 +7,12 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from bridge.native.frame import DATA
+from bridge.native.journal import Journal
 from bridge.native.safety import GuardBit, LifeState, Why
 from bridge.recording.run_folder import write_trajectories
 from bridge.replay import replay
+from bridge.replay.twin import wired_nodes
 from cosim.record import Run
 from tests.bridge.deployments import (
     CONFIGS,
@@ -83,6 +86,16 @@ def test_same_files_same_bytes(name, tmp_path):
     first = run_twin(named(name, SHORT), tmp_path / "a")
     again = run_twin(named(name, SHORT), tmp_path / "b")
     assert {n: r.tobytes() for n, r in first.items()} == {n: r.tobytes() for n, r in again.items()}
+
+
+def test_a_log_of_a_bus_has_room_for_its_longest_message(tmp_path):
+    """64 bytes of a frame of CAN FD, and as many as a message over a network may have."""
+    for name, bus, size in (("can", "left", 64), ("zenoh", "net", DATA)):
+        (folder := tmp_path / name).mkdir()
+        with wired_nodes(named(name, SHORT), folder, logged=True):
+            pass
+        (log,) = folder.glob(f"master.*{bus}*.frames")
+        assert Journal.open(log).dtype["data"].itemsize == size
 
 
 def test_another_seed_draws_other_delays(tmp_path):

@@ -120,6 +120,21 @@ def test_a_writer_in_c_makes_room_itself_while_others_do(
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="only Linux has pieces")
+def test_room_that_is_there_already_is_not_taken_away(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(journals, "AHEAD", 1 << 18)
+    with Journal.create(tmp_path / "j", ROW, 100_000) as journal:
+        room = journal.struct.limit
+        assert room > 7_000
+        monkeypatch.setattr(journals, "AHEAD", 1)
+        journal.make_room()
+        assert journal.struct.limit == room
+        assert all(journal.append(k, 0, [k, k, k]) for k in range(room))
+    assert np.array_equal(Journal.open(tmp_path / "j")["t_ns"], np.arange(room))
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux has pieces")
 def test_rows_without_space_are_counted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     """A disk that is full in a run ends no process, and what was written before is there."""
     monkeypatch.setattr(journals, "AHEAD", 1 << 16)

@@ -237,6 +237,16 @@ def test_an_inlet_takes_its_values_from_where_they_are_and_puts_them_where_they_
     assert (sent.every, sent.hit_ticks) == (5, 1)
 
 
+def test_each_torque_of_an_arm_acts_on_the_joint_of_its_drive(wired):
+    """Position and velocity of the joint are beside each other in the signals, joint by joint."""
+    node = wired(named("can-damiao", SHORT), "master")
+    slots = node.plan.plan.slots()
+    entries = list(node.inlet_bindings.inlets[: len(node.plan.inlets)])
+    first = {port: slots[f"master.{port}"].start for port in ("tau", "q", "dq")}
+    found = sorted((e.target, e.q, e.dq) for e in entries if e.drive)
+    assert found == [(first["tau"] + j, first["q"] + j, first["dq"] + j) for j in (0, 1)]
+
+
 def test_a_drive_takes_steps_of_its_plant(wired, tmp_path):
     """Of 1 ms, and of 5 ms where the plant has a period of five ticks."""
     for period, h in (("1 ms", 0.001), ("5 ms", 0.005)):

@@ -178,3 +178,13 @@ def test_the_position_of_a_drive_is_its_own_and_no_velocity_is_taken_for_one(wir
 )
 def test_a_life_that_moves_is_one_with_a_drive_of_our_own_protocol(wired, deployment, node, moves):
     assert wired(named(deployment, SHORT), node).struct.life.moves == moves
+
+
+def test_an_odrive_tells_its_state_as_often_as_its_profile_says(wired):
+    """Every 10 ms; drives of the other vendors answer commands, or have their state in each frame."""
+    beats = {}
+    for name, node in (("six_axis", "master"), ("six_axis", "slave"), ("can-damiao", "master")):
+        motors = wired(named(name, SHORT), node).inlet_bindings.motors
+        for drive, entry in zip(motors.drives, motors.structs, strict=False):
+            beats.setdefault(drive.profile.vendor, set()).add(entry.vendor.beat_ns)
+    assert beats == {"odrive": {10 * MS}, "damiao": {0}}

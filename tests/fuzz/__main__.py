@@ -43,7 +43,10 @@ def main() -> int:
         limit = resource.RLIM_INFINITY if shadow else MEMORY
         resource.setrlimit(resource.RLIMIT_AS, (limit, resource.RLIM_INFINITY))
         result = drive.fuzz(name, said.seed, said.count, seconds)
-        print(f"{name:<11} {result.tried} mutants{result.rate}, {len(result.findings)} findings", flush=True)
+        print(
+            f"{name:<11} {result.tried} mutants{result.rate}, {len(result.findings)} findings",
+            flush=True,
+        )
         for finding in result.findings:
             found += 1
             print(f"\n{_kept(finding)}\n{finding.what}")

@@ -1,7 +1,7 @@
 """Frames for the decoders and for whole nodes: ``python -m tests.fuzz.frames TARGET LIB …``.
 
 Runs under the sanitizers (see sanitized.py). The seeds are the frames that the nodes of every
-shipped deployment send, so they follow the code. Prints how many mutants it has tried, and in how many s.
+shipped deployment send, so they follow the code. Prints how many mutants it has tried, and the s.
 """
 
 from __future__ import annotations

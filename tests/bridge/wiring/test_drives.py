@@ -181,7 +181,7 @@ def test_a_life_that_moves_is_one_with_a_drive_of_our_own_protocol(wired, deploy
 
 
 def test_an_odrive_tells_its_state_as_often_as_its_profile_says(wired):
-    """Every 10 ms; drives of the other vendors answer commands, or have their state in each frame."""
+    """Every 10 ms; drives of other vendors answer commands, or tell it in each frame."""
     beats = {}
     for name, node in (("six_axis", "master"), ("six_axis", "slave"), ("can-damiao", "master")):
         motors = wired(named(name, SHORT), node).inlet_bindings.motors

@@ -201,14 +201,15 @@ def _ranges(model: Model, chosen: Callable[[Variable], bool]) -> list[tuple[int,
 def _header(model: Model) -> str:
     size = sum(v.size for v in model.variables)
     members = "".join(f"    {_member(v)}\n" for v in model.variables)
-    structural = f"#define STRUCTURAL {model.structural}\n\n" if model.structural else ""
-    structural += "#define EXCHANGE 1 /* model_rates is needed */\n\n" if model.exchange else ""
+    macros = "".join(f"#define {name} {value}\n" for name, value in model.defines)
+    macros += f"#define STRUCTURAL {model.structural}\n" if model.structural else ""
+    macros += "#define EXCHANGE 1 /* model_rates is needed */\n" if model.exchange else ""
     return f"""\
 /* variables.h - generated from the declaration of {model.identifier}. */
 #ifndef VARIABLES_H
 #define VARIABLES_H
 
-{structural}enum {{ N_VARIABLES = {len(model.variables)}, N_SCALARS = {size} }};
+{macros}enum {{ N_VARIABLES = {len(model.variables)}, N_SCALARS = {size} }};
 
 struct Model {{
 {members}}};

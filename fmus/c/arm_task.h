@@ -5,7 +5,7 @@
  *
  * J and mu here are those of the coordinates before they are scaled by SCALE.
  *
- * Included by arm_law.h. TURN is 1 for six coordinates, three of the place and three of the turn.
+ * Included by arm_teleoperation.c. TURN is 1 for six coordinates, three of the place and three of the turn.
  */
 #ifndef ARM_TASK_H
 #define ARM_TASK_H

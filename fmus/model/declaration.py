@@ -78,8 +78,9 @@ class Model:
 
     `identifier` is the FMI modelIdentifier (a C name, the file stem of the FMU); `sources` are C
     files of ``fmus/c`` (or absolute paths) besides the generic FMI layer; the first holds
-    ``model_initial`` and ``model_step``. `documentation` is plain text with the equations, for the
-    page inside the FMU. `clock`: the interval (s) of the clock that its FMU has, 0 for none.
+    ``model_initial`` and ``model_step``. `defines`: macros for them, in ``variables.h``.
+    `documentation` is plain text with the equations, for the page inside the FMU.
+    `clock`: the interval (s) of the clock that its FMU has, 0 for none.
     `lanes`: the step in the first source is written for several instances (``fmus/c/real.h``).
     `structural`: the variable that gives the extent of arrays (FMI 3.0 only); empty: none.
     `states`: (state, its derivative) by name, for an FMU for model exchange, whose further
@@ -101,6 +102,7 @@ class Model:
     states: tuple[tuple[str, str], ...] = ()
     rates: tuple[Variable, ...] = ()
     exchange: bool = False
+    defines: tuple[tuple[str, int], ...] = ()
 
     def inputs(self) -> tuple[Port, ...]:
         """Input ports, in order."""

@@ -74,7 +74,14 @@ from fmus.models.arm_teleoperation import Wanted, checked, controlled, gains
 from fmus.models.teleoperation import coupling
 
 _FREE = 1e6
-_SOURCES = ("arm_law.h", "arm_task.h", "chain_tip.h", "contact.c", "contact.h", "natural.h")
+_SOURCES = (
+    "arm_teleoperation.c",
+    "arm_task.h",
+    "chain_tip.h",
+    "contact.c",
+    "contact.h",
+    "natural.h",
+)
 
 
 def model(joints: int = 7, coordinates: int = 3, neighbours: int = 1) -> Model:
@@ -108,9 +115,10 @@ def model(joints: int = 7, coordinates: int = 3, neighbours: int = 1) -> Model:
             *chain.variables(arm),
         ),
         sources=(
-            *(f"{stem}.c", *_SOURCES, *(("tip_turn.h",) if turning else ())),
+            *(*_SOURCES, *(("tip_turn.h",) if turning else ())),
             *("neighbours.h", *serial_arm.SOURCES),
         ),
+        defines=(("NETWORKED", int(neighbours > 0)), ("TASK", 1), ("TURN", int(turning))),
         step=1e-3,
         terminals=(
             Terminal("joints", ("q", "dq", "tau"), "Position and velocity in, torque out"),

@@ -91,7 +91,8 @@ def model(joints: int = 7, neighbours: int = 1) -> Model:
             *(coupling_gains() if neighbours else ()),
             *chain.variables(arm),
         ),
-        sources=(f"{stem}.c", "arm_law.h", "natural.h", "neighbours.h", *serial_arm.SOURCES),
+        sources=("arm_teleoperation.c", "natural.h", "neighbours.h", *serial_arm.SOURCES),
+        defines=(("NETWORKED", int(neighbours > 0)), ("TASK", 0)),
         step=1e-3,
         terminals=(
             Terminal("joints", ("q", "dq", "tau"), "Position and velocity in, torque out"),

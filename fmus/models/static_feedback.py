@@ -141,13 +141,16 @@ class LawSize:
             estimate, Gamma = serial_arm.estimate(self.arm), serial_arm.adaptation(self.arm)
             variables = (*given, *estimate, *gains, Gamma, *couplings, *table)
             name, step, known = f"arm_{identifier}", 1e-3, serial_arm.SOURCES
+            defines: tuple[tuple[str, int], ...] = (("SERIAL_ARM", 1),)
         else:
             variables = (*signals, THETA_HAT, THETA_HAT_NEXT, *gains, GAMMA, *couplings)
-            name, step, known = identifier, 5e-3, _SOURCES
-        sources = ("static_feedback.h", f"{identifier}.h", *known)
-        made = controller(name, description, variables, sources, documentation, network, self.arm)
+            name, step, known, defines = identifier, 5e-3, _SOURCES, ()
+        sources = ("static_feedback.h", *known)
+        made = controller(
+            identifier, description, variables, sources, documentation, network, self.arm
+        )
         several = f"{name}_n{self.neighbours}" if self.neighbours > 1 else name
-        return replace(made, identifier=several, step=step, lanes=True)
+        return replace(made, identifier=several, step=step, lanes=True, defines=defines)
 
 
 def _depending(signals: tuple[Variable, ...], starts: tuple[str, ...]) -> tuple[Variable, ...]:

@@ -97,9 +97,8 @@ def model(neighbours: int = 1, gravity: bool = False) -> Model:
         + (", gravity" if gravity else ""),
         kind="sampled",
         variables=variables(neighbours, bool(gravity)),
-        sources=(
-            *(f"{stem}.c", "adaptive_law.h", "neighbours.h", "regressor.h", "limit.h", "trig.c"),
-        ),
+        sources=(*("teleoperation.c", "neighbours.h", "regressor.h", "limit.h", "trig.c"),),
+        defines=(("NETWORKED", int(neighbours > 0)), ("GRAVITY", int(gravity))),
         step=5e-3,
         terminals=(joints, network) if neighbours else (joints,),
         documentation=__doc__ or "",

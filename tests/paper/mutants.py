@@ -65,7 +65,7 @@ def stale(document: Document) -> Document:
     return {**document, "components": components, "links": links}
 
 
-_LAW, _REGRESSOR = "adaptive_law.h", "regressor.h"
+_LAW, _REGRESSOR = "teleoperation.c", "regressor.h"
 WRONG = (
     WrongLaw("K[1] := K[0]", ("eq31", "unequal-push-2", "unequal-rest"), _LAW,
              "0.0, x->K[i]);", "0.0, x->K[0]);"),

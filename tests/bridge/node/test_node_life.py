@@ -154,6 +154,7 @@ def test_a_rehearsal_has_its_torque_until_the_end_and_none_after_it(tmp_path):
         for before, after in (("woke", "received"), ("received", "done")):
             assert (rows[f"{before}_ns"] <= rows[f"{after}_ns"]).all()
         assert rows["done_ns"].max() <= ended
+        assert 0 < bench.struct.send_ns < ended  # all the time that it took to send
     assert len(bench.wired.journal.path.read_bytes())
     assert not np.any(bench.torques[-1])
     assert np.any(bench.torques[-2])

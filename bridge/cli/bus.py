@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from contextlib import ExitStack
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -17,47 +18,75 @@ _TURN = 0.1
 """Time for which the channel runs before the end is checked again, s of the wall clock."""
 
 
-def bus(
-    channel: Annotated[str, typer.Option(help="Name of the bus.")] = "bench",
-    bitrate: Annotated[float, typer.Option(callback=finite, help="Bit rate, bit/s.")] = 500_000.0,
-    fd: Annotated[bool, typer.Option("--fd", help="Use CAN FD.")] = False,
+@dataclass(frozen=True, slots=True)
+class WireOptions:
+    """The wire of the bus, and its time."""
+
+    bitrate: Annotated[float, typer.Option(callback=finite, help="Bit rate, bit/s.")] = 500_000.0
+    fd: Annotated[bool, typer.Option("--fd", help="Use CAN FD.")] = False
     data_bitrate: Annotated[
         float | None, typer.Option(callback=finite, help="Bit rate of the data phase, bit/s.")
-    ] = None,
+    ] = None
+    error_rate: Annotated[
+        float, typer.Option(callback=finite, help="Probability that a bit is inverted.")
+    ] = 0.0
+    seed: Annotated[int, typer.Option(help="Seed of random traffic and errors.")] = 0
+    speed: Annotated[
+        str, typer.Option(help="Speed relative to the wall clock, or 'simulated'.")
+    ] = "1.0"
+
+
+@dataclass(frozen=True, slots=True)
+class TrafficOptions:
+    """The traffic besides that of programs."""
+
     load: Annotated[
         str, typer.Option(help="Other traffic: a .dbc file, a log, or a bus load such as 30%.")
-    ] = "",
+    ] = ""
     jitter: Annotated[
         float,
         typer.Option(min=0.0, max=1.0, help="Jitter of DBC messages, as a fraction of the period."),
-    ] = 0.0,
-    error_rate: Annotated[
-        float, typer.Option(callback=finite, help="Probability that a bit is inverted.")
-    ] = 0.0,
-    seed: Annotated[int, typer.Option(help="Seed of random traffic and errors.")] = 0,
-    speed: Annotated[
-        str, typer.Option(help="Speed relative to the wall clock, or 'simulated'.")
-    ] = "1.0",
+    ] = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class ServerOptions:
+    """The ways in which programs join."""
+
     listen: Annotated[
         str,
         typer.Option(help="Address for python-can programs: HOST:PORT or the path of a socket."),
-    ] = "127.0.0.1:29530",
+    ] = "127.0.0.1:29530"
     socketcand: Annotated[
         str, typer.Option(help="Address for socketcand clients, HOST:PORT. Default: none.")
-    ] = "",
-    mirror: Annotated[str, typer.Option(help="SocketCAN interface to mirror, such as vcan0.")] = "",
+    ] = ""
+    mirror: Annotated[str, typer.Option(help="SocketCAN interface to mirror, such as vcan0.")] = ""
+
+
+@dataclass(frozen=True, slots=True)
+class BusEndOptions:
+    """The end of the bus, and what is drawn then."""
+
     for_: Annotated[
         float | None,
         typer.Option(
             "--for", callback=finite, min=0.001, help="End after this time of the bus, s."
         ),
-    ] = None,
+    ] = None
     picture: Annotated[
         Path | None, typer.Option(help="Write a PNG of the last --window seconds at the end.")
-    ] = None,
+    ] = None
     window: Annotated[
         float, typer.Option(callback=finite, min=1e-4, help="Time in the picture, s.")
-    ] = 0.02,
+    ] = 0.02
+
+
+def bus(
+    wire: WireOptions,
+    traffic: TrafficOptions,
+    servers: ServerOptions,
+    end: BusEndOptions,
+    channel: Annotated[str, typer.Option(help="Name of the bus.")] = "bench",
 ) -> None:
     """Serve a simulated CAN bus to python-can programs, socketcand clients and SocketCAN.
 
@@ -69,25 +98,24 @@ def bus(
     from bridge.simulated_can.channel import Channel
     from bridge.simulated_can.options import channel_options
 
-    options = channel_options(
-        channel, bitrate=bitrate, fd=fd, data_bitrate=data_bitrate, speed=speed,
-        error_rate=error_rate, seed=seed,
-    )  # fmt: skip
+    options = channel_options(channel, **asdict(wire))
     shared = Channel(channel, options)
     record = BusRecord()
     shared.record(record)
     with ExitStack() as stack:
-        _serve(shared, stack, listen, socketcand, mirror)
-        if load:
-            ChannelLoad(shared, *load_sources(load, shared.timing, jitter, seed))
-        _run(shared, for_)
+        _serve(shared, stack, servers)
+        if traffic.load:
+            sources = load_sources(traffic.load, shared.timing, traffic.jitter, wire.seed)
+            ChannelLoad(shared, *sources)
+        _run(shared, end.for_)
     for line in record.lines(shared.timing):
         typer.echo(line)
-    if picture is not None:
-        typer.echo(f"picture: {record.draw(picture, shared.timing, round(window * 1e12))}")
+    if end.picture is not None:
+        drawn = record.draw(end.picture, shared.timing, round(end.window * 1e12))
+        typer.echo(f"picture: {drawn}")
 
 
-def _serve(shared: Channel, stack: ExitStack, listen: str, socketcand: str, mirror: str) -> None:
+def _serve(shared: Channel, stack: ExitStack, wanted: ServerOptions) -> None:
     """Start all servers and print their addresses."""
     from bridge.bus_server.listener import listen as listen_at
     from bridge.bus_server.mirror import BusMirror
@@ -95,19 +123,19 @@ def _serve(shared: Channel, stack: ExitStack, listen: str, socketcand: str, mirr
     from bridge.bus_server.socketcand import SocketcandServer
     from bridge.simulated_can.protocol import parse_address
 
-    address = parse_address(f"{shared.name}@{listen}")
+    address = parse_address(f"{shared.name}@{wanted.listen}")
     server = BusServer(shared, listen_at(address))
     stack.callback(server.close)
     place = address.path or f"{address.host}:{server.port}"
     typer.echo(f'can.Bus(interface="cosim", channel="{shared.name}@{place}")')
-    if socketcand:
-        address = parse_address(f"{shared.name}@{socketcand}")
+    if wanted.socketcand:
+        address = parse_address(f"{shared.name}@{wanted.socketcand}")
         foreign = SocketcandServer(shared, listen_at(address))
         stack.callback(foreign.close)
         typer.echo(f"socketcand at {address.host}:{foreign.port}")
-    if mirror:
-        stack.callback(BusMirror(shared, mirror).close)
-        typer.echo(f"mirrored on {mirror}")
+    if wanted.mirror:
+        stack.callback(BusMirror(shared, wanted.mirror).close)
+        typer.echo(f"mirrored on {wanted.mirror}")
 
 
 def _run(shared: Channel, seconds: float | None) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -16,9 +17,24 @@ if TYPE_CHECKING:
 SHOWN = 12
 
 
+@dataclass(frozen=True, slots=True)
+class DifferenceFiles:
+    """Files of the differences."""
+
+    json: Json = None
+    html: Annotated[
+        Path | None, typer.Option("--html", metavar="FILE", help="Write a page to look at both.")
+    ] = None
+    junit: Annotated[
+        Path | None,
+        typer.Option("--junit", metavar="FILE", help="Write a test case a signal, as JUnit XML."),
+    ] = None
+
+
 def diff(
     run_a: Annotated[Path, typer.Argument(help="Run folder.")],
     run_b: Annotated[Path, typer.Argument(help="Run folder to compare it with.")],
+    files: DifferenceFiles,
     signals: Annotated[
         list[str] | None,
         typer.Argument(
@@ -34,14 +50,6 @@ def diff(
             help="Allowed difference, RMS and maximum, in the unit of each signal.",
         ),
     ] = None,
-    json: Json = None,
-    html: Annotated[
-        Path | None, typer.Option("--html", metavar="FILE", help="Write a page to look at both.")
-    ] = None,
-    junit: Annotated[
-        Path | None,
-        typer.Option("--junit", metavar="FILE", help="Write a test case a signal, as JUnit XML."),
-    ] = None,
     check: Annotated[
         bool,
         typer.Option("--verify/--no-verify", help="Check the SHA-256 sums of both runs first."),
@@ -53,20 +61,19 @@ def diff(
     """
     from bridge.replay.diff import compare_runs
     from bridge.replay.page import write_diff_page, write_junit
+    from cosim.cli.json_file import write_json
     from cosim.record import verify
 
     for run in (run_a, run_b) if check else ():
         verify(run)
     found = compare_runs(run_a, run_b, signals or (), tolerance)
     typer.echo("\n".join(lines(found)))
-    if json is not None:
-        from cosim.cli.json_file import write_json
-
-        write_json(json, found.as_data())
-    if html is not None:
-        write_diff_page(found, html)
-    if junit is not None:
-        write_junit(found, junit)
+    if files.json is not None:
+        write_json(files.json, found.as_data())
+    if files.html is not None:
+        write_diff_page(found, files.html)
+    if files.junit is not None:
+        write_junit(found, files.junit)
     raise typer.Exit(found.exit_code)
 
 

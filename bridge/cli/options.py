@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from cosim.base.errors import ScenarioError
-from cosim.cli.options import finite
 
 if TYPE_CHECKING:
     from bridge.deployment.spec import Deployment
@@ -40,22 +38,12 @@ Realtime = Annotated[
         "--realtime/--no-realtime", help="Request real-time priority from the operating system."
     ),
 ]
-#: Options that both ends of a measured path have.
-ZenohConfig = Annotated[
-    Path | None, typer.Option(help="zenoh: session configuration (JSON5), for TLS.")
-]
-CanInterface = Annotated[
-    str, typer.Option("--interface", "-i", help="can: interface of python-can.")
-]
-CanBitrate = Annotated[
-    float | None, typer.Option(callback=finite, min=1, help="can: bit rate, bit/s.")
-]
 #: Options of both ends of a path between nodes.
 PingDeployment = Annotated[
     str, typer.Option("--deploy", help="Of a scenario: deployment, file or name.")
 ]
 PingSettings = Annotated[
-    list[str] | None, typer.Option("--set", metavar="PATH=VALUE", help="Change a value.")
+    list[str], typer.Option("--set", metavar="PATH=VALUE", help="Change a value.")
 ]
 
 

@@ -2,41 +2,28 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from bridge.cli.options import (
-    CanBitrate,
-    CanInterface,
-    PingDeployment,
-    PingSettings,
-    ZenohConfig,
-)
+from bridge.cli.options import PingDeployment
+from bridge.cli.ping_path import EndOptions, PathRequest, PredictionOptions, WatchOptions
 from cosim.cli.options import finite
 
 if TYPE_CHECKING:
-    from bridge.cli.ping_path import EndOptions, PathRequest
+    from bridge.ping.zenoh import PingedNodes
 
 
-def ping(
-    path: Annotated[
-        str,
-        typer.Argument(help="udp, zenoh, can or listen; or a scenario file (.toml)."),
-    ],
-    target: Annotated[
-        list[str] | None,
-        typer.Argument(
-            help="udp: HOST[:PORT]; zenoh: endpoint; can: channel; several are measured at once. "
-            "Scenario: the node that asks and the one that answers. The other end: cosim pong."
-        ),
-    ] = None,
+@dataclass(frozen=True, slots=True)
+class QuestionOptions:
+    """The questions of a measurement, and what is written of it."""
+
     rate: Annotated[
         float, typer.Option(callback=finite, min=0.01, max=20_000, help="Questions a second.")
-    ] = 200.0,
-    size: Annotated[int, typer.Option(min=80, max=65_000, help="Payload, bytes.")] = 128,
+    ] = 200.0
+    size: Annotated[int, typer.Option(min=80, max=65_000, help="Payload, bytes.")] = 128
     duration: Annotated[
         float | None,
         typer.Option(
@@ -45,60 +32,47 @@ def ping(
             show_default="10; with --watch 0",
             help="Length, s; 0: until Ctrl-C.",
         ),
-    ] = None,
-    watch: Annotated[
-        float,
-        typer.Option(
-            callback=finite,
-            min=0,
-            show_default="none",
-            help="Print a line for every window of this length, s, and append it to watch.jsonl.",
-        ),
-    ] = 0.0,
-    alarm: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="'p99 > 20 ms'",
-            help="With --watch: tell when a window is beyond this, and exit with 1 in the end.",
-        ),
-    ] = None,
+    ] = None
     ramp: Annotated[
         bool,
         typer.Option(
             "--ramp", help="Raise --rate until the path breaks, --duration (2 s) at each rate."
         ),
-    ] = False,
-    tos: Annotated[
-        int, typer.Option(min=0, max=255, help="udp: byte of service of IPv4 (DSCP * 4).")
-    ] = 0,
-    config: ZenohConfig = None,
-    interface: CanInterface = "socketcan",
-    bitrate: CanBitrate = None,
-    ask: Annotated[
-        str, typer.Option(metavar="ID#DATA", help="can: frame that a drive answers; ID#R: remote.")
-    ] = "",
-    answer: Annotated[
-        str, typer.Option(metavar="ID", help="can: identifier of the drive's answer.")
-    ] = "",
+    ] = False
+    out: Annotated[Path, typer.Option(help="Folder for traces and report.")] = Path("ping")
+    json: Annotated[bool, typer.Option("--json", help="Print the figures as JSON.")] = False
+    deploy: PingDeployment = "zenoh"
+
+
+@dataclass(frozen=True, slots=True)
+class ListenOptions:
+    """The traffic that is listened to."""
+
     id_: Annotated[
         str, typer.Option("--id", help="listen can: this identifier only, hexadecimal.")
-    ] = "",
+    ] = ""
     connect: Annotated[
         str, typer.Option(help="listen zenoh: endpoint. Default: tcp/localhost:7447, a router.")
-    ] = "",
-    json_: Annotated[bool, typer.Option("--json", help="Print the figures as JSON.")] = False,
-    scenario: Annotated[
-        Path | None, typer.Option(help="Predict: run this scenario (.toml) with these delays.")
+    ] = ""
+
+
+def ping(
+    path: Annotated[
+        str,
+        typer.Argument(help="udp, zenoh, can or listen; or a scenario file (.toml)."),
+    ],
+    questions: QuestionOptions,
+    watch: WatchOptions,
+    end: EndOptions,
+    listen: ListenOptions,
+    prediction: PredictionOptions,
+    target: Annotated[
+        list[str] | None,
+        typer.Argument(
+            help="udp: HOST[:PORT]; zenoh: endpoint; can: channel; several are measured at once. "
+            "Scenario: the node that asks and the one that answers. The other end: cosim pong."
+        ),
     ] = None,
-    link: Annotated[
-        str, typer.Option(help="Predict with this link (FROM->TO) only. Default: all links.")
-    ] = "",
-    compare: Annotated[
-        bool, typer.Option("--compare", help="Predict for the controllers of cosim compare, too.")
-    ] = False,
-    deploy: PingDeployment = "zenoh",
-    out: Annotated[Path, typer.Option(help="Folder for traces and report.")] = Path("ping"),
-    set_: PingSettings = None,
 ) -> None:
     """Measure delays of a network each way and by parts; predict the effect on controllers.
 
@@ -107,28 +81,29 @@ def ping(
     listen zenoh KEY only listen, also to ROS 2 topics of rmw_zenoh. cosim ping SCENARIO measures
     between two nodes of a deployment, as these nodes, and predicts what the scenario does there.
     """
-    from bridge.cli.ping_path import EndOptions, PathRequest, PredictionOptions, WatchOptions
-
-    usual = 2.0 if ramp else 0.0 if watch else 10.0
-    length = usual if duration is None else duration
-    end, target = EndOptions(tos, config, interface, bitrate, ask, answer), target or []
+    usual = 2.0 if questions.ramp else 0.0 if watch.every else 10.0
+    length, out = usual if questions.duration is None else questions.duration, questions.out
+    words, nodes = target or [], None
     if path == "listen":
         from bridge.cli.ping_listen import ping_listen
 
-        ping_listen(target, identifier=id_, connect=connect, duration=length, json_=json_, end=end)
+        ping_listen(
+            words, identifier=listen.id_, connect=listen.connect, duration=length,
+            json_=questions.json, end=end,
+        )  # fmt: skip
         return
-    settings = [*(set_ or ())]
     if path.endswith(".toml"):
-        end = _deployed(Path(path), deploy, target, settings, end)
-        scenario = scenario or (None if ramp else Path(path))
-        settings = [text for text in settings if not text.startswith("deploy.")]
-        path, target = "zenoh", []
+        nodes = _nodes(Path(path), questions.deploy, words, prediction.settings)
+        prediction = replace(
+            prediction,
+            scenario=prediction.scenario or (None if questions.ramp else Path(path)),
+            settings=[text for text in prediction.settings if not text.startswith("deploy.")],
+        )
+        path, words = "zenoh", []
     common = PathRequest(
-        path, "", rate, size, length, out, end,
-        PredictionOptions(scenario, link, compare, tuple(settings)),
-        WatchOptions(watch, tuple(alarm or ())),
-    )  # fmt: skip
-    _paths(path, target, common, json_=json_, ramp=ramp)
+        path, "", questions.rate, questions.size, length, out, end, prediction, watch, nodes
+    )
+    _paths(path, words, common, json_=questions.json, ramp=questions.ramp)
 
 
 def _paths(kind: str, target: list[str], common: PathRequest, *, json_: bool, ramp: bool) -> None:
@@ -160,10 +135,8 @@ def _paths(kind: str, target: list[str], common: PathRequest, *, json_: bool, ra
         ping_several(found, json_=json_)
 
 
-def _deployed(
-    scenario: Path, deploy: str, target: list[str], settings: list[str], end: EndOptions
-) -> EndOptions:
-    """Our end of the path between two nodes of a deployment, ``[ASKING [ANSWERING]]``."""
+def _nodes(scenario: Path, deploy: str, target: list[str], settings: list[str]) -> PingedNodes:
+    """The two nodes of a deployment, ``[ASKING [ANSWERING]]``."""
     from bridge.deployment.system import load_system
     from bridge.ping.zenoh import pinged_nodes
     from cosim.base.errors import ScenarioError
@@ -173,4 +146,4 @@ def _deployed(
             f"found {' '.join(target)!r}; expected at most two nodes, the one that asks and the "
             "one that answers", "cosim ping",
         )  # fmt: skip
-    return replace(end, nodes=pinged_nodes(load_system(scenario, deploy, settings), *target))
+    return pinged_nodes(load_system(scenario, deploy, settings), *target)

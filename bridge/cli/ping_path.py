@@ -8,13 +8,16 @@ import shlex
 import sys
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from math import isfinite
 from pathlib import Path
 from textwrap import indent
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+
+from bridge.cli.options import PingSettings
+from cosim.cli.options import finite
 
 if TYPE_CHECKING:
     from bridge.can.interface import CanBusSpec
@@ -29,19 +32,33 @@ PATHS = ("udp", "zenoh", "can")
 
 
 @dataclass(frozen=True, slots=True)
-class EndOptions:
-    """Options of our end of a path: UDP's service, Zenoh's configuration, CAN's bus and frames.
+class LineOptions:
+    """The options of both ends of a path: Zenoh's configuration, and CAN's bus."""
 
-    `nodes`: of a deployment, between which a path over Zenoh is.
-    """
+    config: Annotated[
+        Path | None, typer.Option(help="zenoh: session configuration (JSON5), for TLS.")
+    ] = None
+    interface: Annotated[
+        str, typer.Option("--interface", "-i", help="can: interface of python-can.")
+    ] = "socketcan"
+    bitrate: Annotated[
+        float | None, typer.Option(callback=finite, min=1, help="can: bit rate, bit/s.")
+    ] = None
 
-    tos: int = 0
-    config: Path | None = None
-    interface: str = "socketcan"
-    bitrate: float | None = None
-    ask: str = ""
-    answer: str = ""
-    nodes: PingedNodes | None = None
+
+@dataclass(frozen=True, slots=True)
+class EndOptions(LineOptions):
+    """The options of our end of a path, with UDP's service, and the frames of a drive on CAN."""
+
+    tos: Annotated[
+        int, typer.Option(min=0, max=255, help="udp: byte of service of IPv4 (DSCP * 4).")
+    ] = 0
+    ask: Annotated[
+        str, typer.Option(metavar="ID#DATA", help="can: frame that a drive answers; ID#R: remote.")
+    ] = ""
+    answer: Annotated[
+        str, typer.Option(metavar="ID", help="can: identifier of the drive's answer.")
+    ] = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,24 +79,48 @@ class OpenedPath:
 class PredictionOptions:
     """The options of a prediction; nothing is predicted without a `scenario`."""
 
-    scenario: Path | None = None
-    link: str = ""
-    compare: bool = False
-    settings: tuple[str, ...] = ()
+    scenario: Annotated[
+        Path | None, typer.Option(help="Predict: run this scenario (.toml) with these delays.")
+    ] = None
+    link: Annotated[
+        str, typer.Option(help="Predict with this link (FROM->TO) only. Default: all links.")
+    ] = ""
+    compare: Annotated[
+        bool, typer.Option("--compare", help="Predict for the controllers of cosim compare, too.")
+    ] = False
+    settings: PingSettings = field(default_factory=list)
 
 
 @dataclass(frozen=True, slots=True)
 class WatchOptions:
     """Windows of `every` s with `alarms` (``p99 > 20 ms``); 0: no windows."""
 
-    every: float = 0.0
-    alarms: tuple[str, ...] = ()
+    every: Annotated[
+        float,
+        typer.Option(
+            "--watch",
+            callback=finite,
+            min=0,
+            show_default="none",
+            help="Print a line for every window of this length, s, and append it to watch.jsonl.",
+        ),
+    ] = 0.0
+    alarms: Annotated[
+        list[str],
+        typer.Option(
+            "--alarm",
+            metavar="'p99 > 20 ms'",
+            help="With --watch: tell when a window is beyond this, and exit with 1 in the end.",
+        ),
+    ] = field(default_factory=list)
 
 
 @dataclass(frozen=True, slots=True)
 class PathRequest:
     """A path and how to measure it: `kind` and `where`, questions a second, bytes, s (0: until
     Ctrl-C), the folder for traces and report.
+
+    `nodes`: of a deployment, between which a path over Zenoh is.
     """
 
     kind: str
@@ -89,8 +130,9 @@ class PathRequest:
     duration: float
     out: Path
     end: EndOptions = EndOptions()
-    prediction: PredictionOptions = PredictionOptions()
-    watch: WatchOptions = WatchOptions()
+    prediction: PredictionOptions = field(default_factory=PredictionOptions)
+    watch: WatchOptions = field(default_factory=WatchOptions)
+    nodes: PingedNodes | None = None
 
     @property
     def name(self) -> str:
@@ -195,7 +237,7 @@ def measured(request: PathRequest, say: Say, live: Show, tell: Say) -> PathOutco
     from bridge.ping.report import text, values
 
     plan, out = request.plan, request.out
-    path = open_path(request.kind, request.where, request.size, request.end)
+    path = open_path(request)
     capacity = CAPACITY if plan.count is None else plan.count
     record = Exchanges(path.name, capacity, path.size, plan.period_ns)
     sounded = _watched(path, plan, record, request, say, live)
@@ -296,7 +338,7 @@ def _predicted(request: PathRequest, result: PathResult) -> ShownPrediction:
     from cosim.comparison.variants_file import variants_path
 
     trace = _path_trace(request.kind, result)
-    found = predict(wanted.scenario, trace, wanted.link, wanted.settings, request.end.nodes)
+    found = predict(wanted.scenario, trace, wanted.link, wanted.settings, request.nodes)
     data = asdict(found)
     for number in data["numbers"]:
         for key in ("value", "least", "most", "ideal"):
@@ -309,8 +351,9 @@ def _predicted(request: PathRequest, result: PathResult) -> ShownPrediction:
     return ShownPrediction(data, tuple(found.lines()), tuple(one.text for one in each))
 
 
-def open_path(kind: str, where: str, size: int, end: EndOptions) -> OpenedPath:
-    """The asking end of a path of a kind; `size`: payload, bytes. Raises ScenarioError."""
+def open_path(request: PathRequest) -> OpenedPath:
+    """The asking end of a path. Raises ScenarioError."""
+    kind, where, size, end = request.kind, request.where, request.size, request.end
     from contextlib import closing
 
     from bridge.ping.measure import PacketCodec
@@ -326,9 +369,9 @@ def open_path(kind: str, where: str, size: int, end: EndOptions) -> OpenedPath:
     from bridge.ping.zenoh import node_path, zenoh_path
     from bridge.zenoh.exchange import ENDPOINT
 
-    if end.nodes is not None:
-        name = f"zenoh {end.nodes.here} -> {end.nodes.there}"
-        return OpenedPath(name, node_path(end.nodes), PacketCodec(size), size)
+    if request.nodes is not None:
+        name = f"zenoh {request.nodes.here} -> {request.nodes.there}"
+        return OpenedPath(name, node_path(request.nodes), PacketCodec(size), size)
     endpoint = where or ENDPOINT
     return OpenedPath(
         f"zenoh {endpoint}", zenoh_path(endpoint, end.config), PacketCodec(size), size

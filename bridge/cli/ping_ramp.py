@@ -23,7 +23,7 @@ def ping_ramp(request: PathRequest, *, json_: bool) -> None:
     def measured(rate: float) -> PathResult:
         """On a path of its own, so that late answers of another rate are not taken for its."""
         plan = replace(request, rate=rate).plan
-        path = open_path(request.kind, request.where, request.size, request.end)
+        path = open_path(request)
         record = Exchanges(path.name, plan.count or 1, path.size, plan.period_ns)
         with path.opened as opened:
             measure(opened, path.codec, plan, record)

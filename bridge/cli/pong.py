@@ -8,14 +8,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from bridge.cli.options import (
-    CanBitrate,
-    CanInterface,
-    PingDeployment,
-    PingSettings,
-    ZenohConfig,
-)
-from cosim.cli.options import finite
+from bridge.cli.options import PingDeployment
+from bridge.cli.ping_path import LineOptions
+from cosim.cli.options import Set, finite
 
 if TYPE_CHECKING:
     from bridge.ping.can import CanResponder
@@ -23,6 +18,7 @@ if TYPE_CHECKING:
 
 
 def pong(
+    line: LineOptions,
     path: Annotated[
         str, typer.Argument(help="Kind of path: udp, zenoh or can; or a scenario file (.toml).")
     ] = "udp",
@@ -36,11 +32,8 @@ def pong(
     connect: Annotated[
         bool, typer.Option("--connect", help="zenoh: connect to a router instead of listening.")
     ] = False,
-    config: ZenohConfig = None,
-    interface: CanInterface = "socketcan",
-    bitrate: CanBitrate = None,
     deploy: PingDeployment = "zenoh",
-    set_: PingSettings = None,
+    set_: Set = None,
     for_: Annotated[
         float | None,
         typer.Option("--for", callback=finite, min=0.001, help="End after this time, s."),
@@ -62,14 +55,14 @@ def pong(
     with ExitStack() as stack:
         responder: CanResponder | PingResponder
         if path == "can":
-            responder = _can(where, interface, bitrate, stack)
+            responder = _can(where, line.interface, line.bitrate, stack)
         else:
             opened = (
                 _node(Path(path), where, deploy, set_ or [])
                 if scenario
                 else _udp(where)
                 if path == "udp"
-                else _zenoh(where, config, connect)
+                else _zenoh(where, line.config, connect)
             )
             responder = PingResponder(stack.enter_context(opened))
         stop = None if for_ is None else monotonic_ns() + round(for_ * 1e9)

@@ -70,20 +70,24 @@ def replay(
     if json is not None:
         write_json(json, _data(found))
     seconds = max(len(r) * system.nodes[life.node].h for life, r in rows.items())
+    _print(found, f"{seconds:g} s in {watch():.2f} s")
+    if found.first is not None or found.altered:
+        raise typer.Exit(1)
+
+
+def _print(found: ReplayReport, time: str) -> None:
+    """Print the outcome of a replay, with the `time` that it took."""
     for life, slots in found.slots.items():
         typer.echo(f"{life!s:<16} {slots} slots")
     for message in found.alone:
         typer.echo(f"{message:<16} not completely compared with its sender, which was not recorded")
     for altered in found.altered:
         typer.echo(f"{'altered':<16} {altered}")
-    typer.echo(f"{'time':<16} {seconds:g} s in {watch():.2f} s")
+    typer.echo(f"{'time':<16} {time}")
     if found.first is None:
         typer.echo(f"{'difference':<16} exactly 0 in every signal")
-        if found.altered:
-            raise typer.Exit(1)
-        return
-    typer.echo(f"{'difference':<16} up to {found.greatest:.6g}; first: {found.first}")
-    raise typer.Exit(1)
+    else:
+        typer.echo(f"{'difference':<16} up to {found.greatest:.6g}; first: {found.first}")
 
 
 def _data(found: ReplayReport) -> dict[str, Any]:

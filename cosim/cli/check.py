@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -22,10 +23,29 @@ if TYPE_CHECKING:
 MARK = "check: "
 
 
+@dataclass(frozen=True, slots=True)
+class LayoutOptions:
+    """The bus of the messages of a .dbc file."""
+
+    bitrate: Annotated[
+        float, typer.Option(callback=finite, min=1.0, help="Bit rate for a .dbc file, bit/s.")
+    ] = 1e6
+    data_bitrate: Annotated[
+        float | None,
+        typer.Option(
+            callback=finite, min=1.0, help="Bit rate of the data phase for a .dbc file, bit/s."
+        ),
+    ] = None
+    fd: Annotated[
+        bool, typer.Option("--fd", help="Send all messages of a .dbc file as CAN FD frames.")
+    ] = False
+
+
 def check(
     scenario: Annotated[
         Path, typer.Argument(help="Scenario file (.toml), or messages of a CAN bus (.dbc).")
     ],
+    layout: LayoutOptions,
     set_: Set = None,
     deploy: Annotated[
         str | None,
@@ -35,18 +55,6 @@ def check(
         bool, typer.Option("--strict", help="Exit with status 1 for warnings as well.")
     ] = False,
     json: Json = None,
-    bitrate: Annotated[
-        float, typer.Option(callback=finite, min=1.0, help="Bit rate for a .dbc file, bit/s.")
-    ] = 1e6,
-    data_bitrate: Annotated[
-        float | None,
-        typer.Option(
-            callback=finite, min=1.0, help="Bit rate of the data phase for a .dbc file, bit/s."
-        ),
-    ] = None,
-    fd: Annotated[
-        bool, typer.Option("--fd", help="Send all messages of a .dbc file as CAN FD frames.")
-    ] = False,
 ) -> None:
     """Check a scenario without running it: stability margins, links, wiring, predictions.
 
@@ -60,7 +68,9 @@ def check(
     if scenario.suffix == ".dbc":
         if deploy is not None or set_:
             raise ScenarioError("found --deploy or --set besides a .dbc file; expected neither")
-        found = tuple(part("twin").layout_findings(scenario, bitrate, data_bitrate, fd))
+        found = tuple(
+            part("twin").layout_findings(scenario, layout.bitrate, layout.data_bitrate, layout.fd)
+        )
     else:
         found = _scenario_findings(scenario, set_ or [], deploy)
     for f in found:

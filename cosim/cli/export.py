@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
 
@@ -15,52 +16,71 @@ _TOGETHER = (
 )
 
 
-def export(
-    scenario: Annotated[
-        Path, typer.Argument(help="Scenario file (.toml or .ssp), or with --to a run folder.")
-    ],
+@dataclass(frozen=True, slots=True)
+class RunFileOptions:
+    """A run as a file of data."""
+
     to: Annotated[
         Path | None,
         typer.Option(
             metavar="FILE",
             help="Write a run: .csv, .parquet, .mat (MATLAB), .mcap (Foxglove), .gif.",
         ),
-    ] = None,
+    ] = None
     signal: Annotated[
-        list[str] | None,
+        list[str],
         typer.Option(metavar="PATTERN", help="With --to: these signals only; repeatable."),
-    ] = None,
-    ssp: Annotated[Path | None, typer.Option(help="SSP 1.0 file to write.")] = None,
-    fmu: Annotated[
-        Path | None, typer.Option(help="FMI 2.0 FMU of the whole loop to write.")
-    ] = None,
+    ] = field(default_factory=list)
+
+
+@dataclass(frozen=True, slots=True)
+class SystemOptions:
+    """A scenario for tools that simulate."""
+
+    ssp: Annotated[Path | None, typer.Option(help="SSP 1.0 file to write.")] = None
+    fmu: Annotated[Path | None, typer.Option(help="FMI 2.0 FMU of the whole loop to write.")] = None
     links: Annotated[
         str,
         typer.Option(
             help="How to write links: annotation (ignored by other tools) or fmu (delay FMUs)."
         ),
-    ] = "annotation",
+    ] = "annotation"
+
+
+@dataclass(frozen=True, slots=True)
+class NodeFmuOptions:
+    """The nodes of a deployment as network FMUs."""
+
     deploy: Annotated[
         str | None, typer.Option(help="With --nodes: the deployment, by name or file.")
-    ] = None,
+    ] = None
     nodes: Annotated[
         Path | None,
         typer.Option(
             metavar="FOLDER",
             help="Write each node of --deploy as a network FMU (FMI 3.0, FMI-LS-BUS 1.0, CAN).",
         ),
-    ] = None,
+    ] = None
     node: Annotated[
-        list[str] | None,
+        list[str],
         typer.Option(metavar="NAME", help="With --nodes: only this node; repeatable."),
-    ] = None,
+    ] = field(default_factory=list)
     platforms: Annotated[
         str,
         typer.Option(
             help="With --nodes: comma-separated, e.g. x86_64-linux,x86_64-windows.",
             show_default="host",
         ),
-    ] = "",
+    ] = ""
+
+
+def export(
+    scenario: Annotated[
+        Path, typer.Argument(help="Scenario file (.toml or .ssp), or with --to a run folder.")
+    ],
+    file: RunFileOptions,
+    system: SystemOptions,
+    network: NodeFmuOptions,
     set_: Set = None,
 ) -> None:
     """Write a scenario or a run for other tools.
@@ -68,43 +88,50 @@ def export(
     A scenario becomes an SSP, one FMU, or a network FMU of each node; a run, with --to, a file of
     data. MCAP has joint states, frames and lines of the arms besides the signals.
     """
-    if to is not None or signal:
-        _export_run(scenario, to, signal or [])
+    if file.to is not None or file.signal:
+        _export_run(scenario, file.to, file.signal)
         return
     from cosim.base.errors import ScenarioError
-    from cosim.scenario.assemble import assemble
-    from cosim.ssp import load as load_ssp
-    from cosim.ssp.container import write as write_container
-    from cosim.ssp.export import write
 
-    if links not in ("annotation", "fmu"):
-        raise ScenarioError(f"{links!r} is neither annotation nor fmu", "--links")
-    if (nodes is None) is not (deploy is None) or (nodes is None and (node or platforms)):
+    if system.links not in ("annotation", "fmu"):
+        raise ScenarioError(f"{system.links!r} is neither annotation nor fmu", "--links")
+    nodes = network.nodes
+    if (nodes is None) is not (network.deploy is None) or (
+        nodes is None and (network.node or network.platforms)
+    ):
         raise ScenarioError(_TOGETHER, "cosim export")
-    if ssp is None and fmu is None and nodes is None:
+    if system.ssp is None and system.fmu is None and nodes is None:
         raise ScenarioError(
             "nothing to write; expected --ssp FILE, --fmu FILE, --nodes FOLDER or --to FILE",
             "cosim export",
         )
     if nodes is not None:
-        writer = part("node_fmus")
-        writer.write(scenario, deploy, nodes, node or [], set_ or [], platforms)
-    if ssp is None and fmu is None:
-        return
+        part("node_fmus").write(
+            scenario, network.deploy, nodes, network.node, set_ or [], network.platforms
+        )
+    if system.ssp is not None or system.fmu is not None:
+        _export_system(scenario, set_ or [], system)
+
+
+def _export_system(scenario: Path, settings: list[str], system: SystemOptions) -> None:
     from cosim.loading.files import load
+    from cosim.scenario.assemble import assemble
+    from cosim.ssp import load as load_ssp
+    from cosim.ssp.container import write as write_container
+    from cosim.ssp.export import write
 
     read = load_ssp if scenario.suffix == ".ssp" else load
-    loaded = read(scenario, set_ or [])
+    loaded = read(scenario, settings)
     plan = assemble(loaded)
-    if ssp is not None:
-        notes = write(loaded, plan, ssp, "fmu" if links == "fmu" else "annotation")
-        typer.echo(f"{ssp}  {len(plan.components)} FMUs, {len(plan.links)} links")
+    if system.ssp is not None:
+        notes = write(loaded, plan, system.ssp, "fmu" if system.links == "fmu" else "annotation")
+        typer.echo(f"{system.ssp}  {len(plan.components)} FMUs, {len(plan.links)} links")
         for note in notes:
             typer.echo(f"note: {note}")
-    if fmu is not None:
-        for note in write_container(loaded, plan, fmu):
+    if system.fmu is not None:
+        for note in write_container(loaded, plan, system.fmu):
             typer.echo(f"note: {note}")
-        typer.echo(f"{fmu}  FMI 2.0, {len(plan.components)} FMUs inside")
+        typer.echo(f"{system.fmu}  FMI 2.0, {len(plan.components)} FMUs inside")
 
 
 def _export_run(folder: Path, to: Path | None, patterns: list[str]) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass
 from itertools import groupby
 from pathlib import Path
 from typing import Annotated, Any, Protocol, cast
@@ -41,7 +42,19 @@ class Reproduction(Protocol):
         """Write ``report.html`` into `folder`; `repeat`: the command."""
 
 
+@dataclass(frozen=True, slots=True)
+class ReproductionOptions:
+    """The runs of a reproduction."""
+
+    jobs: Annotated[int, typer.Option(min=1, help="Number of processes.")] = os.cpu_count() or 1
+    seed: Annotated[int, typer.Option(min=0, help="Seed of delays and switching graphs.")] = 0
+    force: Annotated[
+        bool, typer.Option("--force", help="Replace the results of an earlier reproduction.")
+    ] = False
+
+
 def reproduce(
+    runs: ReproductionOptions,
     only: Annotated[
         str,
         typer.Option(
@@ -51,13 +64,8 @@ def reproduce(
     out: Annotated[
         Path | None, typer.Option(help="Folder for the results. Default: runs/reproduce-DATE-TIME.")
     ] = None,
-    jobs: Annotated[int, typer.Option(min=1, help="Number of processes.")] = os.cpu_count() or 1,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of delays and switching graphs.")] = 0,
     list_: Annotated[
         bool, typer.Option("--list", help="List the claims, without running anything.")
-    ] = False,
-    force: Annotated[
-        bool, typer.Option("--force", help="Replace the results of an earlier reproduction.")
     ] = False,
     json: Json = None,
     quiet: Annotated[
@@ -77,7 +85,7 @@ def reproduce(
     folder = out or Path("runs") / f"reproduce-{stamp()}"
     watch = stopwatch()
     with progress_bar(quiet) as progress:
-        rows = paper.reproduce(folder, wanted, seed=seed, jobs=jobs, force=force, progress=progress)
+        rows = paper.reproduce(folder, wanted, **asdict(runs), progress=progress)
     page = paper.write_report(rows, folder, this_command())
     if json is not None:
         write_json(json, {"folder": str(folder), "claims": rows})

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -30,39 +31,46 @@ SECTIONS = {
 }
 
 
-def show(
-    scenario: Annotated[Path, typer.Argument(help="Scenario file (.toml), or a run folder.")],
-    set_: Set = None,
-    strict: Strict = False,
-    check: Verify = True,
+@dataclass(frozen=True, slots=True)
+class BusAccountOptions:
+    """The account of a simulated bus in an interval."""
+
     bus: Annotated[
         str,
         typer.Option(
             help="Print load, response times and losses of this simulated bus instead.",
             metavar="NAME",
         ),
-    ] = "",
+    ] = ""
     from_: Annotated[
         float,
         typer.Option(
             "--from", callback=finite, min=0.0, help="With --bus: start of the interval, s."
         ),
-    ] = 0.0,
+    ] = 0.0
     for_: Annotated[
         float,
         typer.Option(
             "--for", callback=finite, min=1e-6, help="With --bus: length of the interval, s."
         ),
-    ] = 0.02,
+    ] = 0.02
     picture: Annotated[
         Path | None, typer.Option(help="With --bus: write a PNG of the frames in the interval.")
-    ] = None,
+    ] = None
     log: Annotated[
         Path | None,
         typer.Option(
             help="With --bus: write the frames of the interval as candump does, in nanoseconds."
         ),
-    ] = None,
+    ] = None
+
+
+def show(
+    scenario: Annotated[Path, typer.Argument(help="Scenario file (.toml), or a run folder.")],
+    account: BusAccountOptions,
+    set_: Set = None,
+    strict: Strict = False,
+    check: Verify = True,
     json: Json = None,
 ) -> None:
     """Print how a scenario runs: components, rates, order, and what every input samples.
@@ -85,10 +93,10 @@ def show(
             write_json(json, dict(facts))
         return
     loaded = load(scenario, set_ or [])
-    if bus and json is not None:
+    if account.bus and json is not None:
         raise ScenarioError("found --json with --bus, expected --log FILE, which has every frame")
-    if bus:
-        for line in bus_account(loaded, bus, (from_, for_), picture, log):
+    if account.bus:
+        for line in bus_account(loaded, account):
             typer.echo(line)
         return
     plan = assemble(loaded)
@@ -122,14 +130,8 @@ def _as_data(
     }  # fmt: skip
 
 
-def bus_account(
-    scenario: Scenario,
-    name: str,
-    interval: tuple[float, float],
-    picture: Path | None,
-    log: Path | None = None,
-) -> list[str]:
-    """The account of a simulated bus, its picture and its log; `interval`: start and length (s).
+def bus_account(scenario: Scenario, wanted: BusAccountOptions) -> list[str]:
+    """The account of a simulated bus, its picture and its log.
 
     Raises ScenarioError for an unknown bus, RunError for a file that cannot be written.
     """
@@ -140,6 +142,7 @@ def bus_account(
     from cosim.scenario.buses import bus_history
     from cosim.scenario.connect_links import frames_on_buses
 
+    name = wanted.bus
     if name not in scenario.buses:
         raise ScenarioError(unknown(name, scenario.buses, "bus"), f"{scenario.path}: --bus")
     frames = frames_on_buses(scenario_components(scenario)).get(name)
@@ -148,14 +151,14 @@ def bus_account(
             "found no link on this bus, expected one: an account is of buses that carry links",
             scenario.place("bus", name),
         )
-    first, last = round(interval[0] * 1e12), round(sum(interval) * 1e12)
+    first, last = round(wanted.from_ * 1e12), round((wanted.from_ + wanted.for_) * 1e12)
     h = bus_history(scenario, name, frames, last)
     lines = list(account_lines(h, first, last))
-    if picture is not None:
-        drawn = draw_account(picture, h, first, last)
+    if wanted.picture is not None:
+        drawn = draw_account(wanted.picture, h, first, last)
         lines.append(f"picture          {drawn}")
-    if log is not None:
-        lines.append(f"log              {_write_log(h, name, log, first, last)}")
+    if wanted.log is not None:
+        lines.append(f"log              {_write_log(h, name, wanted.log, first, last)}")
     return lines
 
 

@@ -18,6 +18,7 @@ from bridge.results.outcome import run_twin
 from bridge.scaffold import write_arm, write_controller
 from cosim.base.errors import ScenarioError
 from cosim.cli.export import export
+from cosim.cli.groups import flat
 from cosim.engine.simulate import simulate
 from cosim.loading.files import load
 from cosim.record import Run
@@ -124,7 +125,7 @@ def test_nothing_is_written_over(tmp_path: Path) -> None:
 def test_the_commands_say_what_they_wrote(tmp_path: Path) -> None:
     app = Typer()
     app.command("new")(new)
-    app.command("export")(export)
+    app.command("export")(flat(export))
     runner = CliRunner()
     done = runner.invoke(app, ["new", "controller", "law", "--dir", str(tmp_path)])
     assert done.exit_code == 0

@@ -13,13 +13,14 @@ import typer
 from typer.testing import CliRunner
 
 from cosim.base.errors import RunError, ScenarioError
+from cosim.cli.groups import flat
 from cosim.cli.reproduce import reproduce
 from cosim.record import Run
 from fmus.paper import claims, reproduction, teaching
 from fmus.paper.claim import never
 
 app = typer.Typer()
-app.command()(reproduce)
+app.command()(flat(reproduce))
 PNG = b"\x89PNG"
 
 

@@ -17,7 +17,7 @@ from bridge.export.kernels import kernels
 from bridge.export.node_fmu import check, export_nodes, notes
 from cosim.base.errors import CosimError, FmuError, ScenarioError
 from cosim.bus.timing import BusTiming
-from cosim.cli.export import export
+from cosim.cli.export import NodeFmuOptions, RunFileOptions, SystemOptions, export
 from cosim.fmi import FmuComponent
 from cosim.fmi.file.validation import problems
 from cosim.fmi.options import FmuOptions
@@ -334,4 +334,9 @@ def test_what_an_fmu_does_differently_is_said() -> None:
 )
 def test_the_command_says_what_it_expected(given: dict[str, Any], said: str) -> None:
     with pytest.raises(ScenarioError, match=said):
-        export(TELEOPERATION, **given)
+        export(
+            TELEOPERATION,
+            RunFileOptions(),
+            SystemOptions(ssp=given.get("ssp")),
+            NodeFmuOptions(**{k: v for k, v in given.items() if k != "ssp"}),
+        )

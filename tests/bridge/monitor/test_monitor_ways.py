@@ -24,6 +24,7 @@ from bridge.zenoh.node_channel import open_bus
 from bridge.zenoh.options import ZenohOptions, options_of
 from bridge.zenoh.session import configure, open_session
 from cosim.base.clock import monotonic_ns, sleep
+from cosim.cli.groups import flat
 from tests.bridge.listening import ARMS, beat, encoded, followed, loaded, reached
 from tests.bridge.ping.test_paths import answering
 from tests.bridge.zenoh.rehearsed import CONFIGS, sockets
@@ -109,7 +110,7 @@ def test_by_a_certificate_that_may_hear_and_not_speak(tmp_path: Path):
 def test_an_operator_and_pings_with_certificates(tmp_path: Path):
     app, settings = typer.Typer(), secured(tmp_path)
     app.command()(tell)
-    app.command()(ping)
+    app.command()(flat(ping))
     said = ["--deploy", "zenoh", *(x for text in settings for x in ("--set", text))]
     scenario = str(CONFIGS / "teleoperation.toml")
 

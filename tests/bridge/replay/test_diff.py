@@ -16,11 +16,12 @@ from bridge.replay.diff import compare_runs, within_a_period
 from bridge.replay.page import write_diff_page
 from bridge.results.outcome import run_twin
 from cosim.base.errors import ScenarioError
+from cosim.cli.groups import flat
 from cosim.record import Column, Recorder, Run, write_metadata
 from tests.bridge.deployments import SHORT, TELEOPERATION, named, offline
 
 app = typer.Typer()
-app.command()(diff)
+app.command()(flat(diff))
 
 
 def made(folder, signals, h=0.1, every=1, metadata=None):

@@ -16,7 +16,7 @@ from cosim.bus.candump import candump_lines
 from cosim.bus.settings import ScriptedError
 from cosim.bus.timing import BusTiming
 from cosim.cli.info import info
-from cosim.cli.show import show
+from cosim.cli.show import BusAccountOptions, show
 from cosim.engine.simulate import simulate
 from cosim.lsbus.logs import operation_lines
 from cosim.lsbus.network import CanNetwork
@@ -185,7 +185,7 @@ def test_info_and_show_name_terminal_and_bus(
         f"[run]\nstep = {STEP}\nstop = {STOP}\n[bus.can0]\nbitrate = 500e3\n"
         f'[components.a]\nmodel = "a.fmu"\nbus = "can0"\nparameters = {text}\n'
     )
-    show(tmp_path / "x.toml", check=False)
+    show(tmp_path / "x.toml", BusAccountOptions(), check=False)
     assert "CAN terminal Powertrain on bus can0" in capsys.readouterr().out
     info(str(tmp_path / "a.fmu"), validate=False)
     assert re.search(r"CAN terminals +Powertrain: Tx clock countdown", capsys.readouterr().out)

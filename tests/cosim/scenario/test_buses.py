@@ -11,7 +11,7 @@ from cosim.base.errors import ScenarioError
 from cosim.bus.frames import BusEvent
 from cosim.bus.traffic import RandomSource
 from cosim.checks import check
-from cosim.cli.show import show
+from cosim.cli.show import BusAccountOptions, show
 from cosim.engine.simulate import simulate
 from cosim.links.bus_delays import BusDelays
 from cosim.loading.files import load
@@ -177,7 +177,7 @@ def test_a_log_is_load(tmp_path):
 def logged_load(tmp_path, capsys, number):
     """The log of two.toml without the frames of its links, as traffic."""
     log = tmp_path / f"{number}.log"
-    show(tmp_path / "two.toml", bus="can0", for_=2.2, log=log)
+    show(tmp_path / "two.toml", BusAccountOptions("can0", for_=2.2, log=log))
     lines = log.read_text().splitlines(keepends=True)
     assert f"log              {log}: {len(lines)} frames" in capsys.readouterr().out
     others = [x for x in lines if " 101#" not in x and " 102#" not in x]

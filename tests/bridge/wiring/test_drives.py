@@ -188,3 +188,18 @@ def test_an_odrive_tells_its_state_as_often_as_its_profile_says(wired):
         for drive, entry in zip(motors.drives, motors.structs, strict=False):
             beats.setdefault(drive.profile.vendor, set()).add(entry.vendor.beat_ns)
     assert beats == {"odrive": {10 * MS}, "damiao": {0}}
+
+
+def test_a_node_knows_where_position_and_velocity_of_a_drive_are(wired):
+    """Damiao drives tell both in a message, the velocity behind the position; CiA 402 in two."""
+    for name, velocity in (("can-damiao", 1), ("can-cia402", 0)):
+        structs = wired(named(name, SHORT), "master_control").commanded.structs
+        assert [(s.q_at, s.dq_at) for s in structs] == [(0, velocity)] * 2
+
+
+def test_drives_of_cia_402_alone_know_the_number_of_their_host(wired):
+    hosts = {}
+    for name in ("can-cia402", "can-damiao"):
+        entries = wired(named(name, SHORT), "master").inlet_bindings.motors
+        hosts[name] = {e.vendor.host for e, _ in zip(entries.structs, entries.drives, strict=False)}
+    assert hosts["can-damiao"] == {0} and 0 not in hosts["can-cia402"]

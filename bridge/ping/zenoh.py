@@ -45,7 +45,10 @@ class PingedNodes:
         )
 
     def ways(self) -> Mapping[int, bool]:
-        """The links between nodes by number, True for those of which the sender is not `here`."""
+        """The links between nodes by number, True for those of which the sender is not `here`.
+
+        Raises ScenarioError where no link is between nodes.
+        """
         nodes = self.system.deployment.nodes.items()
         homes = {c: name for name, node in nodes for c in node.components}
         ends = [

@@ -188,7 +188,7 @@ class PictureSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
 
 
 class DefaultSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """What is compared if nobody says."""
+    """The names that are compared if the file gives none."""
 
     controllers: Names = ()
     operators: Names = ()

@@ -132,7 +132,7 @@ def estimate(data: MeasuredTorques) -> ArmEstimate:
 
 
 def _unsure_speed(data: MeasuredTorques, value: Array, chosen: list[tuple[str, int, int]]) -> Array:
-    """What the parameters (p,) change by half of the way to the next speed near standstill."""
+    """Change of the parameters (p,) by half of the way to the next speed near standstill."""
     found = np.zeros(value.size)
     for place, (kind, j, i) in enumerate(chosen):
         for other in (i - 1, i + 1) if kind == "slow" else ():

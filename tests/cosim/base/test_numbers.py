@@ -95,7 +95,6 @@ def test_a_deep_or_long_document_is_a_sentence() -> None:
 @pytest.mark.parametrize(
     "arguments",
     [
-        ["run", SCENARIO, "--tolerance"],
         ["soak", SCENARIO, "--hours"],
         ["ping", SCENARIO, "--rate"],
         ["analyze", SCENARIO, "--lowest"],

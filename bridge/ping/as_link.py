@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -13,11 +14,11 @@ from bridge.ping.clocks import Floats
 from bridge.ping.figures import PathResult, autocorrelation
 from bridge.ping.losses import lost_ways, runs
 from cosim.base.errors import ScenarioError
+from cosim.links.distributions import Gamma, Lognormal
 from cosim.links.laws import Constant, Law
 from cosim.links.losses import GilbertElliott, Independent, Loss
 from cosim.links.netem import netem
 from cosim.links.random_numbers import generator
-from cosim.links.skewed import Gamma, Lognormal
 
 #: Spread below which delays are constant: a part of the mean.
 CONSTANT = 0.01
@@ -96,7 +97,8 @@ def _lognormal(T: Floats, hold: float | None) -> Lognormal:
 
 def _quantiles(law: Gamma | Lognormal) -> Floats:
     """Quantiles of 20000 draws, (200,), s."""
-    drawn = replace(law, hold=None).stream(Fraction(1, 100), generator(0, "ping")).take(20_000)
+    free = msgspec.structs.replace(law, hold=None)
+    drawn = free.stream(Fraction(1, 100), generator(0, "ping")).take(20_000)
     return np.asarray(np.quantile(drawn, _SHARES))
 
 

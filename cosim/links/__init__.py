@@ -4,9 +4,8 @@ Whatever the delay law and the semantics, a link comes down to one int32 per hit
 receiver: *which sent sample it holds* (-1: none yet). What is in this room, in the order in
 which it is built up::
 
-    laws        how late a sample is: constant, uniform redrawn every hold
-    skewed      delays with a long tail: shifted gamma and lognormal, cut at a maximum
-    mixtures    normal and hyperexponential delays, and sums of laws
+    laws        how late a sample is: constant, uniform redrawn every hold, sums
+    distributions  gamma, lognormal, normal and hyperexponential delays, cut at a maximum
     markov      delays that stay on a level for a while
     traces      delays that were measured, from CSV or Parquet
     losses      which packets never arrive: independent, Gilbert–Elliott, on top of any law
@@ -20,8 +19,8 @@ which it is built up::
     drawing     the rows of many tables at once, by ``tables.c``
     storage     tables as Parquet files, and their replay
     statistics  age of what was held, how often it was held, how often it went back in time
-    keys        the structs a scenario decodes
-    spec        laws and models of these structs, and the error messages for bad values
+    keys        laws and models are structs; their fields are read here, with units and messages
+    spec        names of laws and models, and the table of a link by its keys
     preset_statistics  quantiles of presets and frozen traces, and what they lose
     netem       a law and a loss as arguments of tc netem, and what netem does otherwise
 

@@ -12,15 +12,15 @@ Source: NetFI, arXiv 2603.06824.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from fractions import Fraction
 from math import inf
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from cosim.base.errors import ScenarioError
-from cosim.links.laws import FloatArray, facts_of
+from cosim.links.keys import Keyed
+from cosim.links.laws import FloatArray
 from cosim.links.losses import Losses
 from cosim.links.markov import Chain, stationary
 from cosim.links.reachability import BoolArray
@@ -32,8 +32,7 @@ if TYPE_CHECKING:
 _TERMS = 100_000
 
 
-@dataclass(frozen=True, slots=True)
-class ParetoBursts:
+class ParetoBursts(Keyed, frozen=True, tag="pareto-bursts"):
     """The loss model above: `stay`, `shape` and `scale` of the first and the second state, (2,)."""
 
     stay: tuple[float, float]
@@ -98,10 +97,6 @@ class ParetoBursts:
     def stream(self, period: Fraction, rng: Generator) -> Losses:
         """Two draws a packet, from two generators."""
         return _ParetoBursts(self, *rng.spawn(2))
-
-    def facts(self) -> dict[str, Any]:
-        """Name, stay, shape and scale."""
-        return facts_of("pareto-bursts", self)
 
 
 class _ParetoBursts:

@@ -1,173 +1,98 @@
-"""The structs that a scenario's links are decoded into: a struct for each delay law and loss model.
+"""Structs whose fields are the keys of a table in a scenario: delay laws and loss models.
 
-Numbers are seconds; a text has its unit. :mod:`cosim.links.spec` makes laws and models of them.
+A field has the unit of :data:`Seconds` or :data:`Ratio`: a number as it is, a text with a unit that
+fits. :func:`read` makes a struct of a table, with a message for what cannot be.
 """
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from collections.abc import Mapping
+from functools import lru_cache
+from importlib import import_module
+from typing import Annotated, Any, get_args
 
 import msgspec
 
-Seconds = int | float | str
-Number = int | float | str  # without a dimension, or with the one that is said
+from cosim.base.convert import Number, sentence
+from cosim.base.errors import CosimError, ScenarioError
+from cosim.base.names import unknown
+from cosim.base.units import quantity
+
+Table = Mapping[str, Any]
+Seconds = Annotated[float, msgspec.Meta(extra={"unit": "s"})]
+Ratio = Annotated[float, msgspec.Meta(extra={"unit": "1"})]
+Rate = Annotated[float, msgspec.Meta(extra={"unit": "1/s"})]
 
 
-class _Law(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="law"):
-    """One of several laws, selected by `law`; unknown keys are errors."""
+class Keyed(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="law"):
+    """A law or a model that `law` names; its fields are the other keys, SI."""
+
+    @classmethod
+    def chosen(cls, table: Table) -> type[Keyed]:
+        """The struct for these keys, where several have one name. Raises ScenarioError."""
+        return cls
+
+    @classmethod
+    def completed(cls, table: Table) -> Table:
+        """The table, SI, with the keys that may be left out and follow from others."""
+        return table
+
+    def facts(self) -> dict[str, Any]:
+        """The metadata of a run: the name and its values, SI."""
+        return {k: _listed(v) for k, v in msgspec.to_builtins(self).items()}
 
 
-class ConstantDelay(_Law, frozen=True, tag="constant"):
-    """T = delay."""
-
-    delay: Seconds
+def _listed(value: Any) -> Any:
+    return [_listed(x) for x in value] if isinstance(value, tuple) else value
 
 
-class UniformDelay(_Law, frozen=True, tag="uniform"):
-    """T ~ U[low, high], drawn every `hold`, or for every sample."""
+def read(table: Table, modules: Mapping[str, str], key: str) -> Any:
+    """The struct that a table called `key` describes.
 
-    low: Seconds
-    high: Seconds
-    hold: Seconds | None = None
-
-
-class GammaDelay(_Law, frozen=True, tag="gamma"):
-    """T = min(shift + scale·g, maximum), g ~ Gamma(shape), drawn every `hold`."""
-
-    shift: Seconds
-    shape: Number
-    scale: Seconds
-    maximum: Seconds
-    hold: Seconds | None = None
-
-
-class LognormalDelay(_Law, frozen=True, tag="lognormal"):
-    """T = min(shift + median·exp(sigma·g), maximum), g ~ N(0, 1), drawn every `hold`."""
-
-    shift: Seconds
-    median: Seconds
-    sigma: Number
-    maximum: Seconds
-    hold: Seconds | None = None
-
-
-class MarkovDelay(_Law, frozen=True, tag="markov"):
-    """T jumps between levels every `step`, by probabilities or by mean times on each level."""
-
-    levels: tuple[Seconds, ...]
-    step: Seconds
-    transitions: tuple[tuple[float, ...], ...] | None = None
-    dwell: Seconds | tuple[Seconds, ...] | None = None
-
-
-class NormalDelay(_Law, frozen=True, tag="normal"):
-    """T = mean + sd·g, g ~ N(0, 1), cut to [minimum, maximum], drawn every `hold`."""
-
-    mean: Seconds
-    sd: Seconds
-    maximum: Seconds
-    minimum: Seconds = 0
-    hold: Seconds | None = None
-
-
-class HyperexponentialDelay(_Law, frozen=True, tag="hyperexponential"):
-    """T = min(shift + e, maximum): e is exponential, with mean means[i] by chance weights[i]."""
-
-    shift: Seconds
-    weights: tuple[float, ...]
-    means: tuple[Seconds, ...]
-    maximum: Seconds
-    hold: Seconds | None = None
-
-
-class SumDelay(_Law, frozen=True, tag="sum"):
-    """T = the sum of independent laws, each a table like `delay` itself."""
-
-    of: tuple[dict[str, Any], ...]
-
-
-class PresetDelay(_Law, frozen=True, tag="preset"):
-    """Delay and loss of a named network, see :mod:`cosim.links.presets`."""
-
-    name: str
-
-
-class FrozenDelay(_Law, frozen=True, tag="frozen"):
-    """A delay trace with fixed bytes, see :mod:`cosim.links.frozen_traces`."""
-
-    name: str
-    lookup: Literal["time", "index"] = "time"
-    repeat: bool = False
-
-
-class TraceDelay(_Law, frozen=True, tag="trace"):
-    """T from a file of measured delays (CSV or Parquet: t_send, delay)."""
-
-    file: str
-    lookup: Literal["time", "index"] = "time"
-    repeat: bool = False
-
-
-class TableDelay(_Law, frozen=True, tag="table"):
-    """The stored table of a link; it already contains the effect of the semantics."""
-
-    file: str
-
-
-class IndependentLoss(_Law, frozen=True, tag="independent"):
-    """Each packet is lost with probability p."""
-
-    p: Number
-
-
-class GilbertElliottLoss(
-    _Law, frozen=True, tag="gilbert-elliott", rename={"bad": "1-h", "good": "1-k"}
-):
-    """netem's ``loss gemodel p [r [1-h [1-k]]]``, with its defaults: r = 1 - p, 1, 0."""
-
-    p: Number
-    r: Number | None = None
-    bad: Number = 1
-    good: Number = 0
-
-
-class OutageLoss(_Law, frozen=True, tag="outage"):
-    """Outages of `length`: one `every` so often (first at `start`), or at random with `rate`.
-
-    With `longest` and `pause` instead: of random length, U[length, longest], and `pause` apart.
+    `modules`: by the name in `law`, the module of :mod:`cosim.links` and the class of its struct
+    (``distributions:Gamma``), which is imported now. Raises ScenarioError.
     """
+    if "law" not in table:
+        raise ScenarioError("the key 'law' is missing", key)
+    name = str(table["law"])
+    if name not in modules:
+        raise ScenarioError(unknown(name, modules, "kind"), f"{key}.law")
+    module, _, found = modules[name].partition(":")
+    struct: type[Keyed] = getattr(import_module(f"cosim.links.{module}"), found)
+    struct = struct.chosen(table)
+    units = _units(struct)
+    plain = struct.completed({k: _in_unit(v, units.get(k, ""), k) for k, v in table.items()})
+    try:
+        return msgspec.convert(plain, struct)
+    except msgspec.ValidationError as error:
+        if isinstance(error.__cause__, CosimError):
+            raise error.__cause__ from None
+        message, inside = sentence(error, struct, plain)
+        raise ScenarioError(message, f"{key}{inside}") from None
 
-    length: Seconds
-    every: Seconds | None = None
-    start: Seconds | None = None
-    rate: Number | None = None
-    longest: Seconds | None = None
-    pause: Seconds | None = None
+
+@lru_cache(maxsize=64)
+def _units(struct: type[Keyed]) -> dict[str, str]:
+    return {f.encode_name: _unit(f.type) for f in msgspec.structs.fields(struct)}
 
 
-class ParetoBurstLoss(_Law, frozen=True, tag="pareto-bursts"):
-    """Bursts of Pareto length (Lomax: `shape`, `scale`), each of two states with its own.
-
-    `stay`: probability of staying in the first and in the second state, each packet.
-    """
-
-    stay: tuple[float, float]
-    shape: tuple[float, float]
-    scale: tuple[float, float]
+def _unit(kind: Any) -> str:
+    """The unit of a field's type, "" where its values are no texts."""
+    own = [m.extra["unit"] for m in getattr(kind, "__metadata__", ())]
+    return next((unit for unit in (*own, *map(_unit, get_args(kind))) if unit), "")
 
 
-DelaySpec = (
-    ConstantDelay
-    | UniformDelay
-    | GammaDelay
-    | LognormalDelay
-    | MarkovDelay
-    | NormalDelay
-    | HyperexponentialDelay
-    | SumDelay
-    | PresetDelay
-    | FrozenDelay
-    | TraceDelay
-    | TableDelay
-)
-LossSpec = IndependentLoss | GilbertElliottLoss | OutageLoss | ParetoBurstLoss
+def _in_unit(value: Any, unit: str, name: str) -> Any:
+    if unit and isinstance(value, list | tuple):
+        return [_in_unit(x, unit, f"{name}[{i}]") for i, x in enumerate(value)]
+    return si(value, name, unit) if unit and isinstance(value, str) else value
+
+
+def si(value: Number, name: str, unit: str = "s") -> float:
+    """A number as it is, a text in `unit`. Raises ScenarioError that calls it `name`."""
+    if not isinstance(value, str):
+        return float(value)
+    try:
+        return quantity(value, unit)
+    except CosimError as error:
+        raise ScenarioError(f"{name} = {value!r}: {error}") from None

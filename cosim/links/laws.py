@@ -5,9 +5,9 @@ it generates, and the long-term `mean`. :meth:`Law.stream` starts the delays of 
 generated in chunks whose sizes do not change the values: the same generator state gives the same
 delays. A lost packet has a delay that is not finite.
 
-This module has the protocol and the two simplest laws. `skewed` has laws with a long tail, `markov`
-a law with levels, and `traces` measured delays; `losses` combines any of them with a loss model. To
-add a law, add a class with these members and a struct in `spec`.
+This module has the protocol, the two simplest laws, and sums. `losses` combines any law with a loss
+model. To add a law, add a struct with these members, whose fields are its keys, and its name to
+`spec`.
 
 Source: the paper, Sec. VII, for the uniform law that is redrawn at fixed intervals; the interface
 is our own construction.
@@ -16,16 +16,18 @@ is our own construction.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from fractions import Fraction
 from functools import lru_cache
 from math import isfinite
-from typing import TYPE_CHECKING, Any, ClassVar, Protocol
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cosim.base.errors import ScenarioError
+from cosim.links.keys import Keyed, Seconds
 
 if TYPE_CHECKING:
     from numpy.random import Generator
@@ -76,20 +78,8 @@ def decimal_fraction(seconds: float) -> Fraction:
     return Fraction(repr(float(seconds)))
 
 
-def facts_of(law: str, values: Any) -> dict[str, Any]:
-    """The metadata of a run: the law's name, and the fields of a dataclass, SI."""
-    return {"law": law} | {f.name: _plain(getattr(values, f.name)) for f in fields(values)}
-
-
-def _plain(value: Any) -> Any:
-    return [_plain(x) for x in value] if isinstance(value, tuple) else value
-
-
-class Formula:
+class Formula(Keyed, frozen=True):
     """A law that is a formula: it loses nothing, gives any number of delays, and is its fields."""
-
-    __slots__ = ()
-    LAW: ClassVar[str]
 
     @property
     def loses_packets(self) -> bool:
@@ -100,18 +90,19 @@ class Formula:
         """Unlimited."""
         return None
 
-    def facts(self) -> dict[str, Any]:
-        """The law's name and its values, SI."""
-        return facts_of(self.LAW, self)
+
+class LawSource(Keyed, frozen=True):
+    """Keys that name a law, or a file with one."""
+
+    def law(self, folder: Path) -> Law:
+        """The law; files relative to `folder`. Raises ScenarioError."""
+        raise NotImplementedError
 
 
-@dataclass(frozen=True, slots=True)
-class Constant(Formula):
+class Constant(Formula, frozen=True, tag="constant"):
     """T(t) = delay (s)."""
 
-    LAW = "constant"
-
-    delay: float
+    delay: Seconds
 
     def __post_init__(self) -> None:
         """Check the delay. Raises ScenarioError."""
@@ -137,8 +128,7 @@ class Constant(Formula):
         return _Same(self.delay)
 
 
-@dataclass(frozen=True, slots=True)
-class Uniform(Formula):
+class Uniform(Formula, frozen=True, tag="uniform"):
     """T(t) = low + (high - low)·u_i, u_i ~ U[0, 1), i = floor(t / hold): constant in between.
 
     The paper's delay (Sec. VII) is low = 0.3 s, high = 1.2 s, hold = 0.03 s. `hold = None` draws
@@ -146,11 +136,9 @@ class Uniform(Formula):
     the redraw at t = 0.03 s happens there and not one sample later.
     """
 
-    LAW = "uniform"
-
-    low: float
-    high: float
-    hold: float | None = None
+    low: Seconds
+    high: Seconds
+    hold: Seconds | None = None
 
     def __post_init__(self) -> None:
         """Check the parameters of the distribution. Raises ScenarioError."""
@@ -182,6 +170,67 @@ class Uniform(Formula):
             return np.minimum(self.low + (self.high - self.low) * rng.random(n), self.high)
 
         return hold_delays(draw, self.hold, period)
+
+
+@dataclass(frozen=True, slots=True)
+class Sum:
+    """T(t) = Σ_j T_j(t) of independent laws, none of which loses packets."""
+
+    parts: tuple[Law, ...]
+
+    def __post_init__(self) -> None:
+        """Refuse nothing, and what loses packets. Raises ScenarioError."""
+        if not self.parts:
+            raise ScenarioError("of names no delay law; expected one or more")
+        if any(law.loses_packets for law in self.parts):
+            raise ScenarioError(
+                "a law of the sum loses packets; expected laws without losses, and the key loss"
+            )
+
+    @property
+    def minimum(self) -> float:
+        """The sum of the minima, s."""
+        return sum(law.minimum for law in self.parts)
+
+    @property
+    def maximum(self) -> float:
+        """The sum of the maxima, s."""
+        return sum(law.maximum for law in self.parts)
+
+    @property
+    def mean(self) -> float:
+        """The sum of the means, s."""
+        return sum(law.mean for law in self.parts)
+
+    @property
+    def loses_packets(self) -> bool:
+        """Never."""
+        return False
+
+    def limit(self, period: Fraction) -> int | None:
+        """The least limit of the parts."""
+        limits = [x for x in (law.limit(period) for law in self.parts) if x is not None]
+        return min(limits, default=None)
+
+    def stream(self, period: Fraction, rng: Generator) -> Delays:
+        """Each part draws from a generator of its own."""
+        own = rng.spawn(len(self.parts))
+        return _Added([p.stream(period, r) for p, r in zip(self.parts, own, strict=True)])
+
+    def facts(self) -> dict[str, Any]:
+        """The facts of the parts."""
+        return {"law": "sum", "of": [law.facts() for law in self.parts]}
+
+
+class _Added:
+    def __init__(self, streams: list[Delays]) -> None:
+        self._streams = streams
+
+    def take(self, n: int) -> FloatArray:
+        total = np.zeros(n)
+        for stream in self._streams:
+            total += stream.take(n)
+        return total
 
 
 def hold_delays(

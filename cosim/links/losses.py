@@ -24,7 +24,8 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 
 from cosim.base.errors import ScenarioError
-from cosim.links.laws import Delays, FloatArray, Law, facts_of
+from cosim.links.keys import Keyed, Ratio, Table
+from cosim.links.laws import Delays, FloatArray, Law
 from cosim.links.markov import Chain
 from cosim.links.reachability import BoolArray
 
@@ -57,11 +58,10 @@ class Loss(Protocol):
         """The metadata of a run: the model's name and its values, SI."""
 
 
-@dataclass(frozen=True, slots=True)
-class Independent:
+class Independent(Keyed, frozen=True, tag="independent"):
     """Each packet is lost with probability p, whatever happened to the others."""
 
-    p: float
+    p: Ratio
 
     def __post_init__(self) -> None:
         """Check that it is a probability. Raises ScenarioError."""
@@ -87,10 +87,6 @@ class Independent:
         """One draw a packet."""
         return _Independent(self.p, rng)
 
-    def facts(self) -> dict[str, Any]:
-        """Name and probability."""
-        return facts_of("independent", self)
-
 
 class _Independent:
     def __init__(self, p: float, rng: Generator) -> None:
@@ -100,8 +96,9 @@ class _Independent:
         return self._rng.random(n) < self._p
 
 
-@dataclass(frozen=True, slots=True)
-class GilbertElliott:
+class GilbertElliott(
+    Keyed, frozen=True, tag="gilbert-elliott", rename={"bad": "1-h", "good": "1-k"}
+):
     """Two states with their own loss probabilities; after a packet G -> B with p, B -> G with r.
 
     In B a packet is lost with probability `bad` = 1-h, in G with `good` = 1-k: the names and the
@@ -109,10 +106,16 @@ class GilbertElliott:
     distribution (netem starts in G). bad = 1, good = 0 is the simple Gilbert model.
     """
 
-    p: float
-    r: float
-    bad: float = 1.0
-    good: float = 0.0
+    p: Ratio
+    r: Ratio
+    bad: Ratio = 1.0
+    good: Ratio = 0.0
+
+    @classmethod
+    def completed(cls, table: Table) -> Table:
+        """The default of r is netem's, 1 - p."""
+        p = table.get("p")
+        return {"r": 1 - p, **table} if isinstance(p, int | float) else table
 
     def __post_init__(self) -> None:
         """Check the probabilities, and that each state can be left. Raises ScenarioError."""
@@ -154,16 +157,6 @@ class GilbertElliott:
     def stream(self, period: Fraction, rng: Generator) -> Losses:
         """Two draws a packet, from two generators."""
         return _GilbertElliott(self, *rng.spawn(2))
-
-    def facts(self) -> dict[str, Any]:
-        """Name and probabilities, as netem calls them."""
-        return {
-            "law": "gilbert-elliott",
-            "p": self.p,
-            "r": self.r,
-            "1-h": self.bad,
-            "1-k": self.good,
-        }
 
 
 class _GilbertElliott:

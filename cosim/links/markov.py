@@ -7,25 +7,35 @@ Source: own construction from a homogeneous Markov chain that starts in its stat
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from fractions import Fraction
 from math import isfinite, isqrt
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from cosim.base.errors import ScenarioError
-from cosim.links.laws import Delays, FloatArray, Formula, IntArray, check_delay, hold_delays
+from cosim.links.keys import Keyed, Seconds, Table
+from cosim.links.laws import (
+    Delays,
+    FloatArray,
+    Formula,
+    IntArray,
+    Law,
+    LawSource,
+    check_delay,
+    hold_delays,
+)
 from cosim.links.reachability import closure
 
 if TYPE_CHECKING:
     from numpy.random import Generator
 
 Row = tuple[float, ...]
+Levels = tuple[Seconds, ...]
 
 
-@dataclass(frozen=True, slots=True)
-class Markov(Formula):
+class Markov(Formula, frozen=True, tag="markov"):
     """T(t) = levels[x_i], i = floor(t / step): P(x_{i+1} = b | x_i = a) = transitions[a][b].
 
     `levels` (m,), s; `transitions` (m, m), rows sum to 1, and every level can be reached from
@@ -33,11 +43,9 @@ class Markov(Formula):
     the levels hold from the start. See :meth:`dwelling` for mean times instead of probabilities.
     """
 
-    LAW = "markov"
-
-    levels: Row
+    levels: Levels
     transitions: tuple[Row, ...]
-    step: float
+    step: Seconds
 
     def __post_init__(self) -> None:
         """Check the levels and the transition matrix. Raises ScenarioError."""
@@ -47,6 +55,13 @@ class Markov(Formula):
             check_delay(f"levels[{a}]", level)
         _check_step(self.step)
         _check_transitions(self.transitions, len(self.levels))
+
+    @classmethod
+    def chosen(cls, table: Table) -> type[Keyed]:
+        """The chain by its transitions or by its mean times. Raises ScenarioError."""
+        if ("transitions" in table) == ("dwell" in table):
+            raise ScenarioError('delay.law = "markov" needs either transitions or dwell')
+        return cls if "transitions" in table else DwellingLaw
 
     @staticmethod
     def dwelling(levels: Row, dwell: Row, step: float) -> Markov:
@@ -100,6 +115,19 @@ class Markov(Formula):
             return level
 
         return hold_delays(draw, self.step, period, "step")
+
+
+class DwellingLaw(LawSource, frozen=True, tag="markov"):
+    """The keys of :meth:`Markov.dwelling`."""
+
+    levels: Levels
+    dwell: Seconds | Levels
+    step: Seconds
+
+    def law(self, folder: Path) -> Law:
+        """The chain with transitions."""
+        dwell = self.dwell if isinstance(self.dwell, tuple) else (self.dwell,)
+        return Markov.dwelling(self.levels, dwell, self.step)
 
 
 class Chain:

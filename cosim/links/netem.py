@@ -14,20 +14,19 @@ does is taken from Linux (net/sched/sch_netem.c) and iproute2 (tc-netem(8)):
 
 from __future__ import annotations
 
-from dataclasses import replace
 from fractions import Fraction
 from math import ceil, exp
 
+import msgspec
 import numpy as np
 
 from cosim.base.errors import ScenarioError
-from cosim.links.laws import Constant, FloatArray, Law, Uniform
+from cosim.links.distributions import Gamma, Hyperexponential, Lognormal, Normal
+from cosim.links.laws import Constant, FloatArray, Law, Sum, Uniform
 from cosim.links.losses import GilbertElliott, Independent, Loss, Lossy
 from cosim.links.markov import Markov
-from cosim.links.mixtures import Hyperexponential, Normal, Sum
 from cosim.links.outages import Outage, RandomOutage
 from cosim.links.random_numbers import generator
-from cosim.links.skewed import Gamma, Lognormal
 from cosim.links.traces import DelayTrace
 
 LIMIT = 1000  # packets, netem's own
@@ -92,7 +91,7 @@ def _quantiles(law: Law, share: FloatArray) -> FloatArray:
         levels: FloatArray = np.array(law.levels)[order][np.searchsorted(reached, share)]
         return levels
     if isinstance(law, _HELD):
-        law = replace(law, hold=None)
+        law = msgspec.structs.replace(law, hold=None)
     limit = law.limit(PERIOD)
     T = law.stream(PERIOD, generator(0, "netem")).take(DRAWS if limit is None else limit)
     quantiles: FloatArray = np.quantile(T[np.isfinite(T)], share, method="inverted_cdf")

@@ -6,16 +6,16 @@ Source: own construction; random outages follow each other after exponentially d
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from fractions import Fraction
 from math import ceil, inf, isfinite
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from cosim.base.errors import ScenarioError
 from cosim.links.grid import Cycle
-from cosim.links.laws import FloatArray, decimal_fraction, facts_of
+from cosim.links.keys import Keyed, Rate, Seconds, Table
+from cosim.links.laws import FloatArray, decimal_fraction
 from cosim.links.losses import Losses
 from cosim.links.reachability import BoolArray
 
@@ -25,13 +25,31 @@ if TYPE_CHECKING:
 AHEAD = 64  # outages drawn at once
 
 
-@dataclass(frozen=True, slots=True)
-class Outage:
+class Outage(Keyed, frozen=True, tag="outage"):
     """Everything sent in [start + i·every, start + i·every + length), i = 0, 1, …, is lost (s)."""
 
-    length: float
-    every: float
-    start: float
+    length: Seconds
+    every: Seconds
+    start: Seconds
+
+    @classmethod
+    def chosen(cls, table: Table) -> type[Keyed]:
+        """In cycles, at random, or of random length, as the keys say. Raises ScenarioError."""
+        keys = set(table) - {"law", "length"}
+        if keys == {"longest", "pause"}:
+            return UniformOutage
+        if keys == {"rate"}:
+            return RandomOutage
+        if "every" not in keys or keys & {"rate", "longest", "pause"}:
+            raise ScenarioError(
+                'loss.law = "outage" needs either every (and start) or rate, or longest and pause'
+            )
+        return cls
+
+    @classmethod
+    def completed(cls, table: Table) -> Table:
+        """The first outage begins after one cycle unless `start` is given."""
+        return {"start": table["every"], **table}
 
     def __post_init__(self) -> None:
         """Refuse what never ends or never begins. Raises ScenarioError."""
@@ -58,10 +76,6 @@ class Outage:
         """Nothing is drawn."""
         return _Outage(self, period)
 
-    def facts(self) -> dict[str, Any]:
-        """Name, length, every, start (s)."""
-        return facts_of("outage", self)
-
 
 class _Outage:
     def __init__(self, model: Outage, period: Fraction) -> None:
@@ -79,15 +93,14 @@ class _Outage:
         return lost
 
 
-@dataclass(frozen=True, slots=True)
-class RandomOutage:
+class RandomOutage(Keyed, frozen=True, tag="outage"):
     """Outages of `length` (s); from the end of one to the next, a time ~ Exp(rate), rate in 1/s.
 
     The link starts up. Two outages can follow each other so closely that nothing arrives between.
     """
 
-    length: float
-    rate: float
+    length: Seconds
+    rate: Rate
 
     def __post_init__(self) -> None:
         """Check the times and the rate. Raises ScenarioError."""
@@ -117,10 +130,6 @@ class RandomOutage:
             return rng.exponential(1 / self.rate, n), np.full(n, self.length)
 
         return _Alternating(draw, period)
-
-    def facts(self) -> dict[str, Any]:
-        """Name, length (s), rate (1/s)."""
-        return facts_of("outage", self)
 
 
 class _Alternating:
@@ -158,16 +167,15 @@ class _Alternating:
         return lost
 
 
-@dataclass(frozen=True, slots=True)
-class UniformOutage:
+class UniformOutage(Keyed, frozen=True, tag="outage", rename={"shortest": "length"}):
     """Outages of random length, U[shortest, longest] (s), `pause` (s) from one to the next.
 
     The link starts up, for `pause`.
     """
 
-    shortest: float
-    longest: float
-    pause: float
+    shortest: Seconds
+    longest: Seconds
+    pause: Seconds
 
     def __post_init__(self) -> None:
         """Check the lengths and the pause. Raises ScenarioError."""
@@ -198,12 +206,6 @@ class UniformOutage:
             return np.full(n, self.pause), length
 
         return _Alternating(draw, period)
-
-    def facts(self) -> dict[str, Any]:
-        """Name, length, longest, pause (s)."""
-        return {
-            "law": "outage", "length": self.shortest, "longest": self.longest, "pause": self.pause,
-        }  # fmt: skip
 
 
 def _check_length(length: float) -> None:

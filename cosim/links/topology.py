@@ -15,14 +15,14 @@ from typing import Any
 
 import numpy as np
 
+from cosim.base.convert import Number
 from cosim.base.errors import CosimError, RunError, ScenarioError
 from cosim.links.adjacency import read_graphs
 from cosim.links.graphs import PRESETS, Graph, check_robot, union
 from cosim.links.grid import Grid
-from cosim.links.keys import Seconds
+from cosim.links.keys import si
 from cosim.links.laws import FloatArray
 from cosim.links.random_numbers import generator
-from cosim.links.spec import si
 from cosim.links.switching import Choices, Random, Schedule, Static, Switching
 from cosim.links.table import INDEX_MAXIMUM
 
@@ -151,9 +151,9 @@ class WeightStream:
 def make_topology(
     *,
     graphs: str | Sequence[str | Sequence[tuple[int, int]]],
-    dwell: Seconds | None = None,
-    schedule: Sequence[tuple[Seconds, str]] | None = None,
-    repeat: Seconds | None = None,
+    dwell: Number | None = None,
+    schedule: Sequence[tuple[Number, str]] | None = None,
+    repeat: Number | None = None,
     seed: int,
     folder: Path,
     name: str = "topology",
@@ -203,7 +203,7 @@ def _graphs(
 
 
 def _schedule(
-    schedule: Sequence[tuple[Seconds, str]], repeat: Seconds | None, names: list[str]
+    schedule: Sequence[tuple[Number, str]], repeat: Number | None, names: list[str]
 ) -> Schedule:
     times, indices = [], []
     for k, (time, graph) in enumerate(schedule):

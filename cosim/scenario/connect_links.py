@@ -153,28 +153,20 @@ def _table(
     given: _TableSources,
 ) -> TableSpec:
     """The table of a link between a sender and a receiver with these periods, ticks."""
+    from cosim.links.grid import Grid
     from cosim.links.spec import bus_table, link_table
 
-    if spec.bus:
-        semantics = "newest-stamp" if spec.semantics == "signal" else spec.semantics
-        return bus_table(given.simulated[place], semantics, name, parts.h, periods, place)
-    if spec.delay is None or spec.frame is not None:
+    if not spec.bus and (spec.delay is None or spec.frame is not None):
         raise ScenarioError("expected either delay, or bus and frame", place)
-    return link_table(
-        delay=spec.delay,
-        loss=spec.loss,
-        semantics=spec.semantics,
-        playout=spec.playout,
-        name=spec.channel or name,
-        seed=parts.scenario.run.seed,
-        h=parts.h,
-        sender_period=periods[0],
-        receiver_period=periods[1],
-        folder=given.folder,
-        place=place,
-        ticks=parts.ticks,
-        known=given.known,
-    )
+    try:
+        grid = Grid(*periods, parts.h)
+        if spec.bus:
+            semantics = "newest-stamp" if spec.semantics == "signal" else spec.semantics
+            return bus_table(given.simulated[place], semantics, name, grid)
+        key, seed = spec.channel or name, parts.scenario.run.seed
+        return link_table(spec, key, seed, grid, given.folder, parts.ticks, given.known)
+    except CosimError as error:
+        raise ScenarioError(str(error), place) from None
 
 
 def _link(parts: ScenarioComponents, spec: LinkSpec, place: str, given: _TableSources) -> Link:

@@ -94,7 +94,7 @@ def test_options_of_a_port_and_a_linear_model_exclude_each_other(
         (
             ["run", TELEOPERATION, "--no-plot", "--out"],
             424,
-            {"matplotlib", "numpy.ma", "pandas", "rich", "pydantic", "cosim.links.skewed"},
+            {"matplotlib", "numpy.ma", "pandas", "rich", "pydantic", "cosim.links.distributions"},
         ),
     ],
 )

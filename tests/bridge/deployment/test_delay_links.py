@@ -12,11 +12,11 @@ from hypothesis import strategies as st
 from bridge.deployment.latency import DelaySpec, delays_for, zero_delay
 from bridge.native import delay as native
 from cosim.base.errors import ScenarioError
-from cosim.links.spec import link_table
 from cosim.loading import files as scenario
 from cosim.scenario.assemble import assemble
 from cosim.schedule.parts import Link, Slot, Wire
 from tests.cosim.links.stored import save_table
+from tests.cosim.links.tables import table_of
 
 CONFIGS = Path(__file__).parents[3] / "configs"
 SOURCE = Slot("a.xi", "a", "xi", 0, (2,), "rad/s")
@@ -41,7 +41,7 @@ SEMANTICS = ("signal", "last-arrival", "newest-stamp", "fifo", "playout")
 
 
 def link(name="a->b", folder=Path(), **said):
-    return Link(name, SOURCE, TARGET, link_table(name=name, folder=folder, **said))
+    return Link(name, SOURCE, TARGET, table_of(name=name, folder=folder, **said))
 
 
 def held(spec, ticks):

@@ -15,8 +15,8 @@ from bridge.ping.packet import LEAST, PingPacket, decode
 from bridge.ping.report import text, values
 from bridge.realtime.host_clock import HostClock
 from cosim.base.errors import RunError
+from cosim.links.distributions import Gamma
 from cosim.links.losses import GilbertElliott, Independent
-from cosim.links.skewed import Gamma
 from cosim.links.spec import delay_law, loss_model
 from cosim.links.traces import read_trace
 

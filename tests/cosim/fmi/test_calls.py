@@ -157,8 +157,8 @@ class Follower:
 def chain(path: Path, second: Path, isolate: bool, **of_a: float) -> Plan:
     """jumping FMU `a` -> sampled Python `b`; a -> (2 ticks late) -> FMU `d` -> Python `e`."""
     from cosim.base.component import Port
-    from cosim.links.spec import link_table
     from cosim.schedule.parts import Link, Wire
+    from tests.cosim.links.tables import table_of
 
     options = FmuOptions(isolate=isolate)
     components = {
@@ -182,11 +182,7 @@ def chain(path: Path, second: Path, isolate: bool, **of_a: float) -> Plan:
             sides.append(tuple(side))
         start = {"u": (1.0,)} if name == "a" else {}
         steps.append(Step(name, component, component.kind, 1, values[name], *sides, start))
-    table = link_table(
-        delay={"law": "constant", "delay": 0.2}, loss=None, semantics="signal", playout=None,
-        name="l", seed=0, h=0.1, sender_period=1, receiver_period=1, folder=Path(), place="l",
-        ticks=10,
-    )  # fmt: skip
+    table = table_of(delay={"law": "constant", "delay": 0.2}, name="l", h=0.1, ticks=10)
     wires = [Wire(slots["a.y"], slots["b.u"]), Wire(slots["d.y"], slots["e.u"], 2.0, 1.0)]
     return compile_plan(0.1, 10, steps, wires, [Link("l", slots["a.y"], slots["d.u"], table)])
 

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from cosim.base.errors import ScenarioError
+from cosim.links.distributions import Gamma, Lognormal
 from cosim.links.laws import Constant, Uniform
 from cosim.links.losses import GilbertElliott, Independent, Lossy
 from cosim.links.markov import Markov
 from cosim.links.netem import distribution_table, netem
 from cosim.links.outages import Outage, RandomOutage
-from cosim.links.skewed import Gamma, Lognormal
 from cosim.links.traces import DelayTrace
 
 PAPER = Uniform(0.3, 1.2, 0.03)

@@ -13,16 +13,16 @@ from hypothesis import strategies as st
 
 from cosim.base.errors import ScenarioError
 from cosim.links.bursts import ParetoBursts
-from cosim.links.laws import Constant, Uniform
+from cosim.links.distributions import Gamma, Hyperexponential, Normal
+from cosim.links.laws import Constant, Sum, Uniform
 from cosim.links.losses import Independent, Lossy
-from cosim.links.mixtures import Hyperexponential, Normal, Sum
 from cosim.links.netem import netem
 from cosim.links.outages import UniformOutage
 from cosim.links.preset_statistics import figures, figures_of_preset
 from cosim.links.presets import PRESETS, preset
 from cosim.links.random_numbers import generator
-from cosim.links.skewed import Gamma
-from cosim.links.spec import delay_law, link_table, loss_model
+from cosim.links.spec import delay_law, loss_model
+from tests.cosim.links.tables import table_of
 
 PERIOD = Fraction(5, 1000)
 LAWS = [
@@ -228,10 +228,7 @@ def test_constructed_presets_have_the_quantiles_they_were_made_for(name, p50, p9
 
 
 def link(**given):
-    return link_table(
-        semantics="newest-stamp", name="x", seed=0, h=0.005, sender_period=1, receiver_period=1,
-        folder=Path(), **given,
-    )  # fmt: skip
+    return table_of(semantics="newest-stamp", **given)
 
 
 def test_any_link_takes_a_preset_with_its_losses():

@@ -15,7 +15,7 @@ import pytest
 
 from cosim.base.errors import CosimError, FmuError, RunError
 from cosim.fmi import FmuComponent, FmuOptions
-from cosim.fmi.components import model_name, reason_not_repeatable
+from cosim.fmi.components import model_name
 from cosim.native import shared
 from cosim.native.fmu_log import Log
 from tests.cli.command import Command
@@ -253,7 +253,6 @@ def test_it_is_chosen_where_there_is_another_interface(tmp_path: Path) -> None:
     chosen = FmuComponent(path, options=FmuOptions(interface="ScheduledExecution"))
     assert chosen.description.scheduled
     assert model_name(chosen) == "x.fmu, FMI 3.0 scheduled execution"
-    assert reason_not_repeatable(chosen) == "has clocks"
 
 
 def test_commands_know_it(fmu: Path, tmp_path: Path, monkeypatch, capsys) -> None:

@@ -6,13 +6,13 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
 
-import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
 from bridge.ping.clocks import Floats
 from bridge.ping.figures import PathResult, autocorrelation
 from bridge.ping.losses import lost_ways, runs
+from cosim.base import struct
 from cosim.base.errors import ScenarioError
 from cosim.links.distributions import Gamma, Lognormal
 from cosim.links.laws import Constant, Law
@@ -97,7 +97,7 @@ def _lognormal(T: Floats, hold: float | None) -> Lognormal:
 
 def _quantiles(law: Gamma | Lognormal) -> Floats:
     """Quantiles of 20000 draws, (200,), s."""
-    free = msgspec.structs.replace(law, hold=None)
+    free = struct.replace(law, hold=None)
     drawn = free.stream(Fraction(1, 100), generator(0, "ping")).take(20_000)
     return np.asarray(np.quantile(drawn, _SHARES))
 

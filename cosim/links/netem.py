@@ -17,9 +17,9 @@ from __future__ import annotations
 from fractions import Fraction
 from math import ceil, exp
 
-import msgspec
 import numpy as np
 
+from cosim.base import struct
 from cosim.base.errors import ScenarioError
 from cosim.links.distributions import Gamma, Hyperexponential, Lognormal, Normal
 from cosim.links.laws import Constant, FloatArray, Law, Sum, Uniform
@@ -91,7 +91,7 @@ def _quantiles(law: Law, share: FloatArray) -> FloatArray:
         levels: FloatArray = np.array(law.levels)[order][np.searchsorted(reached, share)]
         return levels
     if isinstance(law, _HELD):
-        law = msgspec.structs.replace(law, hold=None)
+        law = struct.replace(law, hold=None)
     limit = law.limit(PERIOD)
     T = law.stream(PERIOD, generator(0, "netem")).take(DRAWS if limit is None else limit)
     quantiles: FloatArray = np.quantile(T[np.isfinite(T)], share, method="inverted_cdf")

@@ -88,7 +88,7 @@ def node(
     announce_run_folder(folder)
     facts = begin_node(system, folder, {"settings": changes, "node": name})
     real = hardware.hardware
-    started = _Started(system, name, now=options.now, real=real)
+    started = _StartedNode(system, name, now=options.now, real=real)
     with disabled_at_the_end(system, [name] if real else []):
         report = run_node(
             system,
@@ -100,7 +100,7 @@ def node(
     _say(system, folder, report, rows)
 
 
-class _Started:
+class _StartedNode:
     """A node that was started by hand: prints its events, and starts it at once if `now`."""
 
     def __init__(self, system: System, name: str, *, now: bool, real: bool) -> None:

@@ -45,7 +45,7 @@ class QuestionOptions:
 
 
 @dataclass(frozen=True, slots=True)
-class ListenOptions:
+class ListeningOptions:
     """The traffic that is listened to."""
 
     id_: Annotated[
@@ -64,7 +64,7 @@ def ping(
     questions: QuestionOptions,
     watch: WatchOptions,
     end: EndOptions,
-    listen: ListenOptions,
+    listen: ListeningOptions,
     prediction: PredictionOptions,
     target: Annotated[
         list[str] | None,

@@ -16,7 +16,7 @@ from cosim.base.errors import FmuError
 from cosim.fmi.components import model_name, stepped_fmu
 
 #: Files of a model's FMU that are FMI, not the model.
-_LAYER = re.compile(r"(fmi[23].*|instance|exchange|state|clock)\.[ch]")
+_LAYER = re.compile(r"(fmi[23].*|instance|exchange|state|stepping|clock)\.[ch]")
 _FUNCTION = re.compile(r"^(?!typedef|return|else)[A-Za-z_][\w \t*]*?[ \t*](\w+)\s*\(", re.MULTILINE)
 _RENAMED = re.compile(r"^#define model_step (\w+)", re.MULTILINE)  # what lanes call their copy
 _TABLE = re.compile(r"^extern [\w \t*]*?(\w+)(?:\[\])?;", re.MULTILINE)

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, slots=True)
-class PortOptions:
+class TestedPortOptions:
     """The port, the tests that are applied to it, and the figures."""
 
     port: Annotated[
@@ -55,7 +55,7 @@ class PortOptions:
 
 def analyze(
     target: Annotated[Path, typer.Argument(help="Run folder, or scenario file (.toml).")],
-    port: PortOptions,
+    port: TestedPortOptions,
     linear: LinearOptions,
     set_: Set = None,
     json: Json = None,
@@ -73,7 +73,7 @@ def analyze(
     from cosim.record import verify
 
     if linear.linear:
-        if port != PortOptions():
+        if port != TestedPortOptions():
             raise ScenarioError("found options of a port besides --linear; expected none")
         linearize(target, set_ or [], linear, json, quiet)
         return

@@ -23,7 +23,7 @@ from cosim.comparison.measure import CaseOutcome, Task
 from cosim.comparison.port_columns import PortOutcome, PortTask
 from cosim.record.folder import reason
 from cosim.study.runner import perform
-from cosim.study.store import JOURNAL, Journal
+from cosim.study.store import JOURNAL, ResultJournal
 
 T = TypeVar("T", Task, PortTask)
 R = TypeVar("R", CaseOutcome, PortOutcome)
@@ -43,7 +43,7 @@ class KeptResults:
         self.runs, self._same, self._journal = runs, same, None
         try:
             if folder is not None:
-                self._journal = Journal(folder / JOURNAL)
+                self._journal = ResultJournal(folder / JOURNAL)
         except OSError as error:
             raise RunError(f"cannot use {folder}: {reason(error)}") from error
 

@@ -45,7 +45,7 @@ class WiringSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
     drives: Wires | None = None
 
 
-class ComponentSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+class VariantComponentSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Keys of a component; the scenario that they become part of checks their values."""
 
     model: str | None = None
@@ -59,17 +59,17 @@ class ComponentSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_
 
     def keys(self) -> Table:
         """The keys that are given."""
-        values = {key: getattr(self, key) for key in ComponentSpec.__struct_fields__}
+        values = {key: getattr(self, key) for key in VariantComponentSpec.__struct_fields__}
         return {key: value for key, value in values.items() if value is not None}
 
 
-class PartSpec(ComponentSpec, frozen=True, forbid_unknown_fields=True, kw_only=True):
+class PartSpec(VariantComponentSpec, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """A further component of a side."""
 
     inputs: Wires = {}
 
 
-class SideSpec(ComponentSpec, frozen=True, forbid_unknown_fields=True, kw_only=True):
+class SideSpec(VariantComponentSpec, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """A controller, or what is different on the side of one role."""
 
     inputs: Wires | None = None
@@ -110,7 +110,7 @@ class WaySpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
         return {key: value for key, value in values.items() if value is not None}
 
 
-class LinkSpec(WaySpec, frozen=True, forbid_unknown_fields=True, kw_only=True):
+class VariantLinkSpec(WaySpec, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """A link law; each role may have a table for the way on which it receives."""
 
     title: str = ""

@@ -63,7 +63,6 @@ from cosim.comparison.spec import (
     AlignedSpec,
     ColumnSpec,
     ControllerSpec,
-    LinkSpec,
     OperatorSpec,
     PartSpec,
     PictureSpec,
@@ -73,6 +72,7 @@ from cosim.comparison.spec import (
     SideSpec,
     StableSpec,
     Table,
+    VariantLinkSpec,
     VariantsSpec,
     WaySpec,
     Wires,
@@ -281,7 +281,7 @@ def _operators(spec: VariantsSpec, roles: Mapping[str, Role], path: Path) -> dic
 
 
 def _links(spec: VariantsSpec, roles: Mapping[str, Role], path: Path) -> dict[str, LinkLaw]:
-    kind = with_roles(LinkSpec, WaySpec, roles)
+    kind = with_roles(VariantLinkSpec, WaySpec, roles)
     laws = {}
     for name, given in convert_each(spec.links, kind, path, "links").items():
         place = f"{path} at links.{name}"

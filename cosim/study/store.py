@@ -39,7 +39,7 @@ Record = dict[str, Any]
 
 
 @final
-class Journal:
+class ResultJournal:
     """Records in a file, a line of JSON each, which a process may be killed at any time to write.
 
     `rows`: the newest record of each run, by its key ``run``. Raises RunError with the path.
@@ -101,7 +101,9 @@ class Store:
         try:
             (folder / RESULTS).mkdir(parents=True, exist_ok=True)
             ends = {run: end for part in parts(folder) for run, end in _ends(part)}
-            self._journal = Journal(folder / JOURNAL, lambda row: ends.get(row["run"]) != _end(row))
+            self._journal = ResultJournal(
+                folder / JOURNAL, lambda row: ends.get(row["run"]) != _end(row)
+            )
         except OSError as error:
             raise RunError(f"cannot use {folder}: {reason(error)}") from error
         ends |= {run: _end(row) for run, row in self._journal.rows.items()}

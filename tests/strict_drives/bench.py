@@ -12,12 +12,12 @@ import json
 import os
 import subprocess
 import sys
-import traceback
 from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 
+from tests.children import fork
 from tests.strict_drives.__main__ import main as drives_of_a_bus
 
 
@@ -37,19 +37,15 @@ def start(words: Sequence[str], others: Sequence[Drives] = ()) -> Drives:
     """
     heard, to = os.pipe()
     said, tells = os.pipe()
-    pid = os.fork()
-    if pid == 0:
-        code = 1
-        try:
-            for descriptor in (to, said, *(other.to for other in others)):
-                os.close(descriptor)
-            os.dup2(heard, 0)
-            os.dup2(tells, 1)
-            code = drives_of_a_bus(words)
-        except BaseException:
-            traceback.print_exc()
-        finally:
-            os._exit(code)
+
+    def work() -> int:
+        for descriptor in (to, said, *(other.to for other in others)):
+            os.close(descriptor)
+        os.dup2(heard, 0)
+        os.dup2(tells, 1)
+        return drives_of_a_bus(words)
+
+    pid = fork(work)
     os.close(heard)
     os.close(tells)
     return Drives(pid, to, said)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import tomllib
+from importlib import import_module
 from pathlib import Path
 from runpy import run_path
 from typing import get_args
@@ -29,8 +30,12 @@ STRUCTS = [
         and found.__module__ == spec.__name__
         and found is not spec.Scenario
     ),
-    *get_args(link_spec.DelaySpec),
-    *get_args(link_spec.LossSpec),
+    *(
+        getattr(import_module(f"cosim.links.{module}"), name)
+        for module, name in (
+            place.split(":") for place in (*link_spec.LAWS.values(), *link_spec.LOSSES.values())
+        )
+    ),
 ]
 
 

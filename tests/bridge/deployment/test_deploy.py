@@ -108,7 +108,7 @@ NODE = {"components": ["x"], "number": 9}
          "nodes.other.components"),
         ("nodes.slave.requires", ["x"], "no node 'x'; there are: ", "nodes.slave.requires"),
         ("nodes.slave.guard", {"tau": 1}, "no key 'tau'", "nodes.slave.guard"),
-        ("nodes.slave.stale", {"a.b": {"stop": []}}, "found a list", "nodes.slave.stale[...].stop"),
+        ("nodes.slave.stale", {"a.b": {"stop": []}}, "found a list", "nodes.slave.stale.a.b.stop"),
         ("messages.STATE_1.bus", "up", "no bus 'up'; there are: left, right",
          "messages.STATE_1.bus"),
         ("messages.STATE_1.carries", "master.q", "a list, found", "messages.STATE_1.carries"),

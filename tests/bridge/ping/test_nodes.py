@@ -21,6 +21,7 @@ from bridge.ping.prediction import PathTrace, predict
 from bridge.ping.zenoh import node_responder, pinged_nodes
 from bridge.zenoh.exchange import asking, node_session
 from cosim.base.errors import RunError, ScenarioError
+from cosim.cli.groups import flat
 from cosim.links.traces import read_trace, write_trace
 from tests.bridge.ping.test_paths import answering
 from tests.bridge.zenoh.rehearsed import CONFIGS, sockets
@@ -42,7 +43,7 @@ def answered(settings: list[str]) -> Iterator[None]:
 
 def called(*arguments: str) -> str:
     app = typer.Typer()
-    app.command()(ping)
+    app.command()(flat(ping))
     done = CliRunner().invoke(app, arguments, catch_exceptions=False)
     assert done.exit_code == 0, done.output
     return done.output
@@ -96,7 +97,7 @@ def test_nobody_answers_for_a_node_that_is_not_there(tmp_path: Path) -> None:
 
 def test_the_other_end_of_a_scenario_is_one_of_its_nodes() -> None:
     app = typer.Typer()
-    app.command()(pong)
+    app.command()(flat(pong))
     with pytest.raises(ScenarioError, match="no node 'c' on net"):
         CliRunner().invoke(app, [str(SCENARIO), "c"], catch_exceptions=False)
 

@@ -58,7 +58,7 @@ class Outer(msgspec.Struct, forbid_unknown_fields=True):
             {"parts": [{"law": "iner"}]},
             ".parts[0].law: no kind 'iner'; did you mean 'inner'? (there are: inner, other)",
         ),
-        ({"named": {"a": {"low": "x"}}}, ".named[...].low: expected a number, found text"),
+        ({"named": {"a": {"low": "x"}}}, ".named.a.low: expected a number, found text"),
     ],
 )
 def test_a_key_of_a_file_that_is_not_known(value: object, said: str) -> None:

@@ -46,7 +46,7 @@ def test_force_deletes_the_files_of_a_run_and_nothing_else(tmp_path: Path) -> No
         pass
     write_metadata(tmp_path, {"scenario": {"components": {"a": {}}, "figures": {"q": {}}}})
     link_file(tmp_path, "old").write_text("x")
-    made = ("report.html", "trajectories.csv", "estimate.json", "a.fmu.log", "q.png", "q.pdf")
+    made = ("report.html", "trajectories.csv", "a.fmu.log", "q.png", "q.pdf")
     mine = ["b.fmu.log", "notes.txt", "photo.png"]
     for name in (*made, *mine):
         (tmp_path / name).write_text("x")

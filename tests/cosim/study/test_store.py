@@ -21,6 +21,11 @@ def made(i: int, **measures: float) -> StudyRow:
     return StudyRow(f"run{i}", {"K": float(i)}, (f"a.K={i}",), True, "", nan, 0.1, measures)
 
 
+def killed(store: Store) -> None:
+    """The end of a store whose process was killed: its file is closed, and nothing is written."""
+    store._journal.close()
+
+
 def filled(folder: Path, numbers: range) -> None:
     with Store(folder, {"e": "rad"}) as store:
         for i in numbers:
@@ -70,6 +75,7 @@ def test_killed_after_a_second_try_its_row_counts(tmp_path: Path) -> None:
         store.append(failed(1, 0.25))
     store = Store(tmp_path, {})
     store.append(made(1, e=0.1))  # and no end: the journal has it, the part has the old one
+    killed(store)
     with Store(tmp_path, {}) as again:
         assert (again.done, again.failed) == ({"run1"}, set())
     assert rows(tmp_path)["run1"]["e"] == 0.1
@@ -96,6 +102,7 @@ def test_a_journal_cut_anywhere_keeps_its_whole_rows(tmp_path_factory, cut: int)
     store = Store(folder, {})
     for i in range(6):
         store.append(made(i))
+    killed(store)
     whole = (folder / "journal.jsonl").read_bytes()
     (folder / "journal.jsonl").write_bytes(whole[:cut])
     with Store(folder, {}) as again:
@@ -111,6 +118,7 @@ def test_killed_between_the_part_and_the_journal_no_row_is_there_twice(tmp_path:
         store.append(made(i))
     kept = (tmp_path / "journal.jsonl").read_bytes()
     store.flush()
+    killed(store)
     (tmp_path / "journal.jsonl").write_bytes(kept)
     filled(tmp_path, range(3, 5))
     assert sum(len(pq.read_table(p)) for p in parts(tmp_path)) == 5

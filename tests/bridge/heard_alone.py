@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes as c
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from typing import Any
 
 import numpy as np
 
@@ -66,3 +67,9 @@ def alone(system, name, folder) -> Iterator[Alone]:
         wired.struct.n_peers = 0
         native.functions().node_enable(c.byref(wired.struct), 0)
         yield Alone(wired, rings)
+
+
+def torque(rows: Any, node: Any) -> Any:
+    """The torques that act on the joints of `master`, (rows, 2), N.m."""
+    slot = next(s for s in node.wired.plan.plan.slots().values() if s.name == "master.tau")
+    return rows["signals"][:, slot.start : slot.start + 2]

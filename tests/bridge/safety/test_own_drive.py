@@ -14,16 +14,10 @@ from bridge.native import node as native
 from bridge.native.frame import Flags
 from bridge.native.safety import Command, DriveRequest, DriveState, LifeState
 from tests.bridge.deployments import named
-from tests.bridge.heard_alone import alone
+from tests.bridge.heard_alone import alone, torque
 
 H, MS = 1e-3, 1_000_000
 TORQUE = [3.0, 2.0, 0.0, 0.0]
-
-
-def acting(node, rows):
-    """What acts on the joints, (rows, 2), N.m."""
-    slot = next(s for s in node.wired.plan.plan.slots().values() if s.name == "master.tau")
-    return rows["signals"][:, slot.start : slot.start + 2]
 
 
 def tell(node, *commands):
@@ -42,9 +36,9 @@ def test_a_torque_from_before_it_was_enabled_does_not_act(tmp_path):
         tell(node, Command.RESET, Command.ARM, Command.START)
         rows = node.run(0.55)
         assert rows["state"][-1] == LifeState.ACTIVE and drive.state is DriveState.ENABLED
-        assert not acting(node, rows)[501:].any()
+        assert not torque(rows, node)[501:].any()
         node.say("LINK_2", 112, TORQUE)
-        assert acting(node, node.run(0.6))[-1].tolist() == TORQUE[:2]
+        assert torque(node, node.run(0.6))[-1].tolist() == TORQUE[:2]
 
 
 def test_a_torque_that_comes_while_it_is_off_does_not_act_later(tmp_path):
@@ -57,7 +51,7 @@ def test_a_torque_that_comes_while_it_is_off_does_not_act_later(tmp_path):
         tell(node, Command.RESET, Command.ARM, Command.START)
         rows = node.run(0.55)
         assert rows["state"][-1] == LifeState.ACTIVE
-        assert not acting(node, rows)[511:].any()
+        assert not torque(rows, node)[511:].any()
 
 
 # ---- its states, against the diagram of docs/safety.md ----
@@ -91,7 +85,7 @@ class Oracle:
             self.state, self.fed = new, t
 
     def step(self, command, valid, t):
-        """What acts."""
+        """The torque that acts, N.m, on `command` at `t`, which is a sample if `valid`."""
         if valid:
             self.fed = t
         if self.state == "ENABLED" and (t - self.fed > 5 or not np.isfinite(command)):

@@ -16,7 +16,7 @@ from cosim.base.errors import ScenarioError
 from cosim.loading.files import read_document
 from cosim.scenario.spec import build
 from tests.bridge.deployments import TELEOPERATION, document, named, system_of
-from tests.bridge.heard_alone import alone
+from tests.bridge.heard_alone import alone, torque
 
 N = 300  # samples of 5 ms
 CARRIERS = [("can", "LINK_2", [3.0, 2.0, 0.0, 0.0]), ("can-classic", "TAU_2", [3.0, 2.0])]
@@ -25,12 +25,6 @@ CARRIERS = [("can", "LINK_2", [3.0, 2.0, 0.0, 0.0]), ("can-classic", "TAU_2", [3
 def creeping(k, step):
     """The delay grows five times, s."""
     return 0.0005 + step * min(5, k // 40)
-
-
-def torque(rows, node):
-    """What acts on the joints, (rows, 2), N.m."""
-    slot = next(s for s in node.wired.plan.plan.slots().values() if s.name == "master.tau")
-    return rows["signals"][:, slot.start : slot.start + 2]
 
 
 @pytest.mark.parametrize(("name", "message", "values"), CARRIERS)

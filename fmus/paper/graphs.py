@@ -13,8 +13,6 @@ from cosim.reporting.figures import DPI, load
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-_RADIUS = 0.17
-
 
 def draw_graphs(preset: str, folder: Path) -> tuple[Path, Path]:
     """Draw the graphs of a preset (``fig04.png``) and their union (``fig05.png``)."""

@@ -8,7 +8,8 @@ has begun SIGKILL is sent to the command, to the process that works for it, or t
 component records the clock in every row, so the loss is the time from the last recorded row to the
 kill. Each folder has to be readable as it is and after `cosim report --recover`, row by row from
 t = 0 and with its link tables, and no more than 1 s may be lost; the exit code is 1 where that
-fails. Every kill is a line of `--out`: the same command goes on with those that are missing.
+fails. Each kill adds a line to the file `--out`; the same
+command makes the kills that the file does not have yet.
 """
 
 from __future__ import annotations

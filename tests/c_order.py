@@ -54,5 +54,5 @@ def includes(files: Sequence[Path]) -> dict[Path, set[Path]]:
 
 
 def ordered(graph: Mapping[Path, set[Path]]) -> list[Path]:
-    """From the bottom up. Raises graphlib.CycleError, which names the circle."""
+    """The files from the bottom up. Raises graphlib.CycleError, which names the circle."""
     return list(TopologicalSorter(graph).static_order())

@@ -198,7 +198,8 @@ static void attend_drives(node_t *n, int64_t now)
     node_host_sync_early(n, now);
 }
 
-/* Until `wake_ns`; a machine that stood still is no fault of the drives. When the node goes on. */
+/* Idles until `wake_ns` and returns the time at which the node goes on. If the machine stood still
+ * meanwhile, the drives are excused for that time. */
 static int64_t rest_until(node_t *n, int64_t next, int64_t wake_ns)
 {
     node_idle(n, wake_ns);

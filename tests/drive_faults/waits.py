@@ -81,7 +81,7 @@ class Recorder:
 
 
 class Sufferer:
-    """The drive of a fault: what begins and ends happens when somebody waits."""
+    """The drive with the faults, which begin and end while the test waits."""
 
     def __init__(self, motors: Motors, events: Sequence[DriveFault]) -> None:
         bus, number = events[0].bus, events[0].drive
@@ -234,7 +234,7 @@ def _judged(
 def _log(
     sent: Sequence[Frame], told: Sequence[Frame], drive: Any, reading: drive_judge.Reading
 ) -> Any:
-    """What the node sent to a drive, and what that told, as the log of a node."""
+    """The frames that a node sent to a drive and got from it, in the form of the node's log."""
     frames = [*((f, Flags.SENT) for f in sent), *((f, 0) for f in told)]
     own = {reading.torque(drive.node), reading.state(drive.node), *reading.requests(drive.node)}
     chosen = sorted(((f, s) for f, s in frames if f.id in own), key=lambda entry: entry[0].t_ns)

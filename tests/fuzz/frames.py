@@ -179,7 +179,7 @@ def main(target: str, path: str, seed: int, count: int, seconds: float) -> None:
     began = 0.0
 
     def over(done: int) -> bool:
-        """From the first call on: what is loaded before does not count."""
+        """True when the time is over, counted from the first call: loading does not count."""
         nonlocal began
         began = began or time.monotonic()
         return time.monotonic() > began + seconds if seconds > 0 else done >= count

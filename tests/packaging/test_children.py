@@ -93,7 +93,7 @@ def test_a_process_of_tests_forgets_what_the_tests_of_a_file_have_left(monkeypat
 
 
 class Left:
-    """What refers to itself, with some memory."""
+    """An object that refers to itself, with some memory."""
 
     def __init__(self) -> None:
         self.itself, self.memory = self, b"x" * (2 * garbage.GARBAGE << 20)

@@ -86,7 +86,7 @@ OTHERS = (errno.EIO, errno.ENOBUFS)
 
 @pytest.fixture(scope="module")
 def seen(tmp_path_factory: pytest.TempPathFactory) -> dict[tuple[str, tuple[int, ...]], list[Any]]:
-    """What a bus makes of each case: a result, its state and counters, and again after it."""
+    """The result, state and counters of a bus in each case, and once more after it."""
     folder = tmp_path_factory.mktemp("failing")
     (folder / "failing.c").write_text(FAILING)
     library = compile_shared([folder / "failing.c"], folder / "failing.so")

@@ -44,7 +44,7 @@ class Host:
         return self.call("step", t, feed_all)
 
     def sent(self):
-        """What was sent on the left bus since: (number of the drive, what it is told)."""
+        """Frames sent on the left bus since the last call: (number of the drive, command)."""
         found, frame = [], Frame()
         while native.functions().ring_get(c.byref(self.rings["left"][1].struct), c.byref(frame)):
             data = frame.payload
@@ -133,7 +133,7 @@ def test_answers_count_only_where_they_were_asked_for(host):
     assert host.drives[0].answered == 0
     assert host.tell(1, DISABLED, 3) == STATE  # while the answer of a register is awaited
     assert host.drives[0].answered == 0
-    assert host.hear(3, 3, 3, 0, READ, 9, 0xE8, 3) == NOT  # a drive of nobody
+    assert host.hear(3, 3, 3, 0, READ, 9, 0xE8, 3) == NOT  # no drive of this node
     assert host.hear(1, 3, 1, 0, READ, 10, 0xE8, 3) != STATE and host.drives[0].answered == 0
     assert host.register(1, 4) == ANSWER and host.drives[0].answered == 1
 
@@ -362,7 +362,7 @@ def test_a_position_that_changes_or_a_joint_that_rests_is_not_old(host):
 
 
 def test_a_position_or_velocity_that_is_older_than_it_may_be_is_silence(tmp_path):
-    """Of CiA 402, which tells them in two messages."""
+    """A CiA 402 drive is tested, because it tells them in two messages."""
     host = Host(tmp_path, "can-cia402")
     with host.wired:
         for which in ("q_of", "dq_of"):

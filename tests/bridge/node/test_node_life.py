@@ -105,7 +105,7 @@ def test_real_drives_need_arming(tmp_path):
 
 
 def test_real_drives_that_no_guard_limits_end_without_a_ramp(tmp_path):
-    """What lies behind the last message that a node sends is none of its messages."""
+    """Memory behind the last message that a node sends is not read as a message."""
     with Bench(tmp_path, "run.stop=0.2", real=True) as bench:
         bench.struct.n_outlets = 0
         until(lambda: bench.struct.life.state == LifeState.INACTIVE)

@@ -116,7 +116,7 @@ def test_a_run_without_rows_is_named_whichever_it_is(empty, tmp_path):
 
 @pytest.mark.parametrize(("step", "rows"), [(0.1, 5), (0.2, 2), (1.0, 1)])
 def test_a_ramp_changes_within_a_period_by_the_rows_in_it(step, rows):
-    """Of a ramp of 1/s: a period of 0.5 s has this many whole rows, and one at least."""
+    """On a ramp of 1/s, a period of 0.5 s has this many whole rows, and at least one."""
     t = step * np.arange(50)
     assert within_a_period(t, (t,), 0.5) == pytest.approx((rows * step, rows * step))
     assert within_a_period(t[:1], (t[:1],), 0.5) == (0.0, 0.0)
@@ -124,7 +124,7 @@ def test_a_ramp_changes_within_a_period_by_the_rows_in_it(step, rows):
 
 @pytest.mark.parametrize("count", [3, 4])
 def test_a_period_of_a_few_rows_that_begin_late_has_the_same_rows(count):
-    """Of a ramp of 1/s in steps of 0.1 s: two rows are a period of 0.2 s."""
+    """On a ramp of 1/s in steps of 0.1 s, a period of 0.2 s has two rows."""
     t = 10 + 0.1 * np.arange(count)
     assert within_a_period(t, (t,), 0.2) == pytest.approx((0.2, 0.2))
     assert within_a_period(t[:2], (t[:2],), 0.1) == pytest.approx((0.1, 0.1))

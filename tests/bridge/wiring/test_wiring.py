@@ -248,7 +248,7 @@ def test_each_torque_of_an_arm_acts_on_the_joint_of_its_drive(wired):
 
 
 def test_a_drive_takes_steps_of_its_plant(wired, tmp_path):
-    """Of 1 ms, and of 5 ms where the plant has a period of five ticks."""
+    """The step is 1 ms, and 5 ms if the plant has a period of five ticks."""
     for period, h in (("1 ms", 0.001), ("5 ms", 0.005)):
         system = changed(tmp_path, {}, settings=(SHORT, f"components.master.period='{period}'"))
         node = wired(system, "master")

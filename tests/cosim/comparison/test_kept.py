@@ -1,4 +1,4 @@
-"""Results of an unfinished comparison are there when it goes on, and its table is the same."""
+"""A continued comparison takes over the results that it has, and its table is the same."""
 
 from __future__ import annotations
 

@@ -38,7 +38,7 @@ def test_a_torque_from_before_it_was_enabled_does_not_act(tmp_path):
         assert rows["state"][-1] == LifeState.ACTIVE and drive.state is DriveState.ENABLED
         assert not torque(rows, node)[501:].any()
         node.say("LINK_2", 112, TORQUE)
-        assert torque(node, node.run(0.6))[-1].tolist() == TORQUE[:2]
+        assert torque(node.run(0.6), node)[-1].tolist() == TORQUE[:2]
 
 
 def test_a_torque_that_comes_while_it_is_off_does_not_act_later(tmp_path):

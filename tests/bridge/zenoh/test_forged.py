@@ -41,7 +41,10 @@ class Stranger:
 
     def say(self, key, encoding, values, counter=0):
         header = Header(status=int(Status.SIMULATED), counter=counter)
-        data = encoding.frame(values, header, 0).payload
+        self.put(key, encoding.frame(values, header, 0).payload)
+
+    def put(self, key, data):
+        """Send what a busy receiver may not make the session drop, for it is counted."""
         self._session.put(key, data, congestion_control=zenoh.CongestionControl.BLOCK)
 
     def forge(self):
@@ -54,8 +57,8 @@ class Stranger:
                 self.say(names.shared("epoch"), services.epoch, said, k)
                 self.say(names.shared("nmt"), services.nmt, [1, 0], k)
             if k < LONG:
-                self._session.put(names.of("slave", "heartbeat"), bytes(DATA + 1 + 100_000 * k))
-        sleep(0.2)
+                self.put(names.of("slave", "heartbeat"), bytes(DATA + 1 + 100_000 * k))
+        sleep(1.0)  # closing the session drops what it has not yet written
         self._session.close()
 
     def flood(self, seconds):

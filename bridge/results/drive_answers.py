@@ -31,8 +31,8 @@ from bridge.wiring.wiring import Rows
 
 #: Frames of reported torque that are decoded, the most of a drive; they are spread over the run.
 FRAMES = 20_000
-#: Share of the limit of a torque that it has to reach before friction cannot explain that a joint
-#: does not follow it.
+#: Share of the limit of a torque over which it has to range before friction, or an error of the
+#: model of the other joints, cannot explain that a joint does not follow it.
 STRONG = 0.2
 Array = NDArray[np.float64]
 
@@ -86,9 +86,9 @@ def _said(
         return f"turns the wrong way: it reports a torque of {told}"
     if told is not None and told.absent:
         return f"follows nothing: it reports a torque of {told}"
-    if moved is None:
+    if moved is None or np.ptp(one.tau) < STRONG * limit:
         return ""
-    if moved.still and np.ptp(one.tau) >= STRONG * limit > 0:
+    if moved.still and limit > 0:
         peak = np.abs(one.tau).max()
         return f"or its encoder is stuck: no motion at all with torques up to {peak:.3g} N.m"
     if moved.held:
@@ -96,7 +96,7 @@ def _said(
     if moved.answer.reversed:
         return f"turns the wrong way: its joint moves as if driven by {moved.answer}"
     follows = told is not None and told.judged
-    if moved.answer.absent and not follows and np.ptp(one.tau) >= STRONG * limit:
+    if moved.answer.absent and not follows:
         return f"follows nothing: its joint moves as if driven by {moved.answer}"
     return ""
 

@@ -126,6 +126,14 @@ def test_a_drive_that_turns_the_wrong_way_is_named(changed: Changed) -> None:
     assert len(texts) == 2 and all("turns the wrong way" in text for text in texts)
 
 
+def test_torques_that_friction_could_hold_say_nothing(tmp_path: Path) -> None:
+    """Some hundredths of what a motor can do are no measure of the direction in which it turns."""
+    strong = "deploy.nodes.slave_control.guard.tau_max=[1000.0, 1000.0]"
+    system, rows = simulated(tmp_path / "nodes", "can-damiao", settings=(strong,))
+    rows[Life("slave_control")]["sent"][:] *= -1
+    assert said(system, rows, tmp_path / "nodes") == []
+
+
 def test_a_drive_that_follows_nothing_is_named(tmp_path: Path) -> None:
     """The second motor of the slave has no torque; its joint moves with the others."""
     weak = "deploy.nodes.slave.drive.tau_max=[7.0, 1e-6]"

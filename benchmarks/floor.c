@@ -25,8 +25,8 @@ typedef struct {
     void *instance, *set, *step, *get;
     const uint32_t *inputs, *outputs; /* value references */
     size_t n_inputs, n_outputs;
-    double *u, *y;                    /* in the vector of signals */
-    size_t n_u, n_y;                  /* scalars */
+    double *u, *y;   /* in the vector of signals */
+    size_t n_u, n_y; /* scalars */
 } fmu_t;
 
 typedef struct {

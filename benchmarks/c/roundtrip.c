@@ -27,10 +27,7 @@ enum { PING = 0x101, ECHO = 0x102, VALUES = 14, PATIENCE_MS = 1000 };
 
 typedef int32_t (*receive_t)(int32_t fd, struct canfd_frame *frame, size_t size);
 
-static int32_t failed(void)
-{
-    return errno ? errno : EIO;
-}
+static int32_t failed(void) { return errno ? errno : EIO; }
 
 static int32_t raw_send(int32_t fd, const struct canfd_frame *frame, size_t size)
 {
@@ -44,9 +41,14 @@ static int32_t raw_receive(int32_t fd, struct canfd_frame *frame, size_t size)
 
 static ssize_t stamped_next(int32_t fd, struct canfd_frame *frame)
 {
-    union { char bytes[128]; struct cmsghdr align; } control;
+    union {
+        char bytes[128];
+        struct cmsghdr align;
+    } control;
     struct iovec part = {frame, sizeof *frame};
-    struct msghdr message = {.msg_iov = &part, .msg_iovlen = 1, .msg_control = control.bytes,
+    struct msghdr message = {.msg_iov = &part,
+                             .msg_iovlen = 1,
+                             .msg_control = control.bytes,
                              .msg_controllen = sizeof control.bytes};
     return recvmsg(fd, &message, MSG_DONTWAIT);
 }
@@ -61,12 +63,9 @@ static int32_t stamped_receive(int32_t fd, struct canfd_frame *frame, size_t siz
 {
     struct canfd_frame more;
     int32_t error = patient(fd);
-    if (error)
-        return error;
-    if (stamped_next(fd, frame) != (ssize_t)size)
-        return failed();
-    while (stamped_next(fd, &more) > 0)
-        ;
+    if (error) return error;
+    if (stamped_next(fd, frame) != (ssize_t)size) return failed();
+    while (stamped_next(fd, &more) > 0);
     return 0;
 }
 
@@ -78,11 +77,9 @@ static int32_t ping(receive_t receive, int32_t fd, int32_t bytes, int64_t n, int
         memcpy(out.data, &k, 8);
         int64_t start = pace_now();
         int32_t error = raw_send(fd, &out, size);
-        if (error || (error = receive(fd, &in, size)))
-            return error;
+        if (error || (error = receive(fd, &in, size))) return error;
         taken_ns[k] = pace_now() - start;
-        if (memcmp(in.data, out.data, (size_t)bytes))
-            return EBADMSG;
+        if (memcmp(in.data, out.data, (size_t)bytes)) return EBADMSG;
     }
     return 0;
 }
@@ -94,8 +91,7 @@ static int32_t echo(receive_t receive, int32_t fd, int32_t bytes, int64_t n)
     for (int64_t k = 0; k < n; k++) {
         int32_t error = receive(fd, &frame, size);
         frame.can_id = ECHO;
-        if (error || (error = raw_send(fd, &frame, size)))
-            return error;
+        if (error || (error = raw_send(fd, &frame, size))) return error;
     }
     return 0;
 }
@@ -105,10 +101,7 @@ API int32_t raw_ping(int32_t fd, int32_t bytes, int64_t n, int64_t *taken_ns)
     return ping(raw_receive, fd, bytes, n, taken_ns);
 }
 
-API int32_t raw_echo(int32_t fd, int32_t bytes, int64_t n)
-{
-    return echo(raw_receive, fd, bytes, n);
-}
+API int32_t raw_echo(int32_t fd, int32_t bytes, int64_t n) { return echo(raw_receive, fd, bytes, n); }
 
 API int32_t stamped_ping(int32_t fd, int32_t bytes, int64_t n, int64_t *taken_ns)
 {
@@ -134,21 +127,33 @@ static void describe(table_t *t, uint32_t id, int32_t bytes)
 {
     const int wide = bytes > 8, bits = wide ? 32 : 16;
     memset(t, 0, sizeof *t);
-    t->message = (message_t){.id = id, .length = (uint16_t)bytes, .e2e = wide ? E2E_P05 : E2E_P02,
-                             .flags = wide ? FRAME_FD | FRAME_BRS : 0, .data_ids = {1, 2, 3},
-                             .n_fields = wide ? VALUES : 3, .status = 0, .time = wide ? 1 : -1,
-                             .fields = t->fields, .header = t->header};
-    t->header[0] = (field_t){.start = wide ? 24 : 12, .length = wide ? 8 : 4, .scale = 1,
-                             .high = wide ? 255 : 15};
+    t->message = (message_t){.id = id,
+                             .length = (uint16_t)bytes,
+                             .e2e = wide ? E2E_P05 : E2E_P02,
+                             .flags = wide ? FRAME_FD | FRAME_BRS : 0,
+                             .data_ids = {1, 2, 3},
+                             .n_fields = wide ? VALUES : 3,
+                             .status = 0,
+                             .time = wide ? 1 : -1,
+                             .fields = t->fields,
+                             .header = t->header};
+    t->header[0] =
+        (field_t){.start = wide ? 24 : 12, .length = wide ? 8 : 4, .scale = 1, .high = wide ? 255 : 15};
     t->header[1] = (field_t){.start = 32, .length = 32, .scale = 1, .high = UINT32_MAX};
     for (int32_t i = 0; i < t->message.n_fields; i++)
         t->fields[i] = (field_t){.start = (uint16_t)((wide ? 64 : 16) + bits * i),
-                                 .length = (uint8_t)bits, .kind = FIELD_SIGNED, .scale = 1.0 / 1024,
-                                 .low = -(1LL << (bits - 1)) + 1, .high = (1LL << (bits - 1)) - 1};
+                                 .length = (uint8_t)bits,
+                                 .kind = FIELD_SIGNED,
+                                 .scale = 1.0 / 1024,
+                                 .low = -(1LL << (bits - 1)) + 1,
+                                 .high = (1LL << (bits - 1)) - 1};
 }
 
 /* One end: its bus, and the messages that go there and come back. */
-typedef struct { bus_t bus; table_t there, back; } end_t;
+typedef struct {
+    bus_t bus;
+    table_t there, back;
+} end_t;
 
 static int32_t open_end(end_t *e, int32_t fd, int32_t bytes)
 {
@@ -165,16 +170,13 @@ static int32_t await(bus_t *bus, const message_t *m, double *values, header_t *h
 {
     frame_t frame;
     int32_t error = patient(bus->fd);
-    if (error)
-        return error;
-    while (bus_receive(bus, &frame))
-        error = message_decode(m, &frame, values, header);
+    if (error) return error;
+    while (bus_receive(bus, &frame)) error = message_decode(m, &frame, values, header);
     return error == DECODE_OK ? 0 : EBADMSG;
 }
 
 /* t_ns: when, if the caller has just read the clock, as a node has; else 0. */
-static int32_t hand_over(bus_t *bus, const message_t *m, const double *values, header_t *header,
-                         int64_t t_ns)
+static int32_t hand_over(bus_t *bus, const message_t *m, const double *values, header_t *header, int64_t t_ns)
 {
     frame_t frame;
     message_encode(m, values, header, &frame);
@@ -196,8 +198,7 @@ API int32_t bridge_ping(int32_t fd, int32_t bytes, int64_t n, int64_t *taken_ns)
             (error = await(&e.bus, &e.back.message, in, &header)))
             break;
         taken_ns[k] = pace_now() - start;
-        if (memcmp(in, out, sizeof in))
-            error = EBADMSG;
+        if (memcmp(in, out, sizeof in)) error = EBADMSG;
     }
     return error;
 }
@@ -210,8 +211,7 @@ API int32_t bridge_echo(int32_t fd, int32_t bytes, int64_t n)
     int32_t error = open_end(&e, fd, bytes);
     for (int64_t k = 0; k < n && !error; k++) {
         error = await(&e.bus, &e.there.message, values, &header);
-        if (!error)
-            error = hand_over(&e.bus, &e.back.message, values, &header, 0);
+        if (!error) error = hand_over(&e.bus, &e.back.message, values, &header, 0);
     }
     return error;
 }

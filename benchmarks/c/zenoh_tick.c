@@ -14,12 +14,14 @@ enum { VALUES = 4, PATIENCE_NS = 2000000000, LOOK_NS = 10000000 };
 
 /* What one tick did, ns: how late it woke, what bus_send took, and of the newest sample it held its
  * number (-1: none yet), when that was sent, and when it arrived. */
-typedef struct { int64_t late, paid, number, sent, arrived; } tick_t;
+typedef struct {
+    int64_t late, paid, number, sent, arrived;
+} tick_t;
 
 static int32_t say(bus_t *bus, const message_t *m, int64_t number, int64_t sent_ns)
 {
-    const double values[VALUES] = { (double)number, (double)sent_ns };
-    header_t header = { .counter = (uint32_t)number };
+    const double values[VALUES] = {(double)number, (double)sent_ns};
+    header_t header = {.counter = (uint32_t)number};
     frame_t frame;
 
     message_encode(m, values, &header, &frame);
@@ -34,8 +36,7 @@ static int32_t heard(bus_t *bus, const message_t *m, double *values, int64_t *ar
     frame_t frame;
 
     while (bus_receive(bus, &frame)) {
-        if (frame.id != m->id || message_decode(m, &frame, values, &header) != DECODE_OK)
-            continue;
+        if (frame.id != m->id || message_decode(m, &frame, values, &header) != DECODE_OK) continue;
         *arrived = frame.t_ns;
         return 1;
     }
@@ -50,8 +51,7 @@ static int32_t await(bus_t *bus, const message_t *m, double *values, const volat
 
     while (!heard(bus, m, values, &arrived)) {
         const int64_t now = pace_now();
-        if (now > end || (stop && *stop))
-            return 0;
+        if (now > end || (stop && *stop)) return 0;
         mail_wait(bus->rx, now + LOOK_NS);
     }
     return 1;
@@ -65,11 +65,9 @@ API int32_t tick_ping(bus_t *bus, const message_t *out, const message_t *in, int
     for (int64_t k = 0; k < n; k++) {
         const int64_t start = pace_now();
         int32_t error = say(bus, out, k, start);
-        if (error)
-            return error;
+        if (error) return error;
         do {
-            if (!await(bus, in, values, NULL))
-                return ETIMEDOUT;
+            if (!await(bus, in, values, NULL)) return ETIMEDOUT;
         } while ((int64_t)values[0] != k);
         taken[k] = pace_now() - start;
     }
@@ -83,8 +81,7 @@ API int64_t tick_echo(bus_t *bus, const message_t *in, const message_t *out, con
     int64_t n = 0;
 
     while (!*stop)
-        if (await(bus, in, values, stop) && !say(bus, out, (int64_t)values[0], (int64_t)values[1]))
-            n++;
+        if (await(bus, in, values, stop) && !say(bus, out, (int64_t)values[0], (int64_t)values[1])) n++;
     return n;
 }
 
@@ -93,15 +90,14 @@ API int64_t tick_echo(bus_t *bus, const message_t *in, const message_t *out, con
 API int64_t tick_run(bus_t *bus, const message_t *in, const message_t *out, int64_t start_ns,
                      int64_t period_ns, int64_t n, tick_t *ticks)
 {
-    double values[VALUES] = { -1, 0 };
+    double values[VALUES] = {-1, 0};
     int64_t came = 0, arrived = 0;
 
     for (int64_t k = 0; k < n; k++) {
         const int64_t woke = pace_wait(start_ns + k * period_ns, 0, NULL);
-        while (in && heard(bus, in, values, &arrived))
-            came++;
-        ticks[k] = (tick_t){ woke - start_ns - k * period_ns, 0, (int64_t)values[0],
-                             (int64_t)values[1], arrived };
+        while (in && heard(bus, in, values, &arrived)) came++;
+        ticks[k] =
+            (tick_t){woke - start_ns - k * period_ns, 0, (int64_t)values[0], (int64_t)values[1], arrived};
         if (out) {
             const int64_t before = pace_now();
             say(bus, out, k, before);

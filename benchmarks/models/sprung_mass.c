@@ -3,21 +3,22 @@
 
 #include "model.h"
 
-static double acceleration(const Model *x, double s, double v) {
+static double acceleration(const Model *x, double s, double v)
+{
     return (x->force - x->k * s - x->d * v + x->k_c * (x->s_in - s) + x->d_c * (x->v_in - v)) / x->m;
 }
 
-static void give(Model *x) {
-    x->reaction = x->k_c * (x->s - x->s_in) + x->d_c * (x->v - x->v_in);
-}
+static void give(Model *x) { x->reaction = x->k_c * (x->s - x->s_in) + x->d_c * (x->v - x->v_in); }
 
-const char *model_initial(Model *x) {
+const char *model_initial(Model *x)
+{
     give(x);
     return x->m > 0.0 ? NULL : "m must be more than 0";
 }
 
 /* Four steps of the Runge-Kutta method of order 4. */
-const char *model_step(Model *x, double t, double h) {
+const char *model_step(Model *x, double t, double h)
+{
     double s = x->s, v = x->v;
     (void)t;
     h *= 0.25;

@@ -3,12 +3,14 @@
 
 #include "model.h"
 
-const char *model_initial(Model *x) {
+const char *model_initial(Model *x)
+{
     (void)x; /* x and v are start values */
     return NULL;
 }
 
-const char *model_step(Model *x, double t, double h) {
+const char *model_step(Model *x, double t, double h)
+{
     (void)t;
     const double a = x->mu * (1.0 - x->x * x->x) * x->v - x->omega2 * x->x + x->gain * x->u;
     const double next[2] = {x->x + h * x->v, x->v + h * a};

@@ -87,10 +87,7 @@ FMI int fmi2SetBoolean(void *m, const uint32_t *r, size_t n, const int *v)
 {
     return fmi2SetInteger(m, r, n, v);
 }
-FMI int fmi2GetBoolean(void *m, const uint32_t *r, size_t n, int *v)
-{
-    return fmi2GetInteger(m, r, n, v);
-}
+FMI int fmi2GetBoolean(void *m, const uint32_t *r, size_t n, int *v) { return fmi2GetInteger(m, r, n, v); }
 FMI int fmi2GetContinuousStates(fmu_t *m, double *x, size_t n)
 {
     (void)n;
@@ -115,7 +112,8 @@ FMI int fmi2GetNominalsOfContinuousStates(void *m, double *x, size_t n)
 }
 
 /* What it cannot do, but FMPy asks every library for. */
-#define ABSENT(name) FMI int name(void) { return 3; }
+#define ABSENT(name) \
+    FMI int name(void) { return 3; }
 ABSENT(fmi2GetString)
 ABSENT(fmi2SetString)
 ABSENT(fmi2GetFMUstate)

@@ -5,12 +5,14 @@
 
 enum { N = 14 };
 
-const char *model_initial(Model *x) {
+const char *model_initial(Model *x)
+{
     (void)x; /* y is a start value */
     return NULL;
 }
 
-const char *model_step(Model *x, double t, double h) {
+const char *model_step(Model *x, double t, double h)
+{
     double y[N];
     (void)t, (void)h;
     for (int i = 0; i < N; i++) y[i] = x->gain * x->u[i];

@@ -17,7 +17,8 @@ static void note(node_t *n, const commanded_t *d, int64_t t_ns)
 {
     drive_events_t *e = &n->drive_events;
     if (e->n < e->capacity)
-        e->events[e->n] = (drive_event_t){t_ns, (int32_t)(d - n->commanded), d->phase, d->row, d->failure, d->word};
+        e->events[e->n] =
+            (drive_event_t){t_ns, (int32_t)(d - n->commanded), d->phase, d->row, d->failure, d->word};
     e->n++;
 }
 
@@ -122,7 +123,8 @@ static int32_t stands_still(const node_t *n, commanded_t *d)
     const int64_t passed = r->newest - d->q_newest;
     if (passed <= 0) return 0;
     const int32_t slow = dq < SLOW && dq > -SLOW, known = d->q_newest >= 0;
-    d->moved = known && !slow && q == d->q_last ? d->moved + dq * (double)(passed * r->period_ns) * 1e-9 : 0.0;
+    d->moved =
+        known && !slow && q == d->q_last ? d->moved + dq * (double)(passed * r->period_ns) * 1e-9 : 0.0;
     d->q_newest = r->newest;
     d->q_last = q;
     return d->moved > UNSEEN || d->moved < -UNSEEN;

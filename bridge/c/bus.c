@@ -17,10 +17,8 @@ static void write_row(bus_t *bus, const frame_t *frame, uint8_t sent)
     size_t size;
     frame_t *row;
 
-    if (bus->traffic)
-        traffic_add(bus->traffic, frame);
-    if (!bus->log || !(row = journal_next(bus->log)))
-        return;
+    if (bus->traffic) traffic_add(bus->traffic, frame);
+    if (!bus->log || !(row = journal_next(bus->log))) return;
     size = bus->log->row_size < sizeof(frame_t) ? bus->log->row_size : sizeof(frame_t);
     memcpy(row, frame, size);
     row->flags |= sent;
@@ -38,15 +36,11 @@ static void error_frame(bus_t *bus, const frame_t *frame)
         bus->rx_errors = frame->data[7];
     }
     if (frame->id & CLASS_CONTROLLER) {
-        if (controller & CONTROLLER_PASSIVE)
-            bus->state = BUS_PASSIVE;
-        else if (controller & CONTROLLER_WARNING)
-            bus->state = BUS_WARNING;
-        else if (controller & CONTROLLER_ACTIVE)
-            bus->state = BUS_ACTIVE;
+        if (controller & CONTROLLER_PASSIVE) bus->state = BUS_PASSIVE;
+        else if (controller & CONTROLLER_WARNING) bus->state = BUS_WARNING;
+        else if (controller & CONTROLLER_ACTIVE) bus->state = BUS_ACTIVE;
     }
-    if (frame->id & CLASS_BUSOFF)
-        bus->state = BUS_OFF;
+    if (frame->id & CLASS_BUSOFF) bus->state = BUS_OFF;
     if (frame->id & CLASS_RESTARTED) {
         bus->state = BUS_ACTIVE;
         bus->restarts++;
@@ -67,8 +61,7 @@ static int accepted(const bus_t *bus, const frame_t *frame)
     int64_t i;
 
     for (i = 0; bus->accepts && i < bus->n_accepts; i++)
-        if (frame_accepted(bus->accepts + i, frame))
-            return 1;
+        if (frame_accepted(bus->accepts + i, frame)) return 1;
     return !bus->accepts;
 }
 
@@ -91,8 +84,7 @@ int32_t bus_receive(bus_t *bus, frame_t *frame)
         }
         alive(bus);
         bus->received++;
-        if (accepted(bus, frame))
-            return 1;
+        if (accepted(bus, frame)) return 1;
         bus->foreign++;
     }
     return 0;
@@ -103,8 +95,7 @@ void bus_wake(const bus_t *bus)
 {
     const uint64_t one = 1;
 
-    if (bus->kind == BUS_RING && bus->fd >= 0 && write(bus->fd, &one, sizeof one) < 0)
-        return;
+    if (bus->kind == BUS_RING && bus->fd >= 0 && write(bus->fd, &one, sizeof one) < 0) return;
 }
 
 int32_t bus_send(bus_t *bus, frame_t *frame)
@@ -119,21 +110,16 @@ int32_t bus_queue(bus_t *bus, frame_t *frame)
     int32_t error = 0;
 
     frame->bus = (uint8_t)bus->number;
-    if (bus->kind != BUS_MEMORY && !frame->t_ns)
-        frame->t_ns = pace_now();
-    if (bus->kind == BUS_SOCKET)
-        error = socket_send(bus, frame);
-    else if (!ring_put(bus->tx, frame))
-        error = ENOBUFS;
+    if (bus->kind != BUS_MEMORY && !frame->t_ns) frame->t_ns = pace_now();
+    if (bus->kind == BUS_SOCKET) error = socket_send(bus, frame);
+    else if (!ring_put(bus->tx, frame)) error = ENOBUFS;
     if (error) {
         bus->send_failed++;
         bus->last_errno = error;
-        if (error == ENETDOWN || error == ENODEV || error == ENXIO)
-            bus->state = BUS_DOWN;
+        if (error == ENETDOWN || error == ENODEV || error == ENXIO) bus->state = BUS_DOWN;
         return error;
     }
-    if (bus->state == BUS_DOWN && bus->kind == BUS_SOCKET)
-        alive(bus);
+    if (bus->state == BUS_DOWN && bus->kind == BUS_SOCKET) alive(bus);
     bus->sent++;
     write_row(bus, frame, FRAME_SENT);
     return 0;

@@ -23,19 +23,19 @@ enum bus_state { BUS_ACTIVE, BUS_WARNING, BUS_PASSIVE, BUS_OFF, BUS_DOWN };
 
 typedef struct {
     int32_t kind;
-    int32_t fd;             /* BUS_SOCKET: the socket; BUS_RING: an eventfd the sender waits on, or -1 */
-    ring_t *rx, *tx;        /* BUS_RING, BUS_MEMORY */
-    journal_t *log;         /* every frame, both ways; or NULL */
-    int64_t received, sent, send_failed;    /* frames; failed: ENOBUFS and the like */
-    int64_t overruns;       /* frames the kernel or a ring dropped on the way in */
+    int32_t fd;      /* BUS_SOCKET: the socket; BUS_RING: an eventfd the sender waits on, or -1 */
+    ring_t *rx, *tx; /* BUS_RING, BUS_MEMORY */
+    journal_t *log;  /* every frame, both ways; or NULL */
+    int64_t received, sent, send_failed; /* frames; failed: ENOBUFS and the like */
+    int64_t overruns;                    /* frames the kernel or a ring dropped on the way in */
     int64_t error_frames;
-    int32_t state;          /* BUS_ACTIVE ... from error frames and errors of the socket */
+    int32_t state; /* BUS_ACTIVE ... from error frames and errors of the socket */
     int32_t last_errno;
-    uint32_t number;        /* of the bus in its node */
-    uint32_t overflow;      /* BUS_SOCKET: SO_RXQ_OVFL as last seen */
-    int64_t restarts;       /* after bus-off, and after the interface was down */
-    int32_t tx_errors, rx_errors;   /* error counters of the controller, from error frames that have them */
-    const accept_t *accepts;    /* which frames are given; NULL: all. All are logged and counted */
+    uint32_t number;              /* of the bus in its node */
+    uint32_t overflow;            /* BUS_SOCKET: SO_RXQ_OVFL as last seen */
+    int64_t restarts;             /* after bus-off, and after the interface was down */
+    int32_t tx_errors, rx_errors; /* error counters of the controller, from error frames that have them */
+    const accept_t *accepts;      /* which frames are given; NULL: all. All are logged and counted */
     int64_t n_accepts;
     int64_t foreign;        /* frames that were received, but are not accepted */
     traffic_t *traffic;     /* every frame, both ways; or NULL */
@@ -59,10 +59,7 @@ typedef struct {
 API int32_t bus_receive(bus_t *bus, frame_t *frame);
 
 /* Who stops before there is none says so: behind what was taken by then, more may have come. */
-static inline void bus_leave(bus_t *bus)
-{
-    bus->emptied = 0;
-}
+static inline void bus_leave(bus_t *bus) { bus->emptied = 0; }
 
 /* Hand over a frame: 0, or an errno (EINVAL: a length no CAN frame has; ENETDOWN; ENOBUFS: queue
  * full, also that of a ring; ...). Sets frame->t_ns where it is 0 (not on a BUS_MEMORY), and logs what was handed

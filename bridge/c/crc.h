@@ -8,8 +8,8 @@
 
 #include <stdint.h>
 
-uint8_t crc8_h2f(uint8_t state, const uint8_t *data, int32_t n);    /* 0x2F, start and final 0xFF */
-uint16_t crc16_ccitt(uint16_t state, const uint8_t *data, int32_t n);   /* 0x1021, start 0xFFFF */
-uint32_t crc32_p4(uint32_t state, const uint8_t *data, int32_t n);  /* 0xF4ACFB13 reflected, both ~0 */
+uint8_t crc8_h2f(uint8_t state, const uint8_t *data, int32_t n);      /* 0x2F, start and final 0xFF */
+uint16_t crc16_ccitt(uint16_t state, const uint8_t *data, int32_t n); /* 0x1021, start 0xFFFF */
+uint32_t crc32_p4(uint32_t state, const uint8_t *data, int32_t n);    /* 0xF4ACFB13 reflected, both ~0 */
 
 #endif

@@ -4,10 +4,10 @@
 
 #include <string.h>
 
-#define TOLERANCE 1e-9      /* ticks, as in cosim/links/grid.py */
-#define NS 1e-9             /* s */
-#define FAR 4e18            /* ticks; anything beyond is as far */
-#define FAR_TICKS 1000000000    /* of a lead */
+#define TOLERANCE 1e-9       /* ticks, as in cosim/links/grid.py */
+#define NS 1e-9              /* s */
+#define FAR 4e18             /* ticks; anything beyond is as far */
+#define FAR_TICKS 1000000000 /* of a lead */
 
 static int64_t floor_of(double x)
 {
@@ -17,16 +17,10 @@ static int64_t floor_of(double x)
     return k - ((double)k > x);
 }
 
-static int64_t floor_div(int64_t a, int64_t b)
-{
-    return a / b - (a % b != 0 && a < 0);
-}
+static int64_t floor_div(int64_t a, int64_t b) { return a / b - (a % b != 0 && a < 0); }
 
 /* ceil(T/h), forgiving 1e-9 tick. */
-static int64_t ticks_up(const delay_t *d, double T)
-{
-    return -floor_of(-(T / d->h - TOLERANCE));
-}
+static int64_t ticks_up(const delay_t *d, double T) { return -floor_of(-(T / d->h - TOLERANCE)); }
 
 static double delay_at(const delay_t *d, int64_t index)
 {
@@ -105,8 +99,7 @@ static int64_t due(const delay_t *d, int64_t sequence, int64_t network_ns, doubl
     return d->period * sequence + ticks_up(d, T + NS * (double)(network_ns - d->phase_ns));
 }
 
-void delay_put(delay_t *d, int64_t sequence, int64_t sent_ns, int64_t arrival_ns,
-               const double *values)
+void delay_put(delay_t *d, int64_t sequence, int64_t sent_ns, int64_t arrival_ns, const double *values)
 {
     sample_t *s = &d->samples[sequence & (d->capacity - 1)];
     const int overtaken = d->kind == DELAY_FIFO && sequence < d->newest;
@@ -127,11 +120,9 @@ void delay_put(delay_t *d, int64_t sequence, int64_t sent_ns, int64_t arrival_ns
         if (d->newest >= 0 && s->due < d->last_due) s->due = d->last_due;
         d->last_due = s->due;
     }
-    memcpy(d->values + (sequence & (d->capacity - 1)) * d->width, values,
-           (size_t)d->width * sizeof *values);
+    memcpy(d->values + (sequence & (d->capacity - 1)) * d->width, values, (size_t)d->width * sizeof *values);
     if (sequence > d->newest) d->newest = sequence;
-    if (d->kind != DELAY_NONE && d->kind != DELAY_PLAYOUT)
-        push(d, (waiting_t){s->due, sequence});
+    if (d->kind != DELAY_NONE && d->kind != DELAY_PLAYOUT) push(d, (waiting_t){s->due, sequence});
 }
 
 /* ---- taking ---- */
@@ -139,8 +130,7 @@ void delay_put(delay_t *d, int64_t sequence, int64_t sent_ns, int64_t arrival_ns
 static void hold(delay_t *d, const sample_t *s)
 {
     if (s->sequence == d->held) return;
-    memcpy(d->values + d->capacity * d->width,
-           d->values + (s->sequence & (d->capacity - 1)) * d->width,
+    memcpy(d->values + d->capacity * d->width, d->values + (s->sequence & (d->capacity - 1)) * d->width,
            (size_t)d->width * sizeof *d->values);
     d->given = *s;
     d->held = s->sequence;
@@ -181,10 +171,8 @@ static void hold_older(delay_t *d, int64_t j, int64_t K)
             return;
         }
     }
-    if (j < 0 || oldest == 0)
-        d->held = -1;
-    else if (j != d->held)
-        d->forgotten++;
+    if (j < 0 || oldest == 0) d->held = -1;
+    else if (j != d->held) d->forgotten++;
 }
 
 static void take_signal(delay_t *d, int64_t K, int64_t row)
@@ -234,7 +222,7 @@ int64_t delay_lead_ns(const delay_t *d)
     int64_t ticks;
     switch (d->kind) {
     case DELAY_NONE: return 0;
-    case DELAY_SIGNAL:  /* of the sample nearest to now - T: half a period after it, at most */
+    case DELAY_SIGNAL: /* of the sample nearest to now - T: half a period after it, at most */
         ticks = floor_of((least_delay(d) + phase) / d->h + (0.5 * d->period + TOLERANCE)) - d->period + 1;
         break;
     case DELAY_PLAYOUT: ticks = ticks_up(d, d->buffer + phase); break;

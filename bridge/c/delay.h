@@ -32,9 +32,9 @@
 enum { DELAY_NONE, DELAY_SIGNAL, DELAY_LAST, DELAY_STAMP, DELAY_FIFO, DELAY_PLAYOUT };
 
 typedef struct {
-    int64_t sequence;       /* -1: empty */
-    int64_t sent_ns, arrival_ns;    /* as they were given */
-    int64_t due;            /* base tick in which it gets through; SIGNAL: in which it arrived */
+    int64_t sequence;            /* -1: empty */
+    int64_t sent_ns, arrival_ns; /* as they were given */
+    int64_t due;                 /* base tick in which it gets through; SIGNAL: in which it arrived */
 } sample_t;
 
 typedef struct {
@@ -43,34 +43,33 @@ typedef struct {
 
 typedef struct {
     int32_t kind, width;
-    int32_t period, look;   /* of the sender, of the receiver, base ticks */
-    double h;               /* s, base tick */
-    double buffer;          /* s, PLAYOUT */
-    int64_t phase_ns;       /* of the receiver's slots, less that of the sender's */
-    const double *delays;   /* s: by row (SIGNAL), by sequence (others); NULL: none */
-    int64_t n_delays;       /* after the last they begin again: a constant needs one */
-    int64_t capacity;       /* samples kept, a power of two */
-    sample_t *samples;      /* (capacity,), slot sequence % capacity */
-    double *values;         /* (capacity + 1, width); the last row is what is held */
-    waiting_t *queue;       /* (capacity,), a heap: the earliest due on top */
+    int32_t period, look; /* of the sender, of the receiver, base ticks */
+    double h;             /* s, base tick */
+    double buffer;        /* s, PLAYOUT */
+    int64_t phase_ns;     /* of the receiver's slots, less that of the sender's */
+    const double *delays; /* s: by row (SIGNAL), by sequence (others); NULL: none */
+    int64_t n_delays;     /* after the last they begin again: a constant needs one */
+    int64_t capacity;     /* samples kept, a power of two */
+    sample_t *samples;    /* (capacity,), slot sequence % capacity */
+    double *values;       /* (capacity + 1, width); the last row is what is held */
+    waiting_t *queue;     /* (capacity,), a heap: the earliest due on top */
     int64_t n_queue;
-    int64_t newest;         /* sequence put, -1: none */
-    int64_t visible;        /* SIGNAL: the newest that has arrived, -1: none */
-    int64_t network_ns;     /* SIGNAL: what the network took for that one */
-    int64_t last_due;       /* FIFO: of the newest */
-    int64_t held;           /* sequence given last, -1: none */
-    sample_t given;         /* what is held; its age is now - given.sent_ns */
-    int64_t lost;           /* by law */
-    int64_t ignored;        /* put twice, too old to keep, or (FIFO) overtaken */
-    int64_t forgotten;      /* gone before it was due or wanted: capacity too small */
+    int64_t newest;     /* sequence put, -1: none */
+    int64_t visible;    /* SIGNAL: the newest that has arrived, -1: none */
+    int64_t network_ns; /* SIGNAL: what the network took for that one */
+    int64_t last_due;   /* FIFO: of the newest */
+    int64_t held;       /* sequence given last, -1: none */
+    sample_t given;     /* what is held; its age is now - given.sent_ns */
+    int64_t lost;       /* by law */
+    int64_t ignored;    /* put twice, too old to keep, or (FIFO) overtaken */
+    int64_t forgotten;  /* gone before it was due or wanted: capacity too small */
     int64_t reserved[2];
 } delay_t;
 
 /* Empty, nothing held, nothing counted. Before the first sample. */
 API void delay_reset(delay_t *d);
 /* A sample that has arrived. Times relative to the start of the run, ns. */
-API void delay_put(delay_t *d, int64_t sequence, int64_t sent_ns, int64_t arrival_ns,
-                   const double *values);
+API void delay_put(delay_t *d, int64_t sequence, int64_t sent_ns, int64_t arrival_ns, const double *values);
 /* The sequence number held at look `row`, -1: none yet (the initial value holds). Rows ascend.
  * Its values are delay_values(d, sequence). now_ns, the look's nominal time, is not looked at. */
 API int64_t delay_take(delay_t *d, int64_t row, int64_t now_ns);

@@ -69,8 +69,8 @@ static void follow(drive_t *d, const double *command, double *torque)
     }
 }
 
-API void drive_step(drive_t *d, const double *command, int32_t valid, const double *dq,
-                    int64_t now_ns, double *torque)
+API void drive_step(drive_t *d, const double *command, int32_t valid, const double *dq, int64_t now_ns,
+                    double *torque)
 {
     if (valid) watchdog_feed(&d->watchdog, now_ns);
     if (d->state == DRIVE_ENABLED &&
@@ -89,8 +89,7 @@ API void drive_step(drive_t *d, const double *command, int32_t valid, const doub
     }
 }
 
-API void drive_measure(const drive_t *d, const double *q, const double *dq, double *q_out,
-                       double *dq_out)
+API void drive_measure(const drive_t *d, const double *q, const double *dq, double *q_out, double *dq_out)
 {
     for (int32_t i = 0; i < d->joints; i++) {
         q_out[i] = quantised(q[i], d->q_lsb);

@@ -13,15 +13,13 @@
 static uint32_t read_big_endian(const uint8_t *p, int32_t n)
 {
     uint32_t value = 0;
-    while (n--)
-        value = value << 8 | *p++;
+    while (n--) value = value << 8 | *p++;
     return value;
 }
 
 static void put_big(uint8_t *p, int32_t n, uint32_t value)
 {
-    for (; n--; value >>= 8)
-        p[n] = (uint8_t)value;
+    for (; n--; value >>= 8) p[n] = (uint8_t)value;
 }
 
 static uint8_t crc_p02(const uint8_t *data_ids, const uint8_t *data, int32_t length)
@@ -42,7 +40,8 @@ static uint32_t crc_p04(const uint8_t *data, int32_t length)
 
 static uint32_t id_p04(const uint8_t *data_ids)
 {
-    return data_ids[0] | (uint32_t)data_ids[1] << 8 | (uint32_t)data_ids[2] << 16 | (uint32_t)data_ids[3] << 24;
+    return data_ids[0] | (uint32_t)data_ids[1] << 8 | (uint32_t)data_ids[2] << 16 |
+           (uint32_t)data_ids[3] << 24;
 }
 
 void e2e_protect(int32_t profile, const uint8_t *data_ids, uint32_t counter, uint8_t *data, int32_t length)
@@ -70,17 +69,16 @@ int32_t e2e_check(int32_t profile, const uint8_t *data_ids, const uint8_t *data,
     int32_t wrong = 0;
     if (length < (profile == E2E_P04 ? 12 : profile == E2E_P05 ? 3 : profile == E2E_P02 ? 2 : 0))
         return DECODE_LENGTH;
-    if (profile == E2E_P04 && read_big_endian(data, 2) != (uint32_t)length)
-        return DECODE_LENGTH;
-    if (profile == E2E_P02)
-        wrong = data[0] != crc_p02(data_ids, data, length);
-    else if (profile == E2E_P05)
-        wrong = (data[0] | data[1] << 8) != crc_p05(data_ids, data, length);
+    if (profile == E2E_P04 && read_big_endian(data, 2) != (uint32_t)length) return DECODE_LENGTH;
+    if (profile == E2E_P02) wrong = data[0] != crc_p02(data_ids, data, length);
+    else if (profile == E2E_P05) wrong = (data[0] | data[1] << 8) != crc_p05(data_ids, data, length);
     else if (profile == E2E_P04)
-        wrong = read_big_endian(data + 8, 4) != crc_p04(data, length) || read_big_endian(data + 4, 4) != id_p04(data_ids);
-    if (wrong)
-        return DECODE_CRC;
-    *counter = profile == E2E_P02 ? data[1] & 15u : profile == E2E_P05 ? data[2]
-             : profile == E2E_P04 ? read_big_endian(data + 2, 2) : 0;
+        wrong = read_big_endian(data + 8, 4) != crc_p04(data, length) ||
+                read_big_endian(data + 4, 4) != id_p04(data_ids);
+    if (wrong) return DECODE_CRC;
+    *counter = profile == E2E_P02   ? data[1] & 15u
+               : profile == E2E_P05 ? data[2]
+               : profile == E2E_P04 ? read_big_endian(data + 2, 2)
+                                    : 0;
     return DECODE_OK;
 }

@@ -87,16 +87,13 @@ void emulated_flush(node_t *n, int64_t t_ns)
     for (int32_t i = 0; i < n->n_motors; i++) flush(n, n->motors + i, t_ns);
 }
 
-int32_t emulated_owes(const outlet_t *o)
-{
-    return (o->motor->power & (int64_t)MOTOR_OWES << o->part) != 0;
-}
+int32_t emulated_owes(const outlet_t *o) { return (o->motor->power & (int64_t)MOTOR_OWES << o->part) != 0; }
 
 void emulated_say(outlet_t *o, frame_t *frame, int64_t now_ns)
 {
     motor_t *m = o->motor;
     const int64_t t_ns = now_ns + o->node->start_ns;
     vendor_say(&m->vendor, (int32_t)o->part, frame, t_ns);
-    m->vendor.owed[o->part] = 0;    /* commands since its last answer have one */
+    m->vendor.owed[o->part] = 0; /* commands since its last answer have one */
     flush(o->node, m, t_ns);
 }

@@ -5,7 +5,7 @@
 
 enum { UNIT_NS = 10000 };
 static const int64_t TURN_NS = ((int64_t)1 << 33) * UNIT_NS;
-static const int64_t AHEAD_NS = 300000000000;   /* the latest origin, from now */
+static const int64_t AHEAD_NS = 300000000000; /* the latest origin, from now */
 
 int64_t epoch_origin_ns(double us, int64_t arrival_ns)
 {
@@ -15,12 +15,6 @@ int64_t epoch_origin_ns(double us, int64_t arrival_ns)
     return arrival_ns - since;
 }
 
-API int64_t epoch_origin_us(int64_t date_ns)
-{
-    return (date_ns + UNIT_NS / 2) % TURN_NS / UNIT_NS * 10;
-}
+API int64_t epoch_origin_us(int64_t date_ns) { return (date_ns + UNIT_NS / 2) % TURN_NS / UNIT_NS * 10; }
 
-API int32_t epoch_run(int64_t origin_ns)
-{
-    return (int32_t)(origin_ns / 1000 % EPOCH_RUNS) + 1;
-}
+API int32_t epoch_run(int64_t origin_ns) { return (int32_t)(origin_ns / 1000 % EPOCH_RUNS) + 1; }

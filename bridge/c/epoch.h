@@ -20,26 +20,26 @@
 /* Values of the message, in this order. */
 enum { EPOCH_RUN, EPOCH_HOST, EPOCH_KEPT, EPOCH_ORIGIN, EPOCH_IDENTITY, EPOCH_VALUES = EPOCH_IDENTITY + 4 };
 enum { EPOCH_DATE_HOST = 0, EPOCH_DATE_RUN = 63 /* mask of the sender's number in a DATE */ };
-enum { EPOCH_RUNS = 63 };   /* runs are numbered from 1; 0: a run that was started without EPOCH */
+enum { EPOCH_RUNS = 63 };           /* runs are numbered from 1; 0: a run that was started without EPOCH */
 enum { EPOCH_LEAD_NS = 100000000 }; /* from a START without EPOCH to t = 0 */
 
 typedef struct {
-    int64_t origin_ns;      /* t = 0 of the last accepted EPOCH, CLOCK_MONOTONIC; 0: none */
-    int64_t heard_ns;       /* when it came */
-    int64_t due_ns;         /* no EPOCH is sent before */
-    int32_t run;            /* number of the run that this node is in or is to start */
-    int32_t told;           /* number of the run in the last accepted EPOCH */
-    int32_t host, kept;     /* of this node's host: its number, 1 to 255; its date is kept: 1 */
-    int32_t follows;        /* 1: no supervisor starts this node; it joins a run announced by EPOCH */
-    int32_t running;        /* 1: an EPOCH of a run that has begun came, and was not looked at yet */
-    int32_t asked;          /* 1: a peer waits for a start */
-    int32_t unshared;       /* EPOCHs of hosts without a common clock */
-    uint32_t said;          /* frames sent, and heard */
+    int64_t origin_ns;  /* t = 0 of the last accepted EPOCH, CLOCK_MONOTONIC; 0: none */
+    int64_t heard_ns;   /* when it came */
+    int64_t due_ns;     /* no EPOCH is sent before */
+    int32_t run;        /* number of the run that this node is in or is to start */
+    int32_t told;       /* number of the run in the last accepted EPOCH */
+    int32_t host, kept; /* of this node's host: its number, 1 to 255; its date is kept: 1 */
+    int32_t follows;    /* 1: no supervisor starts this node; it joins a run announced by EPOCH */
+    int32_t running;    /* 1: an EPOCH of a run that has begun came, and was not looked at yet */
+    int32_t asked;      /* 1: a peer waits for a start */
+    int32_t unshared;   /* EPOCHs of hosts without a common clock */
+    uint32_t said;      /* frames sent, and heard */
     int32_t heard;
-    double identity[4];     /* of this node's host, 32 bits each */
-    int64_t apart_ns;       /* the date in the last DATE, from ours */
-    int64_t dated_ns;       /* when it came; 0: never */
-    int64_t dated_host;     /* EPOCH_DATE_RUN bits of the number of its host */
+    double identity[4]; /* of this node's host, 32 bits each */
+    int64_t apart_ns;   /* the date in the last DATE, from ours */
+    int64_t dated_ns;   /* when it came; 0: never */
+    int64_t dated_host; /* EPOCH_DATE_RUN bits of the number of its host */
 } epoch_t;
 
 /* A number for the run with this t = 0 (any clock): nodes with the same t = 0 compute the same number. */

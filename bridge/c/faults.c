@@ -9,14 +9,14 @@
 
 /* What becomes of one frame on its way through the rules. */
 typedef struct {
-    frame_t frame;          /* t_ns: when it gets through */
-    int32_t copies;         /* 0: dropped */
-    int32_t rule;           /* the first that did something, -1: none */
+    frame_t frame;  /* t_ns: when it gets through */
+    int32_t copies; /* 0: dropped */
+    int32_t rule;   /* the first that did something, -1: none */
     uint32_t kinds;
-    uint32_t tag;           /* frame.reserved while it waits for the next one: rule + 1 */
-    double a, b;            /* of duplicates, s */
-    uint64_t draws;         /* of duplicates */
-    int32_t added;          /* by hostile peers, already waiting */
+    uint32_t tag;   /* frame.reserved while it waits for the next one: rule + 1 */
+    double a, b;    /* of duplicates, s */
+    uint64_t draws; /* of duplicates */
+    int32_t added;  /* by hostile peers, already waiting */
 } passage_t;
 
 static int64_t between_ns(double a, double b, uint64_t *draws)
@@ -42,10 +42,7 @@ static size_t length_of(const frame_t *frame)
 
 /* ---- waiting: a circle, sorted by t_ns, first in first out where equal ---- */
 
-static frame_t *at(faults_t *f, int64_t i)
-{
-    return &f->waiting[(f->first + i) & (f->capacity - 1)];
-}
+static frame_t *at(faults_t *f, int64_t i) { return &f->waiting[(f->first + i) & (f->capacity - 1)]; }
 
 static void insert(faults_t *f, const frame_t *frame)
 {
@@ -196,8 +193,7 @@ static void release(faults_t *f, const passage_t *p)
 {
     for (int64_t i = 0; i < f->n_rules; i++) {
         const uint32_t tag = (uint32_t)i + 1;
-        if (f->rules[i].kind != FAULT_REORDER || p->tag == tag || !fits(f->rules + i, &p->frame))
-            continue;
+        if (f->rules[i].kind != FAULT_REORDER || p->tag == tag || !fits(f->rules + i, &p->frame)) continue;
         const int64_t place = tagged(f, tag);
         if (place < 0) continue;
         frame_t frame = take_out(f, place);
@@ -249,8 +245,7 @@ void faults_put(faults_t *f, const frame_t *frame, int64_t start_ns, int32_t sta
     passage_t p = {.frame = *frame, .copies = 1, .rule = -1};
     p.frame.reserved = 0;
     f->frames++;
-    for (int64_t i = 0; started && i < f->n_rules; i++)
-        apply(f, i, &p, frame->t_ns - start_ns);
+    for (int64_t i = 0; started && i < f->n_rules; i++) apply(f, i, &p, frame->t_ns - start_ns);
     if (p.rule >= 0) record(f, frame, &p, start_ns);
     pass_frame(f, &p);
     if (started) release(f, &p);

@@ -7,7 +7,7 @@
 
 static void encode(forward_t *f, const double *values, const header_t *header, frame_t *frame)
 {
-    header_t sent = *header;    /* encoding counts in it what saturates */
+    header_t sent = *header; /* encoding counts in it what saturates */
     memset(frame, 0, sizeof *frame);
     for (int32_t k = 0; k < f->width; k++) f->values[k] = values[f->sources[k]];
     message_encode(f->message, f->values, &sent, frame);
@@ -38,7 +38,7 @@ void node_forward(node_t *n, const reception_t *r, const header_t *header, const
         frame_t frame;
         encode(f, r->values, &sent, &frame);
         const int32_t failed = node_send(n, f->bus, &frame, came->t_ns - n->start_ns) != 0;
-        if (!n->begun) continue;    /* previews and the like are not counted */
+        if (!n->begun) continue; /* previews and the like are not counted */
         f->failed += failed;
         f->sent += !failed;
         if (n->clock == CLOCK_WALL) histogram_add(&f->transit, pace_now() - came->t_ns);

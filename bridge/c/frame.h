@@ -18,23 +18,29 @@
 #endif
 
 enum { FRAME_DATA = 232 };
-enum flags { FRAME_FD = 1 << 0, FRAME_BRS = 1 << 1, FRAME_ESI = 1 << 2, FRAME_REMOTE = 1 << 3,
-       FRAME_EXTENDED = 1 << 4, FRAME_ERROR = 1 << 5,
-       FRAME_SENT = 1 << 6 /* in a log: sent by this node, not received */ };
+enum flags {
+    FRAME_FD = 1 << 0,
+    FRAME_BRS = 1 << 1,
+    FRAME_ESI = 1 << 2,
+    FRAME_REMOTE = 1 << 3,
+    FRAME_EXTENDED = 1 << 4,
+    FRAME_ERROR = 1 << 5,
+    FRAME_SENT = 1 << 6 /* in a log: sent by this node, not received */
+};
 /* The flags that tell two frames of one identifier apart. The bit rate of the data (BRS) and the
  * sender's error state (ESI) do not. */
 enum { FRAME_FORMAT = FRAME_FD | FRAME_REMOTE | FRAME_EXTENDED | FRAME_ERROR };
 
 typedef struct {
-    int64_t t_ns;           /* arrival, or hand-over to the network */
-    uint32_t id;            /* without the flag bits of linux/can.h: those are in `flags` */
+    int64_t t_ns; /* arrival, or hand-over to the network */
+    uint32_t id;  /* without the flag bits of linux/can.h: those are in `flags` */
     uint8_t flags;
-    uint8_t bus;            /* number of the bus in its node */
-    uint16_t length;        /* bytes of data */
-    uint32_t sequence;      /* of this frame in its ring or log */
+    uint8_t bus;       /* number of the bus in its node */
+    uint16_t length;   /* bytes of data */
+    uint32_t sequence; /* of this frame in its ring or log */
     uint32_t reserved;
     uint8_t data[FRAME_DATA];
-} frame_t;                  /* 256 bytes */
+} frame_t; /* 256 bytes */
 
 /* Which frames: those with this identifier and these flags under the two masks. This is the only rule
  * by which frames are selected: for messages, for services, and in the filters of buses. */
@@ -49,20 +55,20 @@ static inline int32_t frame_accepted(const accept_t *a, const frame_t *frame)
 }
 
 typedef struct {
-    uint64_t head;          /* frames written; moved by the writer only */
-    uint64_t dropped;       /* did not fit; counted by the writer */
-    int32_t bell;           /* a descriptor written to (8 bytes) after each frame; 0: none */
+    uint64_t head;    /* frames written; moved by the writer only */
+    uint64_t dropped; /* did not fit; counted by the writer */
+    int32_t bell;     /* a descriptor written to (8 bytes) after each frame; 0: none */
     int32_t reserved0;
-    uint64_t pad0[5];       /* each end on its own cache line */
-    uint64_t tail;          /* frames read; moved by the reader only */
-    uint32_t asleep;        /* the reader: see mail.h */
+    uint64_t pad0[5]; /* each end on its own cache line */
+    uint64_t tail;    /* frames read; moved by the reader only */
+    uint32_t asleep;  /* the reader: see mail.h */
     uint32_t reserved;
     uint64_t pad1[6];
-    int64_t capacity;       /* a power of two */
+    int64_t capacity; /* a power of two */
     frame_t *frames;
 } ring_t;
 
-API int32_t ring_put(ring_t *ring, const frame_t *frame);   /* 1, or 0: full */
-API int32_t ring_get(ring_t *ring, frame_t *frame);         /* 1, or 0: empty */
+API int32_t ring_put(ring_t *ring, const frame_t *frame); /* 1, or 0: full */
+API int32_t ring_get(ring_t *ring, frame_t *frame);       /* 1, or 0: empty */
 
 #endif

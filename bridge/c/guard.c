@@ -78,8 +78,7 @@ static double braking(const guard_t *g, int32_t i, int beyond, const double *dq)
 }
 
 /* Torque of one joint before the scale; last_tau is what the rate counts from: without brake. */
-static double guarded(guard_t *g, int32_t i, double tau, const double *q, const double *dq,
-                      uint32_t *bits)
+static double guarded(guard_t *g, int32_t i, double tau, const double *q, const double *dq, uint32_t *bits)
 {
     const uint32_t refused = input_fault_bits(g, i, tau, q, dq);
     const double last = finite(g->last_tau[i]) ? g->last_tau[i] : 0.0;
@@ -100,8 +99,8 @@ static double guarded(guard_t *g, int32_t i, double tau, const double *q, const 
     return tau;
 }
 
-API uint32_t guard_apply(guard_t *g, const double *tau, const double *q, const double *dq,
-                         double scale, double *out)
+API uint32_t guard_apply(guard_t *g, const double *tau, const double *q, const double *dq, double scale,
+                         double *out)
 {
     uint32_t bits = 0;
     if (!(scale > 0.0)) scale = 0.0;

@@ -29,10 +29,7 @@ int64_t hostile_flood(fault_t *r, int64_t t)
     return n < FAULT_MOST ? n : FAULT_MOST;
 }
 
-void hostile_remember(fault_t *r, const frame_t *frame)
-{
-    r->store[r->stored++ % r->count] = *frame;
-}
+void hostile_remember(fault_t *r, const frame_t *frame) { r->store[r->stored++ % r->count] = *frame; }
 
 const frame_t *hostile_again(fault_t *r)
 {

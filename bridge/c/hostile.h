@@ -14,15 +14,9 @@ static inline uint64_t faults_next(uint64_t *state)
 }
 
 /* A number of 64 random bits as one in [0, 1). */
-static inline double faults_share(uint64_t z)
-{
-    return (double)(z >> 11) * (1.0 / 9007199254740992.0);
-}
+static inline double faults_share(uint64_t z) { return (double)(z >> 11) * (1.0 / 9007199254740992.0); }
 
-static inline double faults_unit(uint64_t *state)
-{
-    return faults_share(faults_next(state));
-}
+static inline double faults_unit(uint64_t *state) { return faults_share(faults_next(state)); }
 
 /* Makes the frame anew, its CRC right, its counter so far ahead: FORGE adds to its values, ABSURD
  * replaces them, FLOOD leaves them. 0: it is not valid itself, and is left alone. */

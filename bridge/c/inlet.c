@@ -26,15 +26,11 @@ static void as_recorded(const inlet_t *in, double *signals)
     memcpy(signals + in->target,
            (const double *)(n->replayed + row * n->row_size + n->signals_offset) + in->target,
            (size_t)in->count * sizeof(double));
-    if (in->drive)
-        memcpy(in->drive->tau, signals + in->target, (size_t)in->count * sizeof(double));
+    if (in->drive) memcpy(in->drive->tau, signals + in->target, (size_t)in->count * sizeof(double));
 }
 
 /* The newest sample that has been received, or will be although it counts already. */
-static int64_t newest(const reception_t *r)
-{
-    return r->promised > r->newest ? r->promised : r->newest;
-}
+static int64_t newest(const reception_t *r) { return r->promised > r->newest ? r->promised : r->newest; }
 
 /* The sample held now: from the delay line, or as recorded; NULL: none yet. */
 static const double *take(inlet_t *in)
@@ -65,10 +61,7 @@ static int64_t age_ns(const inlet_t *in)
     return in->node->now_ns + in->node->phase_ns - sent;
 }
 
-static void ask(inlet_t *in, int32_t request)
-{
-    in->asked = commands_add(in->asked, request);
-}
+static void ask(inlet_t *in, int32_t request) { in->asked = commands_add(in->asked, request); }
 
 /* Faults of the drive as requests, which are recorded. */
 static void suffer(inlet_t *in)
@@ -148,8 +141,7 @@ static void write_signal(inlet_t *in, const double *value, double *signals)
 {
     double *target = signals + in->target;
     if (value) give(in, value, target);
-    else if (in->begun && in->held < 0)
-        memcpy(target, in->initial, (size_t)in->count * sizeof *target);
+    else if (in->begun && in->held < 0) memcpy(target, in->initial, (size_t)in->count * sizeof *target);
 }
 
 /* A drive that is not enabled may tell no position: some only answer commands. A start waits for one. */
@@ -171,8 +163,7 @@ API int32_t inlet_pass(void *context, int64_t tick, double *signals)
     in->last_newest = in->newest;
     if (in->drive) write_through_drive(in, value, fresh, signals);
     else write_signal(in, value, signals);
-    if (n->clock == CLOCK_REPLAY && !is_recorded(in->reception->history, in->held))
-        as_recorded(in, signals);
+    if (n->clock == CLOCK_REPLAY && !is_recorded(in->reception->history, in->held)) as_recorded(in, signals);
     if (!in->begun) {
         memcpy(in->initial, signals + in->target, (size_t)in->count * sizeof *signals);
         in->begun = 1;

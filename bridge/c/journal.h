@@ -15,18 +15,21 @@
 
 #include "frame.h"
 
-typedef struct {            /* the first 64 bytes of the file */
-    char magic[8];          /* "cosimjnl" */
+typedef struct {   /* the first 64 bytes of the file */
+    char magic[8]; /* "cosimjnl" */
     uint32_t version, row_size;
-    uint64_t capacity;      /* rows */
-    uint64_t rows;          /* written; moved after the row is there */
+    uint64_t capacity; /* rows */
+    uint64_t rows;     /* written; moved after the row is there */
     uint64_t dropped;
-    uint64_t description;   /* bytes of text behind the rows */
-    uint64_t limit;         /* rows for which there is space */
-    int64_t descriptor;     /* while it is written: of the file, plus 1; 0: it does not grow */
+    uint64_t description; /* bytes of text behind the rows */
+    uint64_t limit;       /* rows for which there is space */
+    int64_t descriptor;   /* while it is written: of the file, plus 1; 0: it does not grow */
 } journal_t;
 
-enum { JOURNAL_ROWS = 64 /* where the rows start */, JOURNAL_PIECE = 1 << 20 /* bytes of a piece that a writer takes */ };
+enum {
+    JOURNAL_ROWS = 64 /* where the rows start */,
+    JOURNAL_PIECE = 1 << 20 /* bytes of a piece that a writer takes */
+};
 
 /* A range of addresses for a file of so many bytes, of which the first page is there; NULL: errno, or this
  * system has no pieces. The file must be as long. */

@@ -89,8 +89,7 @@ static void ramp_down(life_t *life)
 {
     if (life->ramp > life->ramp_ticks) life->ramp = life->ramp_ticks;
     life->ramp = life->ramp > 1 ? life->ramp - 1 : 0;
-    if (life->ramp == 0)
-        life->state = life->reasons & ~(uint32_t)WHY_COMMAND ? LIFE_FAULT : LIFE_INACTIVE;
+    if (life->ramp == 0) life->state = life->reasons & ~(uint32_t)WHY_COMMAND ? LIFE_FAULT : LIFE_INACTIVE;
 }
 
 static double scale(const life_t *life)

@@ -10,9 +10,14 @@
 #include "frame.h"
 
 /* Status: the byte that travels with every sample. */
-enum status { STATUS_LIFE = 7 /* mask: LIFE_ of the sender */, STATUS_DEADMAN = 1 << 3 /* held */,
-       STATUS_ESTOP = 1 << 4 /* latched */, STATUS_SATURATED = 1 << 5, STATUS_STALE = 1 << 6,
-       STATUS_SIMULATED = 1 << 7 /* a rehearsal: never for a real drive */ };
+enum status {
+    STATUS_LIFE = 7 /* mask: LIFE_ of the sender */,
+    STATUS_DEADMAN = 1 << 3 /* held */,
+    STATUS_ESTOP = 1 << 4 /* latched */,
+    STATUS_SATURATED = 1 << 5,
+    STATUS_STALE = 1 << 6,
+    STATUS_SIMULATED = 1 << 7 /* a rehearsal: never for a real drive */
+};
 
 enum life_state { LIFE_UNCONFIGURED, LIFE_INACTIVE, LIFE_ACTIVE, LIFE_STOPPING, LIFE_FAULT, LIFE_FINISHED };
 enum command { COMMAND_NONE, COMMAND_ARM, COMMAND_START, COMMAND_STOP, COMMAND_RESET };
@@ -35,24 +40,35 @@ static inline int32_t commands_have(uint32_t commands, int32_t command)
     return 0;
 }
 /* Why: bits, latched in `reasons` until COMMAND_RESET. */
-enum why { WHY_COMMAND = 1 << 0, WHY_ESTOP = 1 << 1, WHY_PEER = 1 << 2, WHY_STALE = 1 << 3,
-       WHY_GUARD = 1 << 4, WHY_WATCHDOG = 1 << 5, WHY_OVERRUN = 1 << 6, WHY_COMPONENT = 1 << 7,
-       WHY_BUS = 1 << 8, WHY_SYNC = 1 << 9, WHY_APART = 1 << 10,
-       WHY_JUMP = 1 << 11, WHY_DRIVE = 1 << 12 /* a drive that it commands is not enabled */ };
+enum why {
+    WHY_COMMAND = 1 << 0,
+    WHY_ESTOP = 1 << 1,
+    WHY_PEER = 1 << 2,
+    WHY_STALE = 1 << 3,
+    WHY_GUARD = 1 << 4,
+    WHY_WATCHDOG = 1 << 5,
+    WHY_OVERRUN = 1 << 6,
+    WHY_COMPONENT = 1 << 7,
+    WHY_BUS = 1 << 8,
+    WHY_SYNC = 1 << 9,
+    WHY_APART = 1 << 10,
+    WHY_JUMP = 1 << 11,
+    WHY_DRIVE = 1 << 12 /* a drive that it commands is not enabled */
+};
 /* What is normal before all nodes are ready: while a node is INACTIVE and not armed, these bits refuse
  * ARM and START in the tick that raises them, and are not latched. */
 enum { WHY_NOT_YET = WHY_PEER | WHY_STALE | WHY_WATCHDOG | WHY_OVERRUN | WHY_SYNC | WHY_APART };
 
 typedef struct {
     int32_t state, armed;
-    uint32_t reasons;       /* latched */
-    uint32_t now;           /* bits raised in this tick, by whoever; cleared by life_step */
-    uint32_t commands;      /* of this tick; cleared by life_step */
-    int32_t ramp_ticks;     /* torque goes to 0 in so many ticks while STOPPING */
-    int32_t ramp;           /* ticks of the ramp left */
-    uint32_t refused;       /* why the last command was refused, WHY_COMMAND: not in this state; 0: it was not */
-    double scale;           /* of the torque: 1 ACTIVE, falling STOPPING, 0 else */
-    int32_t moves, reserved;    /* it is the node of drives of our own protocol: where one is off, there is
+    uint32_t reasons;   /* latched */
+    uint32_t now;       /* bits raised in this tick, by whoever; cleared by life_step */
+    uint32_t commands;  /* of this tick; cleared by life_step */
+    int32_t ramp_ticks; /* torque goes to 0 in so many ticks while STOPPING */
+    int32_t ramp;       /* ticks of the ramp left */
+    uint32_t refused;   /* why the last command was refused, WHY_COMMAND: not in this state; 0: it was not */
+    double scale;       /* of the torque: 1 ACTIVE, falling STOPPING, 0 else */
+    int32_t moves, reserved; /* it is the node of drives of our own protocol: where one is off, there is
                              * nothing to ramp down, and others have to know it at once */
 } life_t;
 

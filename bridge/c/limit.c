@@ -8,7 +8,8 @@ int32_t limits_range(const limit_t *limits, int32_t n, const double *values)
     return 1;
 }
 
-int32_t limits_rate(const limit_t *limits, int32_t n, const double *values, const double *last, double seconds)
+int32_t limits_rate(const limit_t *limits, int32_t n, const double *values, const double *last,
+                    double seconds)
 {
     for (int32_t i = 0; limits && i < n; i++) {
         const double step = limits[i].rate * seconds;

@@ -8,9 +8,9 @@
 
 /* What a received value may be, in the unit of the value. */
 typedef struct {
-    double low, high;       /* +-infinity: not limited */
-    double rate;            /* unit/s; infinity: not limited */
-    int64_t falls;          /* 1: torque; it may go to 0 at any rate, as guards and ramps take it away */
+    double low, high; /* +-infinity: not limited */
+    double rate;      /* unit/s; infinity: not limited */
+    int64_t falls;    /* 1: torque; it may go to 0 at any rate, as guards and ramps take it away */
 } limit_t;
 
 /* Whether all values are within their ranges; limits NULL: yes. */

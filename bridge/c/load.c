@@ -12,7 +12,6 @@ int64_t frame_time_ns(const frame_t *frame, double bitrate, double data_bitrate)
     bits_t bits;
     double rate = data_bitrate > 0.0 ? data_bitrate : bitrate;
     frame_bits_exact(frame, &bits);
-    if (bits.nominal == 0)
-        return 0;
+    if (bits.nominal == 0) return 0;
     return (int64_t)(bits.nominal * 1e9 / bitrate + bits.data * 1e9 / rate + 0.5);
 }

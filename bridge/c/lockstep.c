@@ -39,10 +39,7 @@ static int32_t ended(const node_t *n)
 }
 
 /* The counter of Profile 4, which every sample has. */
-static int64_t counter(const frame_t *frame)
-{
-    return frame->data[2] << 8 | frame->data[3];
-}
+static int64_t counter(const frame_t *frame) { return frame->data[2] << 8 | frame->data[3]; }
 
 /* Into its stream; nonzero: samples are missing before it. */
 static int32_t store_sample(lockstep_t *l, const frame_t *frame, int32_t bus)
@@ -79,15 +76,9 @@ static int32_t gather(lockstep_t *l)
     return came;
 }
 
-static int64_t deadline_of(const node_t *n)
-{
-    return n->slot * n->h_ns + n->phase_ns;
-}
+static int64_t deadline_of(const node_t *n) { return n->slot * n->h_ns + n->phase_ns; }
 
-static int64_t last_deadline(const node_t *n)
-{
-    return (n->slots - 1) * n->h_ns + n->phase_ns;
-}
+static int64_t last_deadline(const node_t *n) { return (n->slots - 1) * n->h_ns + n->phase_ns; }
 
 /* What has been sent, to the threads of the buses. */
 static void flush(lockstep_t *l)

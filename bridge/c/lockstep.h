@@ -23,26 +23,26 @@
 enum { LOCKSTEP_STALLED = -10, LOCKSTEP_LOST = -11, LOCKSTEP_REFUSED = -12 };
 
 typedef struct {
-    const message_t *message;   /* whose frames it holds */
+    const message_t *message; /* whose frames it holds */
     int32_t bus;
-    int32_t before;         /* at equal times its sender comes first */
-    int64_t period_ns, offset_ns;   /* sample s is sent at s*period + offset */
-    int64_t lead_ns;        /* least lead of the delay lines it feeds, see delay_lead_ns; 0: no look-ahead */
-    reception_t *reception; /* of the node */
-    int64_t received, given;        /* samples 0.. that are there; that the node has heard */
-    int64_t capacity;       /* samples of the run */
+    int32_t before;               /* at equal times its sender comes first */
+    int64_t period_ns, offset_ns; /* sample s is sent at s*period + offset */
+    int64_t lead_ns;         /* least lead of the delay lines it feeds, see delay_lead_ns; 0: no look-ahead */
+    reception_t *reception;  /* of the node */
+    int64_t received, given; /* samples 0.. that are there; that the node has heard */
+    int64_t capacity;        /* samples of the run */
     frame_t *frames;
 } stream_t;
 
 typedef struct {
-    node_t *node;           /* clock: CLOCK_SIMULATED; its buses: BUS_MEMORY */
-    bus_t *outside;         /* one a bus of the node: BUS_RING */
+    node_t *node;   /* clock: CLOCK_SIMULATED; its buses: BUS_MEMORY */
+    bus_t *outside; /* one a bus of the node: BUS_RING */
     stream_t *streams;
     int32_t n_streams;
-    int32_t awaited;        /* the stream that a slot waits for, -1: none */
-    int64_t patience_ns;    /* without anything new: stalled */
-    int64_t found;          /* LOST: number of the sample that came instead, modulo 65536 */
-    int64_t unsent_ns;      /* since when something waits to be handed over (CLOCK_MONOTONIC); 0: nothing */
+    int32_t awaited;     /* the stream that a slot waits for, -1: none */
+    int64_t patience_ns; /* without anything new: stalled */
+    int64_t found;       /* LOST: number of the sample that came instead, modulo 65536 */
+    int64_t unsent_ns;   /* since when something waits to be handed over (CLOCK_MONOTONIC); 0: nothing */
 } lockstep_t;
 
 /* Samples sent before a slot at deadline_ns (relative): 0 .. this - 1. */

@@ -17,44 +17,44 @@
 #include "e2e.h"
 #include "frame.h"
 
-enum field_kind { FIELD_UNSIGNED, FIELD_SIGNED, FIELD_FLOAT };     /* FLOAT: 32 or 64 bits, IEEE 754 */
-enum { MESSAGE_FIELDS = 256 };      /* the most values a message may have */
+enum field_kind { FIELD_UNSIGNED, FIELD_SIGNED, FIELD_FLOAT }; /* FLOAT: 32 or 64 bits, IEEE 754 */
+enum { MESSAGE_FIELDS = 256 };                                 /* the most values a message may have */
 
 typedef struct {
-    uint16_t start;         /* as in a DBC file: of the least (Intel), most (Motorola) significant bit */
-    uint8_t length;         /* bits */
+    uint16_t start; /* as in a DBC file: of the least (Intel), most (Motorola) significant bit */
+    uint8_t length; /* bits */
     uint8_t motorola;
     uint8_t kind;
     uint8_t has_invalid;
     uint16_t reserved;
-    double scale, offset;   /* value = scale * raw + offset */
-    int64_t low, high;      /* raw: saturation; the invalid code lies outside. FLOAT: the bits of the
+    double scale, offset; /* value = scale * raw + offset */
+    int64_t low, high;    /* raw: saturation; the invalid code lies outside. FLOAT: the bits of the
                              * two limits as doubles */
-    int64_t invalid;        /* raw; FLOAT: not used */
-} field_t;                  /* raw is an int64_t: an unsigned field of 64 bits ends at 2^63 - 1 */
+    int64_t invalid;      /* raw; FLOAT: not used */
+} field_t;                /* raw is an int64_t: an unsigned field of 64 bits ends at 2^63 - 1 */
 
 typedef struct {
     uint32_t id;
-    uint16_t length;        /* bytes */
-    uint8_t flags;          /* FRAME_FD | FRAME_BRS | FRAME_EXTENDED */
+    uint16_t length; /* bytes */
+    uint8_t flags;   /* FRAME_FD | FRAME_BRS | FRAME_EXTENDED */
     uint8_t e2e;
-    uint8_t data_ids[16];   /* little endian. P02: one a counter value; P05: 16 bits; P04: 32 bits */
-    int32_t n_fields;       /* of values, in the order of the values */
-    int32_t status, time;   /* numbers of header fields in `header`, or -1 */
-    int32_t exact;          /* 1: a frame that message_encode would not have written is INVALID: commands
+    uint8_t data_ids[16]; /* little endian. P02: one a counter value; P05: 16 bits; P04: 32 bits */
+    int32_t n_fields;     /* of values, in the order of the values */
+    int32_t status, time; /* numbers of header fields in `header`, or -1 */
+    int32_t exact;        /* 1: a frame that message_encode would not have written is INVALID: commands
                              * of foreign protocols, whose other bits ask for something else */
     field_t *fields;
-    field_t *header;        /* fields that are no values: status (8 bit), time (us); raw is the integer
+    field_t *header;  /* fields that are no values: status (8 bit), time (us); raw is the integer
                              * part of value / scale, its low bits: a status of 4 bits with scale 16
                              * carries bits 4 to 7 */
-    uint8_t fill[64];       /* constant bytes under the fields: command codes of foreign protocols */
+    uint8_t fill[64]; /* constant bytes under the fields: command codes of foreign protocols */
 } message_t;
 
 typedef struct {
-    uint32_t counter;       /* as many bits as the profile has */
+    uint32_t counter; /* as many bits as the profile has */
     uint32_t status;
-    uint32_t t_us;          /* as many bits as the field has */
-    uint32_t saturated;     /* encode: values that did not fit */
+    uint32_t t_us;      /* as many bits as the field has */
+    uint32_t saturated; /* encode: values that did not fit */
 } header_t;
 
 /* Fills id, flags, length and data of the frame; header->counter, status, t_us go in, truncated. */

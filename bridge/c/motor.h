@@ -16,11 +16,11 @@ typedef struct {
 
 typedef struct {
     vendor_t vendor;
-    int32_t bus;            /* its number in the node */
-    int32_t outlets[VENDOR_PARTS];  /* numbers of the messages with its feedback; -1: not sent */
+    int32_t bus;                   /* its number in the node */
+    int32_t outlets[VENDOR_PARTS]; /* numbers of the messages with its feedback; -1: not sent */
     int32_t reserved;
-    int64_t power;          /* MOTOR_ bits of this slot */
-    const motor_fault_t *faults;    /* in the order of time */
+    int64_t power;               /* MOTOR_ bits of this slot */
+    const motor_fault_t *faults; /* in the order of time */
     int32_t n_faults, happened;
 } motor_t;
 

@@ -5,7 +5,7 @@
 
 #include "bus/bus.h"
 
-enum { PS = 1000 };         /* in a ns */
+enum { PS = 1000 }; /* in a ns */
 enum { CAN_FLAGS = CAN_FD | CAN_BRS | CAN_ESI | CAN_REMOTE | CAN_EXTENDED };
 
 static void deliver(const network_t *w, int32_t from, const frame_t *frame)

@@ -12,15 +12,15 @@
 /* The functions are bus_request, bus_advance and bus_next of cosim/c/bus/bus.h, which is in another
  * library. */
 typedef struct {
-    void *bus;              /* bus_t of cosim/c/bus/bus.h; NULL: frames arrive when they are sent */
+    void *bus; /* bus_t of cosim/c/bus/bus.h; NULL: frames arrive when they are sent */
     int64_t (*request)(void *bus, const void *requests, int64_t count);
     int32_t (*advance)(void *bus, int64_t until, void *output);
     int64_t (*next)(const void *bus);
-    void *output;           /* bus_output_t with room for so many events and frames: */
+    void *output; /* bus_output_t with room for so many events and frames: */
     int64_t room;
-    ring_t **rx;            /* of each node of this network: what has arrived */
-    int64_t **refused;      /* of each: counts its frames that the transmit queue had no room for */
-    int64_t now_ps;         /* how far the bus was advanced */
+    ring_t **rx;       /* of each node of this network: what has arrived */
+    int64_t **refused; /* of each: counts its frames that the transmit queue had no room for */
+    int64_t now_ps;    /* how far the bus was advanced */
     int32_t n_nodes, reserved;
 } network_t;
 

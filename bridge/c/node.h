@@ -20,8 +20,13 @@
 
 enum { CLOCK_WALL = 1, CLOCK_SIMULATED = 2, CLOCK_REPLAY = 3 };
 /* What node_live returns; positive: of engine_run. */
-enum { LIVE_FINISHED = 0, LIVE_STOPPED = -1, LIVE_NEVER_STARTED = -2, LIVE_FAULT = -3 /* came to the end in FAULT */,
-       LIVE_NOT_JOINED = -4 };
+enum {
+    LIVE_FINISHED = 0,
+    LIVE_STOPPED = -1,
+    LIVE_NEVER_STARTED = -2,
+    LIVE_FAULT = -3 /* came to the end in FAULT */,
+    LIVE_NOT_JOINED = -4
+};
 /* Values of heartbeats and NMT, in this order. */
 enum { HEARTBEAT_LIFE, HEARTBEAT_WHY, HEARTBEAT_BOOTS, HEARTBEAT_ARMED, HEARTBEAT_VALUES };
 enum { NMT_COMMAND, NMT_NODE, NMT_VALUES };
@@ -33,9 +38,9 @@ enum { NMT_START = 1, NMT_STOP = 2, NMT_ARM = 128, NMT_RESET = 129 };
 typedef struct {
     const message_t *heartbeat; /* of this node */
     const message_t *sync, *nmt, *estop, *epoch;
-    const message_t **peers;    /* heartbeats of the node's peers, one a peer; NULL in it: not here */
-    const message_t *host_heartbeat, *host_sync;    /* CANopen's, for drives that this node commands */
-    int64_t host_sync_slots;    /* slots between two of them */
+    const message_t **peers; /* heartbeats of the node's peers, one a peer; NULL in it: not here */
+    const message_t *host_heartbeat, *host_sync; /* CANopen's, for drives that this node commands */
+    int64_t host_sync_slots;                     /* slots between two of them */
 } services_t;
 
 /* Emergency stop of this node: none, to be obeyed, its own until RESET. */
@@ -45,33 +50,33 @@ enum { ALARM_NONE, ALARM_RAISED, ALARM_OURS };
 typedef struct {
     const reception_t *a, *b;
     int32_t first_a, first_b, count, reserved;
-    double within;          /* greatest difference, unit of the values */
+    double within; /* greatest difference, unit of the values */
 } apart_t;
 
 /* A table of the engine's that begins with the run, not with this life: of edges, weights and links. */
 typedef struct {
     int64_t *row;
-    int64_t period;         /* slots of a row */
+    int64_t period; /* slots of a row */
 } played_t;
 
 typedef struct node {
-    void *engine;           /* engine_t */
+    void *engine; /* engine_t */
     int32_t (*run)(void *engine, int64_t ticks);
     double *signals;
-    double **record;        /* &engine->record */
-    int64_t *record_row;    /* &engine->row */
+    double **record;     /* &engine->record */
+    int64_t *record_row; /* &engine->row */
 
     int32_t clock, number;
     int64_t h_ns, phase_ns; /* length of a slot */
     double h;
     int64_t slot, first, slots; /* next, of this life, end of the run */
-    int64_t start_ns;       /* CLOCK_MONOTONIC of t = 0; 0: not known: no START waits or was obeyed */
-    int64_t asked_ns;       /* t = 0 of a START from outside; set before node_tell */
-    int64_t nmt_ns;         /* t = 0 of the last START received */
-    int64_t now_ns;         /* of this slot */
-    int64_t overrun_ns;     /* later than this is a fault */
-    uint32_t told;          /* commands from outside: node_tell */
-    int32_t quit;           /* from outside: stop immediately */
+    int64_t start_ns;           /* CLOCK_MONOTONIC of t = 0; 0: not known: no START waits or was obeyed */
+    int64_t asked_ns;           /* t = 0 of a START from outside; set before node_tell */
+    int64_t nmt_ns;             /* t = 0 of the last START received */
+    int64_t now_ns;             /* of this slot */
+    int64_t overrun_ns;         /* later than this is a fault */
+    uint32_t told;              /* commands from outside: node_tell */
+    int32_t quit;               /* from outside: stop immediately */
     int32_t simulated, result;
 
     bus_t *buses;
@@ -80,14 +85,14 @@ typedef struct node {
     outlet_t *outlets;
     inside_t *insides;
     peer_t *peers;
-    faults_t *faults;       /* or NULL */
+    faults_t *faults; /* or NULL */
     int32_t n_buses, n_receptions, n_inlets, n_outlets, n_peers, n_insides;
     life_t life;
 
     const services_t *services; /* one a bus */
     int64_t heartbeat_slots, sync_slots;
-    int64_t host_ns, host_due_ns;   /* period of host_heartbeat, and when the next one is due */
-    int64_t host_sync_ns;           /* when the periods of host_sync were looked at before the first slot */
+    int64_t host_ns, host_due_ns; /* period of host_heartbeat, and when the next one is due */
+    int64_t host_sync_ns;         /* when the periods of host_sync were looked at before the first slot */
     uint32_t boots, sync_count;
     int64_t syncs_received, syncs_lost;
     int32_t sync_last;
@@ -95,50 +100,47 @@ typedef struct node {
 
     const apart_t *aparts;
     int32_t n_aparts;
-    int32_t begun;          /* slots are being executed */
-    int32_t ending;         /* its own ramp at the end of the run */
-    int32_t refusals;       /* how often START or ARM was refused, and why last: WHY_... */
+    int32_t begun;    /* slots are being executed */
+    int32_t ending;   /* its own ramp at the end of the run */
+    int32_t refusals; /* how often START or ARM was refused, and why last: WHY_... */
     uint32_t refused;
-    uint32_t beats;         /* heartbeats sent */
-    int32_t alarm;          /* ALARM_RAISED from outside: emergency stop */
-    int32_t alarms;         /* ESTOP frames still to be sent */
-    int64_t alarm_ns;       /* when the next one is due */
+    uint32_t beats;   /* heartbeats sent */
+    int32_t alarm;    /* ALARM_RAISED from outside: emergency stop */
+    int32_t alarms;   /* ESTOP frames still to be sent */
+    int64_t alarm_ns; /* when the next one is due */
 
-    journal_t *journal, *heard;  /* received samples: NULL in a replay, which reads them */
-    int64_t inlet_offset, outlet_offset, signals_offset;    /* into a row */
-    const char *replayed;   /* CLOCK_REPLAY: rows of the recording */
+    journal_t *journal, *heard; /* received samples: NULL in a replay, which reads them */
+    int64_t inlet_offset, outlet_offset, signals_offset; /* into a row */
+    const char *replayed;                                /* CLOCK_REPLAY: rows of the recording */
     int64_t replayed_rows, row_size, replay_row;
 
     histogram_t late;
     int64_t missed, spin_ns;
-    int64_t done_ns;        /* when the last slot was done */
-    int64_t send_ns;        /* spent encoding and sending in this slot */
-    int64_t stopping;       /* STOP has come: at the end of the ramp the node ends */
-    int64_t unknown;        /* frames to which this node does not subscribe */
-    frame_t *pending;       /* a bus: the next frame, where it comes too early for this slot */
+    int64_t done_ns;  /* when the last slot was done */
+    int64_t send_ns;  /* spent encoding and sending in this slot */
+    int64_t stopping; /* STOP has come: at the end of the ramp the node ends */
+    int64_t unknown;  /* frames to which this node does not subscribe */
+    frame_t *pending; /* a bus: the next frame, where it comes too early for this slot */
     int32_t *has_pending;
     played_t *played;
     int64_t n_played;
-    int64_t gateway;        /* 1: it forwards, and wakes for what comes, else 0 */
-    int64_t patience_ns, lead_ns;   /* maximum wait of a START whose time has passed for missing inputs */
-    int32_t (*joined)(int64_t slot);    /* and its life begins lead_ns later, after this; 0: well */
+    int64_t gateway;                 /* 1: it forwards, and wakes for what comes, else 0 */
+    int64_t patience_ns, lead_ns;    /* maximum wait of a START whose time has passed for missing inputs */
+    int32_t (*joined)(int64_t slot); /* and its life begins lead_ns later, after this; 0: well */
     epoch_t epoch;
     commanded_t *commanded; /* drives with protocols of their own that it commands */
     int32_t n_commanded;
-    int32_t deferred;       /* 1: a START waits for these drives to be ready */
-    int64_t feed_ns, fed_ns;    /* time between two frames that feed them before the first slot; the last */
-    int64_t disable_ns;     /* when they are disabled again */
+    int32_t deferred;        /* 1: a START waits for these drives to be ready */
+    int64_t feed_ns, fed_ns; /* time between two frames that feed them before the first slot; the last */
+    int64_t disable_ns;      /* when they are disabled again */
     drive_events_t drive_events;
-    motor_t *motors;        /* emulated drives of vendors, each behind an inlet */
+    motor_t *motors; /* emulated drives of vendors, each behind an inlet */
     int64_t n_motors;
-    int64_t late_starts;    /* STARTs that came while slots were executed */
-    int64_t damaged;        /* frames of services that could not be read */
+    int64_t late_starts; /* STARTs that came while slots were executed */
+    int64_t damaged;     /* frames of services that could not be read */
 } node_t;
 
 /* Whether t = 0 is known. */
-static inline int32_t node_started(const node_t *n)
-{
-    return n->clock != CLOCK_WALL || n->start_ns != 0;
-}
+static inline int32_t node_started(const node_t *n) { return n->clock != CLOCK_WALL || n->start_ns != 0; }
 
 #endif

@@ -39,16 +39,10 @@ static void measured(outlet_t *o)
 }
 
 /* Whether its drive, if it commands one, is given torques. */
-static int32_t serves(const outlet_t *o)
-{
-    return !o->commanded || o->commanded->phase == DRIVE_SERVING;
-}
+static int32_t serves(const outlet_t *o) { return !o->commanded || o->commanded->phase == DRIVE_SERVING; }
 
 /* Whether this node was stopped because a drive of our own protocol, which takes its torque, is off. */
-static int32_t drive_is_off(const outlet_t *o)
-{
-    return !o->commanded && o->node->life.reasons & WHY_DRIVE;
-}
+static int32_t drive_is_off(const outlet_t *o) { return !o->commanded && o->node->life.reasons & WHY_DRIVE; }
 
 static void gather(outlet_t *o, const double *signals)
 {
@@ -112,7 +106,8 @@ API int32_t outlet_pass(void *context, int64_t tick, double *signals)
     gather(o, signals);
     if (hit % o->every) return 0;
     const int64_t began = n->clock == CLOCK_WALL ? pace_now() : 0;
-    outlet_send_sample(o, hit / o->every, n->clock == CLOCK_WALL ? began - n->start_ns : n->now_ns + n->phase_ns);
+    outlet_send_sample(o, hit / o->every,
+                       n->clock == CLOCK_WALL ? began - n->start_ns : n->now_ns + n->phase_ns);
     if (n->clock == CLOCK_WALL) n->send_ns += pace_now() - began;
     return 0;
 }
@@ -123,8 +118,8 @@ API int32_t inside_pass(void *context, int64_t tick, double *signals)
     node_t *n = x->node;
     double out[SAFETY_JOINTS];
     (void)tick;
-    guard_apply(x->guard, signals + x->tau, x->q < 0 ? 0 : signals + x->q,
-                x->dq < 0 ? 0 : signals + x->dq, n->life.scale, out);
+    guard_apply(x->guard, signals + x->tau, x->q < 0 ? 0 : signals + x->q, x->dq < 0 ? 0 : signals + x->dq,
+                n->life.scale, out);
     memcpy(signals + x->tau, out, (size_t)x->guard->joints * sizeof *out);
     n->life.now |= guard_why(x->guard);
     return 0;

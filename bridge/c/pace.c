@@ -27,10 +27,8 @@ static int32_t bin_of(int64_t ns)
 {
     int64_t us = ns / 1000;
     int32_t octave = 0;
-    if (ns < 0)
-        return 0;
-    if (us < LINEAR)
-        return (int32_t)us;
+    if (ns < 0) return 0;
+    if (us < LINEAR) return (int32_t)us;
     while (us >= 2 * LINEAR) {
         us /= 2;
         octave++;
@@ -41,18 +39,15 @@ static int32_t bin_of(int64_t ns)
 
 static double upper_edge(int32_t bin)
 {
-    if (bin < LINEAR)
-        return 1e3 * (bin + 1);
+    if (bin < LINEAR) return 1e3 * (bin + 1);
     int32_t octave = (bin - LINEAR) / PER_OCTAVE, step = (bin - LINEAR) % PER_OCTAVE;
     return 1e3 * (double)((int64_t)(LINEAR + (step + 1) * STEP_US) << octave);
 }
 
 void histogram_add(histogram_t *h, int64_t ns)
 {
-    if (h->count == 0 || ns < h->minimum)
-        h->minimum = ns;
-    if (h->count == 0 || ns > h->maximum)
-        h->maximum = ns;
+    if (h->count == 0 || ns < h->minimum) h->minimum = ns;
+    if (h->count == 0 || ns > h->maximum) h->maximum = ns;
     h->count++;
     h->sum += (double)ns;
     h->bins[bin_of(ns)]++;
@@ -62,14 +57,10 @@ double histogram_quantile(const histogram_t *h, double q)
 {
     int64_t rank = (int64_t)ceil(q * (double)h->count), below = 0;
     int32_t bin = 0;
-    if (h->count == 0)
-        return NAN;
-    if (rank < 1)
-        rank = 1;
-    if (rank > h->count)
-        rank = h->count;
-    while (bin < PACE_BINS - 1 && (below += h->bins[bin]) < rank)
-        bin++;
+    if (h->count == 0) return NAN;
+    if (rank < 1) rank = 1;
+    if (rank > h->count) rank = h->count;
+    while (bin < PACE_BINS - 1 && (below += h->bins[bin]) < rank) bin++;
     double edge = upper_edge(bin), most = (double)h->maximum;
     return edge < most && bin < PACE_BINS - 1 ? edge : most;
 }
@@ -103,7 +94,7 @@ int64_t pace_now(void)
            count.QuadPart % frequency.QuadPart * SECOND / frequency.QuadPart;
 }
 
-static int64_t real_now(void)   /* FILETIME: 100 ns since 1601 */
+static int64_t real_now(void) /* FILETIME: 100 ns since 1601 */
 {
     FILETIME found;
     GetSystemTimePreciseAsFileTime(&found);
@@ -115,10 +106,8 @@ static int64_t real_now(void)   /* FILETIME: 100 ns since 1601 */
 static void sleep_towards(int64_t deadline_ns)
 {
     int64_t left = deadline_ns - pace_now();
-    if (left > 2000000)
-        Sleep((DWORD)(left / 1000000 < 1000 ? left / 1000000 - 1 : 1000));
-    else
-        SwitchToThread();
+    if (left > 2000000) Sleep((DWORD)(left / 1000000 < 1000 ? left / 1000000 - 1 : 1000));
+    else SwitchToThread();
 }
 
 #elif defined(__linux__)
@@ -160,7 +149,7 @@ static void sleep_towards(int64_t deadline_ns)
 
 #endif
 
-static inline void cpu_relax(void)    /* tells the processor that this is a spin loop */
+static inline void cpu_relax(void) /* tells the processor that this is a spin loop */
 {
 #if defined(__x86_64__) || defined(__i386__)
     __builtin_ia32_pause();
@@ -172,12 +161,11 @@ static inline void cpu_relax(void)    /* tells the processor that this is a spin
 int64_t pace_wait(int64_t deadline_ns, int64_t spin_ns, const volatile int32_t *stop)
 {
     int64_t now = INT64_MIN, asleep = deadline_ns - (spin_ns > 0 ? spin_ns : 0);
-    while (now < asleep && !(stop && *stop)) {  /* no sleep if the deadline has passed */
+    while (now < asleep && !(stop && *stop)) { /* no sleep if the deadline has passed */
         sleep_towards(asleep);
         now = pace_now();
     }
-    if (now == INT64_MIN)
-        now = pace_now();
+    if (now == INT64_MIN) now = pace_now();
     while (now < deadline_ns && !(stop && *stop)) {
         cpu_relax();
         now = pace_now();
@@ -189,7 +177,6 @@ int64_t pace_run(int64_t start_ns, int64_t period_ns, int64_t n, int64_t spin_ns
                  const volatile int32_t *stop, int64_t *woke)
 {
     int64_t k;
-    for (k = 0; k < n && !(stop && *stop); k++)
-        woke[k] = pace_wait(start_ns + k * period_ns, spin_ns, stop);
+    for (k = 0; k < n && !(stop && *stop); k++) woke[k] = pace_wait(start_ns + k * period_ns, spin_ns, stop);
     return k > 0 && stop && *stop ? k - 1 : k;
 }

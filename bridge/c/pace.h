@@ -7,10 +7,10 @@
 
 #include "frame.h"
 
-enum { PACE_BINS = 2048 };  /* bins of 1 us to 1024 us, then doubling with 64 a factor of two */
+enum { PACE_BINS = 2048 }; /* bins of 1 us to 1024 us, then doubling with 64 a factor of two */
 
-typedef struct {            /* empty: all zero */
-    int64_t count, minimum, maximum;    /* ns */
+typedef struct {                     /* empty: all zero */
+    int64_t count, minimum, maximum; /* ns */
     double sum;
     int64_t bins[PACE_BINS];
 } histogram_t;

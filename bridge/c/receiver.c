@@ -6,26 +6,17 @@ enum { WINDOW = 3 };
 /* Frames in a row that may be numbered one sample ahead of their arrival: no jitter lasts longer. */
 enum { AHEAD = 64 };
 
-static int64_t divided(int64_t a, int64_t b)    /* towards minus infinity, b > 0 */
+static int64_t divided(int64_t a, int64_t b) /* towards minus infinity, b > 0 */
 {
     return a / b - (a % b < 0);
 }
 
-static int64_t turn(const receiver_t *r)
-{
-    return (int64_t)1 << r->counter_bits;
-}
+static int64_t turn(const receiver_t *r) { return (int64_t)1 << r->counter_bits; }
 
 /* The number of the sample that is nominally sent last at or before t. */
-static int64_t number_at(const receiver_t *r, int64_t t)
-{
-    return divided(t - r->offset_ns, r->period_ns);
-}
+static int64_t number_at(const receiver_t *r, int64_t t) { return divided(t - r->offset_ns, r->period_ns); }
 
-static int64_t sampled(const receiver_t *r, int64_t number)
-{
-    return number * r->period_ns + r->offset_ns;
-}
+static int64_t sampled(const receiver_t *r, int64_t number) { return number * r->period_ns + r->offset_ns; }
 
 /* How far the sender's clock is ahead of this one by the fastest frame so far (negative: the frame
  * was on its way so long). Forgotten by 244 ppm, which is more than clocks differ by. */
@@ -147,7 +138,8 @@ static void see(receiver_t *r, int64_t k)
 static int64_t resynced(receiver_t *r, int64_t k, int64_t why, int64_t time, int64_t t, int64_t top)
 {
     const int32_t first = r->sequence < 0;
-    if (turn(r) == 1 || (r->time_bits <= 0 && !first && !already_received(r, k)) || !frames_agree(r, k, t)) return why;
+    if (turn(r) == 1 || (r->time_bits <= 0 && !first && !already_received(r, k)) || !frames_agree(r, k, t))
+        return why;
     const int32_t ahead = k > top && (r->time_bits <= 0 || sampled(r, k) != time);
     if (!first && (k <= r->sequence || ahead)) {
         const int64_t at = r->time_bits > 0 ? time : t + lead(r, t);
@@ -180,9 +172,9 @@ int64_t receiver_accept(receiver_t *r, const header_t *header, int64_t t_ns)
 {
     const int64_t top = latest(r, t_ns);
     int64_t time = t_ns;
-    int64_t k = r->time_bits > 0   ? stamped(r, header, t_ns, &time)
-              : r->counter_bits > 0 ? below(r, header->counter, top)
-                                    : number_by_arrival(r, t_ns);
+    int64_t k = r->time_bits > 0      ? stamped(r, header, t_ns, &time)
+                : r->counter_bits > 0 ? below(r, header->counter, top)
+                                      : number_by_arrival(r, t_ns);
     const int64_t why = refusal(r, k, t_ns, top);
 
     r->older = why == RECEIVE_REPEATED || why == RECEIVE_OLDER ? k : r->older;
@@ -192,8 +184,7 @@ int64_t receiver_accept(receiver_t *r, const header_t *header, int64_t t_ns)
     } else {
         update_fastest(r, k, t_ns);
     }
-    if (r->sequence >= 0 && r->counter_bits > 0)
-        r->lost += k - r->sequence - 1;
+    if (r->sequence >= 0 && r->counter_bits > 0) r->lost += k - r->sequence - 1;
     r->ok++;
     r->tried = 0;
     see(r, k);

@@ -8,25 +8,25 @@
 
 /* Results and counters of the receiver of one message. period_ns > 0. */
 typedef struct {
-    int64_t ok, lost, repeated, reordered, wrong_sequence;      /* lost: by gaps of the counter */
+    int64_t ok, lost, repeated, reordered, wrong_sequence; /* lost: by gaps of the counter */
     int64_t crc, length, invalid, range, simulated, stale;
-    int64_t rate;           /* faster changes than there may be */
-    int64_t resyncs;        /* the counter was resynchronized */
-    int64_t sequence;       /* of the last accepted sample, -1: none: the counter, unwrapped */
-    int64_t arrival_ns;     /* of the last accepted */
-    int64_t period_ns;      /* nominal, of the sender */
-    int64_t offset_ns;      /* nominal time of sample j: j * period + offset */
-    int32_t counter_bits;   /* 0: no counter */
-    int32_t time_bits;      /* of the time stamp, us; 0: none */
-    int64_t sampled_ns;     /* of the last accepted: by its stamp, else the nominal time of its number */
-    int64_t lead_ns;        /* nominal time less arrival, of the fastest frame */
-    int64_t older;          /* the number of the last frame that was repeated or older */
-    uint64_t seen;          /* bit i: sequence - i was accepted */
-    int64_t shift;          /* added to the counter, since it has begun anew */
-    int64_t trial, trial_first, trial_ns;   /* number of the last of the frames that were refused and */
-    int32_t tried;          /* follow each other; of the first, its arrival; how many */
-    int32_t unturned;       /* frames in a row whose stamps agree with the counter only if shift is 0 */
-    int32_t ahead;          /* frames in a row that were numbered ahead of their arrival, without a counter */
+    int64_t rate;         /* faster changes than there may be */
+    int64_t resyncs;      /* the counter was resynchronized */
+    int64_t sequence;     /* of the last accepted sample, -1: none: the counter, unwrapped */
+    int64_t arrival_ns;   /* of the last accepted */
+    int64_t period_ns;    /* nominal, of the sender */
+    int64_t offset_ns;    /* nominal time of sample j: j * period + offset */
+    int32_t counter_bits; /* 0: no counter */
+    int32_t time_bits;    /* of the time stamp, us; 0: none */
+    int64_t sampled_ns;   /* of the last accepted: by its stamp, else the nominal time of its number */
+    int64_t lead_ns;      /* nominal time less arrival, of the fastest frame */
+    int64_t older;        /* the number of the last frame that was repeated or older */
+    uint64_t seen;        /* bit i: sequence - i was accepted */
+    int64_t shift;        /* added to the counter, since it has begun anew */
+    int64_t trial, trial_first, trial_ns; /* number of the last of the frames that were refused and */
+    int32_t tried;                        /* follow each other; of the first, its arrival; how many */
+    int32_t unturned; /* frames in a row whose stamps agree with the counter only if shift is 0 */
+    int32_t ahead;    /* frames in a row that were numbered ahead of their arrival, without a counter */
 } receiver_t;
 
 /* Maximum time by which a sample is accepted early, if its period is less; number of wraps of a short time

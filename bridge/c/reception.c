@@ -8,10 +8,7 @@
 #include "sample_journal.h"
 
 /* Nominal time of sending of sample j: slots are kept, so this is when it was sampled. */
-static int64_t sampled(const reception_t *r, int64_t j)
-{
-    return j * r->period_ns + r->offset_ns;
-}
+static int64_t sampled(const reception_t *r, int64_t j) { return j * r->period_ns + r->offset_ns; }
 
 /* Whether this signal is an encoder of a guard, and has moved further than it can. */
 static int32_t jumped(const node_t *n, int64_t signal, double moved)
@@ -34,7 +31,8 @@ static void preview(node_t *n, reception_t *r)
         if (in->reception != r || in->drive) continue;
         for (int32_t k = 0; k < in->count; k++) {
             const double x = in->gain * r->values[in->first + k] + in->offset;
-            if (r->previewed_ns >= 0 && jumped(n, in->target + k, x - in->initial[k])) n->life.now |= WHY_JUMP;
+            if (r->previewed_ns >= 0 && jumped(n, in->target + k, x - in->initial[k]))
+                n->life.now |= WHY_JUMP;
             in->initial[k] = x;
             if (!n->simulated) n->signals[in->target + k] = x;
         }

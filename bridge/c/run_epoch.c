@@ -8,9 +8,9 @@
 
 enum { APART_NS = 100000000 /* between two of them on a bus */, LONG_STAMP = 32 /* bits */ };
 static const int64_t STAMP_TURN_NS = ((int64_t)1 << 32) * 1000;
-static const int64_t BELIEVED_NS = 2000000000;  /* a date may differ so much from what samples say */
-static const int64_t FRESH_NS = 1000000000;     /* START belongs to the EPOCH that came so long before */
-static const int64_t AHEAD_NS = 5000000000;     /* the latest t = 0 of a host that only a number tells */
+static const int64_t BELIEVED_NS = 2000000000; /* a date may differ so much from what samples say */
+static const int64_t FRESH_NS = 1000000000;    /* START belongs to the EPOCH that came so long before */
+static const int64_t AHEAD_NS = 5000000000;    /* the latest t = 0 of a host that only a number tells */
 
 /* The next frame of this kind; a DATE first where a message has no room for the identity of the host. */
 static void say(node_t *n, int32_t bus, const double *v)
@@ -66,7 +66,7 @@ static int32_t identified(const epoch_t *e, const message_t *m, const double *v)
     int32_t same = 1, said = 0;
     for (int32_t i = 0; m->n_fields >= EPOCH_VALUES && i < 4; i++) {
         same &= v[EPOCH_IDENTITY + i] == e->identity[i];
-        said |= v[EPOCH_IDENTITY + i] != 0.0;   /* a gateway has none from CAN */
+        said |= v[EPOCH_IDENTITY + i] != 0.0; /* a gateway has none from CAN */
     }
     return !said ? 0 : same ? 1 : -1;
 }
@@ -127,7 +127,7 @@ void node_epoch_heard(node_t *n, const frame_t *frame)
         e->dated_host = (int64_t)v[EPOCH_RUN];
         return;
     }
-    e->due_ns = frame->t_ns + APART_NS;     /* a waiting node has received it */
+    e->due_ns = frame->t_ns + APART_NS; /* a waiting node has received it */
     if (n->begun || n->clock != CLOCK_WALL) return;
     const int32_t running = origin <= frame->t_ns;
     if (running && !n->simulated && header.status & STATUS_SIMULATED) return;

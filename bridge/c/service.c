@@ -78,7 +78,8 @@ void node_sync(node_t *n, int64_t now_ns)
 {
     const double counter = 1.0 + n->sync_count++ % 240;
     const header_t header = {0, 0, 0, 0};
-    for (int32_t b = 0; b < n->n_buses; b++) node_service(n, b, n->services[b].sync, &counter, header, now_ns);
+    for (int32_t b = 0; b < n->n_buses; b++)
+        node_service(n, b, n->services[b].sync, &counter, header, now_ns);
 }
 
 void node_estop(node_t *n, int64_t now_ns)
@@ -91,7 +92,7 @@ void node_estop(node_t *n, int64_t now_ns)
 void node_alarm(node_t *n, int64_t now_ns)
 {
     if (!(n->life.reasons & WHY_ESTOP)) {
-        n->alarms = -1;     /* none received: the next one is new */
+        n->alarms = -1;                                    /* none received: the next one is new */
         if (n->alarm == ALARM_OURS) n->alarm = ALARM_NONE; /* after RESET */
         return;
     }

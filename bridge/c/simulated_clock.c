@@ -7,9 +7,9 @@
 typedef struct {
     node_t **nodes;
     network_t *networks;
-    const route_t *routes;  /* n_nodes rows of n_routes */
+    const route_t *routes; /* n_nodes rows of n_routes */
     int32_t n_nodes, n_networks, n_routes;
-    int32_t forwarding;     /* a node forwards frames when they arrive */
+    int32_t forwarding; /* a node forwards frames when they arrive */
 } twin_t;
 
 /* What a node has sent, to its networks. */

@@ -12,8 +12,7 @@
 /* At its own end a node ignores the end of its peers. */
 static void watch(node_t *n)
 {
-    for (int32_t i = 0; i < n->n_peers && !n->ending; i++)
-        n->life.now |= peer_check(n->peers + i, n->now_ns);
+    for (int32_t i = 0; i < n->n_peers && !n->ending; i++) n->life.now |= peer_check(n->peers + i, n->now_ns);
     if (watchdog_check(&n->sync_watchdog, n->now_ns)) n->life.now |= WHY_SYNC;
     if (n->alarm == ALARM_RAISED) n->life.now |= WHY_ESTOP, n->alarm = ALARM_OURS;
     for (int32_t i = 0; i < n->n_outlets; i++)
@@ -33,15 +32,16 @@ static void drives(node_t *n, int32_t before)
         if (before == LIFE_FAULT) drive_request(d, DRIVE_CLEAR, n->now_ns);
         if (state == LIFE_ACTIVE) drive_request(d, DRIVE_ENABLE, n->now_ns);
         else if (state == LIFE_FAULT && d->state == DRIVE_ENABLED) d->state = DRIVE_FAULT;
-        else if (state == LIFE_INACTIVE && d->state == DRIVE_ENABLED) drive_request(d, DRIVE_DISABLE, n->now_ns);
+        else if (state == LIFE_INACTIVE && d->state == DRIVE_ENABLED)
+            drive_request(d, DRIVE_DISABLE, n->now_ns);
     }
 }
 
 void node_tell(node_t *n, int32_t command)
 {
     uint32_t before = __atomic_load_n(&n->told, __ATOMIC_ACQUIRE);
-    while (!__atomic_compare_exchange_n(&n->told, &before, commands_add(before, command), 0,
-                                        __ATOMIC_ACQ_REL, __ATOMIC_ACQUIRE)) {}
+    while (!__atomic_compare_exchange_n(&n->told, &before, commands_add(before, command), 0, __ATOMIC_ACQ_REL,
+                                        __ATOMIC_ACQUIRE)) {}
 }
 
 /* The commands of this slot: received ones, then local ones. */
@@ -119,9 +119,8 @@ static void write_row(node_t *n, row_t *row, int64_t limit_ns, int64_t woke_ns, 
         in[i].newest = x->newest;
         in[i].transit_ns = x->reception->transit_ns;
         in[i].requests = x->motor ? x->motor->power : x->requests;
-        in[i].age_ns = x->held < 0 ? -1
-                                   : limit_ns - x->held * x->reception->period_ns -
-                                         x->reception->offset_ns;
+        in[i].age_ns =
+            x->held < 0 ? -1 : limit_ns - x->held * x->reception->period_ns - x->reception->offset_ns;
     }
     for (int32_t i = 0; i < n->n_outlets; i++) {
         const outlet_t *o = n->outlets + i;

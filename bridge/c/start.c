@@ -15,7 +15,9 @@ enum { IDLE_NS = 5000000, BEAT_NS = 20000000, OBEY_NS = 100000000, REFUSE_NS = 2
 
 /* The interval in which a received START may be obeyed, and the time until which ARM may; until, arm_until
  * 0: there is none. */
-typedef struct { int64_t from, until, arm_until; } pending_t;
+typedef struct {
+    int64_t from, until, arm_until;
+} pending_t;
 
 static int32_t peer_present(const peer_t *peer, int64_t now)
 {
@@ -152,9 +154,11 @@ static void join(node_t *n, pending_t *start, int64_t now)
 static void start_if_due(node_t *n, pending_t *start, int64_t now)
 {
     if (!start->until) return;
-    if (n->simulated && n->n_commanded > 0 && !n->life.armed && !missing_bits(n, now)) command(n, COMMAND_ARM, 0);
+    if (n->simulated && n->n_commanded > 0 && !n->life.armed && !missing_bits(n, now))
+        command(n, COMMAND_ARM, 0);
     if (now < start->from) return;
-    const uint32_t why = run_is_over(n, now) ? 0 : missing_bits(n, now) | (bringup_ready(n, now) ? 0 : WHY_DRIVE);
+    const uint32_t why =
+        run_is_over(n, now) ? 0 : missing_bits(n, now) | (bringup_ready(n, now) ? 0 : WHY_DRIVE);
     if ((why || start->arm_until) && now < start->until) return;
     if (why & WHY_DRIVE) bringup_keep_lacks(n, now);
     if (n->simulated && !n->life.armed && !why) command(n, COMMAND_ARM, 0);

@@ -18,10 +18,8 @@ static void frame_bits(const frame_t *f, double *bits, double *data_bits)
     }
     *bits = (extended ? 36 : 17) * (31.0 / 30.0) + 12;
     phase = (5 + n) * (31.0 / 30.0) + (f->length <= 16 ? 4 + 17 + 6 : 4 + 21 + 7) + 1;
-    if (f->flags & FRAME_BRS)
-        *data_bits = phase;
-    else
-        *bits += phase;
+    if (f->flags & FRAME_BRS) *data_bits = phase;
+    else *bits += phase;
 }
 
 void traffic_add(traffic_t *traffic, const frame_t *frame)
@@ -36,8 +34,7 @@ void traffic_add(traffic_t *traffic, const frame_t *frame)
     }
     frame_bits(frame, &bits, &data_bits);
     if (traffic->number[slot] != number) {
-        if (number < traffic->number[slot])
-            return;             /* older than what the table holds */
+        if (number < traffic->number[slot]) return; /* older than what the table holds */
         traffic->slot_frames[slot] = 0;
         traffic->slot_bits[slot] = traffic->slot_data_bits[slot] = 0;
         traffic->number[slot] = number;

@@ -5,7 +5,7 @@
 #include "vendor_damiao.h"
 #include "vendor_odrive.h"
 
-enum { TRUE_PART = 0x80 };  /* in `bus` of a queued frame: a feedback frame, of the part in the low bits */
+enum { TRUE_PART = 0x80 }; /* in `bus` of a queued frame: a feedback frame, of the part in the low bits */
 
 static const vendor_kind_t *kind_of(const vendor_t *v)
 {
@@ -45,8 +45,7 @@ static frame_t *place(vendor_t *v, int64_t asked_ns, int64_t t_ns)
     return f;
 }
 
-void vendor_queue(vendor_t *v, uint32_t id, int32_t format, const uint8_t *data, int32_t length,
-                  int64_t t_ns)
+void vendor_queue(vendor_t *v, uint32_t id, int32_t format, const uint8_t *data, int32_t length, int64_t t_ns)
 {
     frame_t *f = place(v, t_ns, t_ns);
     if (!f) return;
@@ -151,7 +150,7 @@ API void vendor_brought_up(vendor_t *v, int64_t t_ns)
     vendor_init(v, t_ns);
     kind_of(v)->bring_up(v);
     v->acts = 1;
-    for (int32_t part = 0; part < VENDOR_PARTS; part++) {   /* of the last command, SYNC */
+    for (int32_t part = 0; part < VENDOR_PARTS; part++) { /* of the last command, SYNC */
         v->owed[part] = 1;
         v->asked_ns[part] = t_ns - v->answer_ns - v->jitter_ns;
     }
@@ -214,7 +213,9 @@ API void vendor_fault(vendor_t *v, int32_t fault, int32_t code, int64_t t_ns)
 {
     vendor_step(v, t_ns);
     switch (fault) {
-    case VENDOR_TRIP: if (v->network) kind_of(v)->trip(v, (uint32_t)code, t_ns); break;
+    case VENDOR_TRIP:
+        if (v->network) kind_of(v)->trip(v, (uint32_t)code, t_ns);
+        break;
     case VENDOR_REBOOT: vendor_reboot(v, t_ns); break;
     case VENDOR_UNPLUG: v->plugged = 0; break;
     case VENDOR_PLUG: v->plugged = 1; break;

@@ -18,45 +18,54 @@ enum vendor_kind { VENDOR_DAMIAO = 1, VENDOR_ODRIVE, VENDOR_CIA402 };
  * it sends, 0: none. OLD: 1: sends the positions of now for ever, 0: no more. HOT: over-temperature (1: of
  * the electronics, 2: of the motor) that no request clears, 0: cool again. DROP: 1: is enabled and leaves
  * that state at its next cycle, without an error, 0: no more. */
-enum vendor_fault { VENDOR_TRIP = 1, VENDOR_REBOOT, VENDOR_UNPLUG, VENDOR_PLUG, VENDOR_LATE, VENDOR_OTHER_ID,
-       VENDOR_OLD, VENDOR_HOT, VENDOR_DROP };
+enum vendor_fault {
+    VENDOR_TRIP = 1,
+    VENDOR_REBOOT,
+    VENDOR_UNPLUG,
+    VENDOR_PLUG,
+    VENDOR_LATE,
+    VENDOR_OTHER_ID,
+    VENDOR_OLD,
+    VENDOR_HOT,
+    VENDOR_DROP
+};
 enum { VENDOR_QUEUE = 16, VENDOR_PARTS = 2 };
 
 typedef struct {
     /* as it is configured; set before vendor_init */
-    int32_t kind, node;     /* VENDOR_DAMIAO ...; its number on the bus */
-    int32_t format;         /* of what it sends: FRAME_FD | FRAME_BRS, or 0: classic */
-    int32_t host;           /* CiA 402: node whose heartbeats it waits for (0x1016), 0: none */
-    int64_t timeout_ns;     /* of its watchdog, 0: off */
-    int64_t cycle_ns;       /* of its control loop: a transition takes until the next one */
-    int64_t boot_ns;        /* from power to the first frame it hears */
-    int64_t answer_ns, jitter_ns;   /* it sends so long after a request, and up to so much longer */
-    int64_t beat_ns;        /* between its own heartbeats, 0: none */
-    double p_max, v_max, t_max;     /* Damiao: registers 21 to 23 */
-    double rated;           /* CiA 402: rated torque (0x6076), N.m */
+    int32_t kind, node;           /* VENDOR_DAMIAO ...; its number on the bus */
+    int32_t format;               /* of what it sends: FRAME_FD | FRAME_BRS, or 0: classic */
+    int32_t host;                 /* CiA 402: node whose heartbeats it waits for (0x1016), 0: none */
+    int64_t timeout_ns;           /* of its watchdog, 0: off */
+    int64_t cycle_ns;             /* of its control loop: a transition takes until the next one */
+    int64_t boot_ns;              /* from power to the first frame it hears */
+    int64_t answer_ns, jitter_ns; /* it sends so long after a request, and up to so much longer */
+    int64_t beat_ns;              /* between its own heartbeats, 0: none */
+    double p_max, v_max, t_max;   /* Damiao: registers 21 to 23 */
+    double rated;                 /* CiA 402: rated torque (0x6076), N.m */
     uint64_t seed;
 
     /* what it does */
-    int32_t acts;           /* 1: the torque commanded acts on the motor */
-    int32_t state;          /* of its vendor: nibble of a feedback, axis state, index of a CiA 402 state */
-    uint32_t error;         /* code of its vendor, 0: none */
-    int32_t result;         /* ODrive: of the last request (procedure_result) */
-    int32_t network, reserved;  /* CiA 402: NMT state; others: 1 when it has booted; all: 0 before */
-    double tau;             /* N.m at the motor, commanded last; it acts while `acts` is 1 */
-    int32_t owed[VENDOR_PARTS];     /* feedback frames of this kind that it has to send */
-    int64_t refused;        /* torques other than 0 while it was not enabled */
-    int64_t unheard;        /* frames to it in a format that it does not hear */
-    int64_t trips, lost;    /* faults it has entered; frames that did not fit into its queue */
+    int32_t acts;              /* 1: the torque commanded acts on the motor */
+    int32_t state;             /* of its vendor: nibble of a feedback, axis state, index of a CiA 402 state */
+    uint32_t error;            /* code of its vendor, 0: none */
+    int32_t result;            /* ODrive: of the last request (procedure_result) */
+    int32_t network, reserved; /* CiA 402: NMT state; others: 1 when it has booted; all: 0 before */
+    double tau;                /* N.m at the motor, commanded last; it acts while `acts` is 1 */
+    int32_t owed[VENDOR_PARTS]; /* feedback frames of this kind that it has to send */
+    int64_t refused;            /* torques other than 0 while it was not enabled */
+    int64_t unheard;            /* frames to it in a format that it does not hear */
+    int64_t trips, lost;        /* faults it has entered; frames that did not fit into its queue */
 
     /* its own */
     int64_t now_ns, booted_ns, fed_ns, due_ns, beat_due_ns, ramp_ns;
     int64_t asked_ns[VENDOR_PARTS]; /* when the first feedback frame that it owes was asked for */
-    int64_t late_ns, last_ns;   /* LATE; when the newest frame of the queue is due */
+    int64_t late_ns, last_ns;       /* LATE; when the newest frame of the queue is due */
     uint64_t draw;
-    uint32_t saved, word, before;   /* Damiao: TIMEOUT as stored; CiA 402: control words */
+    uint32_t saved, word, before; /* Damiao: TIMEOUT as stored; CiA 402: control words */
     int32_t mode, input, plugged, hot, drops, shift;
-    int32_t old;            /* OLD; 2: the frames to repeat are there */
-    int32_t n_queue, n_ready;   /* of the queue; the first of them are sent, and wait for vendor_next */
+    int32_t old;              /* OLD; 2: the frames to repeat are there */
+    int32_t n_queue, n_ready; /* of the queue; the first of them are sent, and wait for vendor_next */
     uint8_t kept[VENDOR_PARTS][8];
     frame_t queue[VENDOR_QUEUE];
 } vendor_t;

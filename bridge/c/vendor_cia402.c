@@ -7,13 +7,27 @@
  * quick stop and fault reaction take 20 ms and 5 ms. */
 #include "vendor_cia402.h"
 
-enum { NOT_READY, SWITCH_ON_DISABLED, READY_TO_SWITCH_ON, SWITCHED_ON, OPERATION_ENABLED, QUICK_STOP,
-       FAULT_REACTION, FAULT };
+enum {
+    NOT_READY,
+    SWITCH_ON_DISABLED,
+    READY_TO_SWITCH_ON,
+    SWITCHED_ON,
+    OPERATION_ENABLED,
+    QUICK_STOP,
+    FAULT_REACTION,
+    FAULT
+};
 enum { STOPPED = 4, OPERATIONAL = 5, PRE_OPERATIONAL = 127 };
 enum { NMT_START = 1, NMT_STOP = 2, NMT_PRE = 128, NMT_RESET_NODE = 129, NMT_RESET_COMMUNICATION = 130 };
 enum { TORQUE_MODE = 10, RPDO_BYTES = 5, QUICK_STOP_NS = 20000000, REACTION_NS = 5000000 };
-enum { HOT_DEVICE = 0x4210, HOT_DRIVE = 0x4310, E_LINK = 0x8100, E_HEARTBEAT = 0x8130, E_SHORT = 0x8210,
-       E_LONG = 0x8220 };
+enum {
+    HOT_DEVICE = 0x4210,
+    HOT_DRIVE = 0x4310,
+    E_LINK = 0x8100,
+    E_HEARTBEAT = 0x8130,
+    E_SHORT = 0x8210,
+    E_LONG = 0x8220
+};
 enum { RESET = 0x80, VOLTAGE_ENABLED = 0x10, REMOTE = 0x200, FOLLOWS = 0x1000 };
 
 /* ---- emergencies and faults ---- */
@@ -23,10 +37,10 @@ static uint8_t error_register(uint32_t code)
 {
     switch (code >> 12) {
     case 0: return 0;
-    case 2: return 0x03;    /* current */
-    case 3: return 0x05;    /* voltage */
-    case 4: return 0x09;    /* temperature */
-    case 8: return 0x11;    /* communication */
+    case 2: return 0x03; /* current */
+    case 3: return 0x05; /* voltage */
+    case 4: return 0x09; /* temperature */
+    case 8: return 0x11; /* communication */
     default: return 0x01;
     }
 }
@@ -64,7 +78,7 @@ static void boot(vendor_t *v, int64_t t_ns)
     v->network = PRE_OPERATIONAL;
     v->word = v->before = 0;
     v->mode = TORQUE_MODE;
-    v->input = 0;           /* 1: heartbeats of the host are awaited, after the first one */
+    v->input = 0; /* 1: heartbeats of the host are awaited, after the first one */
     v->ramp_ns = INT64_MAX;
     enter(v, SWITCH_ON_DISABLED);
     vendor_queue(v, 0x700u + (uint32_t)v->node, 0, up, 1, t_ns);
@@ -78,10 +92,7 @@ static void bring_up(vendor_t *v)
     enter(v, OPERATION_ENABLED);
 }
 
-static int32_t under_power(const vendor_t *v)
-{
-    return v->state >= SWITCHED_ON && v->state <= QUICK_STOP;
-}
+static int32_t under_power(const vendor_t *v) { return v->state >= SWITCHED_ON && v->state <= QUICK_STOP; }
 
 static void network(vendor_t *v, int32_t state, int64_t t_ns)
 {
@@ -99,7 +110,8 @@ static void nmt(vendor_t *v, const frame_t *f, int64_t t_ns)
     case NMT_START: network(v, OPERATIONAL, t_ns); break;
     case NMT_STOP: network(v, STOPPED, t_ns); break;
     case NMT_PRE: network(v, PRE_OPERATIONAL, t_ns); break;
-    case NMT_RESET_NODE: case NMT_RESET_COMMUNICATION: vendor_reboot(v, t_ns); break;
+    case NMT_RESET_NODE:
+    case NMT_RESET_COMMUNICATION: vendor_reboot(v, t_ns); break;
     default: break;
     }
 }
@@ -109,7 +121,7 @@ static void nmt(vendor_t *v, const frame_t *f, int64_t t_ns)
 static int32_t commanded(const vendor_t *v)
 {
     const uint32_t c = v->word;
-    if (c & RESET)          /* no other command has this bit */
+    if (c & RESET) /* no other command has this bit */
         return v->state == FAULT && !(v->before & RESET) && !v->hot ? SWITCH_ON_DISABLED : v->state;
     const int32_t no_voltage = !(c & 2), quick = (c & 6) == 2, shut = (c & 7) == 6;
     const int32_t on = (c & 7) == 7, go = (c & 15) == 15;
@@ -173,7 +185,7 @@ static int64_t due(const vendor_t *v)
 static void event(vendor_t *v, int64_t t_ns)
 {
     if (silent_at(v) <= t_ns) {
-        v->input = 0;       /* until it hears the host again */
+        v->input = 0; /* until it hears the host again */
         trip(v, E_HEARTBEAT, t_ns);
         if (v->network == OPERATIONAL) network(v, PRE_OPERATIONAL, t_ns);
     } else if (v->ramp_ns <= t_ns) {
@@ -195,7 +207,7 @@ static void command(vendor_t *v, const frame_t *f, int64_t t_ns)
     v->mode = (int8_t)f->data[2];
     v->tau = torque * 1e-3 * v->rated;
     if (torque && v->state != OPERATION_ENABLED) v->refused++;
-    enter(v, v->state);     /* in another mode this torque does not act */
+    enter(v, v->state); /* in another mode this torque does not act */
     if (v->due_ns == INT64_MAX) v->due_ns = next_cycle(v, t_ns);
 }
 
@@ -247,5 +259,5 @@ static void beat(vendor_t *v, int64_t t_ns)
     vendor_queue(v, 0x700u + (uint32_t)v->node, 0, state, 1, t_ns);
 }
 
-const vendor_kind_t vendor_cia402 = {boot, bring_up, take, due, event, mark, beat, trip,
-                                     {HOT_DEVICE, HOT_DRIVE}};
+const vendor_kind_t vendor_cia402 = {
+    boot, bring_up, take, due, event, mark, beat, trip, {HOT_DEVICE, HOT_DRIVE}};

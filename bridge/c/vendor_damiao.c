@@ -10,8 +10,18 @@
 enum { DISABLED = 0, ENABLED = 1, HOT_MOS = 0xB, HOT_COIL = 0xC, LOST_COMM = 0xD };
 enum { REGISTERS = 0x7FF, READ = 0x33, WRITE = 0x55, SAVE = 0xAA, REFRESH = 0xCC };
 enum { ON = 0xFC, OFF = 0xFD, SET_ZERO = 0xFE, CLEAR = 0xFB };
-enum { R_MST_ID = 7, R_ESC_ID, R_TIMEOUT, R_CTRL_MODE, R_HW_VER = 13, R_SW_VER, R_PMAX = 21, R_VMAX,
-       R_TMAX, R_CAN_BR = 35 };
+enum {
+    R_MST_ID = 7,
+    R_ESC_ID,
+    R_TIMEOUT,
+    R_CTRL_MODE,
+    R_HW_VER = 13,
+    R_SW_VER,
+    R_PMAX = 21,
+    R_VMAX,
+    R_TMAX,
+    R_CAN_BR = 35
+};
 enum { MIT = 1, MODES = 4, TICK_NS = 50000, CLASSIC_1M = 4, FD_5M = 9 };
 enum { HARDWARE = 3, SOFTWARE = 5017, WARM = 25, HOT = 120 };
 
@@ -25,10 +35,7 @@ static void boot(vendor_t *v, int64_t t_ns)
     v->before = DISABLED;
 }
 
-static void bring_up(vendor_t *v)
-{
-    v->state = ENABLED;
-}
+static void bring_up(vendor_t *v) { v->state = ENABLED; }
 
 static void trip(vendor_t *v, uint32_t code, int64_t t_ns)
 {
@@ -47,10 +54,7 @@ static int64_t lost_at(const vendor_t *v)
     return v->state == ENABLED && v->word ? v->fed_ns + (int64_t)v->word * TICK_NS + 1 : INT64_MAX;
 }
 
-static int64_t due(const vendor_t *v)
-{
-    return v->due_ns < lost_at(v) ? v->due_ns : lost_at(v);
-}
+static int64_t due(const vendor_t *v) { return v->due_ns < lost_at(v) ? v->due_ns : lost_at(v); }
 
 static void event(vendor_t *v, int64_t t_ns)
 {
@@ -99,10 +103,7 @@ static void torque(vendor_t *v, const frame_t *f)
 
 /* ---- registers ---- */
 
-static int32_t baud(const vendor_t *v)
-{
-    return v->format & FRAME_FD ? FD_5M : CLASSIC_1M;
-}
+static int32_t baud(const vendor_t *v) { return v->format & FRAME_FD ? FD_5M : CLASSIC_1M; }
 
 /* Value of a register into 4 bytes; 0: there is no such register. */
 static int32_t read_register(const vendor_t *v, int32_t rid, uint8_t *value)

@@ -7,15 +7,15 @@
 #include "vendor.h"
 
 typedef struct {
-    void (*boot)(vendor_t *v, int64_t t_ns);        /* power-up is over */
-    void (*bring_up)(vendor_t *v);                  /* enabled */
-    int32_t (*take)(vendor_t *v, const frame_t *f, int64_t t_ns);   /* as vendor_take */
-    int64_t (*due)(const vendor_t *v);              /* next event of its own, INT64_MAX: none */
+    void (*boot)(vendor_t *v, int64_t t_ns);                      /* power-up is over */
+    void (*bring_up)(vendor_t *v);                                /* enabled */
+    int32_t (*take)(vendor_t *v, const frame_t *f, int64_t t_ns); /* as vendor_take */
+    int64_t (*due)(const vendor_t *v);                            /* next event of its own, INT64_MAX: none */
     void (*event)(vendor_t *v, int64_t t_ns);
-    void (*mark)(const vendor_t *v, int32_t part, frame_t *f);  /* a feedback frame, at its sending */
-    void (*beat)(vendor_t *v, int64_t t_ns);        /* its heartbeat is due */
+    void (*mark)(const vendor_t *v, int32_t part, frame_t *f); /* a feedback frame, at its sending */
+    void (*beat)(vendor_t *v, int64_t t_ns);                   /* its heartbeat is due */
     void (*trip)(vendor_t *v, uint32_t code, int64_t t_ns);
-    uint32_t hot[2];        /* codes of over-temperature: of the electronics, of the motor */
+    uint32_t hot[2]; /* codes of over-temperature: of the electronics, of the motor */
 } vendor_kind_t;
 
 /* A data frame of 11-bit identifiers. */

@@ -10,9 +10,22 @@
 enum { IDLE = 1, CLOSED_LOOP = 8 };
 enum { SUCCESS = 0, BUSY = 1, CANCELLED = 2, DISARMED = 3, INVALID_STATE = 13 };
 enum { TORQUE_CONTROL = 1, POSITION_CONTROL = 3, PASSTHROUGH = 1 };
-enum { GET_VERSION = 0x00, HEARTBEAT = 0x01, ESTOP = 0x02, GET_ERROR = 0x03, SET_AXIS_STATE = 0x07,
-       GET_ESTIMATES = 0x09, SET_MODE = 0x0B, SET_POS = 0x0C, SET_VEL = 0x0D, SET_TORQUE = 0x0E,
-       GET_TEMPERATURE = 0x15, REBOOT = 0x16, CLEAR_ERRORS = 0x18, GET_TORQUES = 0x1C };
+enum {
+    GET_VERSION = 0x00,
+    HEARTBEAT = 0x01,
+    ESTOP = 0x02,
+    GET_ERROR = 0x03,
+    SET_AXIS_STATE = 0x07,
+    GET_ESTIMATES = 0x09,
+    SET_MODE = 0x0B,
+    SET_POS = 0x0C,
+    SET_VEL = 0x0D,
+    SET_TORQUE = 0x0E,
+    GET_TEMPERATURE = 0x15,
+    REBOOT = 0x16,
+    CLEAR_ERRORS = 0x18,
+    GET_TORQUES = 0x1C
+};
 #define E_INVERTER_HOT 0x4000u
 #define E_MOTOR_HOT 0x2000u
 #define E_WATCHDOG 0x1000000u
@@ -49,7 +62,7 @@ static void trip(vendor_t *v, uint32_t code, int64_t t_ns)
 {
     (void)t_ns;
     v->error |= code;
-    v->before = code;   /* disarm reason */
+    v->before = code; /* disarm reason */
     v->trips++;
     leave(v, DISARMED);
 }
@@ -61,17 +74,14 @@ static int64_t expires(const vendor_t *v)
     return v->state == CLOSED_LOOP && v->timeout_ns > 0 ? v->fed_ns + v->timeout_ns + 1 : INT64_MAX;
 }
 
-static int64_t due(const vendor_t *v)
-{
-    return v->due_ns < expires(v) ? v->due_ns : expires(v);
-}
+static int64_t due(const vendor_t *v) { return v->due_ns < expires(v) ? v->due_ns : expires(v); }
 
 static void event(vendor_t *v, int64_t t_ns)
 {
     if (expires(v) <= t_ns) {
         trip(v, E_WATCHDOG, t_ns);
     } else if (v->state == CLOSED_LOOP) {
-        leave(v, CANCELLED);    /* it drops */
+        leave(v, CANCELLED); /* it drops */
     } else {
         v->state = CLOSED_LOOP;
         v->result = SUCCESS;
@@ -128,7 +138,7 @@ static void set_point(vendor_t *v, int32_t command, const frame_t *f, int64_t t_
 
 static void answer(vendor_t *v, int32_t command, int64_t t_ns)
 {
-    static const uint8_t version[8] = {2, 4, 4, 58, 0, 6, 9, 0};    /* protocol, hardware, firmware */
+    static const uint8_t version[8] = {2, 4, 4, 58, 0, 6, 9, 0}; /* protocol, hardware, firmware */
     uint8_t d[8] = {0};
     switch (command) {
     case GET_VERSION: memcpy(d, version, sizeof d); break;
@@ -148,8 +158,11 @@ static void answer(vendor_t *v, int32_t command, int64_t t_ns)
 static int32_t length_of(int32_t command)
 {
     switch (command) {
-    case SET_MODE: case SET_POS: case SET_VEL: return 8;
-    case SET_AXIS_STATE: case SET_TORQUE: return 4;
+    case SET_MODE:
+    case SET_POS:
+    case SET_VEL: return 8;
+    case SET_AXIS_STATE:
+    case SET_TORQUE: return 4;
     default: return 0;
     }
 }
@@ -160,7 +173,9 @@ static void obey(vendor_t *v, int32_t command, const frame_t *f, int64_t t_ns)
     case ESTOP: trip(v, E_ESTOP, t_ns); break;
     case SET_AXIS_STATE: axis_state(v, vendor_u32(f->data), t_ns); break;
     case SET_MODE: set_mode(v, f); break;
-    case SET_POS: case SET_VEL: case SET_TORQUE: set_point(v, command, f, t_ns); break;
+    case SET_POS:
+    case SET_VEL:
+    case SET_TORQUE: set_point(v, command, f, t_ns); break;
     case REBOOT: vendor_reboot(v, t_ns); break;
     case CLEAR_ERRORS: clear(v); break;
     default: break;
@@ -180,7 +195,7 @@ static int32_t take(vendor_t *v, const frame_t *f, int64_t t_ns)
 
 /* ---- what it says ---- */
 
-static void mark(const vendor_t *v, int32_t part, frame_t *f)   /* estimates and torques have no state */
+static void mark(const vendor_t *v, int32_t part, frame_t *f) /* estimates and torques have no state */
 {
     (void)v;
     (void)part;
@@ -196,5 +211,5 @@ static void beat(vendor_t *v, int64_t t_ns)
     vendor_queue(v, (uint32_t)(v->node << 5 | HEARTBEAT), 0, d, 8, t_ns);
 }
 
-const vendor_kind_t vendor_odrive = {boot, bring_up, take, due, event, mark, beat, trip,
-                                     {E_INVERTER_HOT, E_MOTOR_HOT}};
+const vendor_kind_t vendor_odrive = {
+    boot, bring_up, take, due, event, mark, beat, trip, {E_INVERTER_HOT, E_MOTOR_HOT}};

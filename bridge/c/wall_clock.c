@@ -6,8 +6,10 @@
 #include "slot.h"
 #include "start.h"
 
-enum { SETTLE_NS = 500000000 /* peers that received the same START run by then */,
-       HEARD_NS = 2000000 /* before t = 0: the last positions from before the start */ };
+enum {
+    SETTLE_NS = 500000000 /* peers that received the same START run by then */,
+    HEARD_NS = 2000000 /* before t = 0: the last positions from before the start */
+};
 
 /* A restarted node, whose start time has passed, begins at a later slot in which all its components are
  * due. They are initialized for it with the time of the run. Nonzero: the initialization failed. */

@@ -10,25 +10,25 @@
 #include "frame.h"
 
 typedef struct {
-    int64_t timeout_ns;     /* 0: off */
-    int64_t last_ns;        /* fed; before the first time: armed at */
+    int64_t timeout_ns; /* 0: off */
+    int64_t last_ns;    /* fed; before the first time: armed at */
     int32_t latched, reserved;
     int64_t trips;
 } watchdog_t;
 
-API void watchdog_feed(watchdog_t *w, int64_t now_ns);      /* does not unlatch */
-API int32_t watchdog_check(watchdog_t *w, int64_t now_ns);  /* 1: expired (stays so until reset) */
-API void watchdog_reset(watchdog_t *w, int64_t now_ns);     /* unlatched, and fed now */
+API void watchdog_feed(watchdog_t *w, int64_t now_ns);     /* does not unlatch */
+API int32_t watchdog_check(watchdog_t *w, int64_t now_ns); /* 1: expired (stays so until reset) */
+API void watchdog_reset(watchdog_t *w, int64_t now_ns);    /* unlatched, and fed now */
 
 /* Another node, from its heartbeats. */
 typedef struct {
     watchdog_t heartbeat;
-    int32_t state;          /* LIFE_ of the last heartbeat, -1: none yet */
-    int32_t required;       /* its loss stops this node */
-    uint32_t boots;         /* changes when it restarts */
-    uint32_t number;        /* node number */
-    int64_t heard;          /* heartbeats */
-    int32_t takes, reserved;    /* it takes torques of this node: in FAULT its drives are off */
+    int32_t state;           /* LIFE_ of the last heartbeat, -1: none yet */
+    int32_t required;        /* its loss stops this node */
+    uint32_t boots;          /* changes when it restarts */
+    uint32_t number;         /* node number */
+    int64_t heard;           /* heartbeats */
+    int32_t takes, reserved; /* it takes torques of this node: in FAULT its drives are off */
 } peer_t;
 
 /* A heartbeat has arrived. The life cycle latches, not the peer: a peer that is received again is present.

@@ -28,17 +28,16 @@ static size_t host_size(pid_t pid)
 {
     static size_t size;
     static char state[LARGEST];
-    struct iovec all = { state, sizeof state };
+    struct iovec all = {state, sizeof state};
 
-    if (!size && syscall(SYS_ptrace, PTRACE_GETREGSET, pid, NT_X86_XSTATE, &all) == 0)
-        size = all.iov_len;
+    if (!size && syscall(SYS_ptrace, PTRACE_GETREGSET, pid, NT_X86_XSTATE, &all) == 0) size = all.iov_len;
     return size;
 }
 
 static long set_registers(pid_t pid, struct iovec *given)
 {
     static char state[LARGEST] __attribute__((aligned(64)));
-    struct iovec all = { state, host_size(pid) };
+    struct iovec all = {state, host_size(pid)};
     uint64_t used;
 
     if (given->iov_len >= all.iov_len || given->iov_len < HEADER + sizeof used)
@@ -53,8 +52,7 @@ static long set_registers(pid_t pid, struct iovec *given)
 /* As libc's: what is looked at comes back as the result. */
 API long ptrace(enum __ptrace_request request, ...)
 {
-    const int looks = request == PTRACE_PEEKTEXT || request == PTRACE_PEEKDATA ||
-                      request == PTRACE_PEEKUSER;
+    const int looks = request == PTRACE_PEEKTEXT || request == PTRACE_PEEKDATA || request == PTRACE_PEEKUSER;
     long result, seen = 0;
     va_list list;
 
@@ -63,11 +61,9 @@ API long ptrace(enum __ptrace_request request, ...)
     void *const address = va_arg(list, void *);
     void *const data = va_arg(list, void *);
     va_end(list);
-    if (request == PTRACE_SETREGSET && address == (void *)NT_X86_XSTATE)
-        return set_registers(pid, data);
+    if (request == PTRACE_SETREGSET && address == (void *)NT_X86_XSTATE) return set_registers(pid, data);
     result = syscall(SYS_ptrace, request, pid, address, looks ? (void *)&seen : data);
-    if (!looks || result < 0)
-        return result;
+    if (!looks || result < 0) return result;
     errno = 0;
     return seen;
 }

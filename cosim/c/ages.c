@@ -37,8 +37,7 @@ void ages_count(ages_t *tables, int64_t n_tables)
     }
 }
 
-void ages_ranks(const ages_t *tables, int64_t n_tables, const int64_t *ranks, int64_t n_ranks,
-                int64_t *ages)
+void ages_ranks(const ages_t *tables, int64_t n_tables, const int64_t *ranks, int64_t n_ranks, int64_t *ages)
 {
     for (int64_t i = 0; i < n_tables; i++) {
         int64_t reached = 0, age = -1;

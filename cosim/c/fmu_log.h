@@ -11,7 +11,7 @@ typedef struct {
     int64_t capacity, used, dropped; /* bytes of text that follows, bytes filled, lines left out */
     int32_t level[LOG_LINES];
     char line[LOG_LINES][LOG_WIDTH];
-    void *step;                      /* the step being done (doing_t), for other call-backs */
+    void *step; /* the step being done (doing_t), for other call-backs */
 } log_t;
 
 #endif

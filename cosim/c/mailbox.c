@@ -59,8 +59,7 @@ static int nap(const mail_end_t *x, uint32_t *asleep, int *byte)
 #if defined(__linux__)
     if (!x->bytes) {
         const struct timespec most = {0, NAP_MS * 1000000};
-        if (!syscall(SYS_futex, asleep, FUTEX_WAIT, 1, &most, NULL, 0) || errno != ETIMEDOUT)
-            return WOKEN;
+        if (!syscall(SYS_futex, asleep, FUTEX_WAIT, 1, &most, NULL, 0) || errno != ETIMEDOUT) return WOKEN;
         return nap_pipe(x, 0, byte);
     }
 #endif
@@ -139,9 +138,8 @@ int32_t mailbox_answer(const unit_t *u, double *s, double *reached, int *status,
     memcpy(s + u->output, x->signals + u->input_count, (size_t)u->output_count * sizeof *s);
     *status = box->status;
     *reached = box->reached;
-    *failed = (int32_t)(box->failed < u->input_count
-                            ? u->input + box->failed
-                            : u->output + box->failed - u->input_count);
+    *failed = (int32_t)(box->failed < u->input_count ? u->input + box->failed
+                                                     : u->output + box->failed - u->input_count);
     return box->result;
 }
 
@@ -162,10 +160,7 @@ int32_t mailbox_asked(mail_end_t *x)
     return x->box->what;
 }
 
-API void engine_answer(mail_end_t *x)
-{
-    bring(x, &x->box->answered, &x->box->answered_asleep);
-}
+API void engine_answer(mail_end_t *x) { bring(x, &x->box->answered, &x->box->answered_asleep); }
 
 #else /* no FMU has a process of its own there */
 
@@ -180,8 +175,16 @@ int32_t mailbox_answer(const unit_t *u, double *s, double *reached, int *status,
     return RUN_LOST;
 }
 API void engine_ask(mail_end_t *x) { (void)x; }
-API int32_t engine_await(mail_end_t *x, double patience) { (void)x, (void)patience; return LOST_ENDED; }
-int32_t mailbox_asked(mail_end_t *x) { (void)x; return -1; }
+API int32_t engine_await(mail_end_t *x, double patience)
+{
+    (void)x, (void)patience;
+    return LOST_ENDED;
+}
+int32_t mailbox_asked(mail_end_t *x)
+{
+    (void)x;
+    return -1;
+}
 API void engine_answer(mail_end_t *x) { (void)x; }
 
 #endif

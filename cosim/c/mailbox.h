@@ -15,24 +15,24 @@ enum lost { LOST_NOT, LOST_ENDED, LOST_LATE, LOST_STOPPED };
 typedef struct {
     uint32_t asked, asked_asleep;
     int32_t what;
-    int32_t stop;               /* not 0: a step shall return as early as it can */
-    double t;                   /* s */
+    int32_t stop; /* not 0: a step shall return as early as it can */
+    double t;     /* s */
     int64_t hit, apart1[4];
     uint32_t answered, answered_asleep;
     int32_t result, status;
-    int32_t failed, apart2;     /* the signal at fault, among the shared ones */
-    double reached;             /* s */
+    int32_t failed, apart2; /* the signal at fault, among the shared ones */
+    double reached;         /* s */
     int64_t apart3[4];
 } mailbox_t;
 
 /* One side's own part of it. */
 typedef struct {
     mailbox_t *box;
-    double *signals;            /* shared: inputs, outputs, slopes */
-    unit_t *unit;               /* of the side with the FMU */
-    const int64_t *slopes;      /* of the other side: where slopes are in its signals */
-    const int32_t *stop;        /* set if it shall not wait much longer; or NULL */
-    double patience;            /* s, for a step */
+    double *signals;       /* shared: inputs, outputs, slopes */
+    unit_t *unit;          /* of the side with the FMU */
+    const int64_t *slopes; /* of the other side: where slopes are in its signals */
+    const int32_t *stop;   /* set if it shall not wait much longer; or NULL */
+    double patience;       /* s, for a step */
     int64_t n_slopes;
     uint32_t seen;              /* what it has of the other side */
     int32_t incoming, outgoing; /* pipes */

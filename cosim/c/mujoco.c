@@ -47,10 +47,8 @@ static void on_error(const char *text)
 
 static void on_warning(const char *text)
 {
-    if (stepped || listening)
-        fail(stepped ? stepped : listening, text);
-    else
-        fprintf(stderr, "MuJoCo: %s\n", text);
+    if (stepped || listening) fail(stepped ? stepped : listening, text);
+    else fprintf(stderr, "MuJoCo: %s\n", text);
 }
 
 /* Put the handlers at mju_user_error and mju_user_warning, whose addresses are given. */
@@ -74,8 +72,7 @@ static void call(void *function, const mujoco_t *x)
 static void take(const mujoco_t *x, const double *inputs)
 {
     for (int64_t i = 0; i < x->n_applied; i++) *(double *)x->applied[i] = 0.0;
-    for (int64_t i = 0; i < x->n_inputs; i++)
-        *(double *)x->targets[i] += x->gains[i] * inputs[i];
+    for (int64_t i = 0; i < x->n_inputs; i++) *(double *)x->targets[i] += x->gains[i] * inputs[i];
 }
 
 static void give(const mujoco_t *x, double *outputs)
@@ -115,4 +112,3 @@ API int32_t mujoco_step(void *instance, double t, double h, const double *inputs
     (void)t, (void)h;
     return run(x, x->substeps, inputs, outputs);
 }
-

@@ -10,18 +10,18 @@
 enum { MUJOCO_TEXT = 1024 };
 
 typedef struct {
-    void *model, *data;         /* mjModel, mjData */
-    void *advance;              /* mj_step */
-    void *evaluate;             /* mj_forward, for outputs that a step leaves old; or NULL */
-    void **applied;             /* arrays of the data that inputs add to: set to zero before */
-    void **targets;             /* where each input is added, */
-    const double *gains;        /* times this */
-    void **sources;             /* where each output is, */
-    const double *scales;       /* times this */
+    void *model, *data;   /* mjModel, mjData */
+    void *advance;        /* mj_step */
+    void *evaluate;       /* mj_forward, for outputs that a step leaves old; or NULL */
+    void **applied;       /* arrays of the data that inputs add to: set to zero before */
+    void **targets;       /* where each input is added, */
+    const double *gains;  /* times this */
+    void **sources;       /* where each output is, */
+    const double *scales; /* times this */
     int64_t n_applied, n_inputs, n_outputs;
-    int64_t substeps;           /* time steps of the scene in a step of the unit */
-    int32_t failed;             /* a step failed: the data may be in any state */
-    char text[MUJOCO_TEXT];     /* what MuJoCo said */
+    int64_t substeps;       /* time steps of the scene in a step of the unit */
+    int32_t failed;         /* a step failed: the data may be in any state */
+    char text[MUJOCO_TEXT]; /* what MuJoCo said */
 } mujoco_t;
 
 #endif

@@ -23,7 +23,8 @@ static int status_of(const start_t *s, const starting_t *x, const start_call_t *
     switch (call->form) {
     case FORM_MODE: return ((mode_t3)call->function)(x->instance);
     case FORM_SETUP2:
-        return ((setup2_t)call->function)(x->instance, call->has_tolerance, call->tolerance, s->begin, 0, 0.0);
+        return ((setup2_t)call->function)(x->instance, call->has_tolerance, call->tolerance, s->begin, 0,
+                                          0.0);
     case FORM_ENTER3:
         return ((enter3_t)call->function)(x->instance, call->has_tolerance != 0, call->tolerance, s->begin, 0,
                                           0.0);

@@ -122,17 +122,14 @@ INLINE int64_t ticks_up(const table_t *t, double T)
     return (int64_t)ticks + (ticks > (double)(int64_t)ticks);
 }
 
-INLINE int64_t floor_of(int64_t a, int64_t b)
-{
-    return a / b - (a % b < 0);
-}
+INLINE int64_t floor_of(int64_t a, int64_t b) { return a / b - (a % b < 0); }
 
 /* ---- rules --------------------------------------------------------------------------------------- */
 
 static void signal_rows(table_t *t, int32_t *rows, int64_t n)
 {
     const int64_t n_s = t->n_s, n_r = t->n_r, each = n_r / n_s;
-    const int together = n_r % n_s == 0; /* the receiver reads when the sender sends */
+    const int together = n_r % n_s == 0;            /* the receiver reads when the sender sends */
     const int holds = !t->delays && !(t->lost > 0); /* a draw stays until the next one is due */
     const double half = 0.5 * (double)n_s + TOLERANCE;
     int64_t K = n_r * t->row, newest = K / n_s, i = 0;

@@ -15,28 +15,28 @@ typedef struct {
 
 /* A sample on its way. */
 typedef struct {
-    int64_t arrival;        /* ticks */
+    int64_t arrival; /* ticks */
     int64_t sample;
 } packet_t;
 
 /* A table, and how far it is drawn. If `delays` is not NULL, they are taken and none are drawn. */
 typedef struct {
-    double low, width, high;    /* s: a draw is min(low + width u, high), u ~ U[0, 1) */
-    int64_t draws, samples;     /* so many draws in so many samples; 0 in 1: one for all */
-    double lost;                /* the probability that a packet is lost */
-    double h;                   /* s, base step */
-    int64_t n_s, n_r;           /* ticks, periods of sender and receiver */
-    int64_t buffer;             /* ticks, of RULE_PLAYOUT */
+    double low, width, high; /* s: a draw is min(low + width u, high), u ~ U[0, 1) */
+    int64_t draws, samples;  /* so many draws in so many samples; 0 in 1: one for all */
+    double lost;             /* the probability that a packet is lost */
+    double h;                /* s, base step */
+    int64_t n_s, n_r;        /* ticks, periods of sender and receiver */
+    int64_t buffer;          /* ticks, of RULE_PLAYOUT */
     int32_t rule, reserved;
-    pcg_t delay, loss;          /* the generators of delays and losses */
-    double drawn, played;       /* s: the last draw; the delay of the sample that is played */
-    int64_t rest;               /* rest/samples draws, rounded down, are made for the next sample */
-    int64_t row, sent, held;    /* the next row, the next sample; what is held */
-    int64_t arrived;            /* tick at which the last packet arrives, of RULE_FIFO */
-    packet_t *pending;          /* capacity */
+    pcg_t delay, loss;       /* the generators of delays and losses */
+    double drawn, played;    /* s: the last draw; the delay of the sample that is played */
+    int64_t rest;            /* rest/samples draws, rounded down, are made for the next sample */
+    int64_t row, sent, held; /* the next row, the next sample; what is held */
+    int64_t arrived;         /* tick at which the last packet arrives, of RULE_FIFO */
+    packet_t *pending;       /* capacity */
     int64_t n_pending, capacity;
-    const double *delays;       /* s, of the next samples; NULL: they are drawn */
-    int32_t *rows;              /* n: what is asked for */
+    const double *delays; /* s, of the next samples; NULL: they are drawn */
+    int32_t *rows;        /* n: what is asked for */
     int64_t n;
 } table_t;
 
@@ -52,14 +52,14 @@ API int64_t tables_rows(table_t *tables, int64_t n_tables);
  * time that both periods are multiples of. */
 typedef struct {
     int64_t n_s, n_r;
-    int64_t row;                /* the next row */
-    int64_t held, backwards;    /* rows that hold the same as the row before, or an older sample */
-    int64_t waiting, used;      /* rows that hold nothing; samples that a row held */
-    int64_t newest, before;     /* samples: the newest held, the last held; -1: none */
-    int64_t *counts, n_counts;  /* rows by age; the ages of rows to come are below n_counts */
-    int32_t *seen;              /* by the last bits of a sample: the last one that was held, or -1 */
-    int64_t last;               /* the mask of these bits */
-    const int32_t *rows;        /* n: to be counted */
+    int64_t row;               /* the next row */
+    int64_t held, backwards;   /* rows that hold the same as the row before, or an older sample */
+    int64_t waiting, used;     /* rows that hold nothing; samples that a row held */
+    int64_t newest, before;    /* samples: the newest held, the last held; -1: none */
+    int64_t *counts, n_counts; /* rows by age; the ages of rows to come are below n_counts */
+    int32_t *seen;             /* by the last bits of a sample: the last one that was held, or -1 */
+    int64_t last;              /* the mask of these bits */
+    const int32_t *rows;       /* n: to be counted */
     int64_t n;
 } ages_t;
 

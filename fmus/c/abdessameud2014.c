@@ -7,7 +7,8 @@
 #define DYNAMIC_REFERENCE 1
 #include "static_feedback.h"
 
-static void refer(const Model *x, Law *y) {
+static void refer(const Model *x, Law *y)
+{
     for (int i = 0; i < COUNT(x, JOINTS); i++) {
         y->z[i] = x->z_next[i];
         y->dz[i] = -x->k_d * y->z[i] - x->k_p * MEAN_DISAGREEMENT(x->q[i], q_j, i);

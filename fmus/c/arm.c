@@ -16,11 +16,13 @@
 
 static const char NO_INERTIA[] = "a joint moves no inertia; mass or armature is needed";
 static const char TOO_STIFF[] =
-    "damping, friction / v_f, k_s or b_s of a joint are too great for its inertia: more than 1000 steps of the"
+    "damping, friction / v_f, k_s or b_s of a joint are too great for its inertia: more than 1000 steps of "
+    "the"
     " integrator in a step; a greater v_f or armature, or a shorter step is needed";
 
 /* tau_f - tau_s, friction and stops. */
-static inline Real losses(const Model *x, int i, Real q, Real dq) {
+static inline Real losses(const Model *x, int i, Real q, Real dq)
+{
     Real torque = x->damping[i] * dq;
     const Truth rubs = x->friction[i] > 0.0;
     if (ANY(rubs)) {
@@ -33,17 +35,17 @@ static inline Real losses(const Model *x, int i, Real q, Real dq) {
 }
 
 /* ddq, rad/s^2, where `torque` = tau + tau_ext. Returns whether every joint moves an inertia. */
-static inline Truth acceleration(const Model *x, const Real *torque, const Real *q,
-                               const Real *dq, Real *ddq) {
+static inline Truth acceleration(const Model *x, const Real *torque, const Real *q, const Real *dq, Real *ddq)
+{
     const Chain chain = CHAIN_OF(x);
     Real sum[JOINTS];
     for (int i = 0; i < COUNT(x, JOINTS); i++)
-        sum[i] = torque[i] + hand(x, i, q[i], dq[i]) - wall(x, i, q[i], dq[i]) -
-                 losses(x, i, q[i], dq[i]);
+        sum[i] = torque[i] + hand(x, i, q[i], dq[i]) - wall(x, i, q[i], dq[i]) - losses(x, i, q[i], dq[i]);
     return chain_forward(&chain, q, dq, sum, ddq);
 }
 
-static inline Real root(Real x) {
+static inline Real root(Real x)
+{
 #if TOGETHER == 1
     return x > 0.0 ? square_root(x) : 0.0;
 #else
@@ -53,7 +55,8 @@ static inline Real root(Real x) {
 
 /* Steps of the method in h that damping d and stiffness k over inertia need, 1/s and 1/s^2: no rate is
  * faster than (d + sqrt(d^2 + 4 k)) / 2. */
-static inline Real steps_for(const Model *x, Real d, Real k, double h) {
+static inline Real steps_for(const Model *x, Real d, Real k, double h)
+{
     const Real steps = 0.5 * (d + root(d * d + 4.0 * k)) * h / BEARABLE;
 #if TOGETHER == 1
     return whole(steps, x->substeps);
@@ -66,7 +69,8 @@ static inline Real steps_for(const Model *x, Real d, Real k, double h) {
 
 /* Steps of the method in h in which friction and stops are stable: at least `substeps`. With the inertia M
  * at q, no rate is greater than the trace of M^-1 diag(gain); the rotors alone bound it, too. */
-static inline Real steps_in(const Model *x, const Real *q, double h) {
+static inline Real steps_in(const Model *x, const Real *q, double h)
+{
     static const Real none[JOINTS];
     Chain still = CHAIN_OF(x);
     Real gain[JOINTS], slow = {0.0}, stiff = {0.0}, d = {0.0}, k = {0.0};
@@ -94,9 +98,10 @@ static inline Real steps_in(const Model *x, const Real *q, double h) {
 }
 
 /* One step h of the classical method, in place. Returns whether every joint moves an inertia. */
-static inline Truth runge_kutta(const Model *x, const Real *torque, Real h, Real *q, Real *dq) {
+static inline Truth runge_kutta(const Model *x, const Real *torque, Real h, Real *q, Real *dq)
+{
     static const double node[4] = {0.0, 0.5, 0.5, 1.0}, weight[4] = {1.0, 2.0, 2.0, 1.0};
-    Real v[JOINTS], a[JOINTS], p[JOINTS];           /* of this stage; v is the rate of p */
+    Real v[JOINTS], a[JOINTS], p[JOINTS]; /* of this stage; v is the rate of p */
     Real sum_v[JOINTS] = {0}, sum_a[JOINTS] = {0};
     Truth positive = ALWAYS;
     for (int stage = 0; stage < 4; stage++) {
@@ -118,7 +123,8 @@ static inline Truth runge_kutta(const Model *x, const Real *torque, Real h, Real
 }
 
 #if TOGETHER == 1
-const char *model_initial(Model *x) {
+const char *model_initial(Model *x)
+{
     static const double still[JOINTS] = {0.0};
     const Chain chain = CHAIN_OF(x);
     const char *problem = chain_problem(&chain);
@@ -135,7 +141,8 @@ const char *model_initial(Model *x) {
 }
 
 #ifdef EXCHANGE
-const char *model_rates(Model *x) {
+const char *model_rates(Model *x)
+{
     double torque[JOINTS];
     for (int i = 0; i < COUNT(x, JOINTS); i++) torque[i] = x->tau[i] + x->tau_ext[i];
     const int positive = acceleration(x, torque, x->q, x->dq, x->ddq);
@@ -147,7 +154,8 @@ const char *model_rates(Model *x) {
 
 /* Steps of the method over h, in place; those instances of several that need fewer wait for the others.
  * Returns whether every joint moves an inertia. */
-static inline Truth integrate(const Model *x, const Real *torque, Real steps, double h, Real *q, Real *dq) {
+static inline Truth integrate(const Model *x, const Real *torque, Real steps, double h, Real *q, Real *dq)
+{
     Truth positive = ALWAYS;
     for (int n = 0; ANY(steps > (double)n); n++) {
         const Truth goes = steps > (double)n;
@@ -162,7 +170,8 @@ static inline Truth integrate(const Model *x, const Real *torque, Real steps, do
     return positive;
 }
 
-const char *model_step(Model *x, double t, double h) {
+const char *model_step(Model *x, double t, double h)
+{
     Real torque[JOINTS], q[JOINTS], dq[JOINTS];
     (void)t; /* the arm does not depend on time */
     for (int i = 0; i < COUNT(x, JOINTS); i++) {
@@ -173,6 +182,7 @@ const char *model_step(Model *x, double t, double h) {
     const Real steps = steps_in(x, q, h);
     if (ANY(steps < 0.0)) return TOO_STIFF;
     const Truth positive = integrate(x, torque, steps, h, q, dq);
-    if (!ALL(positive) && all_finite(q, COUNT(x, JOINTS)) && all_finite(dq, COUNT(x, JOINTS))) return NO_INERTIA;
+    if (!ALL(positive) && all_finite(q, COUNT(x, JOINTS)) && all_finite(dq, COUNT(x, JOINTS)))
+        return NO_INERTIA;
     return arrive(x, q, dq);
 }

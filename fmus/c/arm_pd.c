@@ -9,7 +9,8 @@
 
 enum { JOINTS = ENTRIES(q) };
 
-static const char *give(Model *x) {
+static const char *give(Model *x)
+{
     const Chain chain = CHAIN_OF(x);
     Pose pose[CHAIN_MOST];
     double g[CHAIN_MOST], tau[JOINTS];
@@ -18,20 +19,21 @@ static const char *give(Model *x) {
     for (int i = 0; i < COUNT(x, JOINTS); i++) {
         double friction = x->F_v[i] * x->dq[i] + x->F_o[i];
         if (x->F_c[i] > 0.0) friction += x->F_c[i] * hyperbolic_tangent(x->dq[i] / x->v_c[i]);
-        const double spring =
-            x->K_p[i] * (x->q_j[i] - x->q[i]) + x->K_d[i] * (x->dq_j[i] - x->dq[i]);
+        const double spring = x->K_p[i] * (x->q_j[i] - x->q[i]) + x->K_d[i] * (x->dq_j[i] - x->dq[i]);
         tau[i] = limited(spring + g[i] + friction, x->tau_max[i]);
     }
     return give_torques(tau, x->tau, COUNT(x, JOINTS));
 }
 
-const char *model_initial(Model *x) {
+const char *model_initial(Model *x)
+{
     const Chain chain = CHAIN_OF(x);
     const char *problem = chain_problem(&chain);
     return problem ? problem : give(x);
 }
 
-const char *model_step(Model *x, double t, double h) {
+const char *model_step(Model *x, double t, double h)
+{
     (void)t, (void)h; /* no state */
     return give(x);
 }

@@ -31,25 +31,28 @@ typedef double Square[STATES][STATES];
 static inline int has(const Model *x, int c) { return x->lacks[c] == 0.0; }
 
 /* `row` = F times the rows of a (3, CHAIN_MOST). */
-static inline void combined(const double F[3], double a[][CHAIN_MOST], double *row) {
+static inline void combined(const double F[3], double a[][CHAIN_MOST], double *row)
+{
     for (int i = 0; i < JOINTS; i++) row[i] = F[0] * a[0][i] + F[1] * a[1][i] + F[2] * a[2][i];
 }
 
-static inline double along(const double *row, const double *joints) {
+static inline double along(const double *row, const double *joints)
+{
     double sum = 0.0;
     for (int i = 0; i < JOINTS; i++) sum += row[i] * joints[i];
     return sum;
 }
 
-static inline double along_states(const double *row, const double *states) {
+static inline double along_states(const double *row, const double *states)
+{
     double sum = 0.0;
     for (int c = 0; c < STATES; c++) sum += row[c] * states[c];
     return sum;
 }
 
 /* x and the rows of J, dJ of the tip. */
-static inline void coordinates(const Model *x, const Chain *chain, const Pose *pose, Law *y,
-                               Rows *rows) {
+static inline void coordinates(const Model *x, const Chain *chain, const Pose *pose, Law *y, Rows *rows)
+{
     Tip at;
     chain_tip(chain, pose, x->tip, x->dq, &at);
     const double place[3] = {at.p[0] - x->x_0[0], at.p[1] - x->x_0[1], at.p[2] - x->x_0[2]};
@@ -82,19 +85,20 @@ static inline void coordinates(const Model *x, const Chain *chain, const Pose *p
 }
 
 /* A = J J^T, with 1 in the place of coordinates that are missing, and its rate. */
-static inline void gram(const Model *x, const Rows *rows, Square A, Square dA) {
+static inline void gram(const Model *x, const Rows *rows, Square A, Square dA)
+{
     for (int c = 0; c < STATES; c++)
         for (int d = 0; d <= c; d++) {
             A[c][d] = A[d][c] = along(rows->J[c], rows->J[d]);
-            dA[c][d] = dA[d][c] =
-                along(rows->dJ[c], rows->J[d]) + along(rows->J[c], rows->dJ[d]);
+            dA[c][d] = dA[d][c] = along(rows->dJ[c], rows->J[d]) + along(rows->J[c], rows->dJ[d]);
         }
     for (int c = 0; c < STATES; c++)
         if (!has(x, c)) A[c][c] = 1.0;
 }
 
 /* B = (A + shift)^-1 of a symmetric A with a positive result, by elimination without pivots. */
-static inline void inverse_of(Square A, double shift, Square B) {
+static inline void inverse_of(Square A, double shift, Square B)
+{
     for (int c = 0; c < STATES; c++)
         for (int d = 0; d < STATES; d++) B[c][d] = A[c][d] + (c == d ? shift : 0.0);
     for (int k = 0; k < STATES; k++) {
@@ -111,7 +115,8 @@ static inline void inverse_of(Square A, double shift, Square B) {
 }
 
 /* mu^2 and its rate; `sigma` is set to (sum of 1/sigma_k^2)^(-1/2) over the singular values of J. */
-static inline double damping_of(const Model *x, Square A, Square dA, double *sigma, double *rate) {
+static inline double damping_of(const Model *x, Square A, Square dA, double *sigma, double *rate)
+{
     const double limit = x->sigma_0 * x->sigma_0;
     Square B;
     double sum = 0.0, sum_rate = 0.0;
@@ -133,7 +138,8 @@ static inline double damping_of(const Model *x, Square A, Square dA, double *sig
 }
 
 /* psi of joint i, rad/s, and its rate: towards the posture q_n, and away from the limits. */
-static inline double wished(const Model *x, int i, double *rate) {
+static inline double wished(const Model *x, int i, double *rate)
+{
     const double above = x->q[i] - (x->q_max[i] - x->margin[i]);
     const double below = x->q_min[i] + x->margin[i] - x->q[i];
     const double over = above > 0.0 ? above : 0.0, under = below > 0.0 ? below : 0.0;
@@ -146,7 +152,8 @@ static inline double wished(const Model *x, int i, double *rate) {
 }
 
 /* v and a of z and dz: v = psi + J^T k with (J J^T + mu^2) k = z / SCALE - J psi. */
-static inline void joint_reference(const Model *x, const Rows *rows, const double *z, Law *y) {
+static inline void joint_reference(const Model *x, const Rows *rows, const double *z, Law *y)
+{
     double psi[JOINTS], dpsi[JOINTS], wanted[STATES], rate[STATES], k[STATES], dk[STATES], mu2_rate;
     Square A, dA, B;
     for (int i = 0; i < JOINTS; i++) psi[i] = wished(x, i, &dpsi[i]);
@@ -169,15 +176,14 @@ static inline void joint_reference(const Model *x, const Rows *rows, const doubl
     }
 }
 
-static inline void refer(const Model *x, const Chain *chain, const Pose *pose, const double *z,
-                         Law *y) {
+static inline void refer(const Model *x, const Chain *chain, const Pose *pose, const double *z, Law *y)
+{
     Rows rows;
     coordinates(x, chain, pose, y, &rows);
     for (int c = 0; c < STATES; c++) {
         const double dx = SCALE(x, c) * along(rows.J[c], x->dq);
         y->xi[c] = dx + x->alpha * y->x[c];
-        y->dz[c] = -x->alpha * dx + x->lambda_M * (dx - z[c]) -
-                   (has(x, c) ? coupling(x, c, y->xi[c]) : 0.0);
+        y->dz[c] = -x->alpha * dx + x->lambda_M * (dx - z[c]) - (has(x, c) ? coupling(x, c, y->xi[c]) : 0.0);
     }
     joint_reference(x, &rows, z, y);
     for (int i = 0; i < JOINTS; i++) {
@@ -185,19 +191,20 @@ static inline void refer(const Model *x, const Chain *chain, const Pose *pose, c
         y->feedback[i] = x->K[i] * y->s[i];
     }
     for (int c = 0; c < STATES; c++) {
-        const double force =
-            SCALE(x, c) * SCALE(x, c) * x->K_x[c] * along(rows.J[c], y->s);
+        const double force = SCALE(x, c) * SCALE(x, c) * x->K_x[c] * along(rows.J[c], y->s);
         for (int i = 0; i < JOINTS; i++) y->feedback[i] += rows.J[c][i] * force;
     }
 }
 
 /* What a model with a task gives besides. */
-static inline void give_task(Model *x, const Law *y) {
+static inline void give_task(Model *x, const Law *y)
+{
     for (int c = 0; c < STATES; c++) x->x[c] = y->x[c];
     x->sigma = y->sigma;
 }
 
-static inline const char *task_problem(const Model *x) {
+static inline const char *task_problem(const Model *x)
+{
     int any = 0;
     for (int c = 0; c < STATES; c++) any |= has(x, c);
     if (!any) return "the arm lacks every coordinate";
@@ -208,7 +215,8 @@ static inline const char *task_problem(const Model *x) {
 }
 
 /* What is computed once: the orientation in the posture q_0, which has the turn 0. */
-static inline void begin_task(Model *x) {
+static inline void begin_task(Model *x)
+{
 #if TURN
     const Chain chain = CHAIN_OF(x);
     Pose pose[CHAIN_MOST];

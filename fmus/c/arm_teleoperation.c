@@ -41,8 +41,8 @@ typedef struct {
 #if TASK
 #include "arm_task.h"
 #else
-static inline void refer(const Model *x, const Chain *chain, const Pose *pose, const Real *z,
-                         Law *y) {
+static inline void refer(const Model *x, const Chain *chain, const Pose *pose, const Real *z, Law *y)
+{
     (void)chain, (void)pose;
     for (int i = 0; i < COUNT(x, JOINTS); i++) {
         y->xi[i] = x->dq[i] + x->alpha * x->q[i];
@@ -59,7 +59,8 @@ static inline void begin_task(Model *x) { (void)x; }
 #endif
 
 /* The law as of t_k, with the state z, theta_hat. */
-static inline void law(const Model *x, const Real *z, const Real *theta_hat, Law *y) {
+static inline void law(const Model *x, const Real *z, const Real *theta_hat, Law *y)
+{
     const Chain chain = CHAIN_OF(x);
     const Truth inertial = x->lambda_c > 0.0; /* Remark 3: K = lambda_c M_hat, inside Y */
     Pose pose[CHAIN_MOST];
@@ -78,12 +79,15 @@ static inline void law(const Model *x, const Real *z, const Real *theta_hat, Law
     y->stale = any_stale(x);
 }
 
-static inline int finite_law(const Model *x, const Law *y) {
-    return all_finite(y->tau, COUNT(x, JOINTS)) && all_finite(y->xi, STATES_OF(x)) && all_finite(y->s, COUNT(x, JOINTS)) &&
-           all_finite(y->dz, STATES_OF(x)) && all_finite(y->Ys, 10 * COUNT(x, JOINTS));
+static inline int finite_law(const Model *x, const Law *y)
+{
+    return all_finite(y->tau, COUNT(x, JOINTS)) && all_finite(y->xi, STATES_OF(x)) &&
+           all_finite(y->s, COUNT(x, JOINTS)) && all_finite(y->dz, STATES_OF(x)) &&
+           all_finite(y->Ys, 10 * COUNT(x, JOINTS));
 }
 
-static inline void give(Model *x, const Law *y) {
+static inline void give(Model *x, const Law *y)
+{
     for (int i = 0; i < COUNT(x, JOINTS); i++) {
         x->tau[i] = y->tau[i];
         x->s[i] = y->s[i];
@@ -94,19 +98,18 @@ static inline void give(Model *x, const Law *y) {
 
 #if TOGETHER == 1
 /* Checks of values that depend on several variables, which a minimum or maximum cannot express. */
-static inline const char *check(const Model *x) {
+static inline const char *check(const Model *x)
+{
     const Chain chain = CHAIN_OF(x);
     const char *problem = chain_problem(&chain);
     if (problem) return problem;
     if (task_problem(x)) return task_problem(x);
     for (int i = 0; i < COUNT(x, JOINTS); i++)
         for (int k = 0; k < 10; k++)
-            if (!(x->theta_min[i][k] <= x->theta_hat[i][k] &&
-                  x->theta_hat[i][k] <= x->theta_max[i][k]))
+            if (!(x->theta_min[i][k] <= x->theta_hat[i][k] && x->theta_hat[i][k] <= x->theta_max[i][k]))
                 return "theta_hat starts outside of theta_min ... theta_max";
 #if NETWORKED
-    if (!(x->alpha > 0.0))
-        return "alpha must be more than 0 with neighbours: positions would not agree";
+    if (!(x->alpha > 0.0)) return "alpha must be more than 0 with neighbours: positions would not agree";
 #endif
     for (int i = 0; i < COUNT(x, JOINTS); i++)
         if (x->natural > 0.0 && !(x->theta_hat[i][0] > 0.0 && is_body(x->theta_hat[i])))
@@ -115,7 +118,8 @@ static inline const char *check(const Model *x) {
     return NULL;
 }
 
-const char *model_initial(Model *x) {
+const char *model_initial(Model *x)
+{
     Law y;
     const char *why = check(x);
     if (why != NULL) return why;
@@ -131,7 +135,8 @@ const char *model_initial(Model *x) {
 #endif
 
 /* Take over theta_hat of link i for t_k, and compute the one for t_k + h. */
-static inline void adapt_link(Model *x, int i, const Real *Ys, Real h) {
+static inline void adapt_link(Model *x, int i, const Real *Ys, Real h)
+{
     Real *next = x->theta_hat_next[i], moved[10];
     const Truth natural = x->natural > 0.0;
     for (int k = 0; k < 10; k++) {
@@ -144,7 +149,8 @@ static inline void adapt_link(Model *x, int i, const Real *Ys, Real h) {
         next[k] = clipped(PICK(natural, moved[k], next[k]), x->theta_min[i][k], x->theta_max[i][k]);
 }
 
-const char *model_step(Model *x, double t, double h) {
+const char *model_step(Model *x, double t, double h)
+{
     Law y;
     (void)t; /* the law does not depend on time */
     law(x, x->z_next, x->theta_hat_next[0], &y);

@@ -10,11 +10,10 @@
 
 enum { JOINTS = ENTRIES(q) };
 
-static double dot(const double a[3], const double b[3]) {
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-}
+static double dot(const double a[3], const double b[3]) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
 
-static const char *give(Model *x) {
+static const char *give(Model *x)
+{
     const Chain chain = CHAIN_OF(x);
     Pose pose[CHAIN_MOST];
     Tip at;
@@ -32,8 +31,7 @@ static const char *give(Model *x) {
         tau[i] = 0.0;
         for (int k = 0; k < 3; k++) tau[i] += at.J[k][i] * (f_h[k] - f_e[k]);
     }
-    if (!all_finite(tau, JOINTS) || !all_finite(at.p, 3) || !all_finite(f_h, 3) ||
-        !all_finite(f_e, 3))
+    if (!all_finite(tau, JOINTS) || !all_finite(at.p, 3) || !all_finite(f_h, 3) || !all_finite(f_e, 3))
         return "the torque left the range of numbers (|q| <= 1e6 rad)";
     for (int i = 0; i < JOINTS; i++) x->tau_ext[i] = tau[i];
     for (int k = 0; k < 3; k++) {
@@ -44,13 +42,15 @@ static const char *give(Model *x) {
     return NULL;
 }
 
-const char *model_initial(Model *x) {
+const char *model_initial(Model *x)
+{
     const Chain chain = CHAIN_OF(x);
     const char *problem = chain_problem(&chain);
     return problem ? problem : give(x);
 }
 
-const char *model_step(Model *x, double t, double h) {
+const char *model_step(Model *x, double t, double h)
+{
     (void)t, (void)h; /* no state */
     return give(x);
 }

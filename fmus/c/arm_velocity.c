@@ -23,7 +23,8 @@ typedef struct {
 } Law;
 
 /* The rows of Y, row i from link i on. */
-static void rows(const Model *x, Law *y) {
+static void rows(const Model *x, Law *y)
+{
     const Chain chain = CHAIN_OF(x);
     Pose pose[CHAIN_MOST];
     LinkMotion base = {{0.0}, {0.0}, {0.0}, {0.0}}, motion[JOINTS];
@@ -31,8 +32,7 @@ static void rows(const Model *x, Law *y) {
     chain_pose(&chain, x->q, pose);
     if (x->gravity == ADAPTED) base_acceleration(&chain, base.a);
     for (int j = 0; j < JOINTS; j++)
-        link_motion(&chain, pose, j, j ? &motion[j - 1] : &base, x->dq, x->z_next, y->dz, &motion[j],
-                    b[j]);
+        link_motion(&chain, pose, j, j ? &motion[j - 1] : &base, x->dq, x->z_next, y->dz, &motion[j], b[j]);
     for (int i = 0; i < JOINTS; i++) {
         double sigma[6] = {0.0}, here[6];
         sigma[axis_of(&chain, i)] = 1.0;
@@ -48,7 +48,8 @@ static void rows(const Model *x, Law *y) {
 }
 
 /* The law as of t_k, with the states of the next step, which t_k is. */
-static void law(const Model *x, Law *y) {
+static void law(const Model *x, Law *y)
+{
     for (int i = 0; i < JOINTS; i++) {
         y->xi[i] = x->dq[i] + x->alpha * x->q[i];
         y->s[i] = x->dq[i] - x->z_next[i];
@@ -65,7 +66,8 @@ static void law(const Model *x, Law *y) {
 }
 
 /* Whether the estimates may change: no limit acts, and nothing that is received is old. */
-static int may_adapt(const Model *x, const Law *y) {
+static int may_adapt(const Model *x, const Law *y)
+{
     int may = !any_stale(x);
     for (int i = 0; i < JOINTS; i++)
         may &= x->clamped[i] == 0.0 && limited(y->dq_c[i], x->v_max[i]) == y->dq_c[i];
@@ -73,7 +75,8 @@ static int may_adapt(const Model *x, const Law *y) {
 }
 
 /* Take over the estimates of joint i for t_k, and compute those for t_k + h. */
-static void adapt(Model *x, int i, const Law *y, double h) {
+static void adapt(Model *x, int i, const Law *y, double h)
+{
     const double s = y->s[i], row = x->Gamma_row[i] * s;
     for (int j = 0; j < JOINTS; j++)
         for (int k = 0; k < 10; k++) {
@@ -85,12 +88,12 @@ static void adapt(Model *x, int i, const Law *y, double h) {
     x->own_hat_next[i][1] -= h * x->Gamma_own[i][1] * x->z[i] * s;
 }
 
-const char *model_initial(Model *x) {
+const char *model_initial(Model *x)
+{
     const Chain chain = CHAIN_OF(x);
     const char *problem = chain_problem(&chain);
     if (problem) return problem;
-    if (!(x->alpha > 0.0))
-        return "alpha must be more than 0 with neighbours: positions would not agree";
+    if (!(x->alpha > 0.0)) return "alpha must be more than 0 with neighbours: positions would not agree";
     if (x->gravity != NO_GRAVITY && x->gravity != ADAPTED)
         return "gravity must be 0 or 2: a torque against it cannot be commanded";
     for (int i = 0; i < JOINTS; i++) {
@@ -104,7 +107,8 @@ const char *model_initial(Model *x) {
     return all_finite(x->xi, JOINTS) && all_finite(x->s, JOINTS) ? NULL : LAW_DIVERGED;
 }
 
-const char *model_step(Model *x, double t, double h) {
+const char *model_step(Model *x, double t, double h)
+{
     Law y;
     (void)t; /* the law does not depend on time */
     law(x, &y);

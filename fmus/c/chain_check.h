@@ -7,18 +7,17 @@
 #if TOGETHER == 1
 
 /* One message per link: a kernel has no memory to compose a message in. */
-#define OF_EACH_LINK(text)                                                                     \
-    {                                                                                          \
-        "link 0: " text, "link 1: " text, "link 2: " text, "link 3: " text, "link 4: " text,   \
-            "link 5: " text, "link 6: " text, "link 7: " text, "link 8: " text,                \
-            "link 9: " text, "link 10: " text, "link 11: " text, "link 12: " text,             \
-            "link 13: " text, "link 14: " text, "link 15: " text                               \
-    }
+#define OF_EACH_LINK(text)                                                   \
+    {"link 0: " text,  "link 1: " text,  "link 2: " text,  "link 3: " text,  \
+     "link 4: " text,  "link 5: " text,  "link 6: " text,  "link 7: " text,  \
+     "link 8: " text,  "link 9: " text,  "link 10: " text, "link 11: " text, \
+     "link 12: " text, "link 13: " text, "link 14: " text, "link 15: " text}
 
 static inline double determinant(double a, double b, double c, double d) { return a * d - b * c; }
 
 /* Whether R (row-major) is a rotation, to 1e-6. */
-static inline int is_rotation(const double R[9]) {
+static inline int is_rotation(const double R[9])
+{
     int good = 1;
     for (int i = 0; i < 3; i++)
         for (int k = 0; k < 3; k++) {
@@ -35,7 +34,8 @@ static inline int is_rotation(const double R[9]) {
  * positive semidefinite, which is the triangle inequality of the principal moments; or all are 0.
  * All principal minors of Sigma, divided by its trace, may miss 0 by the rounding of a table.
  */
-static inline int is_body(const double theta[10]) {
+static inline int is_body(const double theta[10])
+{
     const double m = theta[0], *mc = theta + 1, *I = theta + 4, rounding = -1e-9;
     int empty = 1;
     for (int k = 1; k < 10; k++) empty &= theta[k] == 0.0;
@@ -56,9 +56,9 @@ static inline int is_body(const double theta[10]) {
 }
 
 /* NULL, or a message that names the first link of the table that is physically impossible. */
-static inline const char *chain_problem(const Chain *chain) {
-    static const char *const no_rotation[CHAIN_MOST] =
-        OF_EACH_LINK("`rotation` is not a rotation matrix");
+static inline const char *chain_problem(const Chain *chain)
+{
+    static const char *const no_rotation[CHAIN_MOST] = OF_EACH_LINK("`rotation` is not a rotation matrix");
     static const char *const no_body[CHAIN_MOST] =
         OF_EACH_LINK("no body has this `inertia`: mass >= 0, and no principal moment about the"
                      " centre of mass negative or greater than the sum of the other two");

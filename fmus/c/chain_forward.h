@@ -16,7 +16,8 @@ typedef struct {
     Real A[6], B[9], M[6];
 } Articulated;
 
-static inline Articulated articulated(const Real theta[10]) {
+static inline Articulated articulated(const Real theta[10])
+{
     const Real m = theta[0], *mc = theta + 1, *I = theta + 4, none = REAL(0.0);
     const Articulated of = {{I[0], I[1], I[3], I[2], I[4], I[5]},
                             {none, -mc[2], mc[1], mc[2], none, -mc[0], -mc[1], mc[0], none},
@@ -25,7 +26,8 @@ static inline Articulated articulated(const Real theta[10]) {
 }
 
 /* f += inertia a. */
-static inline void add_product(const Articulated *of, const Real a[6], Real f[6]) {
+static inline void add_product(const Articulated *of, const Real a[6], Real f[6])
+{
     const Real *A = of->A, *B = of->B, *M = of->M, *w = a, *u = a + 3;
     f[0] += A[0] * w[0] + A[1] * w[1] + A[2] * w[2] + B[0] * u[0] + B[1] * u[1] + B[2] * u[2];
     f[1] += A[1] * w[0] + A[3] * w[1] + A[4] * w[2] + B[3] * u[0] + B[4] * u[1] + B[5] * u[2];
@@ -36,7 +38,8 @@ static inline void add_product(const Articulated *of, const Real a[6], Real f[6]
 }
 
 /* U = inertia S, for the axis S of the joint: a column. */
-static inline void column(const Articulated *of, int axis, Real U[6]) {
+static inline void column(const Articulated *of, int axis, Real U[6])
+{
     const Real *A = of->A, *B = of->B, *M = of->M;
     const Real about[6] = {A[2], A[4], A[5], B[6], B[7], B[8]};
     const Real along[6] = {B[2], B[5], B[8], M[2], M[4], M[5]};
@@ -44,7 +47,8 @@ static inline void column(const Articulated *of, int axis, Real U[6]) {
 }
 
 /* inertia -= U U^T / D. */
-static inline void subtract_square(Articulated *of, const Real U[6], Real inverse_D) {
+static inline void subtract_square(Articulated *of, const Real U[6], Real inverse_D)
+{
     Real s[6];
     UNROLLED for (int k = 0; k < 6; k++) s[k] = U[k] * inverse_D;
     Real *A = of->A, *B = of->B, *M = of->M;
@@ -54,7 +58,8 @@ static inline void subtract_square(Articulated *of, const Real U[6], Real invers
     A[3] -= U[1] * s[1];
     A[4] -= U[1] * s[2];
     A[5] -= U[2] * s[2];
-    UNROLLED for (int k = 0; k < 3; k++) {
+    UNROLLED for (int k = 0; k < 3; k++)
+    {
         B[3 * k] -= U[k] * s[3];
         B[3 * k + 1] -= U[k] * s[4];
         B[3 * k + 2] -= U[k] * s[5];
@@ -68,9 +73,11 @@ static inline void subtract_square(Articulated *of, const Real U[6], Real invers
 }
 
 /* T = R S R^T for a symmetric S, both as xx xy xz yy yz zz. */
-static inline void turn_symmetric(const Real R[9], const Real S[6], Real T[6]) {
+static inline void turn_symmetric(const Real R[9], const Real S[6], Real T[6])
+{
     Real P[9]; /* R S */
-    UNROLLED for (int k = 0; k < 3; k++) {
+    UNROLLED for (int k = 0; k < 3; k++)
+    {
         const Real *row = R + 3 * k;
         P[3 * k] = row[0] * S[0] + row[1] * S[1] + row[2] * S[2];
         P[3 * k + 1] = row[0] * S[1] + row[1] * S[3] + row[2] * S[4];
@@ -85,9 +92,11 @@ static inline void turn_symmetric(const Real R[9], const Real S[6], Real T[6]) {
 }
 
 /* T = R B R^T. */
-static inline void turn(const Real R[9], const Real B[9], Real T[9]) {
+static inline void turn(const Real R[9], const Real B[9], Real T[9])
+{
     Real P[9]; /* R B */
-    UNROLLED for (int k = 0; k < 3; k++) {
+    UNROLLED for (int k = 0; k < 3; k++)
+    {
         const Real *row = R + 3 * k;
         P[3 * k] = row[0] * B[0] + row[1] * B[3] + row[2] * B[6];
         P[3 * k + 1] = row[0] * B[1] + row[1] * B[4] + row[2] * B[7];
@@ -101,14 +110,16 @@ static inline void turn(const Real R[9], const Real B[9], Real T[9]) {
  * Turned by R it is [A B; B^T M]; at a distance r, [A - B [r] + [r] B_p^T, B_p; ., M] with
  * B_p = B + [r] M, where [r] a = r x a.
  */
-static inline void add_inertia(const Pose *pose, const Articulated *link, Articulated *parent) {
+static inline void add_inertia(const Pose *pose, const Articulated *link, Articulated *parent)
+{
     const Real *R = pose->R, *r = pose->r;
     Real A[6], B[9], M[6], G[9]; /* G = B_p */
     turn_symmetric(R, link->A, A);
     turn(R, link->B, B);
     turn_symmetric(R, link->M, M);
     const Real columns[3][3] = {{M[0], M[1], M[2]}, {M[1], M[3], M[4]}, {M[2], M[4], M[5]}};
-    UNROLLED for (int k = 0; k < 3; k++) {
+    UNROLLED for (int k = 0; k < 3; k++)
+    {
         const Real *m = columns[k];
         G[k] = B[k] + r[1] * m[2] - r[2] * m[1];
         G[3 + k] = B[3 + k] + r[2] * m[0] - r[0] * m[2];
@@ -134,8 +145,8 @@ typedef struct {
 } Eliminated;
 
 /* First pass, outwards: twists, and the wrenches of gyration. */
-static inline void move_links(const Chain *chain, const Pose *pose, const Real *dq,
-                              Eliminated *link) {
+static inline void move_links(const Chain *chain, const Pose *pose, const Real *dq, Eliminated *link)
+{
     static const Real still[6] = {0};
     for (int i = 0; i < chain->n; i++) {
         const Real *theta = chain->inertia + 10 * i;
@@ -152,8 +163,8 @@ static inline void move_links(const Chain *chain, const Pose *pose, const Real *
 }
 
 /* Second pass, inwards: what remains of link i once its joint is free goes to its parent. */
-static inline Truth eliminate(const Chain *chain, const Pose *pose, const Real *tau,
-                            Eliminated *link) {
+static inline Truth eliminate(const Chain *chain, const Pose *pose, const Real *tau, Eliminated *link)
+{
     Truth positive = ALWAYS;
     for (int i = chain->n - 1; i >= 0; i--) {
         const int axis = axis_of(chain, i);
@@ -178,8 +189,9 @@ static inline Truth eliminate(const Chain *chain, const Pose *pose, const Real *
  *
  * Returns whether every joint has a positive inertia; if not, ddq means nothing.
  */
-static inline Truth chain_forward(const Chain *chain, const Real *q, const Real *dq,
-                                const Real *tau, Real *ddq) {
+static inline Truth chain_forward(const Chain *chain, const Real *q, const Real *dq, const Real *tau,
+                                  Real *ddq)
+{
     Pose pose[CHAIN_MOST];
     Eliminated link[CHAIN_MOST];
     Real a[6];
@@ -192,7 +204,8 @@ static inline Truth chain_forward(const Chain *chain, const Real *q, const Real 
         Real parent[6], projected = REAL(0.0);
         UNROLLED for (int k = 0; k < 6; k++) parent[k] = a[k];
         to_link(&pose[i], parent, a);
-        UNROLLED for (int k = 0; k < 6; k++) {
+        UNROLLED for (int k = 0; k < 6; k++)
+        {
             a[k] += here->c[k];
             projected += here->U[k] * a[k];
         }

@@ -28,13 +28,14 @@ typedef struct {
 } LinkMotion;
 
 /* n and f of a link with the parameters theta, added to `wrench`. */
-static inline void add_wrench(const Real theta[10], const LinkMotion *of, const Real b[3],
-                              Real wrench[6]) {
+static inline void add_wrench(const Real theta[10], const LinkMotion *of, const Real b[3], Real wrench[6])
+{
     const Real m = theta[0], *mc = theta + 1, *I = theta + 4, *alpha = of->a;
     const Real *ov = of->v, *ow = of->w;
     Real Iv[3], Iw[3], cv[3], cw[3], n[3] = {0}, f[3] = {0};
     const Real rows[3][3] = {{I[0], I[1], I[3]}, {I[1], I[2], I[4]}, {I[3], I[4], I[5]}};
-    UNROLLED for (int k = 0; k < 3; k++) {
+    UNROLLED for (int k = 0; k < 3; k++)
+    {
         Iv[k] = rows[k][0] * ov[0] + rows[k][1] * ov[1] + rows[k][2] * ov[2];
         Iw[k] = rows[k][0] * ow[0] + rows[k][1] * ow[1] + rows[k][2] * ow[2];
     }
@@ -44,20 +45,23 @@ static inline void add_wrench(const Real theta[10], const LinkMotion *of, const 
     add_cross(ow, Iv, n);
     add_cross(ov, cw, f);
     add_cross(ow, cv, f);
-    UNROLLED for (int k = 0; k < 3; k++) {
+    UNROLLED for (int k = 0; k < 3; k++)
+    {
         n[k] = 0.5 * n[k] + rows[k][0] * alpha[0] + rows[k][1] * alpha[1] + rows[k][2] * alpha[2];
         f[k] = 0.5 * f[k] + m * b[k];
     }
     add_cross(mc, b, n);
     add_cross(alpha, mc, f);
-    UNROLLED for (int k = 0; k < 3; k++) {
+    UNROLLED for (int k = 0; k < 3; k++)
+    {
         wrench[k] += n[k];
         wrench[k + 3] += f[k];
     }
 }
 
 /* c += x (as a row) (I y), by the entries xx xy yy xz yz zz of I. */
-static inline void add_moments(double scale, const Real x[3], const Real y[3], Real c[6]) {
+static inline void add_moments(double scale, const Real x[3], const Real y[3], Real c[6])
+{
     c[0] += scale * x[0] * y[0];
     c[1] += scale * (x[0] * y[1] + x[1] * y[0]);
     c[2] += scale * x[1] * y[1];
@@ -67,7 +71,8 @@ static inline void add_moments(double scale, const Real x[3], const Real y[3], R
 }
 
 /* The derivative of sigma . (n, f) by the ten parameters of the link. */
-static inline void link_gradient(const LinkMotion *of, const Real b[3], Real gradient[10]) {
+static inline void link_gradient(const LinkMotion *of, const Real b[3], Real gradient[10])
+{
     const Real *sa = of->sigma, *sl = of->sigma + 3, *ov = of->v, *ow = of->w;
     Real lv[3], lw[3], av[3], aw[3], c[3] = {0}, half[3] = {0};
     cross(sl, ov, lv);
@@ -88,8 +93,8 @@ static inline void link_gradient(const LinkMotion *of, const Real b[3], Real gra
 
 /* Twists and acceleration of link i from those of the link `below` it, and b of its wrench. */
 static inline void link_motion(const Chain *chain, const Pose *pose, int i, const LinkMotion *below,
-                               const Real *dq, const Real *z, const Real *dz, LinkMotion *here,
-                               Real b[3]) {
+                               const Real *dq, const Real *z, const Real *dz, LinkMotion *here, Real b[3])
+{
     const int axis = axis_of(chain, i);
     Real turned[6] = {0};
     to_link(&pose[i], below->v, here->v);
@@ -112,14 +117,16 @@ static inline void link_motion(const Chain *chain, const Pose *pose, int i, cons
  * base_acceleration() for Y with gravity, 0 for Y without. The armature of the joints is no part of
  * either.
  */
-static inline void chain_law(const Chain *chain, const Pose *pose, const Real *theta,
-                             const Real base[6], const Real *dq, const Real *z,
-                             const Real *dz, const Real *s, Real *tau, Real *Ys) {
+static inline void chain_law(const Chain *chain, const Pose *pose, const Real *theta, const Real base[6],
+                             const Real *dq, const Real *z, const Real *dz, const Real *s, Real *tau,
+                             Real *Ys)
+{
     static const Real still[6] = {0};
     const int n = chain->n;
     Real f[CHAIN_MOST][6];
     LinkMotion below, here;
-    UNROLLED for (int k = 0; k < 6; k++) {
+    UNROLLED for (int k = 0; k < 6; k++)
+    {
         below.v[k] = below.w[k] = below.sigma[k] = still[k];
         below.a[k] = base[k];
     }
@@ -145,9 +152,10 @@ enum { NO_GRAVITY, COMPENSATED, ADAPTED };
 /* tau (n,): Y theta with the rotors' inertia, and g(q) of the table where it is compensated; and
  * Ys (n, 10) = Y^T s. Y contains gravity where it is adapted.
  */
-static inline void chain_feedforward(const Chain *chain, const Pose *pose, int gravity,
-                                     const Real *theta, const Real *dq, const Real *z,
-                                     const Real *dz, const Real *s, Real *tau, Real *Ys) {
+static inline void chain_feedforward(const Chain *chain, const Pose *pose, int gravity, const Real *theta,
+                                     const Real *dq, const Real *z, const Real *dz, const Real *s, Real *tau,
+                                     Real *Ys)
+{
     Real base[6] = {0}, g[CHAIN_MOST];
     if (gravity == ADAPTED) base_acceleration(chain, base);
     chain_law(chain, pose, theta, base, dq, z, dz, s, tau, Ys);

@@ -23,15 +23,16 @@ typedef struct {
 } JointInBase;
 
 /* C = A B, both row-major. */
-static inline void multiply(const double A[9], const double B[9], double C[9]) {
-    UNROLLED for (int i = 0; i < 3; i++)
-        UNROLLED for (int k = 0; k < 3; k++)
-            C[3 * i + k] = A[3 * i] * B[k] + A[3 * i + 1] * B[3 + k] + A[3 * i + 2] * B[6 + k];
+static inline void multiply(const double A[9], const double B[9], double C[9])
+{
+    UNROLLED for (int i = 0; i < 3; i++) UNROLLED for (int k = 0; k < 3; k++) C[3 * i + k] =
+        A[3 * i] * B[k] + A[3 * i + 1] * B[3 + k] + A[3 * i + 2] * B[6 + k];
 }
 
 /* Tip, but for J and dJ, of the point `tip` (3,), m, of the last link; and each joint in the base. */
-static inline void place_tip(const Chain *chain, const Pose *pose, const double tip[3],
-                             const double *dq, JointInBase *joint, Tip *at) {
+static inline void place_tip(const Chain *chain, const Pose *pose, const double tip[3], const double *dq,
+                             JointInBase *joint, Tip *at)
+{
     static const double unit[9] = {1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0};
     double *R = at->R, *omega = at->omega, next[9], step[3];
     UNROLLED for (int k = 0; k < 9; k++) R[k] = unit[k];
@@ -42,7 +43,8 @@ static inline void place_tip(const Chain *chain, const Pose *pose, const double 
         multiply(R, pose[i].R, next);
         add_cross(omega, step, at->dp);
         UNROLLED for (int k = 0; k < 9; k++) R[k] = next[k];
-        UNROLLED for (int k = 0; k < 3; k++) {
+        UNROLLED for (int k = 0; k < 3; k++)
+        {
             at->p[k] += step[k];
             here->axis[k] = R[3 * k + 2];
             if (is_prismatic(chain, i)) at->dp[k] += here->axis[k] * dq[i];
@@ -59,14 +61,16 @@ static inline void place_tip(const Chain *chain, const Pose *pose, const double 
 }
 
 /* All of Tip, of the point `tip` (3,) in the frame of the last link, at the velocity dq (n,). */
-static inline void chain_tip(const Chain *chain, const Pose *pose, const double tip[3],
-                             const double *dq, Tip *at) {
+static inline void chain_tip(const Chain *chain, const Pose *pose, const double tip[3], const double *dq,
+                             Tip *at)
+{
     JointInBase joint[CHAIN_MOST];
     place_tip(chain, pose, tip, dq, joint, at);
     for (int i = 0; i < chain->n; i++) {
         const JointInBase *here = &joint[i];
         double arm[3], arm_rate[3], J[3], dJ[3];
-        UNROLLED for (int k = 0; k < 3; k++) {
+        UNROLLED for (int k = 0; k < 3; k++)
+        {
             arm[k] = at->p[k] - here->origin[k];
             arm_rate[k] = at->dp[k] - here->velocity[k];
         }
@@ -74,7 +78,8 @@ static inline void chain_tip(const Chain *chain, const Pose *pose, const double 
         cross(here->axis_rate, arm, dJ);
         add_cross(here->axis, arm_rate, dJ);
         const int slides = is_prismatic(chain, i);
-        UNROLLED for (int k = 0; k < 3; k++) {
+        UNROLLED for (int k = 0; k < 3; k++)
+        {
             at->J[k][i] = slides ? here->axis[k] : J[k];
             at->dJ[k][i] = slides ? here->axis_rate[k] : dJ[k];
             at->J[k + 3][i] = slides ? 0.0 : here->axis[k];

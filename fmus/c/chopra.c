@@ -5,7 +5,8 @@
  */
 #include "static_feedback.h"
 
-static void refer(const Model *x, Law *y) {
+static void refer(const Model *x, Law *y)
+{
     for (int i = 0; i < COUNT(x, JOINTS); i++) {
         y->z[i] = -x->lambda * x->q[i];
         y->dz[i] = -x->lambda * x->dq[i];

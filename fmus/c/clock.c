@@ -10,14 +10,16 @@
 
 #include "instance.h"
 
-static double tick_time(const Instance *x) {
+static double tick_time(const Instance *x)
+{
     return x->start_time + x->clock.count * declared.clock_interval;
 }
 
 /* Times that differ by less than this, in s, count as equal, because importers may round them. */
 static double close_to(double t) { return 1e-6 * declared.clock_interval + 1e-12 * fabs(t); }
 
-Status clock_activate(Instance *x, const char *function) {
+Status clock_activate(Instance *x, const char *function)
+{
     const double t = x->values[TIME];
     if (x->clock.active) return STATUS_OK;
     if (!(fabs(t - tick_time(x)) <= close_to(t)))
@@ -30,18 +32,19 @@ Status clock_activate(Instance *x, const char *function) {
 }
 
 /* Restore all values except the inputs to those before the tick. */
-static void rewind_states(Instance *x) {
+static void rewind_states(Instance *x)
+{
     unsigned from = 0; /* the first that is not rewound yet */
     for (unsigned i = 0; i <= declared.n_input_ranges; i++) {
         const Range none = {N_STORED, 0};
         const Range inputs = i < declared.n_input_ranges ? input_ranges[i] : none;
-        memcpy(x->values + from, x->clock.before + from,
-               (inputs.first - from) * sizeof *x->values);
+        memcpy(x->values + from, x->clock.before + from, (inputs.first - from) * sizeof *x->values);
         from = inputs.first + inputs.size;
     }
 }
 
-Status clock_evaluate(Instance *x, const char *function) {
+Status clock_evaluate(Instance *x, const char *function)
+{
     const double t = tick_time(x);
     if (!x->clock.active || !x->stale) return STATUS_OK;
     rewind_states(x);
@@ -52,7 +55,8 @@ Status clock_evaluate(Instance *x, const char *function) {
     return STATUS_OK;
 }
 
-Status clock_update(Instance *x, const char *function) {
+Status clock_update(Instance *x, const char *function)
+{
     if (!x->clock.active) return STATUS_OK;
     const Status status = clock_evaluate(x, function);
     if (status != STATUS_OK) return status;
@@ -62,7 +66,8 @@ Status clock_update(Instance *x, const char *function) {
 }
 
 /* The importer's step from t to `end`, which must lie between two ticks that the importer activates. */
-static Status step_between(const Instance *x, double t, double end, const char *function) {
+static Status step_between(const Instance *x, double t, double end, const char *function)
+{
     const double tick = tick_time(x);
     if (tick >= end - close_to(end)) return STATUS_OK;
     return refuse(x, function,
@@ -71,7 +76,8 @@ static Status step_between(const Instance *x, double t, double end, const char *
                   tick, t, end, declared.clock_interval);
 }
 
-Status step_clocked(Instance *x, double t, double h, const char *function) {
+Status step_clocked(Instance *x, double t, double h, const char *function)
+{
     const double end = t + h, first = x->clock.count;
     if (x->clock.used) return step_between(x, t, end, function);
     memcpy(x->clock.before, x->values, N_STORED * sizeof *x->values);

@@ -9,7 +9,8 @@
  * -y u < m - y^2 <= y u, since all of m, y^2 and y u are multiples of u^2. m - p is exact (p is
  * close to m), and so is y^2 = p + r by the halves a + b = y of 26 bits.
  */
-double square_root(double x) {
+double square_root(double x)
+{
     const double u = 0x1p-52;
     uint64_t bits;
     memcpy(&bits, &x, sizeof bits);

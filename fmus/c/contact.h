@@ -17,7 +17,8 @@ enum { SPRING_DAMPER, HUNT_CROSSLEY_1, HUNT_CROSSLEY_15 };
 double square_root(double x);
 
 /* The square root where x > 0, else 0. */
-static inline Real root_of_depth(Real x) {
+static inline Real root_of_depth(Real x)
+{
 #if TOGETHER == 1
     return x > 0.0 ? square_root(x) : 0.0;
 #else
@@ -28,10 +29,11 @@ static inline Real root_of_depth(Real x) {
 }
 
 /* N.m; `stiffness` k and `damping` b in N.m/rad^n and N.m.s/rad^(n+1), n = 1 for SPRING_DAMPER. */
-static inline Real contact(int law, Real x, Real dx, Real stiffness, Real damping) {
+static inline Real contact(int law, Real x, Real dx, Real stiffness, Real damping)
+{
     const Real depth = law == HUNT_CROSSLEY_15 ? x * root_of_depth(x) : x;
-    const Real torque = law == SPRING_DAMPER ? stiffness * x + damping * dx
-                                             : depth * (stiffness + damping * dx);
+    const Real torque =
+        law == SPRING_DAMPER ? stiffness * x + damping * dx : depth * (stiffness + damping * dx);
     return PICK((x > 0.0) & (torque > 0.0), torque, 0.0);
 }
 

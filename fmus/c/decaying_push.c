@@ -8,7 +8,8 @@
 
 enum { JOINTS = ENTRIES(tau_h) };
 
-static const char *give(Model *x, double t) {
+static const char *give(Model *x, double t)
+{
     const double slow = t / x->T + 1.0;
     if (!(slow > 0.0)) return "the time is at or before -T, where the push is infinite";
     for (int i = 0; i < COUNT(x, JOINTS); i++) x->tau_h[i] = x->tau_0[i] / slow;
@@ -18,7 +19,8 @@ static const char *give(Model *x, double t) {
 
 const char *model_initial(Model *x) { return give(x, 0.0); }
 
-const char *model_step(Model *x, double t, double h) {
+const char *model_step(Model *x, double t, double h)
+{
     (void)h; /* no state */
     return give(x, t);
 }

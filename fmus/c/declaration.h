@@ -87,14 +87,16 @@ extern const unsigned rate_places[];        /* and of their derivatives */
 extern const Range input_ranges[];          /* n_input_ranges, in the order of `first` */
 
 /* Whether n values are numbers and finite. */
-static inline int all_finite(const Real *values, unsigned n) {
+static inline int all_finite(const Real *values, unsigned n)
+{
     Truth finite = ALWAYS;
     for (unsigned i = 0; i < n; i++) finite &= values[i] - values[i] == 0.0;
     return ALL(finite);
 }
 
 /* Write n torques if all are finite; otherwise return a message. */
-static inline const char *give_torques(const Real *tau, Real *given, unsigned n) {
+static inline const char *give_torques(const Real *tau, Real *given, unsigned n)
+{
     if (!all_finite(tau, n)) return "the torque left the range of numbers";
     for (unsigned i = 0; i < n; i++) given[i] = tau[i];
     return 0;

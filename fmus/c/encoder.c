@@ -11,19 +11,22 @@ enum { JOINTS = ENTRIES(q) };
 
 /* The nearest whole number, to even from the middle; adding and subtracting 1.5 2^52 rounds. Larger
  * numbers than 2^51 have no fractions that matter. */
-static double nearest(double x) {
+static double nearest(double x)
+{
     if (!(x > -0x1p51 && x < 0x1p51)) return x;
     const volatile double shifted = x + 0x1.8p52;
     return shifted - 0x1.8p52;
 }
 
 /* q_m of joint i. */
-static double quantised(const Model *x, int i) {
+static double quantised(const Model *x, int i)
+{
     const double step = x->resolution[i];
     return step > 0.0 ? step * nearest(x->q[i] / step) : x->q[i];
 }
 
-const char *model_initial(Model *x) {
+const char *model_initial(Model *x)
+{
     for (int i = 0; i < COUNT(x, JOINTS); i++) {
         x->q_m[i] = x->q_last[i] = quantised(x, i);
         x->dq_m[i] = 0.0;
@@ -31,7 +34,8 @@ const char *model_initial(Model *x) {
     return all_finite(x->q_m, COUNT(x, JOINTS)) ? NULL : "the position left the range of numbers";
 }
 
-const char *model_step(Model *x, double t, double h) {
+const char *model_step(Model *x, double t, double h)
+{
     double q_m[JOINTS], dq_m[JOINTS];
     (void)t; /* the law does not depend on time */
     for (int i = 0; i < COUNT(x, JOINTS); i++) {

@@ -8,7 +8,8 @@
 #include "model.h"
 #include "trig.h"
 
-const char *model_initial(Model *x) {
+const char *model_initial(Model *x)
+{
     double s1, c1, s12, c12, f[2], tau_h[2];
     sine_cosine(x->q[0], &s1, &c1);
     sine_cosine(x->q[0] + x->q[1], &s12, &c12);
@@ -30,7 +31,8 @@ const char *model_initial(Model *x) {
     return NULL;
 }
 
-const char *model_step(Model *x, double t, double h) {
+const char *model_step(Model *x, double t, double h)
+{
     (void)t, (void)h; /* no state */
     return model_initial(x);
 }

@@ -4,7 +4,8 @@
 #include <string.h>
 
 int exchangeable(const Instance *x, unsigned modes, const void *numbers, size_t n, size_t expected,
-                 const char *function) {
+                 const char *function)
+{
     if (declared.rates == NULL) {
         refuse(x, function, "this FMU is for co-simulation only");
         return 0;
@@ -16,14 +17,16 @@ int exchangeable(const Instance *x, unsigned modes, const void *numbers, size_t 
     return 0;
 }
 
-Status exchange_set_time(Instance *x, double t, const char *function) {
+Status exchange_set_time(Instance *x, double t, const char *function)
+{
     if (!exchangeable(x, EVENT | CONTINUOUS, NULL, 0, 0, function)) return STATUS_ERROR;
     if (!all_finite(&t, 1)) return refuse(x, function, "the time is %g s", t);
     x->values[TIME] = t; /* no model depends on it */
     return STATUS_OK;
 }
 
-Status exchange_set_states(Instance *x, const double *states, size_t n, const char *function) {
+Status exchange_set_states(Instance *x, const double *states, size_t n, const char *function)
+{
     if (!exchangeable(x, CONTINUOUS, states, n, declared.n_states, function)) return STATUS_ERROR;
     for (size_t i = 0; i < n; i++) x->values[state_places[i]] = states[i];
     x->stale = 1;
@@ -32,20 +35,23 @@ Status exchange_set_states(Instance *x, const double *states, size_t n, const ch
 
 enum { KNOWN = INITIALIZATION | EVENT | CONTINUOUS | TERMINATED };
 
-Status exchange_get_states(Instance *x, double *states, size_t n, const char *function) {
+Status exchange_get_states(Instance *x, double *states, size_t n, const char *function)
+{
     if (!exchangeable(x, KNOWN, states, n, declared.n_states, function)) return STATUS_ERROR;
     for (size_t i = 0; i < n; i++) states[i] = x->values[state_places[i]];
     return STATUS_OK;
 }
 
-Status exchange_get_rates(Instance *x, double *rates, size_t n, const char *function) {
+Status exchange_get_rates(Instance *x, double *rates, size_t n, const char *function)
+{
     if (!exchangeable(x, KNOWN, rates, n, declared.n_states, function)) return STATUS_ERROR;
     const Status status = settle(x, function);
     for (size_t i = 0; i < n && status == STATUS_OK; i++) rates[i] = x->values[rate_places[i]];
     return status;
 }
 
-Status exchange_get_nominals(Instance *x, double *nominals, size_t n, const char *function) {
+Status exchange_get_nominals(Instance *x, double *nominals, size_t n, const char *function)
+{
     if (!exchangeable(x, KNOWN, nominals, n, declared.n_states, function)) return STATUS_ERROR;
     for (size_t i = 0; i < n; i++) nominals[i] = 1.0;
     return STATUS_OK;
@@ -53,7 +59,8 @@ Status exchange_get_nominals(Instance *x, double *nominals, size_t n, const char
 
 /* f'(0) = (8 (f(d) - f(-d)) - (f(2d) - f(-2d))) / (12 d) + O(d^4); d = 2^-10 for a seed of at most one. */
 Status exchange_directional(Instance *x, Places unknowns, Places knowns, const double *seed,
-                            double *sensitivity, const char *function) {
+                            double *sensitivity, const char *function)
+{
     static const double node[4] = {1.0, -1.0, 2.0, -2.0}, weight[4] = {8.0, -8.0, -1.0, 1.0};
     double most = 0.0;
     const char *why = NULL;

@@ -5,14 +5,16 @@
 #include "fmi2.h"
 #include "instance.h"
 
-fmi2Status fmi2EnterEventMode(fmi2Component c) {
+fmi2Status fmi2EnterEventMode(fmi2Component c)
+{
     Instance *x = c;
     if (!exchangeable(x, CONTINUOUS, NULL, 0, 0, "fmi2EnterEventMode")) return fmi2Error;
     x->mode = EVENT;
     return fmi2OK;
 }
 
-fmi2Status fmi2NewDiscreteStates(fmi2Component c, fmi2EventInfo *info) {
+fmi2Status fmi2NewDiscreteStates(fmi2Component c, fmi2EventInfo *info)
+{
     if (!exchangeable(c, EVENT, info, 1, 1, "fmi2NewDiscreteStates")) return fmi2Error;
     info->newDiscreteStatesNeeded = info->terminateSimulation = fmi2False;
     info->nominalsOfContinuousStatesChanged = info->valuesOfContinuousStatesChanged = fmi2False;
@@ -21,16 +23,17 @@ fmi2Status fmi2NewDiscreteStates(fmi2Component c, fmi2EventInfo *info) {
     return fmi2OK;
 }
 
-fmi2Status fmi2EnterContinuousTimeMode(fmi2Component c) {
+fmi2Status fmi2EnterContinuousTimeMode(fmi2Component c)
+{
     Instance *x = c;
     if (!exchangeable(x, EVENT, NULL, 0, 0, "fmi2EnterContinuousTimeMode")) return fmi2Error;
     x->mode = CONTINUOUS;
     return fmi2OK;
 }
 
-fmi2Status fmi2CompletedIntegratorStep(fmi2Component c, fmi2Boolean noSetPrior,
-                                       fmi2Boolean *enterEventMode,
-                                       fmi2Boolean *terminateSimulation) {
+fmi2Status fmi2CompletedIntegratorStep(fmi2Component c, fmi2Boolean noSetPrior, fmi2Boolean *enterEventMode,
+                                       fmi2Boolean *terminateSimulation)
+{
     static const char function[] = "fmi2CompletedIntegratorStep";
     (void)noSetPrior; /* nothing is kept for going back */
     if (!exchangeable(c, CONTINUOUS, enterEventMode, 1, 1, function)) return fmi2Error;
@@ -40,37 +43,43 @@ fmi2Status fmi2CompletedIntegratorStep(fmi2Component c, fmi2Boolean noSetPrior,
     return fmi2OK;
 }
 
-fmi2Status fmi2SetTime(fmi2Component c, fmi2Real time) {
+fmi2Status fmi2SetTime(fmi2Component c, fmi2Real time)
+{
     return (fmi2Status)exchange_set_time(c, time, "fmi2SetTime");
 }
 
-fmi2Status fmi2SetContinuousStates(fmi2Component c, const fmi2Real x[], size_t n) {
+fmi2Status fmi2SetContinuousStates(fmi2Component c, const fmi2Real x[], size_t n)
+{
     return (fmi2Status)exchange_set_states(c, x, n, "fmi2SetContinuousStates");
 }
 
-fmi2Status fmi2GetDerivatives(fmi2Component c, fmi2Real dx[], size_t n) {
+fmi2Status fmi2GetDerivatives(fmi2Component c, fmi2Real dx[], size_t n)
+{
     return (fmi2Status)exchange_get_rates(c, dx, n, "fmi2GetDerivatives");
 }
 
-fmi2Status fmi2GetEventIndicators(fmi2Component c, fmi2Real z[], size_t n) {
+fmi2Status fmi2GetEventIndicators(fmi2Component c, fmi2Real z[], size_t n)
+{
     return exchangeable(c, INITIALIZATION | EVENT | CONTINUOUS | TERMINATED, z, n, 0,
                         "fmi2GetEventIndicators")
                ? fmi2OK
                : fmi2Error;
 }
 
-fmi2Status fmi2GetContinuousStates(fmi2Component c, fmi2Real x[], size_t n) {
+fmi2Status fmi2GetContinuousStates(fmi2Component c, fmi2Real x[], size_t n)
+{
     return (fmi2Status)exchange_get_states(c, x, n, "fmi2GetContinuousStates");
 }
 
-fmi2Status fmi2GetNominalsOfContinuousStates(fmi2Component c, fmi2Real x[], size_t n) {
+fmi2Status fmi2GetNominalsOfContinuousStates(fmi2Component c, fmi2Real x[], size_t n)
+{
     return (fmi2Status)exchange_get_nominals(c, x, n, "fmi2GetNominalsOfContinuousStates");
 }
 
 fmi2Status fmi2GetDirectionalDerivative(fmi2Component c, const fmi2ValueReference unknowns[],
-                                        size_t nUnknowns, const fmi2ValueReference knowns[],
-                                        size_t nKnowns, const fmi2Real dKnowns[],
-                                        fmi2Real dUnknowns[]) {
+                                        size_t nUnknowns, const fmi2ValueReference knowns[], size_t nKnowns,
+                                        const fmi2Real dKnowns[], fmi2Real dUnknowns[])
+{
     static const char function[] = "fmi2GetDirectionalDerivative";
     if (!exchangeable(c, INITIALIZATION | EVENT | CONTINUOUS | TERMINATED, NULL, 0, 0, function))
         return fmi2Error;

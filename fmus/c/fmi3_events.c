@@ -15,14 +15,16 @@ static const char NO_CLOCKS[] = "this FMU has no clocks";
 static const char CONSTANT[] = "the interval of the clock is constant";
 static const char NO_FRACTIONS[] = "the clock does not support fractions (supportsFraction)";
 
-static fmi3Status refused(const Instance *x, const char *function, const char *why) {
+static fmi3Status refused(const Instance *x, const char *function, const char *why)
+{
     return (fmi3Status)refuse(x, function, "%s", why);
 }
 
 /* --- modes -------------------------------------------------------------------------------- */
 
 /* Whether the importer said that it handles events, and the mode fits. */
-static int eventful(const Instance *x, unsigned mode, const char *function) {
+static int eventful(const Instance *x, unsigned mode, const char *function)
+{
     if (!declared.is_clocked || x == NULL || !x->clock.used) {
         refuse(x, function, "%s", declared.is_clocked ? "eventModeUsed is false" : NO_EVENTS);
         return 0;
@@ -30,7 +32,8 @@ static int eventful(const Instance *x, unsigned mode, const char *function) {
     return legal(x, mode, function);
 }
 
-fmi3Status fmi3EnterEventMode(fmi3Instance instance) {
+fmi3Status fmi3EnterEventMode(fmi3Instance instance)
+{
     Instance *x = instance;
     if (!(declared.rates ? legal(x, CONTINUOUS, "fmi3EnterEventMode")
                          : eventful(x, STEPPING, "fmi3EnterEventMode")))
@@ -39,31 +42,30 @@ fmi3Status fmi3EnterEventMode(fmi3Instance instance) {
     return fmi3OK;
 }
 
-fmi3Status fmi3EnterStepMode(fmi3Instance instance) {
+fmi3Status fmi3EnterStepMode(fmi3Instance instance)
+{
     Instance *x = instance;
     if (!eventful(x, EVENT, "fmi3EnterStepMode")) return fmi3Error;
     if (x->clock.active)
-        return refused(x, "fmi3EnterStepMode",
-                       "the clock is active, fmi3UpdateDiscreteStates comes first");
+        return refused(x, "fmi3EnterStepMode", "the clock is active, fmi3UpdateDiscreteStates comes first");
     x->mode = STEPPING;
     return fmi3OK;
 }
 
-fmi3Status fmi3EvaluateDiscreteStates(fmi3Instance x) {
+fmi3Status fmi3EvaluateDiscreteStates(fmi3Instance x)
+{
     return refused(x, "fmi3EvaluateDiscreteStates",
-                   declared.is_clocked ? "this FMU evaluates its states with its outputs"
-                                       : NO_EVENTS);
+                   declared.is_clocked ? "this FMU evaluates its states with its outputs" : NO_EVENTS);
 }
 
 fmi3Status fmi3UpdateDiscreteStates(fmi3Instance x, fmi3Boolean *discreteStatesNeedUpdate,
                                     fmi3Boolean *terminateSimulation,
                                     fmi3Boolean *nominalsOfContinuousStatesChanged,
                                     fmi3Boolean *valuesOfContinuousStatesChanged,
-                                    fmi3Boolean *nextEventTimeDefined,
-                                    fmi3Float64 *nextEventTime) {
+                                    fmi3Boolean *nextEventTimeDefined, fmi3Float64 *nextEventTime)
+{
     static const char function[] = "fmi3UpdateDiscreteStates";
-    if (!(declared.rates ? legal(x, EVENT, function) : eventful(x, EVENT, function)))
-        return fmi3Error;
+    if (!(declared.rates ? legal(x, EVENT, function) : eventful(x, EVENT, function))) return fmi3Error;
     if (discreteStatesNeedUpdate == NULL || terminateSimulation == NULL ||
         nominalsOfContinuousStatesChanged == NULL || valuesOfContinuousStatesChanged == NULL ||
         nextEventTimeDefined == NULL || nextEventTime == NULL)
@@ -78,39 +80,38 @@ fmi3Status fmi3UpdateDiscreteStates(fmi3Instance x, fmi3Boolean *discreteStatesN
 
 /* Whether all n references are the clock and no pointer is null. */
 static int is_clock(const Instance *x, const fmi3ValueReference vr[], size_t n, const void *values,
-                    const char *function) {
+                    const char *function)
+{
     if (n > 0 && (vr == NULL || values == NULL)) {
         refuse(x, function, "%s is null", vr == NULL ? "valueReferences" : "values");
         return 0;
     }
     for (size_t i = 0; i < n; i++) {
         if (declared.is_clocked && vr[i] == CLOCK_REFERENCE) continue;
-        if (!declared.is_clocked)
-            refuse(x, function, "this FMU has no variable of type Clock");
+        if (!declared.is_clocked) refuse(x, function, "this FMU has no variable of type Clock");
         else
-            refuse(x, function, "value reference %lu is no clock, expected %u",
-                   (unsigned long)vr[i], CLOCK_REFERENCE);
+            refuse(x, function, "value reference %lu is no clock, expected %u", (unsigned long)vr[i],
+                   CLOCK_REFERENCE);
         return 0;
     }
     return 1;
 }
 
-fmi3Status fmi3GetClock(fmi3Instance instance, const fmi3ValueReference vr[], size_t n,
-                        fmi3Clock values[]) {
+fmi3Status fmi3GetClock(fmi3Instance instance, const fmi3ValueReference vr[], size_t n, fmi3Clock values[])
+{
     const Instance *x = instance;
-    if (!legal(x, INITIALIZATION | STEPPING | EVENT | TERMINATED, "fmi3GetClock"))
-        return fmi3Error;
+    if (!legal(x, INITIALIZATION | STEPPING | EVENT | TERMINATED, "fmi3GetClock")) return fmi3Error;
     if (!is_clock(x, vr, n, values, "fmi3GetClock")) return fmi3Error;
     for (size_t i = 0; i < n; i++) values[i] = x->clock.active != 0;
     return fmi3OK;
 }
 
 fmi3Status fmi3SetClock(fmi3Instance instance, const fmi3ValueReference vr[], size_t n,
-                        const fmi3Clock values[]) {
+                        const fmi3Clock values[])
+{
     static const char function[] = "fmi3SetClock";
     Instance *x = instance;
-    const unsigned modes =
-        declared.is_clocked ? EVENT : INSTANTIATED | INITIALIZATION | STEPPING;
+    const unsigned modes = declared.is_clocked ? EVENT : INSTANTIATED | INITIALIZATION | STEPPING;
     if (!legal(x, modes, function)) return fmi3Error;
     if (!is_clock(x, vr, n, values, function)) return fmi3Error;
     for (size_t i = 0; i < n; i++) {
@@ -125,17 +126,18 @@ fmi3Status fmi3SetClock(fmi3Instance instance, const fmi3ValueReference vr[], si
 
 /* Whether interval or shift may be asked for. */
 static int askable(const Instance *x, const fmi3ValueReference vr[], size_t n, const void *values,
-                   const char *function) {
+                   const char *function)
+{
     if (!declared.is_clocked) {
         refuse(x, function, "%s", NO_CLOCKS);
         return 0;
     }
-    return legal(x, INITIALIZATION | STEPPING | EVENT, function) &&
-           is_clock(x, vr, n, values, function);
+    return legal(x, INITIALIZATION | STEPPING | EVENT, function) && is_clock(x, vr, n, values, function);
 }
 
 fmi3Status fmi3GetIntervalDecimal(fmi3Instance x, const fmi3ValueReference vr[], size_t n,
-                                  fmi3Float64 intervals[], fmi3IntervalQualifier qualifiers[]) {
+                                  fmi3Float64 intervals[], fmi3IntervalQualifier qualifiers[])
+{
     static const char function[] = "fmi3GetIntervalDecimal";
     if (!askable(x, vr, n, intervals, function)) return fmi3Error;
     if (n > 0 && qualifiers == NULL) return refused(x, function, "qualifiers is null");
@@ -146,8 +148,8 @@ fmi3Status fmi3GetIntervalDecimal(fmi3Instance x, const fmi3ValueReference vr[],
     return fmi3OK;
 }
 
-fmi3Status fmi3GetShiftDecimal(fmi3Instance x, const fmi3ValueReference vr[], size_t n,
-                               fmi3Float64 shifts[]) {
+fmi3Status fmi3GetShiftDecimal(fmi3Instance x, const fmi3ValueReference vr[], size_t n, fmi3Float64 shifts[])
+{
     if (!askable(x, vr, n, shifts, "fmi3GetShiftDecimal")) return fmi3Error;
     for (size_t i = 0; i < n; i++) shifts[i] = 0.0;
     return fmi3OK;
@@ -155,31 +157,37 @@ fmi3Status fmi3GetShiftDecimal(fmi3Instance x, const fmi3ValueReference vr[], si
 
 fmi3Status fmi3GetIntervalFraction(fmi3Instance x, const fmi3ValueReference vr[], size_t n,
                                    fmi3UInt64 counters[], fmi3UInt64 resolutions[],
-                                   fmi3IntervalQualifier qualifiers[]) {
+                                   fmi3IntervalQualifier qualifiers[])
+{
     return refused(x, "fmi3GetIntervalFraction", declared.is_clocked ? NO_FRACTIONS : NO_CLOCKS);
 }
 
 fmi3Status fmi3GetShiftFraction(fmi3Instance x, const fmi3ValueReference vr[], size_t n,
-                                fmi3UInt64 counters[], fmi3UInt64 resolutions[]) {
+                                fmi3UInt64 counters[], fmi3UInt64 resolutions[])
+{
     return refused(x, "fmi3GetShiftFraction", declared.is_clocked ? NO_FRACTIONS : NO_CLOCKS);
 }
 
 fmi3Status fmi3SetIntervalDecimal(fmi3Instance x, const fmi3ValueReference vr[], size_t n,
-                                  const fmi3Float64 intervals[]) {
+                                  const fmi3Float64 intervals[])
+{
     return refused(x, "fmi3SetIntervalDecimal", declared.is_clocked ? CONSTANT : NO_CLOCKS);
 }
 
 fmi3Status fmi3SetIntervalFraction(fmi3Instance x, const fmi3ValueReference vr[], size_t n,
-                                   const fmi3UInt64 counters[], const fmi3UInt64 resolutions[]) {
+                                   const fmi3UInt64 counters[], const fmi3UInt64 resolutions[])
+{
     return refused(x, "fmi3SetIntervalFraction", declared.is_clocked ? CONSTANT : NO_CLOCKS);
 }
 
 fmi3Status fmi3SetShiftDecimal(fmi3Instance x, const fmi3ValueReference vr[], size_t n,
-                               const fmi3Float64 shifts[]) {
+                               const fmi3Float64 shifts[])
+{
     return refused(x, "fmi3SetShiftDecimal", declared.is_clocked ? CONSTANT : NO_CLOCKS);
 }
 
 fmi3Status fmi3SetShiftFraction(fmi3Instance x, const fmi3ValueReference vr[], size_t n,
-                                const fmi3UInt64 counters[], const fmi3UInt64 resolutions[]) {
+                                const fmi3UInt64 counters[], const fmi3UInt64 resolutions[])
+{
     return refused(x, "fmi3SetShiftFraction", declared.is_clocked ? CONSTANT : NO_CLOCKS);
 }

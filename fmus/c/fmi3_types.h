@@ -41,20 +41,18 @@ typedef enum {
     fmi3Discrete,
     fmi3Dependent
 } fmi3DependencyKind;
-typedef enum {
-    fmi3IntervalNotYetKnown,
-    fmi3IntervalUnchanged,
-    fmi3IntervalChanged
-} fmi3IntervalQualifier;
+typedef enum { fmi3IntervalNotYetKnown, fmi3IntervalUnchanged, fmi3IntervalChanged } fmi3IntervalQualifier;
 
 typedef void (*fmi3LogMessageCallback)(fmi3InstanceEnvironment environment, fmi3Status status,
                                        fmi3String category, fmi3String message);
 typedef void (*fmi3ClockUpdateCallback)(fmi3InstanceEnvironment environment);
-typedef void (*fmi3IntermediateUpdateCallback)(
-    fmi3InstanceEnvironment environment, fmi3Float64 intermediateUpdateTime,
-    fmi3Boolean intermediateVariableSetRequested, fmi3Boolean intermediateVariableGetAllowed,
-    fmi3Boolean intermediateStepFinished, fmi3Boolean canReturnEarly,
-    fmi3Boolean *earlyReturnRequested, fmi3Float64 *earlyReturnTime);
+typedef void (*fmi3IntermediateUpdateCallback)(fmi3InstanceEnvironment environment,
+                                               fmi3Float64 intermediateUpdateTime,
+                                               fmi3Boolean intermediateVariableSetRequested,
+                                               fmi3Boolean intermediateVariableGetAllowed,
+                                               fmi3Boolean intermediateStepFinished,
+                                               fmi3Boolean canReturnEarly, fmi3Boolean *earlyReturnRequested,
+                                               fmi3Float64 *earlyReturnTime);
 typedef void (*fmi3LockPreemptionCallback)(void);
 typedef void (*fmi3UnlockPreemptionCallback)(void);
 

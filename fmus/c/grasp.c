@@ -6,7 +6,8 @@
 
 enum { TIMES = ENTRIES(times) };
 
-static void give(Model *x, double t, double h) {
+static void give(Model *x, double t, double h)
+{
     int off = x->released != 0.0;
     for (int i = 0; i < TIMES; i++) off ^= reached(t, h, x->times[i]);
     x->grip = off ? 0.0 : 1.0;

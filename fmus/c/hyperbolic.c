@@ -9,7 +9,8 @@
 #include <stdint.h>
 #include <string.h>
 
-double hyperbolic_tangent(double x) {
+double hyperbolic_tangent(double x)
+{
     const double y = 2.0 * (x < 0.0 ? -x : x);
     if (!(y < 40.0)) return y != y ? x : x < 0.0 ? -1.0 : 1.0;
     const int k = (int)(y * ONE_OVER_LN2 + 0.5);

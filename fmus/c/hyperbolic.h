@@ -7,7 +7,8 @@
 #define ONE_OVER_LN2 0x1.71547652b82fep+0
 
 /* tanh of hyperbolic.c, of y >= 0 and its k, the nearest integer to y / ln 2; `power` = 2^k. */
-static inline Real tangent_of(Real y, Real k, Real power) {
+static inline Real tangent_of(Real y, Real k, Real power)
+{
     const double L1 = 0x1.62e42fef00000p-1, L2 = 0x1.473de6af278edp-34;
     const Real r = (y - k * L1) - k * L2;
 
@@ -31,7 +32,8 @@ static inline Real tangent_of(Real y, Real k, Real power) {
 #if TOGETHER == 1
 double hyperbolic_tangent(double x);
 #else
-static inline Real hyperbolic_tangent(Real x) {
+static inline Real hyperbolic_tangent(Real x)
+{
     const double round = 0x1p52; /* adding and subtracting it rounds to an integer */
     const Real y = 2.0 * PICK(x < 0.0, -x, x);
     const Real above = y * ONE_OVER_LN2 + 0.5, nearest = (above + round) - round;

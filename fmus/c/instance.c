@@ -34,7 +34,8 @@ enum { N_MODES = sizeof MODES / sizeof MODES[0] };
 
 /* --- logging ------------------------------------------------------------------------------ */
 
-static const char *category_name(unsigned category) {
+static const char *category_name(unsigned category)
+{
     for (int i = 0; i < N_CATEGORIES; i++)
         if (CATEGORIES[i].bit == category) return CATEGORIES[i].name;
     return "logAll";
@@ -42,7 +43,8 @@ static const char *category_name(unsigned category) {
 
 /* "function: sentence" to the importer, if it listens. */
 static void tell(const Instance *x, Status status, unsigned category, const char *function,
-                 const char *format, va_list arguments) {
+                 const char *format, va_list arguments)
+{
     char text[TEXT_SIZE];
     if (x->callback == NULL) return;
     const int used = snprintf(text, sizeof text, "%s: ", function);
@@ -51,7 +53,8 @@ static void tell(const Instance *x, Status status, unsigned category, const char
     x->forward(x, status, category_name(category), text);
 }
 
-Status refuse(const Instance *x, const char *function, const char *format, ...) {
+Status refuse(const Instance *x, const char *function, const char *format, ...)
+{
     va_list arguments;
     if (x == NULL) return STATUS_ERROR;
     va_start(arguments, format);
@@ -60,7 +63,8 @@ Status refuse(const Instance *x, const char *function, const char *format, ...) 
     return STATUS_ERROR;
 }
 
-Status discard(const Instance *x, const char *function, const char *format, ...) {
+Status discard(const Instance *x, const char *function, const char *format, ...)
+{
     va_list arguments;
     va_start(arguments, format);
     tell(x, STATUS_DISCARD, LOG_DISCARD, function, format, arguments);
@@ -68,7 +72,8 @@ Status discard(const Instance *x, const char *function, const char *format, ...)
     return STATUS_DISCARD;
 }
 
-static void note(const Instance *x, const char *function, const char *format, ...) {
+static void note(const Instance *x, const char *function, const char *format, ...)
+{
     va_list arguments;
     if (!(x->categories & LOG_EVENTS)) return;
     va_start(arguments, format);
@@ -76,13 +81,15 @@ static void note(const Instance *x, const char *function, const char *format, ..
     va_end(arguments);
 }
 
-static const char *mode_name(unsigned mode) {
+static const char *mode_name(unsigned mode)
+{
     for (int i = 0; i < N_MODES; i++)
         if (MODES[i].bit == mode) return MODES[i].name;
     return "an unknown mode";
 }
 
-int refuse_mode(const Instance *x, unsigned allowed, const char *function) {
+int refuse_mode(const Instance *x, unsigned allowed, const char *function)
+{
     char names[160] = "";
     if (x == NULL) return 0;
     if (!declared.is_clocked && declared.rates == NULL) allowed &= ~(unsigned)EVENT;
@@ -100,30 +107,27 @@ int refuse_mode(const Instance *x, unsigned allowed, const char *function) {
 }
 
 Status refuse_access(const Instance *x, const char *function, const char *name, const char *type,
-                     unsigned access, unsigned need) {
+                     unsigned access, unsigned need)
+{
     if (!(access & need & (IS_REAL | IS_INTEGER | IS_BOOLEAN | IS_SIZE)))
         return refuse(x, function, "%s is of type %s", name, type);
     if (access & IS_SIZE)
-        return refuse(x, function, "%s is a structural parameter, to be set in Configuration Mode",
-                      name);
+        return refuse(x, function, "%s is a structural parameter, to be set in Configuration Mode", name);
     if (access & IS_PARAMETER)
-        return refuse(x, function, "%s is a fixed parameter, not to be set after initialization",
-                      name);
+        return refuse(x, function, "%s is a fixed parameter, not to be set after initialization", name);
     if (access & SET_AT_START)
-        return refuse(x, function, "%s has a start value only, not to be set after initialization",
-                      name);
+        return refuse(x, function, "%s has a start value only, not to be set after initialization", name);
     return refuse(x, function, "%s is calculated, it cannot be set", name);
 }
 
-Status set_logging(Instance *x, int on, size_t n, const char *const categories[],
-                   const char *function) {
+Status set_logging(Instance *x, int on, size_t n, const char *const categories[], const char *function)
+{
     unsigned bits = n == 0 ? LOG_ALL : 0;
     if (n > 0 && categories == NULL)
         return refuse(x, function, "categories is null, expected %lu names", (unsigned long)n);
     for (size_t i = 0; i < n; i++) {
         int k = 0;
-        while (k < N_CATEGORIES &&
-               (categories[i] == NULL || strcmp(categories[i], CATEGORIES[k].name) != 0))
+        while (k < N_CATEGORIES && (categories[i] == NULL || strcmp(categories[i], CATEGORIES[k].name) != 0))
             k++;
         if (k == N_CATEGORIES)
             return refuse(x, function, "unknown log category '%.80s'",
@@ -136,7 +140,8 @@ Status set_logging(Instance *x, int on, size_t n, const char *const categories[]
 
 /* --- life cycle --------------------------------------------------------------------------- */
 
-static void go_to_start(Instance *x) {
+static void go_to_start(Instance *x)
+{
     memcpy(x->values, start_values, declared.n_scalars * sizeof *x->values);
     x->values[TIME] = 0.0;
     x->start_time = 0.0;
@@ -148,7 +153,8 @@ static void go_to_start(Instance *x) {
 }
 
 /* Memory for an instance and its values, those before a tick at the end; NULL without memory. */
-static Instance *allocated(void) {
+static Instance *allocated(void)
+{
     const size_t values = declared.is_clocked ? 2 * (size_t)N_STORED : N_STORED;
     Instance *x = calloc(1, sizeof *x + values * sizeof *x->values);
     if (x != NULL && declared.is_clocked) x->clock.before = x->values + N_STORED;
@@ -156,7 +162,8 @@ static Instance *allocated(void) {
 }
 
 Instance *instance_new(const char *name, const char *token, int logging, Forward *forward,
-                       AnyFunction *callback, void *environment, const char *function) {
+                       AnyFunction *callback, void *environment, const char *function)
+{
     Instance first = {0}; /* to log with until there is one */
     first.name = (char *)(name == NULL ? "" : name);
     first.forward = forward;
@@ -189,48 +196,52 @@ Instance *instance_new(const char *name, const char *token, int logging, Forward
     return x;
 }
 
-void instance_free(Instance *x) {
+void instance_free(Instance *x)
+{
     if (x == NULL) return;
     free(x->name);
     free(x);
 }
 
-Status set_up(Instance *x, double start, int stop_defined, double stop, const char *function) {
+Status set_up(Instance *x, double start, int stop_defined, double stop, const char *function)
+{
     if (!(fabs(start) <= DBL_MAX))
         return refuse(x, function, "the start time is %g s, expected a finite number", start);
     if (stop_defined && !(stop >= start))
-        return refuse(x, function, "the stop time is %g s, expected at least the start time %g s",
-                      stop, start);
+        return refuse(x, function, "the stop time is %g s, expected at least the start time %g s", stop,
+                      start);
     x->start_time = x->values[TIME] = start;
     x->stop_time = stop_defined ? stop : INFINITY;
     return STATUS_OK;
 }
 
-Status enter_initialization(Instance *x) {
+Status enter_initialization(Instance *x)
+{
     x->mode = INITIALIZATION;
     x->stale = 1;
     return STATUS_OK;
 }
 
 /* Start values, parameters and inputs are finite, and parameters in their range. */
-static Status check_start(const Instance *x, const char *function) {
+static Status check_start(const Instance *x, const char *function)
+{
     for (unsigned i = 0; i < declared.n_variables; i++) {
         const Variable *v = &variables[i];
         if (!(v->access & SET_AT_START)) continue;
         for (unsigned k = v->offset; k < v->offset + size_of(x, v); k++) {
             const double value = x->values[k];
             if (!all_finite(&value, 1))
-                return refuse(x, function, "%s is %g, expected a finite number", scalar_names[k],
-                              value);
+                return refuse(x, function, "%s is %g, expected a finite number", scalar_names[k], value);
             if ((v->access & IS_PARAMETER) && !(value >= v->minimum && value <= v->maximum))
-                return refuse(x, function, "%s is %g, expected between %g and %g",
-                              scalar_names[k], value, v->minimum, v->maximum);
+                return refuse(x, function, "%s is %g, expected between %g and %g", scalar_names[k], value,
+                              v->minimum, v->maximum);
         }
     }
     return STATUS_OK;
 }
 
-Status settle(Instance *x, const char *function) {
+Status settle(Instance *x, const char *function)
+{
     if (!x->stale) return STATUS_OK;
     if (declared.rates != NULL && (x->mode & (EVENT | CONTINUOUS | TERMINATED))) {
         const Status inputs = check_inputs(x, x->values[TIME], function);
@@ -247,26 +258,30 @@ Status settle(Instance *x, const char *function) {
     return STATUS_OK;
 }
 
-Status exit_initialization(Instance *x, const char *function) {
+Status exit_initialization(Instance *x, const char *function)
+{
     if (settle(x, function) != STATUS_OK) return STATUS_ERROR;
     x->mode = x->clock.used || declared.rates != NULL ? EVENT : STEPPING;
     note(x, function, "%s initialised at t = %g s", declared.identifier, x->values[TIME]);
     return STATUS_OK;
 }
 
-Status terminate(Instance *x) {
+Status terminate(Instance *x)
+{
     x->mode = TERMINATED;
     return STATUS_OK;
 }
 
-Status reset(Instance *x) {
+Status reset(Instance *x)
+{
     go_to_start(x);
     return STATUS_OK;
 }
 
-Status check_inputs(const Instance *x, double t, const char *function) {
+Status check_inputs(const Instance *x, double t, const char *function)
+{
     const unsigned bad = find_not_finite(x->values);
     if (bad == TIME) return STATUS_OK;
-    return discard(x, function, "input %s is %g at t = %g s, expected a finite number",
-                   scalar_names[bad], x->values[bad], t);
+    return discard(x, function, "input %s is %g at t = %g s, expected a finite number", scalar_names[bad],
+                   x->values[bad], t);
 }

@@ -24,7 +24,7 @@ enum {
     STEPPING = 4,    /* 2.0: stepComplete, 3.0: Step Mode */
     STEP_FAILED = 8, /* 2.0 only: fmi2DoStep returned fmi2Discard */
     TERMINATED = 16,
-    EVENT = 32,        /* Event Mode: of a model with a clock (3.0), or for model exchange */
+    EVENT = 32,         /* Event Mode: of a model with a clock (3.0), or for model exchange */
     CONFIGURATION = 64, /* 3.0, of a model with a structural parameter */
     CONTINUOUS = 128    /* of a model for model exchange: Continuous-Time Mode */
 };
@@ -50,8 +50,8 @@ typedef void Forward(const Instance *x, Status status, const char *category, con
 
 struct Instance {
     unsigned mode;
-    int stale;           /* calculated variables are out of date */
-    unsigned categories; /* that are logged */
+    int stale;                    /* calculated variables are out of date */
+    unsigned categories;          /* that are logged */
     double start_time, stop_time; /* s; stop_time is infinite where none is defined */
     Forward *forward;             /* knows the type of `callback` */
     AnyFunction *callback;
@@ -64,7 +64,8 @@ struct Instance {
 typedef struct Snapshot Snapshot;
 
 /* The scalars that a variable has in this instance. */
-static inline unsigned size_of(const Instance *x, const Variable *v) {
+static inline unsigned size_of(const Instance *x, const Variable *v)
+{
     return v->each ? v->each * (unsigned)x->values[declared.structural] : v->size;
 }
 
@@ -85,12 +86,12 @@ Status refuse_access(const Instance *x, const char *function, const char *name, 
 int refuse_mode(const Instance *x, unsigned allowed, const char *function);
 
 /* Whether `function` may be called now; if not, that is logged. */
-static inline int legal(const Instance *x, unsigned allowed, const char *function) {
+static inline int legal(const Instance *x, unsigned allowed, const char *function)
+{
     return x != NULL && (x->mode & allowed) ? 1 : refuse_mode(x, allowed, function);
 }
 
-Status set_logging(Instance *x, int on, size_t n, const char *const categories[],
-                   const char *function);
+Status set_logging(Instance *x, int on, size_t n, const char *const categories[], const char *function);
 Status set_up(Instance *x, double start, int stop_defined, double stop, const char *function);
 Status enter_initialization(Instance *x);
 Status exit_initialization(Instance *x, const char *function);
@@ -101,7 +102,8 @@ Status reset(Instance *x);
 Status settle(Instance *x, const char *function);
 
 /* The first input that is not finite, or the time. */
-static inline unsigned find_not_finite(const double *values) {
+static inline unsigned find_not_finite(const double *values)
+{
     for (unsigned i = 0; i < declared.n_input_ranges; i++) {
         const Range range = input_ranges[i];
         if (all_finite(values + range.first, range.size)) continue;
@@ -150,8 +152,8 @@ Status step_clocked(Instance *x, double t, double h, const char *function);
 Status do_step(Instance *x, double t, double h, const char *function);
 /* Steps of n instances from t[0], ... t[m - 1]. An instance stops at its first step that fails: made[k] is how many steps
  * instance k has made before it, and status[k] its Status, which is an error for one that may not be stepped now. */
-void do_steps(Instance *const x[], size_t n, const double t[], size_t m, double h,
-              const char *function, int status[], size_t made[]);
+void do_steps(Instance *const x[], size_t n, const double t[], size_t m, double h, const char *function,
+              int status[], size_t made[]);
 
 /* --- state.c ------------------------------------------------------------------------------ */
 

@@ -15,9 +15,9 @@ enum { JOINTS = ENTRIES(q) };
 
 #include "commands.h"
 
-const char *model_initial(Model *x) {
-    if (!(x->alpha > 0.0))
-        return "alpha must be more than 0 with neighbours: positions would not agree";
+const char *model_initial(Model *x)
+{
+    if (!(x->alpha > 0.0)) return "alpha must be more than 0 with neighbours: positions would not agree";
     for (int i = 0; i < JOINTS; i++) {
         begin_command(x, i);
         x->xi[i] = x->dq[i] + x->alpha * x->q[i];
@@ -26,12 +26,12 @@ const char *model_initial(Model *x) {
     return all_finite(x->xi, JOINTS) && all_finite(x->s, JOINTS) ? NULL : LAW_DIVERGED;
 }
 
-const char *model_step(Model *x, double t, double h) {
+const char *model_step(Model *x, double t, double h)
+{
     (void)t; /* the law does not depend on time */
     for (int i = 0; i < JOINTS; i++) {
         const double z = x->z_next[i], xi = x->dq[i] + x->alpha * x->q[i], s = x->dq[i] - z;
-        const double dz = -x->alpha * x->dq[i] + x->lambda_M * s + x->b[i] * x->tau_m[i] -
-                          coupling(x, i, xi);
+        const double dz = -x->alpha * x->dq[i] + x->lambda_M * s + x->b[i] * x->tau_m[i] - coupling(x, i, xi);
         x->xi[i] = xi;
         x->s[i] = s;
         x->z[i] = z;

@@ -27,16 +27,18 @@ typedef double Row __attribute__((vector_size(8 * TOGETHER), aligned(8), may_ali
 #define LOW_4(a, b) CHOSEN(a, b, 0, 1, 2, 3, 8, 9, 10, 11)
 #define HIGH_4(a, b) CHOSEN(a, b, 4, 5, 6, 7, 12, 13, 14, 15)
 #endif
-#define EXCHANGE_BLOCKS(rows, size)                                  \
-    UNROLLED for (int k = 0; k < TOGETHER; k++) {                    \
-        if (k & size) continue;                                      \
-        const Real low = LOW_##size(rows[k], rows[k + size]);        \
-        rows[k + size] = HIGH_##size(rows[k], rows[k + size]);       \
-        rows[k] = low;                                               \
+#define EXCHANGE_BLOCKS(rows, size)                            \
+    UNROLLED for (int k = 0; k < TOGETHER; k++)                \
+    {                                                          \
+        if (k & size) continue;                                \
+        const Real low = LOW_##size(rows[k], rows[k + size]);  \
+        rows[k + size] = HIGH_##size(rows[k], rows[k + size]); \
+        rows[k] = low;                                         \
     }
 
 /* Rows to columns of a square. */
-static inline void transpose(Real rows[TOGETHER]) {
+static inline void transpose(Real rows[TOGETHER])
+{
     EXCHANGE_BLOCKS(rows, 1)
     EXCHANGE_BLOCKS(rows, 2)
 #if TOGETHER == 8
@@ -45,7 +47,8 @@ static inline void transpose(Real rows[TOGETHER]) {
 }
 
 /* Each scalar of the instances `x` as a vector. */
-static inline void gather(double *const x[], Real all[]) {
+static inline void gather(double *const x[], Real all[])
+{
     int i = 0;
     for (; i + TOGETHER <= N_SCALARS; i += TOGETHER) {
         Real rows[TOGETHER];
@@ -53,31 +56,32 @@ static inline void gather(double *const x[], Real all[]) {
         transpose(rows);
         UNROLLED for (int k = 0; k < TOGETHER; k++) all[i + k] = rows[k];
     }
-    for (; i < N_SCALARS; i++)
-        UNROLLED for (int k = 0; k < TOGETHER; k++) all[i][k] = x[k][i];
+    for (; i < N_SCALARS; i++) UNROLLED for (int k = 0; k < TOGETHER; k++) all[i][k] = x[k][i];
 }
 
-static inline void scatter(const Real all[], Range changed, double *const x[]) {
+static inline void scatter(const Real all[], Range changed, double *const x[])
+{
     unsigned i = changed.first;
     const unsigned end = changed.first + changed.size;
     for (; i + TOGETHER <= end; i += TOGETHER) {
         Real rows[TOGETHER];
         UNROLLED for (int k = 0; k < TOGETHER; k++) rows[k] = all[i + (unsigned)k];
         transpose(rows);
-        UNROLLED for (int k = 0; k < TOGETHER; k++) *(Row *)(x[k] + i) = rows[k];
+        UNROLLED for (int k = 0; k < TOGETHER; k++) * (Row *)(x[k] + i) = rows[k];
     }
-    for (; i < end; i++)
-        UNROLLED for (int k = 0; k < TOGETHER; k++) x[k][i] = all[i][k];
+    for (; i < end; i++) UNROLLED for (int k = 0; k < TOGETHER; k++) x[k][i] = all[i][k];
 }
 
-static inline int have_in_common(const Real all[], Range integers) {
+static inline int have_in_common(const Real all[], Range integers)
+{
     Truth differ = {0};
     for (unsigned i = integers.first; i < integers.first + integers.size; i++)
         differ |= all[i] != COMMON(all[i]);
     return !ANY(differ);
 }
 
-size_t WIDE_STEPS(double *const x[], const double t[], size_t m, double h) {
+size_t WIDE_STEPS(double *const x[], const double t[], size_t m, double h)
+{
     static const Range integers[] = MODEL_INTEGERS, changed[] = MODEL_CHANGED;
     union {
         Model model;

@@ -7,18 +7,19 @@
 
 enum { JOINTS = ENTRIES(q) };
 
-const char *model_initial(Model *x) {
+const char *model_initial(Model *x)
+{
     double tau[JOINTS];
     for (int i = 0; i < COUNT(x, JOINTS); i++) {
-        const double coupling =
-            -x->K_v[i] * (x->dq[i] - x->dq_j[i]) - x->K_p[i] * (x->q[i] - x->q_j[i]);
+        const double coupling = -x->K_v[i] * (x->dq[i] - x->dq_j[i]) - x->K_p[i] * (x->q[i] - x->q_j[i]);
         const double dissipation = -(x->K_d[i] + x->P_eps[i]) * x->dq[i];
         tau[i] = limited(coupling + dissipation, x->tau_max[i]);
     }
     return give_torques(tau, x->tau, COUNT(x, JOINTS));
 }
 
-const char *model_step(Model *x, double t, double h) {
+const char *model_step(Model *x, double t, double h)
+{
     (void)t, (void)h; /* no state */
     return model_initial(x);
 }

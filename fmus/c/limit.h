@@ -5,7 +5,8 @@
 #include "real.h"
 
 /* `x` within least ... most; NaN stays NaN. */
-static inline Real clipped(Real x, Real least, Real most) {
+static inline Real clipped(Real x, Real least, Real most)
+{
     return PICK(x > most, most, PICK(x < least, least, x));
 }
 
@@ -13,7 +14,6 @@ static inline Real clipped(Real x, Real least, Real most) {
 static inline Real limited(Real tau, Real limit) { return clipped(tau, -limit, limit); }
 
 /* The message of a law whose values are not finite. */
-#define LAW_DIVERGED \
-    "the law left the range of numbers (|q| <= 1e6 rad): the motion or the estimate diverged"
+#define LAW_DIVERGED "the law left the range of numbers (|q| <= 1e6 rad): the motion or the estimate diverged"
 
 #endif

@@ -8,7 +8,8 @@
 
 enum { JOINTS = ENTRIES(q_h) };
 
-static void give(Model *x, double t) {
+static void give(Model *x, double t)
+{
     const double past = (t - x->t_0) / x->T;
     const double p = past < 0.0 ? 0.0 : past > 1.0 ? 1.0 : past, rest = 1.0 - p;
     const double part = p * p * p * (10.0 + p * (6.0 * p - 15.0));
@@ -23,12 +24,14 @@ static void give(Model *x, double t) {
     }
 }
 
-const char *model_initial(Model *x) {
+const char *model_initial(Model *x)
+{
     give(x, 0.0);
     return NULL;
 }
 
-const char *model_step(Model *x, double t, double h) {
+const char *model_step(Model *x, double t, double h)
+{
     (void)h; /* no state */
     give(x, t);
     return NULL;

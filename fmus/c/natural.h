@@ -9,7 +9,8 @@
 #include "declaration.h"
 
 /* The symmetric 4 x 4 matrix with the upper entries `u` (xx xy yy xz yz zz, then x4 y4 z4 44). */
-static inline void symmetric(const Real u[10], Real M[4][4]) {
+static inline void symmetric(const Real u[10], Real M[4][4])
+{
     M[0][0] = u[0];
     M[0][1] = M[1][0] = u[1];
     M[1][1] = u[2];
@@ -20,7 +21,8 @@ static inline void symmetric(const Real u[10], Real M[4][4]) {
     M[3][3] = u[9];
 }
 
-static inline Real root(Real x) {
+static inline Real root(Real x)
+{
 #if TOGETHER == 1
     return sqrt(x);
 #else
@@ -29,19 +31,21 @@ static inline Real root(Real x) {
 #endif
 }
 
-static inline void pseudo_inertia(const Real theta[10], Real P[4][4]) {
+static inline void pseudo_inertia(const Real theta[10], Real P[4][4])
+{
     const Real *I = theta + 4, half = 0.5 * (I[0] + I[2] + I[5]);
     const Real u[10] = {half - I[0], -I[1],    half - I[2], -I[3],    -I[4],
-                          half - I[5], theta[1], theta[2],    theta[3], theta[0]};
+                        half - I[5], theta[1], theta[2],    theta[3], theta[0]};
     symmetric(u, P);
 }
 
 /* theta (10,), the estimate of a link, moves against the gradient ell (10,): by `step`, the rate
  * times h, or by less, so that at least half of P is left in every direction. */
-static inline void natural_step(Real theta[10], const Real ell[10], Real step) {
+static inline void natural_step(Real theta[10], const Real ell[10], Real step)
+{
     const Real *l = ell + 4;
     const Real u[10] = {l[2] + l[5], -0.5 * l[1],  l[0] + l[5],  -0.5 * l[3],  -0.5 * l[4],
-                          l[0] + l[2], 0.5 * ell[1], 0.5 * ell[2], 0.5 * ell[3], ell[0]};
+                        l[0] + l[2], 0.5 * ell[1], 0.5 * ell[2], 0.5 * ell[3], ell[0]};
     Real P[4][4], L[4][4], PL[4][4], next[4][4], squared = REAL(0.0);
     pseudo_inertia(theta, P);
     symmetric(u, L);

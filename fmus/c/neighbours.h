@@ -14,18 +14,18 @@
 enum { NEIGHBOURS = ENTRIES(w) };
 
 /* Whether the value received over an active edge is older than age_max. */
-static inline Truth is_stale(const Model *x, int j) {
-    return (x->w[j] > 0.0) & (x->age[j] > x->age_max);
-}
+static inline Truth is_stale(const Model *x, int j) { return (x->w[j] > 0.0) & (x->age[j] > x->age_max); }
 
-static inline Truth any_stale(const Model *x) {
+static inline Truth any_stale(const Model *x)
+{
     Truth stale = NEVER;
     for (int j = 0; j < NEIGHBOURS; j++) stale |= is_stale(x, j);
     return stale;
 }
 
 /* The weight w_j; for an edge that is too old it falls to 0 within age_fade. */
-static inline Real weight(const Model *x, int j) {
+static inline Real weight(const Model *x, int j)
+{
     const Truth stale = is_stale(x, j);
     if (!ANY(stale)) return x->w[j];
     const Real late = x->age[j] - x->age_max;
@@ -41,15 +41,16 @@ static inline Real weight(const Model *x, int j) {
 #endif
 
 /* lambda sum_j w_j (xi - xi_in_j) of entry i, a joint or a coordinate. */
-static inline Real coupling(const Model *x, int i, Real xi) {
+static inline Real coupling(const Model *x, int i, Real xi)
+{
     Real consensus = {0.0};
-    for (int j = 0; j < NEIGHBOURS; j++)
-        consensus += HEARD(x, j, i) * weight(x, j) * (xi - x->xi_in[j][i]);
+    for (int j = 0; j < NEIGHBOURS; j++) consensus += HEARD(x, j, i) * weight(x, j) * (xi - x->xi_in[j][i]);
     return x->lambda * consensus;
 }
 #else
 static inline Truth any_stale(const Model *x) { return (void)x, NEVER; }
-static inline Real coupling(const Model *x, int i, Real xi) {
+static inline Real coupling(const Model *x, int i, Real xi)
+{
     const Real none = {0.0};
     return (void)x, (void)i, (void)xi, none;
 }

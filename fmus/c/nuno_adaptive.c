@@ -7,7 +7,8 @@
  */
 #include "static_feedback.h"
 
-static void refer(const Model *x, Law *y) {
+static void refer(const Model *x, Law *y)
+{
     for (int i = 0; i < COUNT(x, JOINTS); i++) {
         const Real de = MEAN_DISAGREEMENT(x->dq[i], dq_j, i);
         y->z[i] = -x->lambda * MEAN_DISAGREEMENT(x->q[i], q_j, i);

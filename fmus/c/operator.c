@@ -6,14 +6,16 @@
 
 enum { JOINTS = ENTRIES(q) };
 
-const char *model_initial(Model *x) {
+const char *model_initial(Model *x)
+{
     double tau_h[JOINTS];
     for (int i = 0; i < COUNT(x, JOINTS); i++)
         tau_h[i] = -x->k_d[i] * x->dq[i] - x->k_p[i] * (x->q[i] - x->q_h[i]);
     return give_torques(tau_h, x->tau_h, JOINTS);
 }
 
-const char *model_step(Model *x, double t, double h) {
+const char *model_step(Model *x, double t, double h)
+{
     (void)t, (void)h; /* no state */
     return model_initial(x);
 }

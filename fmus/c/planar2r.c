@@ -11,12 +11,11 @@
 #include "model.h"
 #include "trig.h"
 
-static inline Truth is_level(const Model *x) {
-    return (x->theta_g[0] == 0.0) & (x->theta_g[1] == 0.0);
-}
+static inline Truth is_level(const Model *x) { return (x->theta_g[0] == 0.0) & (x->theta_g[1] == 0.0); }
 
 /* g(q) = (theta_g1 cos q1 + theta_g2 cos (q1 + q2), theta_g2 cos (q1 + q2)), N.m. */
-static inline void gravity(const Real theta_g[2], const Real q[2], Real g[2]) {
+static inline void gravity(const Real theta_g[2], const Real q[2], Real g[2])
+{
     Real s1, c1, s12, c12;
     sine_cosine(q[0], &s1, &c1);
     sine_cosine(q[0] + q[1], &s12, &c12);
@@ -25,8 +24,9 @@ static inline void gravity(const Real theta_g[2], const Real q[2], Real g[2]) {
 }
 
 /* ddq = M^-1 (tau + tau_ext + tau_h - tau_e - C dq - g), rad/s^2; `torque` = tau + tau_ext. */
-static inline void acceleration(const Model *x, const Real torque[2], const Real q[2],
-                                const Real dq[2], Real ddq[2]) {
+static inline void acceleration(const Model *x, const Real torque[2], const Real q[2], const Real dq[2],
+                                Real ddq[2])
+{
     const Real *theta = x->theta;
     Real s2, c2;
     sine_cosine(q[1], &s2, &c2);
@@ -51,8 +51,8 @@ static inline void acceleration(const Model *x, const Real torque[2], const Real
 }
 
 /* One step h of the classical method, in place. */
-static inline void runge_kutta(const Model *x, const Real torque[2], double h, Real q[2],
-                               Real dq[2]) {
+static inline void runge_kutta(const Model *x, const Real torque[2], double h, Real q[2], Real dq[2])
+{
     Real k1[2], k2[2], k3[2], k4[2]; /* ddq of the stages; their dq is v1 = dq, v2, v3, v4 */
     Real p[2], v2[2], v3[2], v4[2];
     acceleration(x, torque, q, dq, k1);
@@ -78,7 +78,8 @@ static inline void runge_kutta(const Model *x, const Real torque[2], double h, R
 }
 
 #if TOGETHER == 1
-const char *model_initial(Model *x) {
+const char *model_initial(Model *x)
+{
     const double *theta = x->theta;
     if (!(theta[2] > 0.0 && theta[0] * theta[2] - theta[2] * theta[2] - theta[1] * theta[1] > 0.0))
         return "theta gives no positive definite inertia: theta[2] > 0 and theta[0] theta[2]"
@@ -88,7 +89,8 @@ const char *model_initial(Model *x) {
 }
 
 #ifdef EXCHANGE
-const char *model_rates(Model *x) {
+const char *model_rates(Model *x)
+{
     const double torque[2] = {x->tau[0] + x->tau_ext[0], x->tau[1] + x->tau_ext[1]};
     acceleration(x, torque, x->q, x->dq, x->ddq);
     return all_finite(x->ddq, 2) ? arrive(x, x->q, x->dq) : DIVERGED;
@@ -96,7 +98,8 @@ const char *model_rates(Model *x) {
 #endif
 #endif
 
-const char *model_step(Model *x, double t, double h) {
+const char *model_step(Model *x, double t, double h)
+{
     const int substeps = (int)COMMON(x->substeps);
     const Real torque[2] = {x->tau[0] + x->tau_ext[0], x->tau[1] + x->tau_ext[1]};
     Real q[2] = {x->q[0], x->q[1]}, dq[2] = {x->dq[0], x->dq[1]};

@@ -8,7 +8,8 @@
 
 /* E = exp z, phi1 = (E - 1) / z and phi2 = (phi1 - 1) / z for z <= 0, without cancellation: a
  * series where |z| <= 1/2, and from there by doubling. */
-static inline void exponential(Real z, Real *E, Real *phi1, Real *phi2) {
+static inline void exponential(Real z, Real *E, Real *phi1, Real *phi2)
+{
     const Real given = z;
     while (ANY(z < -0.5)) z = PICK(z < -0.5, z * 0.5, z);
     Real p = REAL(1.0);
@@ -25,13 +26,15 @@ static inline void exponential(Real z, Real *E, Real *phi1, Real *phi2) {
 }
 
 #if TOGETHER == 1
-const char *model_initial(Model *x) {
+const char *model_initial(Model *x)
+{
     if (!(x->m > 0.0)) return "m must be more than 0";
     return NULL;
 }
 
 #ifdef EXCHANGE
-const char *model_rates(Model *x) {
+const char *model_rates(Model *x)
+{
     const double b = x->b + x->b_add;
     if (b < 0.0) return "b + b_add is negative: friction must take energy";
     const double ddx = (x->f - b * x->dx) / x->m;
@@ -42,7 +45,8 @@ const char *model_rates(Model *x) {
 #endif
 #endif
 
-const char *model_step(Model *x, double t, double h) {
+const char *model_step(Model *x, double t, double h)
+{
     const Real b = x->b + x->b_add, z = -b / x->m * h;
     Real E, phi1, phi2;
     (void)t; /* the mass does not depend on time */

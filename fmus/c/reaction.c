@@ -13,7 +13,8 @@ enum { JOINTS = ENTRIES(q) };
 enum { KEPT = 64 };
 static const double TWO_PI = 6.283185307179586;
 
-const char *model_initial(Model *x) {
+const char *model_initial(Model *x)
+{
     if (!all_finite(x->q, JOINTS)) return "the input left the range of numbers";
     for (int i = 0; i < JOINTS; i++) x->q_h[i] = x->p[i] = x->q[i];
     for (int i = 0; i < JOINTS * KEPT; i++) x->past[i] = x->q[i % JOINTS];
@@ -21,7 +22,8 @@ const char *model_initial(Model *x) {
     return NULL;
 }
 
-const char *model_step(Model *x, double t, double h) {
+const char *model_step(Model *x, double t, double h)
+{
     const double steps = x->reaction / h + 0.5;
     if (!(steps < KEPT)) return "the reaction time is more than 63 steps";
     const long k = (long)x->k, late = (long)steps, seen = (k > late ? k - late : 0) % KEPT;
@@ -34,8 +36,7 @@ const char *model_step(Model *x, double t, double h) {
         q_h[i] = x->p[i] + x->tremor * sine;
         p[i] = x->p[i] + h * v;
     }
-    if (!all_finite(q_h, JOINTS) || !all_finite(p, JOINTS))
-        return "the position left the range of numbers";
+    if (!all_finite(q_h, JOINTS) || !all_finite(p, JOINTS)) return "the position left the range of numbers";
     for (int i = 0; i < JOINTS; i++) x->q_h[i] = q_h[i], x->p[i] = p[i];
     x->k = (double)(k + 1);
     return NULL;

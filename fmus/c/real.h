@@ -58,11 +58,13 @@ typedef int Truth;
 typedef double Real __attribute__((vector_size(8 * TOGETHER)));
 typedef int64_t Truth __attribute__((vector_size(8 * TOGETHER))); /* of a lane: all bits or none */
 
-static inline Real pick(Truth truth, Real a, Real b) {
+static inline Real pick(Truth truth, Real a, Real b)
+{
     return (Real)((truth & (Truth)a) | (~truth & (Truth)b));
 }
 
-static inline int all_lanes(Truth truth) {
+static inline int all_lanes(Truth truth)
+{
     int64_t all = truth[0];
     for (int k = 1; k < TOGETHER; k++) all &= truth[k];
     return all != 0;

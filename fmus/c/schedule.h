@@ -7,14 +7,16 @@
 static inline int reached(double t, double h, double moment) { return t + 1e-6 * h >= moment; }
 
 /* The functions of a model whose outputs `give(x, t, h)` computes at each sampling instant. */
-#define GIVEN_AT_EACH_STEP                                \
-    const char *model_initial(Model *x) {                 \
-        give(x, 0.0, 0.0);                                \
-        return NULL;                                      \
-    }                                                     \
-    const char *model_step(Model *x, double t, double h) { \
-        give(x, t, h);                                    \
-        return NULL;                                      \
+#define GIVEN_AT_EACH_STEP                               \
+    const char *model_initial(Model *x)                  \
+    {                                                    \
+        give(x, 0.0, 0.0);                               \
+        return NULL;                                     \
+    }                                                    \
+    const char *model_step(Model *x, double t, double h) \
+    {                                                    \
+        give(x, t, h);                                   \
+        return NULL;                                     \
     }
 
 #endif

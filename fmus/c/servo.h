@@ -7,7 +7,8 @@
 enum { VELOCITY, POSITION }; /* values of the parameter `mode` */
 
 /* The velocity that v_max and a_max leave of `asked`, h after `before`. */
-static inline double limited_rate(double asked, double before, double v_max, double a_max, double h) {
+static inline double limited_rate(double asked, double before, double v_max, double a_max, double h)
+{
     const double allowed = limited(asked, v_max), most = a_max * h, change = allowed - before;
     return change > most ? before + most : change < -most ? before - most : allowed;
 }

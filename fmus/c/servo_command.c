@@ -14,7 +14,8 @@ enum { JOINTS = ENTRIES(q) };
 /* The part of the reference's velocity that the servo takes. */
 static double fed(const Model *x) { return x->mode == VELOCITY ? 1.0 : x->feed_forward; }
 
-const char *model_initial(Model *x) {
+const char *model_initial(Model *x)
+{
     for (int i = 0; i < JOINTS; i++) {
         if (!(fed(x) * x->K_v[i] + x->K_p[i] > 0.0))
             return "K_p and the K_v that is fed forward are both 0: no command moves the servo";
@@ -24,7 +25,8 @@ const char *model_initial(Model *x) {
     return all_finite(x->q_c, JOINTS) ? NULL : SERVO_DIVERGED;
 }
 
-static void step_joint(Model *x, int i, double h) {
+static void step_joint(Model *x, int i, double h)
+{
     const double q_r = x->q_r[i], error = q_r - x->q[i];
     const double damped = (x->K_v[i] + x->K_p[i] * h) * x->dq[i];
     const double pull = x->tau[i] + damped - x->K_p[i] * error - x->K_i[i] * x->e_sum[i];
@@ -36,7 +38,8 @@ static void step_joint(Model *x, int i, double h) {
     if (!held) x->e_sum[i] += h * error;
 }
 
-const char *model_step(Model *x, double t, double h) {
+const char *model_step(Model *x, double t, double h)
+{
     (void)t; /* the law does not depend on time */
     for (int i = 0; i < JOINTS; i++) step_joint(x, i, h);
     return all_finite(x->q_c, JOINTS) && all_finite(x->dq_c, JOINTS) ? NULL : SERVO_DIVERGED;

@@ -30,30 +30,35 @@ struct Snapshot {
     double values[]; /* N_VALUES */
 };
 
-static void put(unsigned char *bytes, uint64_t value, int n) {
+static void put(unsigned char *bytes, uint64_t value, int n)
+{
     for (int i = 0; i < n; i++) bytes[i] = (unsigned char)(value >> (8 * i));
 }
 
-static uint64_t take(const unsigned char *bytes, int n) {
+static uint64_t take(const unsigned char *bytes, int n)
+{
     uint64_t value = 0;
     for (int i = 0; i < n; i++) value |= (uint64_t)bytes[i] << (8 * i);
     return value;
 }
 
-static void put_double(unsigned char *bytes, double value) {
+static void put_double(unsigned char *bytes, double value)
+{
     uint64_t bits;
     memcpy(&bits, &value, sizeof bits);
     put(bytes, bits, 8);
 }
 
-static double take_double(const unsigned char *bytes) {
+static double take_double(const unsigned char *bytes)
+{
     const uint64_t bits = take(bytes, 8);
     double value;
     memcpy(&value, &bits, sizeof value);
     return value;
 }
 
-static uint32_t crc32(const unsigned char *bytes, size_t n) {
+static uint32_t crc32(const unsigned char *bytes, size_t n)
+{
     uint32_t crc = 0xffffffffu;
     for (size_t i = 0; i < n; i++) {
         crc ^= bytes[i];
@@ -62,7 +67,8 @@ static uint32_t crc32(const unsigned char *bytes, size_t n) {
     return ~crc;
 }
 
-static void clock_to(double *values, const Clock *clock) {
+static void clock_to(double *values, const Clock *clock)
+{
     if (!declared.is_clocked) return;
     values[0] = clock->count;
     values[1] = clock->active;
@@ -70,7 +76,8 @@ static void clock_to(double *values, const Clock *clock) {
     memcpy(values + 3, clock->before, N_STORED * sizeof *values);
 }
 
-static void clock_from(const double *values, Clock *clock) {
+static void clock_from(const double *values, Clock *clock)
+{
     if (!declared.is_clocked) return;
     clock->count = values[0];
     clock->active = values[1] != 0.0;
@@ -78,14 +85,16 @@ static void clock_from(const double *values, Clock *clock) {
     memcpy(clock->before, values + 3, N_STORED * sizeof *values);
 }
 
-static int known(const Instance *x, const void *state, const char *function) {
+static int known(const Instance *x, const void *state, const char *function)
+{
     if (state != NULL && ((const Snapshot *)state)->mark == MARK) return 1;
     refuse(x, function, "the state is %s", state == NULL ? "null" : "none saved by this FMU");
     return 0;
 }
 
 /* `*state`, or new memory if that is NULL. Returns NULL after logging a message if there is no memory. */
-static Snapshot *room(const Instance *x, void **state, const char *function) {
+static Snapshot *room(const Instance *x, void **state, const char *function)
+{
     if (state == NULL) {
         refuse(x, function, "the pointer to the state is null");
         return NULL;
@@ -96,7 +105,8 @@ static Snapshot *room(const Instance *x, void **state, const char *function) {
     return made;
 }
 
-Status state_save(const Instance *x, void **state, const char *function) {
+Status state_save(const Instance *x, void **state, const char *function)
+{
     Snapshot *y = room(x, state, function);
     if (y == NULL) return STATUS_ERROR;
     y->mark = MARK;
@@ -110,7 +120,8 @@ Status state_save(const Instance *x, void **state, const char *function) {
     return STATUS_OK;
 }
 
-Status state_restore(Instance *x, const Snapshot *state, const char *function) {
+Status state_restore(Instance *x, const Snapshot *state, const char *function)
+{
     if (!known(x, state, function)) return STATUS_ERROR;
     x->mode = state->mode;
     x->stale = (int)state->stale;
@@ -121,7 +132,8 @@ Status state_restore(Instance *x, const Snapshot *state, const char *function) {
     return STATUS_OK;
 }
 
-Status state_free(const Instance *x, void **state, const char *function) {
+Status state_free(const Instance *x, void **state, const char *function)
+{
     if (state == NULL) return refuse(x, function, "the pointer to the state is null");
     if (*state == NULL) return STATUS_OK;
     if (!known(x, *state, function)) return STATUS_ERROR;
@@ -131,7 +143,8 @@ Status state_free(const Instance *x, void **state, const char *function) {
     return STATUS_OK;
 }
 
-Status state_size(const Instance *x, const Snapshot *state, size_t *size, const char *function) {
+Status state_size(const Instance *x, const Snapshot *state, size_t *size, const char *function)
+{
     if (!known(x, state, function)) return STATUS_ERROR;
     if (size == NULL) return refuse(x, function, "the pointer to the size is null");
     *size = SIZE;
@@ -139,7 +152,8 @@ Status state_size(const Instance *x, const Snapshot *state, size_t *size, const 
 }
 
 Status state_write(const Instance *x, const Snapshot *state, unsigned char bytes[], size_t size,
-                   const char *function) {
+                   const char *function)
+{
     if (!known(x, state, function)) return STATUS_ERROR;
     if (bytes == NULL || size < SIZE)
         return refuse(x, function, "there is room for %lu bytes, expected %lu",
@@ -158,42 +172,40 @@ Status state_write(const Instance *x, const Snapshot *state, unsigned char bytes
 }
 
 /* Whether the bytes are a state of this model, undamaged; otherwise that is logged. */
-static int readable(const Instance *x, const unsigned char bytes[], size_t size,
-                    const char *function) {
+static int readable(const Instance *x, const unsigned char bytes[], size_t size, const char *function)
+{
     if (bytes == NULL || size < HEADER)
         refuse(x, function, "%lu bytes are no serialised state, expected %lu",
                bytes == NULL ? 0ul : (unsigned long)size, (unsigned long)SIZE);
-    else if (take(bytes, 8) != MARK)
-        refuse(x, function, "the bytes are no state serialised by such an FMU");
+    else if (take(bytes, 8) != MARK) refuse(x, function, "the bytes are no state serialised by such an FMU");
     else if (take(bytes + 8, 4) != FORMAT)
         refuse(x, function, "the serialised state has format %lu, expected %d",
                (unsigned long)take(bytes + 8, 4), FORMAT);
     else if (take(bytes + 16, 8) != declared.layout || take(bytes + 12, 4) != N_VALUES)
-        refuse(x, function, "the serialised state is of another model than %s",
-               declared.identifier);
+        refuse(x, function, "the serialised state is of another model than %s", declared.identifier);
     else if (size != SIZE)
-        refuse(x, function, "the serialised state has %lu bytes, expected %lu",
-               (unsigned long)size, (unsigned long)SIZE);
+        refuse(x, function, "the serialised state has %lu bytes, expected %lu", (unsigned long)size,
+               (unsigned long)SIZE);
     else if (take(bytes + SIZE - 4, 4) != crc32(bytes, SIZE - 4))
         refuse(x, function, "the serialised state is damaged (CRC-32 is %08lx, expected %08lx)",
                (unsigned long)crc32(bytes, SIZE - 4), (unsigned long)take(bytes + SIZE - 4, 4));
-    else
-        return 1;
+    else return 1;
     return 0;
 }
 
 /* Whether this FMU has such a mode. */
-static int is_mode(uint32_t mode) {
+static int is_mode(uint32_t mode)
+{
     const uint32_t event = declared.is_clocked ? EVENT : 0;
     const uint32_t configuration = declared.structural < declared.n_scalars ? CONFIGURATION : 0;
     const uint32_t exchange = INSTANTIATED | INITIALIZATION | EVENT | CONTINUOUS | TERMINATED;
-    const uint32_t modes =
-        declared.rates ? exchange : (2 * TERMINATED - 1) | event | configuration;
+    const uint32_t modes = declared.rates ? exchange : (2 * TERMINATED - 1) | event | configuration;
     return mode != 0 && (mode & ~modes) == 0 && (mode & (mode - 1)) == 0;
 }
 
 /* Whether the structural parameter is one that the arrays have room for. */
-static int is_sized(const unsigned char bytes[]) {
+static int is_sized(const unsigned char bytes[])
+{
     if (declared.structural == declared.n_scalars) return 1;
     const double size = take_double(bytes + HEADER + 8 * declared.structural);
     for (unsigned i = 0; i < declared.n_variables; i++)
@@ -204,11 +216,11 @@ static int is_sized(const unsigned char bytes[]) {
 }
 
 Status state_read(const Instance *x, const unsigned char bytes[], size_t size, void **state,
-                  const char *function) {
+                  const char *function)
+{
     if (!readable(x, bytes, size, function)) return STATUS_ERROR;
     const uint32_t mode = (uint32_t)take(bytes + 24, 4);
-    if (!is_mode(mode))
-        return refuse(x, function, "the serialised state has mode %lu", (unsigned long)mode);
+    if (!is_mode(mode)) return refuse(x, function, "the serialised state has mode %lu", (unsigned long)mode);
     if (!is_sized(bytes))
         return refuse(x, function, "the serialised state has an impossible structural parameter");
     Snapshot *y = room(x, state, function);

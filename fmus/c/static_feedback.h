@@ -33,16 +33,17 @@ typedef struct {
 } Law;
 
 #ifdef SERIAL_ARM
-static inline void feedforward(const Model *x, const Real *theta_hat, Law *y, Real *tau) {
+static inline void feedforward(const Model *x, const Real *theta_hat, Law *y, Real *tau)
+{
     const Chain chain = CHAIN_OF(x);
     Pose pose[CHAIN_MOST];
     chain_pose(&chain, x->q, pose);
-    chain_feedforward(&chain, pose, (int)COMMON(x->gravity), theta_hat, x->dq, y->z, y->dz, y->s, tau,
-                      y->Ys);
+    chain_feedforward(&chain, pose, (int)COMMON(x->gravity), theta_hat, x->dq, y->z, y->dz, y->s, tau, y->Ys);
 }
 #else
 /* tau = Y theta_hat, Ys = Y^T s. */
-static inline void feedforward(const Model *x, const Real *theta_hat, Law *y, Real *tau) {
+static inline void feedforward(const Model *x, const Real *theta_hat, Law *y, Real *tau)
+{
     const Regressor Y = regressor(x->q, x->dq, y->z, y->dz);
     torque_of(&Y, theta_hat, tau);
     transposed_times(&Y, y->s, y->Ys);
@@ -50,7 +51,8 @@ static inline void feedforward(const Model *x, const Real *theta_hat, Law *y, Re
 #endif
 
 /* The sum over the neighbours of own - received for joint i; `received` has a row for each of them. */
-static inline Real disagreement(Real own, const Real *received, int neighbours, int i) {
+static inline Real disagreement(Real own, const Real *received, int neighbours, int i)
+{
     Real sum = own - received[i];
     for (int j = 1; j < neighbours; j++) sum += own - received[JOINTS * j + i];
     return sum;
@@ -59,8 +61,7 @@ static inline Real disagreement(Real own, const Real *received, int neighbours, 
 /* Neighbours whose signal arrives at the input `port`: (n,), or (neighbours, n) for several. */
 #define NEIGHBOURS(port) (ENTRIES(port) / JOINTS)
 /* The same, and its mean, of the variable `own` and the input `port` of a model `x`. */
-#define DISAGREEMENT(own, port, i) \
-    disagreement((own), (const Real *)x->port, NEIGHBOURS(port), (i))
+#define DISAGREEMENT(own, port, i) disagreement((own), (const Real *)x->port, NEIGHBOURS(port), (i))
 #define MEAN_DISAGREEMENT(own, port, i) (DISAGREEMENT(own, port, i) / (double)NEIGHBOURS(port))
 
 /* Defined by the model: z, dz and feedback, from inputs and parameters. */
@@ -69,7 +70,8 @@ static void refer(const Model *x, Law *y);
 static Real *sliding(Model *x);
 
 /* Compute all outputs from z, dz and feedback. NULL, or a message if a value is not finite. */
-static const char *complete(const Model *x, const Real *theta_hat, Law *y) {
+static const char *complete(const Model *x, const Real *theta_hat, Law *y)
+{
     Real tau[JOINTS];
     refer(x, y);
     for (int i = 0; i < COUNT(x, JOINTS); i++) y->s[i] = x->dq[i] - y->z[i];
@@ -80,13 +82,15 @@ static const char *complete(const Model *x, const Real *theta_hat, Law *y) {
         y->tau[i] = limited(tau[i], x->tau_max[i]);
         y->saturated |= y->tau[i] != tau[i];
     }
-    if (!all_finite(y->tau, COUNT(x, JOINTS)) || !all_finite(y->s, COUNT(x, JOINTS)) || !all_finite(y->Ys, PARAMETERS_OF(x)))
+    if (!all_finite(y->tau, COUNT(x, JOINTS)) || !all_finite(y->s, COUNT(x, JOINTS)) ||
+        !all_finite(y->Ys, PARAMETERS_OF(x)))
         return "the law left the range of numbers (|q| <= 1e6 rad): the motion or the estimate"
                " diverged";
     return NULL;
 }
 
-static void give(Model *x, const Law *y) {
+static void give(Model *x, const Law *y)
+{
     for (int i = 0; i < COUNT(x, JOINTS); i++) {
         x->tau[i] = y->tau[i];
         sliding(x)[i] = y->s[i];
@@ -95,7 +99,8 @@ static void give(Model *x, const Law *y) {
 
 #if TOGETHER == 1
 /* NULL, or a message that says why the arm is physically impossible. */
-static const char *problem(const Model *x) {
+static const char *problem(const Model *x)
+{
 #ifdef SERIAL_ARM
     const Chain chain = CHAIN_OF(x);
     return chain_problem(&chain);
@@ -104,7 +109,8 @@ static const char *problem(const Model *x) {
 #endif
 }
 
-const char *model_initial(Model *x) {
+const char *model_initial(Model *x)
+{
     Law y;
     const double *theta_hat = (const double *)x->theta_hat;
     double *next = (double *)x->theta_hat_next;
@@ -122,7 +128,8 @@ const char *model_initial(Model *x) {
 #endif
 
 /* Output the estimate for t_k, and keep the one for t_k + h. */
-const char *model_step(Model *x, double t, double h) {
+const char *model_step(Model *x, double t, double h)
+{
     Law y;
     const Real *Gamma = (const Real *)x->Gamma;
     Real *theta_hat = (Real *)x->theta_hat, *next = (Real *)x->theta_hat_next;

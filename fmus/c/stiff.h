@@ -11,7 +11,8 @@ static const double BEARABLE = 2.5;
 enum { MOST_STEPS = 1000 };
 
 /* The least whole number that is at least x and `least`, -1 for more than MOST_STEPS and `least`. */
-static inline double whole(double x, double least) {
+static inline double whole(double x, double least)
+{
     if (x <= least) return least;
     if (!(x <= MOST_STEPS)) return -1.0;
     const double below = (int)x;

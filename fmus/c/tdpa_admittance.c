@@ -24,14 +24,16 @@ typedef struct {
 static inline double positive(double x) { return x > 0.0 ? x : 0.0; }
 
 /* The torque from 0 to `most` (>= 0) with f (f - a) <= room, or that with the least f (f - a). */
-static inline double affordable(double most, double a, double room) {
+static inline double affordable(double most, double a, double room)
+{
     if (most * (most - a) <= room) return most;
     const double f = 0.5 * a + sqrt(positive(0.25 * a * a + room));
     return f > most ? most : positive(f);
 }
 
 /* The port at t_k, with the state at t_k; the next step takes h > 0. */
-static void port(const Model *x, double h, Port *y) {
+static void port(const Model *x, double h, Port *y)
+{
     for (int i = 0; i < JOINTS; i++) {
         const double K_d = x->K_d[i], q_d = x->q_d_next[i];
         const double w = x->v_j[i] + x->k_c * (x->q_j[i] - q_d);
@@ -47,12 +49,14 @@ static void port(const Model *x, double h, Port *y) {
     }
 }
 
-static inline int finite_port(const Port *y) {
+static inline int finite_port(const Port *y)
+{
     return all_finite(y->f, JOINTS) && all_finite(y->W, JOINTS) && all_finite(y->dq_d, JOINTS) &&
            all_finite(y->out, JOINTS) && all_finite(y->taken, JOINTS);
 }
 
-const char *model_initial(Model *x) {
+const char *model_initial(Model *x)
+{
     for (int i = 0; i < JOINTS; i++) {
         x->tau[i] = x->f[i] = 0.0;
         x->E_seen[i] = x->E_j[i];
@@ -63,7 +67,8 @@ const char *model_initial(Model *x) {
     return NULL;
 }
 
-const char *model_step(Model *x, double t, double h) {
+const char *model_step(Model *x, double t, double h)
+{
     Port y;
     (void)t; /* the law does not depend on time */
     port(x, h, &y);

@@ -18,7 +18,8 @@ typedef struct {
 } Port;
 
 /* Add the energy of the last step; tau and f_last still have the values of its start. */
-static void observe(const Model *x, Port *y) {
+static void observe(const Model *x, Port *y)
+{
     for (int i = 0; i < JOINTS; i++) {
         const double passed = x->q[i] - x->q_last[i];
         const double work = x->f_last[i] * passed; /* into the line */
@@ -31,7 +32,8 @@ static void observe(const Model *x, Port *y) {
 }
 
 /* Dissipate excess energy by damping, within one step if a_max allows it. */
-static void control(const Model *x, double h, Port *y) {
+static void control(const Model *x, double h, Port *y)
+{
     for (int i = 0; i < JOINTS; i++) {
         const double dq = x->dq[i], owed = -y->W[i], room = h * dq * dq;
         double a = 0.0;
@@ -41,7 +43,8 @@ static void control(const Model *x, double h, Port *y) {
 }
 
 /* Update the port; or return a message and change nothing. */
-static const char *take(Model *x, const Port *y) {
+static const char *take(Model *x, const Port *y)
+{
     if (!all_finite(y->E, JOINTS) || !all_finite(y->W, JOINTS) || !all_finite(y->tau, JOINTS))
         return "the energy left the range of numbers";
     for (int i = 0; i < JOINTS; i++) {
@@ -58,7 +61,8 @@ static const char *take(Model *x, const Port *y) {
     return NULL;
 }
 
-const char *model_initial(Model *x) {
+const char *model_initial(Model *x)
+{
     Port y;
     for (int i = 0; i < JOINTS; i++) {
         y.E[i] = y.E_out[i] = y.E_pc[i] = 0.0;
@@ -68,7 +72,8 @@ const char *model_initial(Model *x) {
     return take(x, &y);
 }
 
-const char *model_step(Model *x, double t, double h) {
+const char *model_step(Model *x, double t, double h)
+{
     Port y;
     (void)t; /* the law does not depend on time */
     observe(x, &y);

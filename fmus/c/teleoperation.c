@@ -32,8 +32,9 @@ typedef struct {
 enum { NO_GRAVITY, COMPENSATED, ADAPTED };
 
 /* The two columns of Y with gravity, (cos q1, 0) and (cos q12, cos q12), q12 = q1 + q2. */
-static inline void add_gravity(const Model *x, const Real theta_hat[P], const Real s[2],
-                               Real tau[2], Real Ys[P]) {
+static inline void add_gravity(const Model *x, const Real theta_hat[P], const Real s[2], Real tau[2],
+                               Real Ys[P])
+{
     const int mode = (int)COMMON(x->gravity);
     const Real *gamma = mode == ADAPTED ? theta_hat + 3 : x->theta_g, none = {0.0};
     Real s1, c1, s12, c12;
@@ -48,8 +49,9 @@ static inline void add_gravity(const Model *x, const Real theta_hat[P], const Re
     Ys[4] = c12 * (s[0] + s[1]);
 }
 #else
-static inline void add_gravity(const Model *x, const Real theta_hat[P], const Real s[2],
-                               Real tau[2], Real Ys[P]) {
+static inline void add_gravity(const Model *x, const Real theta_hat[P], const Real s[2], Real tau[2],
+                               Real Ys[P])
+{
     (void)x, (void)theta_hat, (void)s, (void)tau, (void)Ys;
 }
 #endif
@@ -57,14 +59,16 @@ static inline void add_gravity(const Model *x, const Real theta_hat[P], const Re
 /* --- gains that are matrices ---------------------------------------------------------------- */
 
 /* Entry (i, j) of Gamma. Gamma_off holds the entries right of the diagonal, row by row. */
-static inline Real gamma_entry(const Model *x, int i, int j) {
+static inline Real gamma_entry(const Model *x, int i, int j)
+{
     const int row = i < j ? i : j, column = i < j ? j : i;
     if (i == j) return x->Gamma[i];
     return x->Gamma_off[row * P - row * (row + 1) / 2 + column - row - 1];
 }
 
 /* Entry i of Gamma Y^T s. */
-static inline Real adaptation(const Model *x, const Real Ys[P], int i) {
+static inline Real adaptation(const Model *x, const Real Ys[P], int i)
+{
     Real rate = x->Gamma[i] * Ys[i];
     for (int j = 0; j < P; j++)
         if (j != i) rate += gamma_entry(x, i, j) * Ys[j];
@@ -74,7 +78,8 @@ static inline Real adaptation(const Model *x, const Real Ys[P], int i) {
 /* --- the law ------------------------------------------------------------------------------ */
 
 /* The law as of t_k, with the state z, theta_hat. */
-static inline void law(const Model *x, const Real z[2], const Real theta_hat[P], Law *y) {
+static inline void law(const Model *x, const Real z[2], const Real theta_hat[P], Law *y)
+{
     const Real *q = x->q, *dq = x->dq, *s = y->s;
     const Truth inertial = x->lambda_c > 0.0; /* Remark 3: K = lambda_c M_hat, inside Y */
     const Real K_off = PICK(inertial, 0.0, x->K_off);
@@ -87,10 +92,9 @@ static inline void law(const Model *x, const Real z[2], const Real theta_hat[P],
         K[i] = PICK(inertial, 0.0, x->K[i]);
     }
     const Regressor Y = regressor(q, dq, z, a);
-    Real tau[2] = {
-        -(K[0] * s[0] + K_off * s[1]) + Y.Y11 * theta_hat[0] + Y.Y12 * theta_hat[1] +
-            Y.Y13 * theta_hat[2],
-        -(K[1] * s[1] + K_off * s[0]) + Y.Y22 * theta_hat[1] + Y.Y23 * theta_hat[2]};
+    Real tau[2] = {-(K[0] * s[0] + K_off * s[1]) + Y.Y11 * theta_hat[0] + Y.Y12 * theta_hat[1] +
+                       Y.Y13 * theta_hat[2],
+                   -(K[1] * s[1] + K_off * s[0]) + Y.Y22 * theta_hat[1] + Y.Y23 * theta_hat[2]};
     transposed_times(&Y, s, y->Ys);
     add_gravity(x, theta_hat, s, tau, y->Ys);
     for (int i = 0; i < 2; i++) y->tau[i] = limited(tau[i], x->tau_max[i]);
@@ -98,12 +102,14 @@ static inline void law(const Model *x, const Real z[2], const Real theta_hat[P],
     y->stale = any_stale(x);
 }
 
-static inline int finite_law(const Law *y) {
-    return all_finite(y->tau, 2) && all_finite(y->xi, 2) && all_finite(y->s, 2) &&
-           all_finite(y->dz, 2) && all_finite(y->Ys, P);
+static inline int finite_law(const Law *y)
+{
+    return all_finite(y->tau, 2) && all_finite(y->xi, 2) && all_finite(y->s, 2) && all_finite(y->dz, 2) &&
+           all_finite(y->Ys, P);
 }
 
-static inline void give(Model *x, const Law *y) {
+static inline void give(Model *x, const Law *y)
+{
     for (int i = 0; i < 2; i++) {
         x->tau[i] = y->tau[i];
         x->xi[i] = y->xi[i];
@@ -112,37 +118,39 @@ static inline void give(Model *x, const Law *y) {
 }
 
 #if TOGETHER == 1
-static inline int any_off(const Model *x) {
+static inline int any_off(const Model *x)
+{
     int any = 0;
     for (int i = 0; i < P * (P - 1) / 2; i++) any |= x->Gamma_off[i] != 0.0;
     return any;
 }
 
 /* Whether Gamma = L D L^T with D > 0. */
-static inline int gamma_is_positive(const Model *x) {
+static inline int gamma_is_positive(const Model *x)
+{
     double L[P][P], D[P];
     for (int i = 0; i < P; i++) {
         for (int j = 0; j <= i; j++) {
             double rest = gamma_entry(x, i, j);
             for (int k = 0; k < j; k++) rest -= L[i][k] * L[j][k] * D[k];
-            if (j == i)
-                D[i] = rest;
-            else
-                L[i][j] = rest / D[j];
+            if (j == i) D[i] = rest;
+            else L[i][j] = rest / D[j];
         }
         if (!(D[i] > 0.0)) return 0;
     }
     return 1;
 }
 
-static inline int is_bounded(const Model *x) {
+static inline int is_bounded(const Model *x)
+{
     int bounded = 0;
     for (int i = 0; i < P; i++) bounded |= x->theta_min[i] > -1e9 || x->theta_max[i] < 1e9;
     return bounded;
 }
 
 /* Checks of values that depend on several variables, which a minimum or maximum cannot express. */
-static inline const char *check(const Model *x) {
+static inline const char *check(const Model *x)
+{
     if (x->K_off != 0.0 && !(x->K[0] > 0.0 && x->K[0] * x->K[1] > x->K_off * x->K_off))
         return "K with K_off is not positive definite";
     if (any_off(x) && !gamma_is_positive(x)) return "Gamma with Gamma_off is not positive definite";
@@ -152,8 +160,7 @@ static inline const char *check(const Model *x) {
         if (!(x->theta_min[i] <= x->theta_hat[i] && x->theta_hat[i] <= x->theta_max[i]))
             return "theta_hat starts outside of theta_min ... theta_max";
 #if NETWORKED
-    if (!(x->alpha > 0.0))
-        return "alpha must be more than 0 with neighbours: positions would not agree";
+    if (!(x->alpha > 0.0)) return "alpha must be more than 0 with neighbours: positions would not agree";
 #endif
 #if GRAVITY
     if (!(x->gravity >= NO_GRAVITY && x->gravity <= ADAPTED)) return "gravity must be 0, 1 or 2";
@@ -161,7 +168,8 @@ static inline const char *check(const Model *x) {
     return NULL;
 }
 
-const char *model_initial(Model *x) {
+const char *model_initial(Model *x)
+{
     Law y;
     const char *why = check(x);
     if (why != NULL) return why;
@@ -174,7 +182,8 @@ const char *model_initial(Model *x) {
 }
 #endif
 
-const char *model_step(Model *x, double t, double h) {
+const char *model_step(Model *x, double t, double h)
+{
     Law y;
     (void)t; /* the law does not depend on time */
     law(x, x->z_next, x->theta_hat_next, &y);

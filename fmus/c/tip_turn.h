@@ -17,7 +17,8 @@ typedef struct {
 } Turn;
 
 /* The quaternion of a rotation C (row-major) with eta >= 0, by its greatest entry. */
-static inline void quaternion(const double C[9], double *eta, double eps[3]) {
+static inline void quaternion(const double C[9], double *eta, double eps[3])
+{
     const double trace = C[0] + C[4] + C[8];
     const double odd[3] = {C[7] - C[5], C[2] - C[6], C[3] - C[1]}; /* 4 eta eps */
     if (trace > 0.0) {
@@ -29,12 +30,12 @@ static inline void quaternion(const double C[9], double *eta, double eps[3]) {
     const double own = 0.5 * square_root(1.0 + 2.0 * C[4 * m] - trace);
     const double sign = odd[m] < 0.0 ? -1.0 : 1.0;
     *eta = sign * 0.25 * odd[m] / own;
-    for (int k = 0; k < 3; k++)
-        eps[k] = sign * (k == m ? own : 0.25 * (C[3 * k + m] + C[3 * m + k]) / own);
+    for (int k = 0; k < 3; k++) eps[k] = sign * (k == m ? own : 0.25 * (C[3 * k + m] + C[3 * m + k]) / own);
 }
 
 /* E = a - [b], row-major. */
-static inline void less_cross(double a, const double b[3], double E[9]) {
+static inline void less_cross(double a, const double b[3], double E[9])
+{
     E[0] = E[4] = E[8] = a;
     E[1] = b[2];
     E[2] = -b[1];
@@ -45,14 +46,15 @@ static inline void less_cross(double a, const double b[3], double E[9]) {
 }
 
 /* The turn of the tip `at`, in the axes F (3, 3), from the orientation R_0 (3, 3). */
-static inline void turn_of(const Tip *at, const double F[9], const double R_0[9], Turn *turn) {
+static inline void turn_of(const Tip *at, const double F[9], const double R_0[9], Turn *turn)
+{
     double FR[9], FR_0[9], C[9], E[9], eta, eps[3], deps[3], omega[3], deta = 0.0;
     multiply(F, at->R, FR);
     multiply(F, R_0, FR_0);
     for (int i = 0; i < 3; i++)
         for (int k = 0; k < 3; k++)
-            C[3 * i + k] = FR[3 * i] * FR_0[3 * k] + FR[3 * i + 1] * FR_0[3 * k + 1] +
-                           FR[3 * i + 2] * FR_0[3 * k + 2];
+            C[3 * i + k] =
+                FR[3 * i] * FR_0[3 * k] + FR[3 * i + 1] * FR_0[3 * k + 1] + FR[3 * i + 2] * FR_0[3 * k + 2];
     quaternion(C, &eta, eps);
     rotate(F, at->omega, omega);
     less_cross(eta, eps, E);

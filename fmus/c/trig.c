@@ -5,7 +5,8 @@
 
 #include "trig_reduced.h"
 
-void sine_cosine(double x, double *sine, double *cosine) {
+void sine_cosine(double x, double *sine, double *cosine)
+{
     double s, c;
     if (!(x >= -TRIG_RANGE && x <= TRIG_RANGE)) {
         *sine = *cosine = NAN;

@@ -15,7 +15,8 @@ void sine_cosine(double x, double *sine, double *cosine);
 
 #include "trig_reduced.h"
 
-static inline void sine_cosine(Real x, Real *sine, Real *cosine) {
+static inline void sine_cosine(Real x, Real *sine, Real *cosine)
+{
     const Truth inside = (x >= -TRIG_RANGE) & (x <= TRIG_RANGE);
     Real s, c;
     const Truth quadrant = (Truth)reduced(x, &s, &c); /* in the lowest bits of its fraction */

@@ -14,7 +14,8 @@
 #include "real.h"
 
 /* The sine and cosine of x - k pi/2. Returns k + TRIG_ROUND. */
-static inline Real reduced(Real x, Real *sine, Real *cosine) {
+static inline Real reduced(Real x, Real *sine, Real *cosine)
+{
     const double TWO_OVER_PI = 0x1.45f306dc9c883p-1;
     const double P1 = 0x1.921fb54400000p+0;
     const double P2 = 0x1.0b4611a600000p-34;

@@ -5,7 +5,8 @@
  */
 #include "static_feedback.h"
 
-static void refer(const Model *x, Law *y) {
+static void refer(const Model *x, Law *y)
+{
     for (int i = 0; i < COUNT(x, JOINTS); i++) {
         y->z[i] = -x->lambda * DISAGREEMENT(x->q[i], q_j, i);
         y->dz[i] = -x->lambda * DISAGREEMENT(x->dq[i], dq_j, i);

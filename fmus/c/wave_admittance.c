@@ -17,7 +17,8 @@ typedef struct {
 } Port;
 
 /* Torque, returning wave and velocity at t_k, with the state q_d. NULL, or a message. */
-static const char *port(const Model *x, const double q_d[JOINTS], Port *y) {
+static const char *port(const Model *x, const double q_d[JOINTS], Port *y)
+{
     for (int i = 0; i < JOINTS; i++) {
         const double b = x->b[i], K_p = x->K_p[i], K_d = x->K_d[i];
         const double spring = K_p * (q_d[i] - x->q[i]);
@@ -31,14 +32,16 @@ static const char *port(const Model *x, const double q_d[JOINTS], Port *y) {
     return NULL;
 }
 
-static void give(Model *x, const Port *y) {
+static void give(Model *x, const Port *y)
+{
     for (int i = 0; i < JOINTS; i++) {
         x->tau[i] = y->F[i];
         x->v[i] = y->v[i];
     }
 }
 
-const char *model_initial(Model *x) {
+const char *model_initial(Model *x)
+{
     Port y;
     const char *why = port(x, x->q, &y);
     if (why != NULL) return why;
@@ -47,7 +50,8 @@ const char *model_initial(Model *x) {
     return NULL;
 }
 
-const char *model_step(Model *x, double t, double h) {
+const char *model_step(Model *x, double t, double h)
+{
     Port y;
     (void)t; /* the law does not depend on time */
     const char *why = port(x, x->q_d_next, &y);

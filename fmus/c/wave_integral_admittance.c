@@ -14,7 +14,8 @@
 enum { JOINTS = ENTRIES(q) };
 
 /* A step of h s from q_d; at the start h is 0, and no wave has come yet. */
-static const char *advance(Model *x, double h, const double q_d[JOINTS]) {
+static const char *advance(Model *x, double h, const double q_d[JOINTS])
+{
     WaveGiven given[JOINTS];
     double tau[JOINTS], U[JOINTS], E[JOINTS], dq_d[JOINTS];
     for (int i = 0; i < JOINTS; i++) {
@@ -43,12 +44,14 @@ static const char *advance(Model *x, double h, const double q_d[JOINTS]) {
     return NULL;
 }
 
-const char *model_initial(Model *x) {
+const char *model_initial(Model *x)
+{
     for (int i = 0; i < JOINTS; i++) x->U[i] = x->E[i] = x->U_given[i] = x->E_given[i] = 0.0;
     return advance(x, 0.0, x->q);
 }
 
-const char *model_step(Model *x, double t, double h) {
+const char *model_step(Model *x, double t, double h)
+{
     double q_d[JOINTS];
     (void)t; /* the law does not depend on time */
     for (int i = 0; i < JOINTS; i++) q_d[i] = x->q_d_next[i];

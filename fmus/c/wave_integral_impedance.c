@@ -12,7 +12,8 @@
 enum { JOINTS = ENTRIES(dq) };
 
 /* A step of h s; at the start h is 0, and no wave has come yet. */
-static const char *advance(Model *x, double h) {
+static const char *advance(Model *x, double h)
+{
     WaveGiven given[JOINTS];
     double tau[JOINTS], U[JOINTS], E[JOINTS];
     for (int i = 0; i < JOINTS; i++) {
@@ -36,12 +37,14 @@ static const char *advance(Model *x, double h) {
     return NULL;
 }
 
-const char *model_initial(Model *x) {
+const char *model_initial(Model *x)
+{
     for (int i = 0; i < JOINTS; i++) x->U[i] = x->E[i] = x->U_given[i] = x->E_given[i] = 0.0;
     return advance(x, 0.0);
 }
 
-const char *model_step(Model *x, double t, double h) {
+const char *model_step(Model *x, double t, double h)
+{
     (void)t; /* the law does not depend on time */
     return advance(x, h);
 }

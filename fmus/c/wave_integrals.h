@@ -12,7 +12,8 @@ typedef struct {
 } WaveGiven;
 
 /* The wave of the next step of h (s), N.m, from the received integrals U_j, E_j; `given` follows. */
-static inline double wave_given(double U_j, double E_j, double b, double h, WaveGiven *given) {
+static inline double wave_given(double U_j, double E_j, double b, double h, WaveGiven *given)
+{
     const double left = U_j - given->U, energy = 4.0 * b * (E_j - given->E);
     if (!(h > 0.0) || !(energy > 0.0)) return 0.0;
     const double wave = left != 0.0 ? energy / left : 0.0;

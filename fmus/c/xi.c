@@ -8,7 +8,8 @@
 
 enum { JOINTS = ENTRIES(q) };
 
-const char *model_initial(Model *x) {
+const char *model_initial(Model *x)
+{
     double xi[JOINTS];
     for (int i = 0; i < COUNT(x, JOINTS); i++) xi[i] = x->dq[i] + x->alpha * x->q[i];
     if (!all_finite(xi, COUNT(x, JOINTS))) return "xi left the range of numbers";
@@ -16,7 +17,8 @@ const char *model_initial(Model *x) {
     return NULL;
 }
 
-const char *model_step(Model *x, double t, double h) {
+const char *model_step(Model *x, double t, double h)
+{
     (void)t, (void)h; /* no state */
     return model_initial(x);
 }

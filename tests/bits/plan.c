@@ -83,9 +83,15 @@ static void run(world_t *w, int parts)
     int64_t next = OPERATIONS;
 
     for (int k = 0; k < 2; k++) {
-        w->units[k] = (unit_t){.kind = UNIT_NATIVE, .h = 1e-3, .instance = w->x[k],
-                               .step = (void *)swing, .input = k ? B_IN : A_IN, .input_count = 4,
-                               .output = k ? B_OUT : A_OUT, .output_count = 2, .period = 1};
+        w->units[k] = (unit_t){.kind = UNIT_NATIVE,
+                               .h = 1e-3,
+                               .instance = w->x[k],
+                               .step = (void *)swing,
+                               .input = k ? B_IN : A_IN,
+                               .input_count = 4,
+                               .output = k ? B_OUT : A_OUT,
+                               .output_count = 2,
+                               .period = 1};
         w->senders[k] = (sender_t){w->history[k], 1, 0, CAPACITY};
         w->links[k] = (link_t){w->senders + k, w->table[k], w->initial + k, 0, TICKS, -1, 0};
         w->x[k][0] = 1.0 - k, w->x[k][1] = 0.5;
@@ -99,12 +105,27 @@ static void run(world_t *w, int parts)
     for (int i = 0; i < 3; i++) w->columns[i] = (columns_t){w->stretches + i, 1};
     for (int k = 0; k < 2; k++) set_part(w, k, &next);
     w->members[0].failed.operation = w->members[0].ended.operation = -1;
-    w->team = (team_t){.parts = w->parts, .places = w->places, .members = w->members, .n_parts = 2,
-                       .n_plan = OPERATIONS, .record = 2, .longest = LEAST, .threads = 1};
-    *e = (engine_t){.operations = w->operations, .segments = w->segments, .units = w->units,
-                    .links = w->links, .senders = w->senders, .players = w->players,
-                    .signals = w->signals, .record = w->rows, .columns = w->columns,
-                    .n_segments = 1, .width = N, .h = 1e-3, .every = 1,
+    w->team = (team_t){.parts = w->parts,
+                       .places = w->places,
+                       .members = w->members,
+                       .n_parts = 2,
+                       .n_plan = OPERATIONS,
+                       .record = 2,
+                       .longest = LEAST,
+                       .threads = 1};
+    *e = (engine_t){.operations = w->operations,
+                    .segments = w->segments,
+                    .units = w->units,
+                    .links = w->links,
+                    .senders = w->senders,
+                    .players = w->players,
+                    .signals = w->signals,
+                    .record = w->rows,
+                    .columns = w->columns,
+                    .n_segments = 1,
+                    .width = N,
+                    .h = 1e-3,
+                    .every = 1,
                     .team = parts ? &w->team : NULL};
     for (int64_t ticks = 1; e->tick < TICKS; ticks = ticks % 97 + 1) {
         const int64_t left = TICKS - e->tick;
@@ -124,8 +145,7 @@ int main(void)
     world_t *w = worlds;
     for (int i = 0; i < TICKS; i++) {
         w->played[i] = number();
-        for (int k = 0; k < 2; k++)
-            w->table[k][i] = i - LEAST - (int32_t)(8.0 * (1.0 + number()));
+        for (int k = 0; k < 2; k++) w->table[k][i] = i - LEAST - (int32_t)(8.0 * (1.0 + number()));
     }
     w[1] = w[0];
     run(w, 0);

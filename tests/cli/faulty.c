@@ -66,29 +66,29 @@ static int opened(int fd, const char *path)
 }
 static int mine(int fd) { return fd >= 0 && fd < FILES && below[fd]; }
 
-#define OPEN(name) \
-    int name(const char *path, int flags, ...) \
-    { \
-        va_list more; \
-        va_start(more, flags); \
+#define OPEN(name)                                                              \
+    int name(const char *path, int flags, ...)                                  \
+    {                                                                           \
+        va_list more;                                                           \
+        va_start(more, flags);                                                  \
         mode_t mode = flags & (O_CREAT | O_TMPFILE) ? va_arg(more, mode_t) : 0; \
-        va_end(more); \
-        REAL(name); \
-        if (concerned(path) && fails_as(reads(flags))) return -1; \
-        return opened(real(path, flags, mode), path); \
+        va_end(more);                                                           \
+        REAL(name);                                                             \
+        if (concerned(path) && fails_as(reads(flags))) return -1;               \
+        return opened(real(path, flags, mode), path);                           \
     }
 OPEN(open)
 OPEN(open64)
-#define OPENAT(name) \
-    int name(int folder, const char *path, int flags, ...) \
-    { \
-        va_list more; \
-        va_start(more, flags); \
+#define OPENAT(name)                                                            \
+    int name(int folder, const char *path, int flags, ...)                      \
+    {                                                                           \
+        va_list more;                                                           \
+        va_start(more, flags);                                                  \
         mode_t mode = flags & (O_CREAT | O_TMPFILE) ? va_arg(more, mode_t) : 0; \
-        va_end(more); \
-        REAL(name); \
-        if (concerned(path) && fails_as(reads(flags))) return -1; \
-        return opened(real(folder, path, flags, mode), path); \
+        va_end(more);                                                           \
+        REAL(name);                                                             \
+        if (concerned(path) && fails_as(reads(flags))) return -1;               \
+        return opened(real(folder, path, flags, mode), path);                   \
     }
 OPENAT(openat)
 OPENAT(openat64)
@@ -104,34 +104,34 @@ ssize_t write(int fd, const void *data, size_t size)
     REAL(write);
     return mine(fd) && fails() ? -1 : real(fd, data, size);
 }
-#define TRUNCATE(name) \
-    int name(int fd, off_t size) \
-    { \
-        REAL(name); \
+#define TRUNCATE(name)                                    \
+    int name(int fd, off_t size)                          \
+    {                                                     \
+        REAL(name);                                       \
         return mine(fd) && fails() ? -1 : real(fd, size); \
     }
 TRUNCATE(ftruncate)
 TRUNCATE(ftruncate64)
-#define SHORTEN(name) \
-    int name(const char *path, off_t size) \
-    { \
-        REAL(name); \
+#define SHORTEN(name)                                              \
+    int name(const char *path, off_t size)                         \
+    {                                                              \
+        REAL(name);                                                \
         return concerned(path) && fails() ? -1 : real(path, size); \
     }
 SHORTEN(truncate)
 SHORTEN(truncate64)
-#define ALLOCATE(name) \
-    int name(int fd, off_t from, off_t size) \
-    { \
-        REAL(name); \
+#define ALLOCATE(name)                                             \
+    int name(int fd, off_t from, off_t size)                       \
+    {                                                              \
+        REAL(name);                                                \
         return mine(fd) && fails() ? errno : real(fd, from, size); \
     }
 ALLOCATE(posix_fallocate)
 ALLOCATE(posix_fallocate64)
-#define MAP(name) \
-    void *name(void *at, size_t size, int protection, int flags, int fd, off_t from) \
-    { \
-        REAL(name); \
+#define MAP(name)                                                                              \
+    void *name(void *at, size_t size, int protection, int flags, int fd, off_t from)           \
+    {                                                                                          \
+        REAL(name);                                                                            \
         return mine(fd) && fails() ? MAP_FAILED : real(at, size, protection, flags, fd, from); \
     }
 MAP(mmap)

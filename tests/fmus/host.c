@@ -12,12 +12,12 @@
 #include "fmi3.h"
 #include "model.h"
 
-#define EXPECT(condition)                                                    \
-    do {                                                                     \
-        if (!(condition)) {                                                  \
+#define EXPECT(condition)                                                      \
+    do {                                                                       \
+        if (!(condition)) {                                                    \
             fprintf(stderr, "host.c:%d: expected %s\n", __LINE__, #condition); \
-            exit(1);                                                         \
-        }                                                                    \
+            exit(1);                                                           \
+        }                                                                      \
     } while (0)
 
 enum { STEPS = 300, CYCLES = 200, N_ALL = N_SCALARS + 1 };
@@ -25,41 +25,47 @@ enum { STEPS = 300, CYCLES = 200, N_ALL = N_SCALARS + 1 };
 static int logged; /* of this host, not of the FMU */
 
 static void listen2(fmi2ComponentEnvironment environment, fmi2String name, fmi2Status status,
-                    fmi2String category, fmi2String message, ...) {
+                    fmi2String category, fmi2String message, ...)
+{
     (void)environment, (void)status;
     logged += strlen(name) + strlen(category) + strlen(message) > 0;
 }
 
 static void listen3(fmi3InstanceEnvironment environment, fmi3Status status, fmi3String category,
-                    fmi3String message) {
+                    fmi3String message)
+{
     (void)environment, (void)status;
     logged += strlen(category) + strlen(message) > 0;
 }
 
 /* Value references of scalars (2.0) that may be set in steps. */
-static size_t inputs2(fmi2ValueReference vr[]) {
+static size_t inputs2(fmi2ValueReference vr[])
+{
     size_t n = 0;
     for (unsigned i = 0; i < N_SCALARS; i++)
         if (scalar_access[i] & SET_IN_STEPS) vr[n++] = i;
     return n;
 }
 
-static size_t reals2(fmi2ValueReference vr[]) {
+static size_t reals2(fmi2ValueReference vr[])
+{
     size_t n = 0;
     for (unsigned i = 0; i < N_ALL; i++)
         if (scalar_access[i] & IS_REAL) vr[n++] = i;
     return n;
 }
 
-static fmi2Component new2(void) {
+static fmi2Component new2(void)
+{
     static const fmi2CallbackFunctions callbacks = {listen2, calloc, free, NULL, NULL};
-    fmi2Component c = fmi2Instantiate("host", fmi2CoSimulation, declared.token, NULL,
-                                      &callbacks, fmi2False, fmi2True);
+    fmi2Component c =
+        fmi2Instantiate("host", fmi2CoSimulation, declared.token, NULL, &callbacks, fmi2False, fmi2True);
     EXPECT(c != NULL);
     return c;
 }
 
-static void run2(void) {
+static void run2(void)
+{
     fmi2ValueReference in[N_ALL], all[N_ALL];
     fmi2Real u[N_ALL] = {0}, y[N_ALL], again[N_ALL];
     const size_t nu = inputs2(in), ny = reals2(all);
@@ -93,7 +99,8 @@ static void run2(void) {
 }
 
 /* Whatever is called in whatever order: an answer, no crash. */
-static void wrong2(void) {
+static void wrong2(void)
+{
     fmi2ValueReference vr[3] = {0, N_ALL, 4000000000u};
     fmi2Real value[3] = {NAN, INFINITY, 1e308};
     fmi2Integer integer[3] = {0};
@@ -146,15 +153,16 @@ static void wrong2(void) {
     fmi2FreeInstance(NULL);
 }
 
-static fmi3Instance new3(void) {
-    fmi3Instance x =
-        fmi3InstantiateCoSimulation("host", declared.token, NULL, fmi3False, fmi3True,
-                                    fmi3False, fmi3True, NULL, 0, NULL, listen3, NULL);
+static fmi3Instance new3(void)
+{
+    fmi3Instance x = fmi3InstantiateCoSimulation("host", declared.token, NULL, fmi3False, fmi3True, fmi3False,
+                                                 fmi3True, NULL, 0, NULL, listen3, NULL);
     EXPECT(x != NULL);
     return x;
 }
 
-static size_t references3(fmi3ValueReference vr[], unsigned access, size_t *size) {
+static size_t references3(fmi3ValueReference vr[], unsigned access, size_t *size)
+{
     size_t n = 0;
     *size = 0;
     for (unsigned i = 0; i <= N_VARIABLES; i++)
@@ -165,7 +173,8 @@ static size_t references3(fmi3ValueReference vr[], unsigned access, size_t *size
     return n;
 }
 
-static void run3(void) {
+static void run3(void)
+{
     fmi3ValueReference in[N_ALL], all[N_ALL];
     fmi3Float64 u[N_ALL] = {0}, y[N_ALL], last;
     fmi3Boolean event, terminate, early;
@@ -179,15 +188,13 @@ static void run3(void) {
     for (int k = 0; k < STEPS; k++) {
         for (size_t i = 0; i < su; i++) u[i] = sin(0.1 * k + (double)i);
         EXPECT(fmi3SetFloat64(x, in, nu, u, su) == fmi3OK);
-        EXPECT(fmi3DoStep(x, k * 1e-3, 1e-3, fmi3True, &event, &terminate, &early, &last) ==
-               fmi3OK);
+        EXPECT(fmi3DoStep(x, k * 1e-3, 1e-3, fmi3True, &event, &terminate, &early, &last) == fmi3OK);
         EXPECT(fmi3GetFloat64(x, all, ny, y, sy) == fmi3OK);
         EXPECT(fmi3GetFMUState(x, &state) == fmi3OK);
     }
     u[0] = NAN;
     EXPECT(fmi3SetFloat64(x, in, nu, u, su) == fmi3OK);
-    EXPECT(fmi3DoStep(x, STEPS * 1e-3, 1e-3, fmi3True, &event, &terminate, &early, &last) ==
-           fmi3Discard);
+    EXPECT(fmi3DoStep(x, STEPS * 1e-3, 1e-3, fmi3True, &event, &terminate, &early, &last) == fmi3Discard);
     EXPECT(fmi3SetFloat64(x, in, nu, u, su + 1) == fmi3Error);
     EXPECT(fmi3GetFloat64(x, all, ny, y, sy - 1) == fmi3Error);
     EXPECT(fmi3DoStep(x, 0, 1, fmi3True, NULL, NULL, NULL, NULL) == fmi3Error);
@@ -200,7 +207,8 @@ static void run3(void) {
 }
 
 /* Saved bytes, one bit wrong each: refused, and never read beyond their end. */
-static void damage3(void) {
+static void damage3(void)
+{
     fmi3FMUState state = NULL, copy = NULL;
     size_t size;
     fmi3Instance x = new3();
@@ -225,7 +233,8 @@ static void damage3(void) {
     fmi3FreeInstance(x);
 }
 
-int main(void) {
+int main(void)
+{
     run2();
     wrong2();
     run3();

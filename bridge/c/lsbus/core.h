@@ -15,7 +15,7 @@
 #include "lsbus.h"
 #include "node.h"
 
-enum { WAITING = 256 };     /* frames between two slots, a power of two */
+enum { WAITING = 256 }; /* frames between two slots, a power of two */
 
 /* The functions of a model's kernel (kernel.c). */
 typedef struct {
@@ -71,22 +71,22 @@ typedef struct {
 
 enum { N_PORTS = N_BUSES };
 
-extern const memory_t node_first;               /* the node at its start */
-extern const size_t node_pointers[N_POINTERS];  /* where it points into itself */
+extern const memory_t node_first;              /* the node at its start */
+extern const size_t node_pointers[N_POINTERS]; /* where it points into itself */
 extern const rates_t node_rates[N_BUSES];
 extern const unit_t node_units[N_UNITS];
 extern const plan_operation_t node_operations[N_OPERATIONS];
 extern const played_values_t node_players[N_PLAYERS];
-extern const move_t node_outputs[N_OUTPUTS];    /* `from`: of signals */
+extern const move_t node_outputs[N_OUTPUTS]; /* `from`: of signals */
 
 struct fmu {
     LSBUS_MEMBERS(N_BUSES);
     memory_t memory;
-    const char *who, *why;      /* who stopped, and why; NULL: nobody */
+    const char *who, *why; /* who stopped, and why; NULL: nobody */
     bus_t buses[N_BUSES];
     ring_t received[N_BUSES], sent[N_BUSES];
     frame_t received_frames[N_BUSES][WAITING], sent_frames[N_BUSES][WAITING];
-    journal_t none;             /* without rows */
+    journal_t none; /* without rows */
     double *record;
     int64_t record_row;
     frame_t pending[N_BUSES];

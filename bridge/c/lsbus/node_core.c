@@ -10,7 +10,8 @@ static const int64_t PS = 1000; /* in a ns */
 
 /* --- in place of the parts of a node that know sockets, wall clocks and injected faults ------- */
 
-int32_t bus_receive(bus_t *bus, frame_t *frame) {
+int32_t bus_receive(bus_t *bus, frame_t *frame)
+{
     ring_t *r = bus->rx;
     if (r->head == r->tail) return 0;
     *frame = r->frames[r->tail++ & (WAITING - 1)];
@@ -18,7 +19,8 @@ int32_t bus_receive(bus_t *bus, frame_t *frame) {
     return 1;
 }
 
-int32_t bus_send(bus_t *bus, frame_t *frame) {
+int32_t bus_send(bus_t *bus, frame_t *frame)
+{
     ring_t *r = bus->tx;
     if (r->head - r->tail == WAITING) {
         bus->send_failed++;
@@ -30,16 +32,19 @@ int32_t bus_send(bus_t *bus, frame_t *frame) {
 }
 
 int64_t pace_now(void) { return 0; }
-int64_t pace_wait(int64_t deadline_ns, int64_t spin_ns, const volatile int32_t *stop) {
+int64_t pace_wait(int64_t deadline_ns, int64_t spin_ns, const volatile int32_t *stop)
+{
     (void)spin_ns, (void)stop;
     return deadline_ns;
 }
 int64_t pace_date(void) { return 0; }
 void histogram_add(histogram_t *h, int64_t ns) { (void)h, (void)ns; }
-void faults_put(faults_t *f, const frame_t *frame, int64_t start_ns, int32_t started) {
+void faults_put(faults_t *f, const frame_t *frame, int64_t start_ns, int32_t started)
+{
     (void)f, (void)frame, (void)start_ns, (void)started;
 }
-int32_t faults_get(faults_t *f, frame_t *frame, int64_t now_ns) {
+int32_t faults_get(faults_t *f, frame_t *frame, int64_t now_ns)
+{
     (void)f, (void)frame, (void)now_ns;
     return 0;
 }
@@ -49,7 +54,8 @@ int32_t faults_get(faults_t *f, frame_t *frame, int64_t now_ns) {
 size_t core_room(void) { return 0; }
 
 /* A copy of the node as it starts, which points into itself. */
-static void copy(memory_t *m) {
+static void copy(memory_t *m)
+{
     memcpy(m, &node_first, sizeof *m);
     for (size_t i = 0; i < N_POINTERS; i++) {
         char *at = (char *)m + node_pointers[i], *pointer;
@@ -59,7 +65,8 @@ static void copy(memory_t *m) {
     }
 }
 
-static void attach(fmu_t *x) {
+static void attach(fmu_t *x)
+{
     node_t *n = &x->memory.node;
     memset(x->buses, 0, sizeof x->buses);
     memset(x->received, 0, sizeof x->received);
@@ -79,7 +86,8 @@ static void attach(fmu_t *x) {
     for (int32_t i = 0; i < n->n_inlets; i++) delay_reset(n->inlets[i].delay);
 }
 
-fmi3Status core_begin(fmu_t *x) {
+fmi3Status core_begin(fmu_t *x)
+{
     fmi3Status status = fmi3OK;
     copy(&x->memory);
     attach(x);
@@ -94,7 +102,8 @@ fmi3Status core_begin(fmu_t *x) {
 static int64_t deadline_ps(const node_t *n) { return (n->slot * n->h_ns + n->phase_ns) * PS; }
 
 /* What the slot has sent on a bus, as operations. */
-static fmi3Status hand_over(fmu_t *x, int32_t b, int64_t at) {
+static fmi3Status hand_over(fmu_t *x, int32_t b, int64_t at)
+{
     ring_t *r = &x->sent[b];
     fmi3Status status = fmi3OK;
     if (x->buses[b].send_failed)
@@ -105,7 +114,8 @@ static fmi3Status hand_over(fmu_t *x, int32_t b, int64_t at) {
     return status;
 }
 
-static fmi3Status slot(fmu_t *x) {
+static fmi3Status slot(fmu_t *x)
+{
     node_t *n = &x->memory.node;
     const int64_t at = n->slot * n->h_ns + n->phase_ns;
     fmi3Status status = fmi3OK;
@@ -115,7 +125,8 @@ static fmi3Status slot(fmu_t *x) {
     return status;
 }
 
-fmi3Status core_tick(fmu_t *x) {
+fmi3Status core_tick(fmu_t *x)
+{
     while (deadline_ps(&x->memory.node) <= x->now) {
         const fmi3Status status = slot(x);
         if (status != fmi3OK) return status;
@@ -124,7 +135,8 @@ fmi3Status core_tick(fmu_t *x) {
 }
 
 /* A slot at `until` is executed when its clock ticks: a frame may arrive at this very time. */
-fmi3Status core_go(fmu_t *x, int64_t until) {
+fmi3Status core_go(fmu_t *x, int64_t until)
+{
     while (deadline_ps(&x->memory.node) < until) {
         const fmi3Status status = slot(x);
         if (status != fmi3OK) return status;
@@ -133,7 +145,8 @@ fmi3Status core_go(fmu_t *x, int64_t until) {
     return fmi3OK;
 }
 
-static fmi3Status take(fmu_t *x, int32_t b) {
+static fmi3Status take(fmu_t *x, int32_t b)
+{
     port_t *p = &x->ports[b];
     const size_t n = p->n_rx;
     fmi3Status status = fmi3OK;
@@ -147,13 +160,15 @@ static fmi3Status take(fmu_t *x, int32_t b) {
     return status;
 }
 
-fmi3Status core_settle(fmu_t *x) {
+fmi3Status core_settle(fmu_t *x)
+{
     fmi3Status status = fmi3OK;
     for (int32_t b = 0; b < N_BUSES && status == fmi3OK; b++) status = take(x, b);
     return status;
 }
 
-void core_schedule(fmu_t *x) {
+void core_schedule(fmu_t *x)
+{
     const int64_t next = deadline_ps(&x->memory.node);
     for (int32_t b = 0; b < N_BUSES; b++) {
         port_t *p = &x->ports[b];
@@ -165,14 +180,16 @@ void core_schedule(fmu_t *x) {
 
 /* --- values ---------------------------------------------------------------------------------- */
 
-size_t core_float64(fmu_t *x, fmi3ValueReference vr, const double **values) {
+size_t core_float64(fmu_t *x, fmi3ValueReference vr, const double **values)
+{
     const fmi3ValueReference first = 4 * N_PORTS + 2;
     if (vr < first || vr >= first + N_OUTPUTS) return 0;
     *values = x->memory.seen + node_outputs[vr - first].from;
     return (size_t)node_outputs[vr - first].count;
 }
 
-bool core_boolean(fmu_t *x, fmi3ValueReference vr, fmi3Boolean *value) {
+bool core_boolean(fmu_t *x, fmi3ValueReference vr, fmi3Boolean *value)
+{
     (void)x, (void)vr, (void)value;
     return false;
 }

@@ -3,12 +3,14 @@
 
 #include "core.h"
 
-static void move(const move_t *moves, int32_t n, const double *from, double *to) {
+static void move(const move_t *moves, int32_t n, const double *from, double *to)
+{
     for (int32_t i = 0; i < n; i++)
         memcpy(to + moves[i].to, from + moves[i].from, (size_t)moves[i].count * sizeof *to);
 }
 
-const char *plan_begin(fmu_t *x) {
+const char *plan_begin(fmu_t *x)
+{
     memory_t *m = &x->memory;
     for (int32_t i = 0; i < N_UNITS; i++) {
         const unit_t *u = node_units + i;
@@ -25,13 +27,15 @@ const char *plan_begin(fmu_t *x) {
     return NULL;
 }
 
-static int finite(const double *x, int32_t n) {
+static int finite(const double *x, int32_t n)
+{
     int all = 1;
     for (int32_t i = 0; i < n; i++) all &= x[i] - x[i] == 0.0;
     return all;
 }
 
-static const char *step(fmu_t *x, int32_t index, int64_t tick) {
+static const char *step(fmu_t *x, int32_t index, int64_t tick)
+{
     const unit_t *u = node_units + index;
     memory_t *m = &x->memory;
     double *variables = m->kernels + u->first;
@@ -46,7 +50,8 @@ static const char *step(fmu_t *x, int32_t index, int64_t tick) {
     return NULL;
 }
 
-static const char *carry_out(fmu_t *x, const plan_operation_t *op, int64_t tick) {
+static const char *carry_out(fmu_t *x, const plan_operation_t *op, int64_t tick)
+{
     memory_t *m = &x->memory;
     double *s = m->signals;
     switch (op->code) {
@@ -71,7 +76,8 @@ static const char *carry_out(fmu_t *x, const plan_operation_t *op, int64_t tick)
     }
 }
 
-int32_t plan_run(void *context, int64_t ticks) {
+int32_t plan_run(void *context, int64_t ticks)
+{
     fmu_t *x = context;
     const int64_t tick = x->memory.node.slot;
     (void)ticks; /* one */

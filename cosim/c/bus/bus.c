@@ -26,8 +26,7 @@ static size_t lay_out(char *memory, const bus_settings_t *set)
     size_t used = 0, nodes = (size_t)set->n_nodes;
     bus_t scratch, *b = take(memory, &used, 1, sizeof *b);
     node_t node;
-    if (!b)
-        b = &scratch;
+    if (!b) b = &scratch;
     b->nodes = take(memory, &used, nodes, sizeof *b->nodes);
     b->filters = take(memory, &used, (size_t)set->n_filters, sizeof *b->filters);
     b->scripts = take(memory, &used, (size_t)set->n_scripts, sizeof *b->scripts);
@@ -42,10 +41,7 @@ static size_t lay_out(char *memory, const bus_settings_t *set)
     return used;
 }
 
-size_t bus_size(const bus_settings_t *set)
-{
-    return lay_out(NULL, set);
-}
+size_t bus_size(const bus_settings_t *set) { return lay_out(NULL, set); }
 
 /* Initial error counters of the nodes; the resulting states are not reported as events. */
 static void count_at_start(bus_t *b)
@@ -71,14 +67,10 @@ bus_t *bus_create(void *memory, const bus_settings_t *set)
     b->next_request = NEVER;
     b->deaf = !(set->record >> EVENT_RECEIVED & 1u);
     b->follow = (set->record & (1u << EVENT_STARTED | 1u << EVENT_LOST)) != 0;
-    for (int32_t i = 0; i < set->n_filters; i++)
-        b->filters[i] = set->filters[i];
-    for (int32_t i = 0; i < set->n_scripts; i++)
-        b->scripts[i].set = set->scripts[i];
-    for (int32_t i = 0; i < set->n_interruptions; i++)
-        b->interruptions[i] = set->interruptions[i];
-    for (int32_t i = 0; i < set->n_rates; i++)
-        b->rates[i].set = set->rates[i];
+    for (int32_t i = 0; i < set->n_filters; i++) b->filters[i] = set->filters[i];
+    for (int32_t i = 0; i < set->n_scripts; i++) b->scripts[i].set = set->scripts[i];
+    for (int32_t i = 0; i < set->n_interruptions; i++) b->interruptions[i] = set->interruptions[i];
+    for (int32_t i = 0; i < set->n_rates; i++) b->rates[i].set = set->rates[i];
     for (int32_t i = 0; i < b->n; i++) {
         node_t *n = &b->nodes[i];
         n->slot = NO_SLOT;
@@ -102,11 +94,9 @@ int64_t bus_request(bus_t *b, const bus_request_t *requests, int64_t count)
         int32_t length = can_padded(r->frame.flags, r->frame.length), place;
         node_t *n;
         slot_t *s;
-        if (r->node < 0 || r->node >= b->n || length < 0)
-            break;
+        if (r->node < 0 || r->node >= b->n || length < 0) break;
         n = &b->nodes[r->node];
-        if (r->at < b->now || r->at < n->inbox_last || n->inbox_count == n->set.inbox)
-            break;
+        if (r->at < b->now || r->at < n->inbox_last || n->inbox_count == n->set.inbox) break;
         place = n->inbox_head + n->inbox_count++;
         s = &n->inbox[place < n->set.inbox ? place : place - n->set.inbox];
         s->frame = r->frame;
@@ -117,10 +107,8 @@ int64_t bus_request(bus_t *b, const bus_request_t *requests, int64_t count)
         s->at = n->inbox_last = r->at;
         s->request = b->numbers++;
         s->aborted = 0;
-        if (n->inbox_count == 1)
-            next_inbox(b, r->node);
-        if (r->at < b->next_request)
-            b->next_request = r->at;
+        if (n->inbox_count == 1) next_inbox(b, r->node);
+        if (r->at < b->next_request) b->next_request = r->at;
     }
     return i;
 }
@@ -154,12 +142,10 @@ void bus_reset(bus_t *b, int32_t node)
 static int32_t restart(bus_t *b, int32_t node)
 {
     node_t *n = &b->nodes[node];
-    if (b->in_flight)
-        unfold(b);
+    if (b->in_flight) unfold(b);
     b->stamp = b->now;
     while (n->pending) {
-        if (!has_room(b))
-            return 0;
+        if (!has_room(b)) return 0;
         drop(b, node, n->order[0], DROP_RESET);
     }
     b->off += n->phase != PHASE_OFF;
@@ -177,18 +163,14 @@ static int32_t restart(bus_t *b, int32_t node)
 /* What the host asked for since the last call: aborts and resets. 0: the output is full. */
 static int32_t obey(bus_t *b)
 {
-    if (b->in_flight && !b->followed)
-        follow_losers(b);
+    if (b->in_flight && !b->followed) follow_losers(b);
     for (int32_t i = 0; i < b->n; i++) {
         node_t *n = &b->nodes[i];
-        if (!has_room(b) || (n->reset && !restart(b, i)))
-            return 0;
+        if (!has_room(b) || (n->reset && !restart(b, i))) return 0;
         for (int32_t j = n->pending - 1; j >= 0; j--) {
             int32_t slot = n->order[j];
-            if (!n->slots[slot].aborted || slot == n->slot)
-                continue;
-            if (!has_room(b))
-                return 0;
+            if (!n->slots[slot].aborted || slot == n->slot) continue;
+            if (!has_room(b)) return 0;
             b->stamp = b->now;
             drop(b, i, slot, DROP_ABORTED);
         }
@@ -203,12 +185,9 @@ int32_t bus_advance(bus_t *b, int64_t until, bus_output_t *output)
     b->n_events = b->n_frames = 0;
     b->full = 0;
     if (!b->asked || obey(b))
-        while (b->bitwise ? wire_step(b, until) : clean_step(b, until))
-            ;
-    if (!b->full)
-        drain(b, until - 1);
-    if (!b->full)
-        b->now = until;
+        while (b->bitwise ? wire_step(b, until) : clean_step(b, until));
+    if (!b->full) drain(b, until - 1);
+    if (!b->full) b->now = until;
     output->n_events = b->n_events;
     output->n_frames = b->n_frames;
     return b->full;
@@ -217,14 +196,11 @@ int32_t bus_advance(bus_t *b, int64_t until, bus_output_t *output)
 int64_t bus_next(const bus_t *b)
 {
     int64_t first;
-    if (b->bitwise)
-        return b->sampling ? b->t_end : b->t + 1;
-    if (b->in_flight)
-        return b->end;
+    if (b->bitwise) return b->sampling ? b->t_end : b->t + 1;
+    if (b->in_flight) return b->end;
     first = next_start(b);
     first = b->next_request < first ? b->next_request : first;
-    if (first == NEVER)
-        return NEVER;
+    if (first == NEVER) return NEVER;
     return (first > b->now ? first : b->now) + 1;
 }
 
@@ -249,10 +225,7 @@ int64_t bus_receive(bus_t *b, int32_t node, bus_received_t *frames, int64_t room
     return i;
 }
 
-int64_t bus_whole_frames(const bus_t *b)
-{
-    return b->whole_frames;
-}
+int64_t bus_whole_frames(const bus_t *b) { return b->whole_frames; }
 
 void bus_frame_bits(const can_frame_t *f, bits_t *bits)
 {

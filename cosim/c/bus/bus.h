@@ -30,16 +30,16 @@ enum { LEVEL_INVERTED, LEVEL_DOMINANT, LEVEL_RECESSIVE, LEVEL_DISCONNECTED };
  * recessive bits that a node waits for after a reset. */
 enum { STATE_ACTIVE, STATE_WARNING, STATE_PASSIVE, STATE_OFF, STATE_INTEGRATING };
 enum {
-    EVENT_STARTED,                  /* the node sends a start of frame; time: its begin */
-    EVENT_SENT,                     /* at the end of EOF */
-    EVENT_RECEIVED,                 /* at the end of EOF; frame: see bus_event_t */
-    EVENT_LOST,                     /* arbitration lost; bit: where */
-    EVENT_ERROR,                    /* code: ERROR_; role: ROLE_ */
-    EVENT_STATE,                    /* code: STATE_ */
-    EVENT_DROPPED,                  /* a frame will not be sent (or not be kept); code: DROP_ */
-    EVENT_RECOVERED,                /* back on the bus after bus-off or a reset */
-    EVENT_OVERLOAD,                 /* the node begins an overload flag in the next bit */
-    EVENT_FREE                      /* node -1: after error or overload flags, all nodes are idle */
+    EVENT_STARTED,   /* the node sends a start of frame; time: its begin */
+    EVENT_SENT,      /* at the end of EOF */
+    EVENT_RECEIVED,  /* at the end of EOF; frame: see bus_event_t */
+    EVENT_LOST,      /* arbitration lost; bit: where */
+    EVENT_ERROR,     /* code: ERROR_; role: ROLE_ */
+    EVENT_STATE,     /* code: STATE_ */
+    EVENT_DROPPED,   /* a frame will not be sent (or not be kept); code: DROP_ */
+    EVENT_RECOVERED, /* back on the bus after bus-off or a reset */
+    EVENT_OVERLOAD,  /* the node begins an overload flag in the next bit */
+    EVENT_FREE       /* node -1: after error or overload flags, all nodes are idle */
 };
 enum { ERROR_BIT = 1, ERROR_STUFF, ERROR_FORM, ERROR_CRC, ERROR_ACK };
 /* PRIMARY: no other node sent an active error flag in that bit. SENDER: by the transmitter. */
@@ -48,51 +48,51 @@ enum { DROP_OVERFLOW, DROP_REPLACED, DROP_ABORTED, DROP_ONE_SHOT, DROP_RESET, DR
 
 typedef struct {
     uint32_t id;
-    uint8_t flags;                  /* CAN_ */
-    uint8_t length;                 /* data bytes; for a remote frame, the number requested */
+    uint8_t flags;  /* CAN_ */
+    uint8_t length; /* data bytes; for a remote frame, the number requested */
     uint16_t reserved;
     uint8_t data[64];
-} can_frame_t;                      /* 72 bytes */
+} can_frame_t; /* 72 bytes */
 
 typedef struct {
-    int64_t at;                     /* ps; the frame is pending from here on */
+    int64_t at; /* ps; the frame is pending from here on */
     int32_t node;
     int32_t reserved;
     can_frame_t frame;
 } bus_request_t;
 
 typedef struct {
-    int64_t time;                   /* ps; the end of the bit in which it was seen, if not said */
-    int64_t request;                /* number of the request, -1: none */
-    int32_t frame;                  /* RECEIVED, SENT: row in the frames of this call; else -1 */
-    int16_t bit;                    /* bits since the start of frame (stuff bits count), -1: none */
+    int64_t time;    /* ps; the end of the bit in which it was seen, if not said */
+    int64_t request; /* number of the request, -1: none */
+    int32_t frame;   /* RECEIVED, SENT: row in the frames of this call; else -1 */
+    int16_t bit;     /* bits since the start of frame (stuff bits count), -1: none */
     int16_t node;
-    int16_t tec, rec;               /* of the node, after the event */
+    int16_t tec, rec; /* of the node, after the event */
     uint8_t kind, code, role, reserved;
-} bus_event_t;                      /* 32 bytes */
+} bus_event_t; /* 32 bytes */
 
 typedef struct {
     uint32_t id, mask;
-    uint32_t flags, flag_mask;      /* of CAN_EXTENDED, CAN_REMOTE, CAN_FD */
+    uint32_t flags, flag_mask; /* of CAN_EXTENDED, CAN_REMOTE, CAN_FD */
 } bus_filter_t;
 
 typedef struct {
-    int32_t queue, queue_length;    /* QUEUE_; frames */
-    int32_t receive_length;         /* frames of the receive FIFO; 0: events only */
-    int32_t first_filter, n_filters;    /* in the filters of the bus; none: everything is accepted */
-    int32_t one_shot, recovers;     /* recovers: without a reset by the host */
-    int32_t inbox;                  /* requests that may lie in the future */
-    int32_t tec, rec;               /* error counters at time 0; TEC above 255: bus-off since then */
-    int32_t clock_ppb;              /* its clock is faster than nominal, parts per 10^9 */
-    int32_t sample_point, sjw;      /* 1/1000 of its bit; sjw: most that one edge corrects */
+    int32_t queue, queue_length;     /* QUEUE_; frames */
+    int32_t receive_length;          /* frames of the receive FIFO; 0: events only */
+    int32_t first_filter, n_filters; /* in the filters of the bus; none: everything is accepted */
+    int32_t one_shot, recovers;      /* recovers: without a reset by the host */
+    int32_t inbox;                   /* requests that may lie in the future */
+    int32_t tec, rec;                /* error counters at time 0; TEC above 255: bus-off since then */
+    int32_t clock_ppb;               /* its clock is faster than nominal, parts per 10^9 */
+    int32_t sample_point, sjw;       /* 1/1000 of its bit; sjw: most that one edge corrects */
 } bus_node_settings_t;
 
 /* Bits of the nth attempt of an identifier. */
 typedef struct {
     uint32_t id, extended;
-    int32_t attempt;                /* from 1; 0: each */
-    int32_t bit, length;            /* from the start of frame (0), stuff bits count */
-    int32_t node, level;            /* -1: the bus, for all; LEVEL_ */
+    int32_t attempt;     /* from 1; 0: each */
+    int32_t bit, length; /* from the start of frame (0), stuff bits count */
+    int32_t node, level; /* -1: the bus, for all; LEVEL_ */
     int32_t reserved;
 } bus_script_t;
 
@@ -104,26 +104,26 @@ typedef struct {
 
 /* Inverted bits at random while the bus is busy: `length` in a row each time. */
 typedef struct {
-    double rate;                    /* probability for each bit */
+    double rate; /* probability for each bit */
     int32_t length, node;
 } bus_rate_t;
 
 typedef struct {
-    int64_t bit, data_bit;          /* ps */
+    int64_t bit, data_bit; /* ps */
     uint64_t seed;
     const bus_node_settings_t *nodes;
     const bus_filter_t *filters;
     const bus_script_t *scripts;
-    const bus_interruption_t *interruptions;    /* by begin */
+    const bus_interruption_t *interruptions; /* by begin */
     const bus_rate_t *rates;
     int32_t n_nodes, n_filters, n_scripts, n_interruptions, n_rates;
-    uint32_t record;                /* kinds of events that are written: 1 << EVENT_ */
+    uint32_t record; /* kinds of events that are written: 1 << EVENT_ */
 } bus_settings_t;
 
 typedef struct {
     bus_event_t *events;
     can_frame_t *frames;
-    int64_t n_events, n_frames;     /* room at the call; written at the return */
+    int64_t n_events, n_frames; /* room at the call; written at the return */
 } bus_output_t;
 
 typedef struct {
@@ -132,7 +132,7 @@ typedef struct {
 } bus_received_t;
 
 typedef struct {
-    int32_t tec, rec, state, pending;   /* STATE_; frames in the transmit queue */
+    int32_t tec, rec, state, pending; /* STATE_; frames in the transmit queue */
 } bus_node_state_t;
 
 typedef struct bus bus_t;

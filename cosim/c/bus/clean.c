@@ -25,10 +25,8 @@ int64_t next_start(const bus_t *b)
 {
     int64_t first = NEVER;
     for (int32_t i = 0; i < b->n; i++) {
-        if (b->ready[i] <= b->free)
-            return b->free;
-        if (b->ready[i] < first)
-            first = b->ready[i];
+        if (b->ready[i] <= b->free) return b->free;
+        if (b->ready[i] < first) first = b->ready[i];
     }
     return first;
 }
@@ -54,10 +52,22 @@ static void stuffed_before(uint32_t rank, uint8_t at[32], int32_t most)
 static int32_t first_bit(uint32_t x)
 {
     int32_t i = 0;
-    if (!(x & 0xFFFF0000u)) { i += 16; x <<= 16; }
-    if (!(x & 0xFF000000u)) { i += 8; x <<= 8; }
-    if (!(x & 0xF0000000u)) { i += 4; x <<= 4; }
-    if (!(x & 0xC0000000u)) { i += 2; x <<= 2; }
+    if (!(x & 0xFFFF0000u)) {
+        i += 16;
+        x <<= 16;
+    }
+    if (!(x & 0xFF000000u)) {
+        i += 8;
+        x <<= 8;
+    }
+    if (!(x & 0xF0000000u)) {
+        i += 4;
+        x <<= 4;
+    }
+    if (!(x & 0xC0000000u)) {
+        i += 2;
+        x <<= 2;
+    }
     return i + !(x & 0x80000000u);
 }
 
@@ -80,17 +90,14 @@ static void find_losers(bus_t *b, int64_t t)
     for (int32_t i = 0; i < b->n; i++) {
         const node_t *n = &b->nodes[i];
         int32_t bit, j;
-        if (n->slot == NO_SLOT || n == winner)
-            continue;
+        if (n->slot == NO_SLOT || n == winner) continue;
         bit = first_bit(best ^ n->slots[n->slot].rank);
         most = bit > most ? bit : most;
-        for (j = b->n_lost++; j > 0 && b->lost[j - 1].bit > bit; j--)
-            b->lost[j] = b->lost[j - 1];
+        for (j = b->n_lost++; j > 0 && b->lost[j - 1].bit > bit; j--) b->lost[j] = b->lost[j - 1];
         b->lost[j].node = i;
         b->lost[j].bit = bit;
     }
-    if (b->n_lost)
-        stuffed_before(best, at, most);
+    if (b->n_lost) stuffed_before(best, at, most);
     for (int32_t i = 0; i < b->n_lost; i++) {
         b->lost[i].bit = at[b->lost[i].bit];
         b->lost[i].time = t + (b->lost[i].bit + 1) * b->bit_ps;
@@ -139,8 +146,7 @@ static void launch(bus_t *b, int64_t t)
     find_losers(b, t);
     for (int32_t i = 0; i < b->n; i++) {
         const node_t *n = &b->nodes[i];
-        if (n->slot != NO_SLOT)
-            event_at_bit(b, i, EVENT_STARTED, 0, n->slots[n->slot].request, 0, 0);
+        if (n->slot != NO_SLOT) event_at_bit(b, i, EVENT_STARTED, 0, n->slots[n->slot].request, 0, 0);
     }
 }
 
@@ -158,8 +164,8 @@ static void start(bus_t *b, int64_t t)
     }
     clock_lead(b, winner);
     b->next = t + b->bits.nominal * b->bit_ps + b->bits.data * b->data_bit_ps;
-    if (tie || scripted || b->counting || b->n - b->off < 2 || !clock_in_step(b, winner, &slot->frame)
-        || !line_calm(b, t, b->next, b->bits.nominal + b->bits.data)) {
+    if (tie || scripted || b->counting || b->n - b->off < 2 || !clock_in_step(b, winner, &slot->frame) ||
+        !line_calm(b, t, b->next, b->bits.nominal + b->bits.data)) {
         b->known_attempt = 1;
         wire_enter(b, t);
         return;
@@ -176,25 +182,20 @@ static int32_t idle_step(bus_t *b, int64_t until)
     int64_t t = back < first ? back : first;
     t = glitch < t ? glitch : t;
     if (b->next_request <= t) {
-        if (b->next_request >= until)
-            return 0;
+        if (b->next_request >= until) return 0;
         limit = b->next_request > b->free ? b->next_request : b->free;
         limit = t < limit ? t : limit;
         return drain(b, limit < until ? limit : until - 1);
     }
-    if (t > until || !has_room(b))
-        return 0;
+    if (t > until || !has_room(b)) return 0;
     if (back == t) {
         b->stamp = t;
         recover(b, node);
         return 1;
     }
-    if (t == until)
-        return 0;
-    if (first == t)
-        start(b, t);
-    else
-        wire_enter(b, t);
+    if (t == until) return 0;
+    if (first == t) start(b, t);
+    else wire_enter(b, t);
     return 1;
 }
 
@@ -224,8 +225,7 @@ static void finish_others(bus_t *b, const can_frame_t *frame, int64_t request, i
     for (int32_t i = from; i < to; i++) {
         node_t *n = &b->nodes[i];
         if (n->phase == PHASE_OFF) {
-            if (n->needed > 0)
-                n->needed -= (int32_t)((b->sof - n->quiet_from) / b->set.bit / 11);
+            if (n->needed > 0) n->needed -= (int32_t)((b->sof - n->quiet_from) / b->set.bit / 11);
             n->quiet_from = b->next - 11 * b->set.bit;
         } else if (!b->deaf) {
             deliver(b, i, frame, request);
@@ -256,16 +256,14 @@ static int32_t flight_step(bus_t *b, int64_t until)
 {
     int32_t losing = b->lost_done < b->n_lost;
     int64_t t = losing ? b->lost[b->lost_done].time : b->end;
-    if (t > until || !drain(b, t - 1))
-        return 0;
+    if (t > until || !drain(b, t - 1)) return 0;
     if (!losing) {
         finish(b);
         return 1;
     }
     do {
         lose(b, &b->lost[b->lost_done++]);
-        if (b->lost_done == b->n_lost)
-            break;
+        if (b->lost_done == b->n_lost) break;
         t = b->lost[b->lost_done].time;
     } while (t <= until && t <= b->next_request);
     return 1;

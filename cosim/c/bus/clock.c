@@ -11,10 +11,7 @@
 /* Most bits of a frame between two edges that correct, and from the last one to the end of frame. */
 enum { BETWEEN_EDGES = 10, AFTER_EDGES = 13 };
 
-static int64_t own(int64_t bit, int32_t ppb)
-{
-    return (int64_t)((double)bit / (1.0 + ppb * 1e-9) + 0.5);
-}
+static int64_t own(int64_t bit, int32_t ppb) { return (int64_t)((double)bit / (1.0 + ppb * 1e-9) + 0.5); }
 
 void clock_create(bus_t *b)
 {
@@ -37,8 +34,7 @@ void clock_lead(bus_t *b, int32_t node)
 /* Whether all receivers follow the sender through the whole frame, with each edge correcting fully. */
 int32_t clock_in_step(const bus_t *b, int32_t sender, const can_frame_t *frame)
 {
-    if (!b->drifting)
-        return 1;
+    if (!b->drifting) return 1;
     for (int32_t i = 0; i < b->n; i++) {
         const node_t *n = &b->nodes[i];
         int64_t apart = n->bit - b->nodes[sender].bit;
@@ -62,16 +58,14 @@ int32_t clock_samples(bus_t *b, int32_t node, int32_t level)
     node_t *n = &b->nodes[node];
     int64_t bit = b->fast ? n->data_bit : n->bit, most = bit * n->set.sjw / 1000;
     int32_t edge = n->seen && !level;
-    if (!b->drifting)
-        return 1;
+    if (!b->drifting) return 1;
     n->seen = level;
     if (n->phase == PHASE_IDLE || n->phase == PHASE_OFF || (n->phase == PHASE_FRAME && n->sender)) {
         n->late = 0;
         return 1;
     }
     n->late += bit - (b->t_end - b->t);
-    if (edge)
-        n->late -= n->late > most ? most : n->late < -most ? -most : n->late;
+    if (edge) n->late -= n->late > most ? most : n->late < -most ? -most : n->late;
     if (n->late > bit * (1000 - n->set.sample_point) / 1000) {
         n->late -= bit;
         return 0;

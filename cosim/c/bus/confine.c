@@ -6,16 +6,12 @@
 
 enum { LIMIT_WARNING = 96, LIMIT_PASSIVE = 128, LIMIT_OFF = 256, REC_MOST = 255 };
 
-int32_t node_passive(const node_t *n)
-{
-    return n->tec >= LIMIT_PASSIVE || n->rec >= LIMIT_PASSIVE;
-}
+int32_t node_passive(const node_t *n) { return n->tec >= LIMIT_PASSIVE || n->rec >= LIMIT_PASSIVE; }
 
 can_frame_t node_frame(const node_t *n, int32_t slot)
 {
     can_frame_t f = n->slots[slot].frame;
-    if ((f.flags & CAN_FD) && node_passive(n))
-        f.flags |= CAN_ESI;
+    if ((f.flags & CAN_FD) && node_passive(n)) f.flags |= CAN_ESI;
     return f;
 }
 
@@ -25,12 +21,9 @@ void node_failed(bus_t *b, int32_t node)
     node_t *n = &b->nodes[node];
     int32_t slot = n->slot;
     n->slot = NO_SLOT;
-    if (slot == NO_SLOT)
-        return;
-    if (n->slots[slot].aborted)
-        drop(b, node, slot, DROP_ABORTED);
-    else if (n->set.one_shot)
-        drop(b, node, slot, DROP_ONE_SHOT);
+    if (slot == NO_SLOT) return;
+    if (n->slots[slot].aborted) drop(b, node, slot, DROP_ABORTED);
+    else if (n->set.one_shot) drop(b, node, slot, DROP_ONE_SHOT);
 }
 
 /* Rules 9 to 11: the state that the counters give. */
@@ -38,16 +31,11 @@ void node_confine(bus_t *b, int32_t node)
 {
     node_t *n = &b->nodes[node];
     int32_t most = n->tec > n->rec ? n->tec : n->rec, state = STATE_ACTIVE;
-    if (n->phase == PHASE_OFF)
-        return;
-    if (n->tec >= LIMIT_OFF)
-        state = STATE_OFF;
-    else if (most >= LIMIT_PASSIVE)
-        state = STATE_PASSIVE;
-    else if (most >= LIMIT_WARNING)
-        state = STATE_WARNING;
-    if (state == n->state)
-        return;
+    if (n->phase == PHASE_OFF) return;
+    if (n->tec >= LIMIT_OFF) state = STATE_OFF;
+    else if (most >= LIMIT_PASSIVE) state = STATE_PASSIVE;
+    else if (most >= LIMIT_WARNING) state = STATE_WARNING;
+    if (state == n->state) return;
     n->state = state;
     event(b, node, EVENT_STATE, state, -1, -1, 0);
     if (state == STATE_OFF) {
@@ -77,8 +65,7 @@ void node_sent(bus_t *b, int32_t node, int32_t slot)
         can_frame_t f = node_frame(n, slot);
         row = keep_frame(b, &f);
     }
-    if (n->tec > 0)
-        n->tec--;
+    if (n->tec > 0) n->tec--;
     release(b, node, slot);
     event(b, node, EVENT_SENT, 0, request, row, 0);
     node_confine(b, node);

@@ -28,8 +28,7 @@ static void fd_crc(sender_t *s, uint32_t bit)
 /* A stuff bit has the kind of the bit that it stands before. */
 static void stuff(sender_t *s, uint32_t kind)
 {
-    if (s->run < 5)
-        return;
+    if (s->run < 5) return;
     plain(s, !s->last, kind | WIRE_STUFF);
     fd_crc(s, (uint32_t)s->last);
     s->stuffed++;
@@ -67,22 +66,20 @@ static void header(sender_t *s, const can_frame_t *f)
 /* Stuff count, CRC and fixed stuff bits of an FD frame. */
 static void fd_tail(sender_t *s, int32_t length, uint32_t kind)
 {
-    static const uint8_t gray[8] = { 0, 3, 6, 5, 12, 15, 10, 9 };   /* with parity */
+    static const uint8_t gray[8] = {0, 3, 6, 5, 12, 15, 10, 9}; /* with parity */
     int32_t width = length <= 16 ? 17 : 21;
     uint32_t count = gray[s->stuffed & 7], crc;
-    for (int32_t i = 3; i >= 0; i--)
-        fd_crc(s, count >> i & 1u);
+    for (int32_t i = 3; i >= 0; i--) fd_crc(s, count >> i & 1u);
     crc = width == 17 ? s->crc17 : s->crc21;
     for (int32_t i = 0; i < 4 + width; i++) {
-        if (i % 4 == 0)
-            plain(s, !s->last, kind | WIRE_STUFF);
+        if (i % 4 == 0) plain(s, !s->last, kind | WIRE_STUFF);
         plain(s, (i < 4 ? count >> (3 - i) : crc >> (width + 3 - i)) & 1u, kind);
     }
 }
 
 int32_t wire_bits(const can_frame_t *f, uint8_t *bits)
 {
-    sender_t s = { bits, 0, 1, 0, 0, 0, 1u << 16, 1u << 20 };
+    sender_t s = {bits, 0, 1, 0, 0, 0, 1u << 16, 1u << 20};
     int32_t length = can_padded(f->flags, f->length);
     uint32_t late = f->flags & CAN_BRS ? WIRE_DATA_RATE : 0;
     header(&s, f);
@@ -103,7 +100,6 @@ int32_t wire_bits(const can_frame_t *f, uint8_t *bits)
     }
     plain(&s, 1, late);
     plain(&s, 1, WIRE_ACK);
-    for (int32_t i = 0; i < 8; i++)
-        plain(&s, 1, 0);
+    for (int32_t i = 0; i < 8; i++) plain(&s, 1, 0);
     return s.n;
 }

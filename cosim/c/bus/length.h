@@ -12,7 +12,7 @@
 enum { CAN_FD = 1, CAN_BRS = 2, CAN_ESI = 4, CAN_REMOTE = 8, CAN_EXTENDED = 16 };
 
 typedef struct {
-    int32_t nominal, data;          /* bit times at each bit rate; data: FD with BRS only */
+    int32_t nominal, data; /* bit times at each bit rate; data: FD with BRS only */
 } bits_t;
 
 /* The length on the bus in bytes; -1: CAN has no such frame. */

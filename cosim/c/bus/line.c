@@ -1,7 +1,7 @@
 /* line.c: what disturbs the bus: scripts, interruptions and random errors. */
 #include "internal.h"
 
-static uint64_t next_random(uint64_t *state)      /* splitmix64 (S. Vigna, public domain) */
+static uint64_t next_random(uint64_t *state) /* splitmix64 (S. Vigna, public domain) */
 {
     uint64_t z = *state += 0x9E3779B97F4A7C15u;
     z = (z ^ z >> 30) * 0xBF58476D1CE4E5B9u;
@@ -15,11 +15,9 @@ static uint64_t next_random(uint64_t *state)      /* splitmix64 (S. Vigna, publi
 static int64_t draw_distance(rate_t *r)
 {
     int64_t distance = 0;
-    if (r->set.rate <= 0.0)
-        return NEVER;
+    if (r->set.rate <= 0.0) return NEVER;
     for (int32_t j = 0; j < 48; j++)
-        if (next_random(&r->random) >> 11 < r->chance[j])
-            distance |= (int64_t)1 << j;
+        if (next_random(&r->random) >> 11 < r->chance[j]) distance |= (int64_t)1 << j;
     return distance;
 }
 
@@ -44,8 +42,7 @@ int32_t line_attempt(bus_t *b, const can_frame_t *f)
     for (int32_t i = 0; i < b->set.n_scripts; i++) {
         script_t *s = &b->scripts[i];
         s->active = 0;
-        if (s->set.id != f->id || s->set.extended != ((f->flags & CAN_EXTENDED) != 0))
-            continue;
+        if (s->set.id != f->id || s->set.extended != ((f->flags & CAN_EXTENDED) != 0)) continue;
         s->count++;
         s->active = s->set.attempt == 0 || s->set.attempt == s->count;
         any |= s->active;
@@ -56,8 +53,7 @@ int32_t line_attempt(bus_t *b, const can_frame_t *f)
 /* Those that are over at `t` are not looked at again. They are in the order of their begins. */
 static void forget(bus_t *b, int64_t t)
 {
-    while (b->over < b->set.n_interruptions && b->interruptions[b->over].to <= t)
-        b->over++;
+    while (b->over < b->set.n_interruptions && b->interruptions[b->over].to <= t) b->over++;
 }
 
 /* Whether nothing disturbs `bits` bits between two times. */
@@ -65,11 +61,9 @@ int32_t line_calm(bus_t *b, int64_t from, int64_t to, int32_t bits)
 {
     forget(b, from);
     for (int32_t i = b->over; i < b->set.n_interruptions && b->interruptions[i].from < to; i++)
-        if (b->interruptions[i].to > from)
-            return 0;
+        if (b->interruptions[i].to > from) return 0;
     for (int32_t i = 0; i < b->set.n_rates; i++)
-        if (b->rates[i].distance < bits || b->rates[i].left)
-            return 0;
+        if (b->rates[i].distance < bits || b->rates[i].left) return 0;
     return 1;
 }
 
@@ -77,8 +71,7 @@ int32_t line_calm(bus_t *b, int64_t from, int64_t to, int32_t bits)
 void line_pass(bus_t *b, int32_t bits)
 {
     for (int32_t i = 0; i < b->set.n_rates; i++)
-        if (b->rates[i].distance != NEVER)
-            b->rates[i].distance -= bits;
+        if (b->rates[i].distance != NEVER) b->rates[i].distance -= bits;
 }
 
 /* Whether a script is still to act on bits to come. */
@@ -86,8 +79,7 @@ int32_t line_busy(const bus_t *b)
 {
     for (int32_t i = 0; i < b->set.n_scripts; i++) {
         const script_t *s = &b->scripts[i];
-        if (s->active && b->bit < s->set.bit + s->set.length)
-            return 1;
+        if (s->active && b->bit < s->set.bit + s->set.length) return 1;
     }
     return 0;
 }
@@ -98,11 +90,9 @@ int64_t line_glitch(const bus_t *b)
     int64_t first = NEVER;
     for (int32_t i = b->over; i < b->set.n_interruptions; i++) {
         const bus_interruption_t *x = &b->interruptions[i];
-        if (x->from > first)
-            break;
+        if (x->from > first) break;
         int64_t at = x->from > b->free ? x->from : b->free;
-        if (x->level <= LEVEL_DOMINANT && at < x->to && at < first)
-            first = at;
+        if (x->level <= LEVEL_DOMINANT && at < x->to && at < first) first = at;
     }
     return first;
 }
@@ -110,8 +100,7 @@ int64_t line_glitch(const bus_t *b)
 /* The next interruption of this bit from number `i` on, or n_interruptions. */
 static int32_t in_force(const bus_t *b, int32_t i)
 {
-    while (i < b->set.n_interruptions && b->interruptions[i].to <= b->t)
-        i++;
+    while (i < b->set.n_interruptions && b->interruptions[i].to <= b->t) i++;
     return i < b->set.n_interruptions && b->interruptions[i].from <= b->t ? i : b->set.n_interruptions;
 }
 
@@ -119,8 +108,7 @@ static int32_t in_force(const bus_t *b, int32_t i)
 int32_t line_connected(const bus_t *b, int32_t node)
 {
     for (int32_t i = in_force(b, b->over); i < b->set.n_interruptions; i = in_force(b, i + 1))
-        if (b->interruptions[i].level == LEVEL_DISCONNECTED && b->interruptions[i].node == node)
-            return 0;
+        if (b->interruptions[i].level == LEVEL_DISCONNECTED && b->interruptions[i].node == node) return 0;
     return 1;
 }
 
@@ -131,13 +119,11 @@ void line_draw(bus_t *b)
     for (int32_t i = 0; i < b->set.n_rates; i++) {
         rate_t *r = &b->rates[i];
         r->hit = r->left > 0 || r->distance == 0;
-        if (r->left > 0)
-            r->left--;
+        if (r->left > 0) r->left--;
         else if (r->hit) {
             r->left = r->set.length - 1;
             r->distance = draw_distance(r);
-        } else if (r->distance != NEVER)
-            r->distance--;
+        } else if (r->distance != NEVER) r->distance--;
     }
 }
 
@@ -151,25 +137,16 @@ static int32_t disturbed(const bus_t *b, int32_t node, int32_t bit)
 {
     for (int32_t i = 0; i < b->set.n_scripts; i++) {
         const script_t *s = &b->scripts[i];
-        if (s->active && s->set.node == node && b->bit >= s->set.bit
-            && b->bit < s->set.bit + s->set.length)
+        if (s->active && s->set.node == node && b->bit >= s->set.bit && b->bit < s->set.bit + s->set.length)
             bit = changed(bit, s->set.level);
     }
     for (int32_t i = 0; i < b->set.n_rates; i++)
-        if (b->rates[i].hit && b->rates[i].set.node == node)
-            bit = !bit;
+        if (b->rates[i].hit && b->rates[i].set.node == node) bit = !bit;
     for (int32_t i = in_force(b, b->over); i < b->set.n_interruptions; i = in_force(b, i + 1))
-        if (b->interruptions[i].node == node)
-            bit = changed(bit, b->interruptions[i].level);
+        if (b->interruptions[i].node == node) bit = changed(bit, b->interruptions[i].level);
     return bit;
 }
 
-int32_t line_bus(const bus_t *b, int32_t level)
-{
-    return disturbed(b, -1, level);
-}
+int32_t line_bus(const bus_t *b, int32_t level) { return disturbed(b, -1, level); }
 
-int32_t line_node(const bus_t *b, int32_t node, int32_t level)
-{
-    return disturbed(b, node, level);
-}
+int32_t line_node(const bus_t *b, int32_t node, int32_t level) { return disturbed(b, node, level); }

@@ -5,8 +5,7 @@
 uint32_t frame_rank(const can_frame_t *f)
 {
     uint32_t remote = (f->flags & CAN_REMOTE) != 0;
-    if (f->flags & CAN_EXTENDED)
-        return (f->id >> 18) << 21 | 3u << 19 | (f->id & 0x3FFFFu) << 1 | remote;
+    if (f->flags & CAN_EXTENDED) return (f->id >> 18) << 21 | 3u << 19 | (f->id & 0x3FFFFu) << 1 | remote;
     return f->id << 21 | remote << 20;
 }
 
@@ -29,16 +28,12 @@ void release(bus_t *b, int32_t node, int32_t slot)
 {
     node_t *n = &b->nodes[node];
     int32_t i = 0;
-    while (n->order[i] != slot)
-        i++;
+    while (n->order[i] != slot) i++;
     n->pending--;
-    if (i == 0)
-        n->order++;
-    else
-        memmove(&n->order[i], &n->order[i + 1], (size_t)(n->pending - i) * sizeof *n->order);
+    if (i == 0) n->order++;
+    else memmove(&n->order[i], &n->order[i + 1], (size_t)(n->pending - i) * sizeof *n->order);
     n->spare[n->set.queue_length - n->pending - 1] = (uint16_t)slot;
-    if (n->slot == slot)
-        n->slot = NO_SLOT;
+    if (n->slot == slot) n->slot = NO_SLOT;
     refresh(b, node);
 }
 
@@ -58,14 +53,11 @@ void next_inbox(bus_t *b, int32_t node)
 static int32_t place(const node_t *n, uint32_t rank)
 {
     int32_t low = 0, high = n->pending;
-    if (n->set.queue == QUEUE_FIFO)
-        return high;
+    if (n->set.queue == QUEUE_FIFO) return high;
     while (low < high) {
         int32_t middle = (low + high) / 2;
-        if (n->slots[n->order[middle]].rank <= rank)
-            low = middle + 1;
-        else
-            high = middle;
+        if (n->slots[n->order[middle]].rank <= rank) low = middle + 1;
+        else high = middle;
     }
     return low;
 }
@@ -74,16 +66,14 @@ static int32_t place(const node_t *n, uint32_t rank)
 static int32_t same(const node_t *n, uint32_t rank)
 {
     for (int32_t i = 0; i < n->pending; i++)
-        if (n->slots[n->order[i]].rank == rank && n->order[i] != n->slot)
-            return n->order[i];
+        if (n->slots[n->order[i]].rank == rank && n->order[i] != n->slot) return n->order[i];
     return NO_SLOT;
 }
 
 int32_t requested(const node_t *n, int64_t t)
 {
     for (int32_t i = 0; i < n->pending; i++)
-        if (n->slots[n->order[i]].at <= t)
-            return n->order[i];
+        if (n->slots[n->order[i]].at <= t) return n->order[i];
     return NO_SLOT;
 }
 
@@ -125,19 +115,18 @@ static void enqueue(bus_t *b, int32_t node, const slot_t *in)
     n->slots[slot] = *in;
     n->slots[slot].rank = rank;
     n->slots[slot].bits = can_bits(in->frame.id, in->frame.flags, in->frame.length, in->frame.data);
-    if (at == 0)
-        refresh(b, node);
+    if (at == 0) refresh(b, node);
 }
 
 typedef struct {
-    int32_t node;                   /* has the next request; of several at one time, the lowest */
-    int32_t yields;                 /* at the time of the others, another goes before it */
-    int64_t others;                 /* when the first of the other nodes has one */
+    int32_t node;   /* has the next request; of several at one time, the lowest */
+    int32_t yields; /* at the time of the others, another goes before it */
+    int64_t others; /* when the first of the other nodes has one */
 } turn_t;
 
 static turn_t next_turn(const bus_t *b)
 {
-    turn_t turn = { 0, 0, NEVER };
+    turn_t turn = {0, 0, NEVER};
     for (int32_t i = 1; i < b->n; i++) {
         if (b->next_at[i] < b->next_at[turn.node]) {
             turn.others = b->next_at[turn.node];
@@ -158,8 +147,7 @@ int32_t drain(bus_t *b, int64_t until)
         node_t *n = &b->nodes[turn.node];
         int64_t limit = turn.others - turn.yields, at = b->next_at[turn.node];
         for (limit = limit < until ? limit : until; at <= limit; at = b->next_at[turn.node]) {
-            if (!has_room(b))
-                return 0;
+            if (!has_room(b)) return 0;
             enqueue(b, turn.node, &n->inbox[n->inbox_head]);
             n->inbox_head = n->inbox_head + 1 == n->set.inbox ? 0 : n->inbox_head + 1;
             n->inbox_count--;

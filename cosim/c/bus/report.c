@@ -5,8 +5,7 @@
 int32_t has_room(bus_t *b)
 {
     int64_t margin = 6 * (int64_t)b->n + 8;
-    if (b->n_events + margin <= b->out->n_events && b->n_frames + margin <= b->out->n_frames)
-        return 1;
+    if (b->n_events + margin <= b->out->n_events && b->n_frames + margin <= b->out->n_frames) return 1;
     b->full = 1;
     return 0;
 }
@@ -16,8 +15,7 @@ static void write(bus_t *b, int32_t node, int32_t kind, int32_t code, int64_t re
 {
     const node_t *n = node < 0 ? NULL : &b->nodes[node];
     bus_event_t *e;
-    if (!(b->set.record >> kind & 1u) || b->stamp < b->muted_until)
-        return;
+    if (!(b->set.record >> kind & 1u) || b->stamp < b->muted_until) return;
     e = &b->out->events[b->n_events++];
     e->time = b->stamp;
     e->request = request;
@@ -37,7 +35,8 @@ void event(bus_t *b, int32_t node, int32_t kind, int32_t code, int64_t request, 
     write(b, node, kind, code, request, frame, role, -1);
 }
 
-void event_at_bit(bus_t *b, int32_t node, int32_t kind, int32_t code, int64_t request, int32_t role, int32_t bit)
+void event_at_bit(bus_t *b, int32_t node, int32_t kind, int32_t code, int64_t request, int32_t role,
+                  int32_t bit)
 {
     write(b, node, kind, code, request, -1, role, bit);
 }
@@ -45,8 +44,8 @@ void event_at_bit(bus_t *b, int32_t node, int32_t kind, int32_t code, int64_t re
 /* A row in the output's frames; equal frames at one time share it. */
 int32_t keep_frame(bus_t *b, const can_frame_t *frame)
 {
-    if (b->frame_stamp == b->stamp && b->n_frames
-        && !memcmp(&b->out->frames[b->n_frames - 1], frame, sizeof *frame))
+    if (b->frame_stamp == b->stamp && b->n_frames &&
+        !memcmp(&b->out->frames[b->n_frames - 1], frame, sizeof *frame))
         return (int32_t)(b->n_frames - 1);
     b->frame_stamp = b->stamp;
     b->out->frames[b->n_frames] = *frame;
@@ -56,11 +55,9 @@ int32_t keep_frame(bus_t *b, const can_frame_t *frame)
 static int32_t accepted(const bus_t *b, const node_t *n, const can_frame_t *frame)
 {
     const bus_filter_t *f = b->filters + n->set.first_filter;
-    if (n->set.n_filters == 0)
-        return 1;
+    if (n->set.n_filters == 0) return 1;
     for (int32_t i = 0; i < n->set.n_filters; i++)
-        if (!((frame->id ^ f[i].id) & f[i].mask) && !((frame->flags ^ f[i].flags) & f[i].flag_mask))
-            return 1;
+        if (!((frame->id ^ f[i].id) & f[i].mask) && !((frame->flags ^ f[i].flags) & f[i].flag_mask)) return 1;
     return 0;
 }
 
@@ -69,12 +66,10 @@ void deliver(bus_t *b, int32_t node, const can_frame_t *frame, int64_t request)
 {
     node_t *n = &b->nodes[node];
     int32_t row;
-    if (!accepted(b, n, frame))
-        return;
+    if (!accepted(b, n, frame)) return;
     row = b->set.record >> EVENT_RECEIVED & 1u ? keep_frame(b, frame) : -1;
     event(b, node, EVENT_RECEIVED, 0, request, row, 0);
-    if (n->set.receive_length == 0)
-        return;
+    if (n->set.receive_length == 0) return;
     if (n->fifo_count == n->set.receive_length) {
         event(b, node, EVENT_DROPPED, DROP_RECEIVE_OVERFLOW, request, row, 0);
         return;

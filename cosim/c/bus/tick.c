@@ -8,8 +8,7 @@
 static int32_t whole(double value, double scale, double most)
 {
     double found = nearbyint(value / scale);
-    if (!(found > -most - 1.0))
-        found = -most - 1.0;
+    if (!(found > -most - 1.0)) found = -most - 1.0;
     return (int32_t)(found < most ? found : most);
 }
 
@@ -27,8 +26,7 @@ static size_t store(const tick_frame_t *f, double value, uint8_t *data)
     } else {
         bits = (uint32_t)whole(value, f->scale, size == 2 ? 32767.0 : 2147483647.0);
     }
-    for (size_t i = 0; i < size; i++)
-        data[i] = (uint8_t)(bits >> 8 * i);
+    for (size_t i = 0; i < size; i++) data[i] = (uint8_t)(bits >> 8 * i);
     return size;
 }
 
@@ -39,13 +37,11 @@ int32_t bus_tick_send(void *context, int64_t tick, const double *signals)
     tick_frame_t *f = &b->frames[gate->index];
     bus_request_t *r;
     size_t used = 0;
-    if (f->count == f->room)
-        return 1;
+    if (f->count == f->room) return 1;
     r = &f->pending[(f->head + f->count++) % f->room];
     *r = *f->request;
     r->at = tick * b->step + f->offset;
-    for (int32_t i = 0; i < f->n_places; i++)
-        used += store(f, signals[f->places[i]], r->frame.data + used);
+    for (int32_t i = 0; i < f->n_places; i++) used += store(f, signals[f->places[i]], r->frame.data + used);
     return 0;
 }
 
@@ -58,12 +54,11 @@ static void go_on(tick_bus_t *b, int64_t until)
         more = bus_advance(b->bus, until, &b->output);
         for (int64_t i = 0; i < b->output.n_events; i++) {
             const bus_event_t *e = &b->output.events[i];
-            if (e->request < 0)
-                continue;
+            if (e->request < 0) continue;
             for (int32_t j = 0; j < b->n_receivers; j++) {
                 tick_receiver_t *r = &b->receivers[j];
-                if (r->node == e->node && r->frame == b->frame_of[e->request]
-                    && b->sample_of[e->request] > r->held)
+                if (r->node == e->node && r->frame == b->frame_of[e->request] &&
+                    b->sample_of[e->request] > r->held)
                     r->held = b->sample_of[e->request];
             }
         }
@@ -81,7 +76,8 @@ static const bus_request_t *next(const tick_bus_t *b, int64_t until, int32_t *fr
     for (int32_t i = 0; i < b->n_frames; i++) {
         const tick_frame_t *f = &b->frames[i];
         const bus_request_t *r = &f->pending[f->head];
-        if (f->count && r->at < until && (!found || r->at < found->at || (r->at == found->at && i < *frame))) {
+        if (f->count && r->at < until &&
+            (!found || r->at < found->at || (r->at == found->at && i < *frame))) {
             found = r;
             *frame = i;
         }
@@ -92,12 +88,10 @@ static const bus_request_t *next(const tick_bus_t *b, int64_t until, int32_t *fr
 static int32_t give(tick_bus_t *b, const bus_request_t *r, int32_t frame)
 {
     tick_frame_t *f = frame < b->n_frames ? &b->frames[frame] : NULL;
-    if (b->n_requests == b->room)
-        return 1;
-    if (bus_request(b->bus, r, 1) == 0) {   /* its node's inbox is full */
+    if (b->n_requests == b->room) return 1;
+    if (bus_request(b->bus, r, 1) == 0) { /* its node's inbox is full */
         go_on(b, r->at);
-        if (bus_request(b->bus, r, 1) == 0)
-            return 1;
+        if (bus_request(b->bus, r, 1) == 0) return 1;
     }
     b->frame_of[b->n_requests] = f ? frame : -1;
     b->sample_of[b->n_requests++] = f ? (int32_t)f->requested++ : -1;
@@ -120,8 +114,7 @@ int32_t bus_tick_receive(void *context, int64_t tick, const double *signals)
     int32_t frame = 0;
     (void)signals;
     while ((request = next(b, until, &frame)))
-        if (give(b, request, frame))
-            return 1;
+        if (give(b, request, frame)) return 1;
     go_on(b, until);
     receiver->table[receiver->row++] = receiver->held;
     return 0;

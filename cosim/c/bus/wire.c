@@ -13,8 +13,7 @@ void wire_enter(bus_t *b, int64_t t)
         if (n->phase == PHASE_OFF) {
             int64_t bits = (t - n->quiet_from) / b->set.bit;
             n->run = (int32_t)(bits % 11);
-            if (n->needed > 0)
-                n->needed -= (int32_t)(bits / 11);
+            if (n->needed > 0) n->needed -= (int32_t)(bits / 11);
         }
     }
 }
@@ -25,8 +24,7 @@ static void leave(bus_t *b)
     b->bitwise = 0;
     b->free = b->t;
     for (int32_t i = 0; i < b->n; i++)
-        if (b->nodes[i].phase == PHASE_OFF)
-            b->nodes[i].quiet_from = b->t - b->nodes[i].run * b->set.bit;
+        if (b->nodes[i].phase == PHASE_OFF) b->nodes[i].quiet_from = b->t - b->nodes[i].run * b->set.bit;
 }
 
 /* An attempt begins: of the identifier with the highest priority of those that start. */
@@ -40,10 +38,7 @@ static void attempt(bus_t *b, int32_t first)
     b->known_attempt = 0;
 }
 
-static uint32_t sent_rank(const node_t *n)
-{
-    return n->slots[n->slot].rank;
-}
+static uint32_t sent_rank(const node_t *n) { return n->slots[n->slot].rank; }
 
 static void start(bus_t *b)
 {
@@ -51,15 +46,12 @@ static void start(bus_t *b)
     b->stamp = b->t;
     for (int32_t i = 0; i < b->n; i++) {
         node_t *n = &b->nodes[i];
-        if (n->phase != PHASE_IDLE || (b->ready[i] > b->t && n->slot == NO_SLOT))
-            continue;
+        if (n->phase != PHASE_IDLE || (b->ready[i] > b->t && n->slot == NO_SLOT)) continue;
         b->bit = 0;
         node_begin(b, i, 0);
-        if (first < 0 || sent_rank(n) < sent_rank(&b->nodes[first]))
-            first = i;
+        if (first < 0 || sent_rank(n) < sent_rank(&b->nodes[first])) first = i;
     }
-    if (first >= 0)
-        attempt(b, first);
+    if (first >= 0) attempt(b, first);
 }
 
 static void drive(bus_t *b)
@@ -71,15 +63,13 @@ static void drive(bus_t *b)
     b->on_air = -1;
     for (int32_t i = 0; i < b->n; i++) {
         node_t *n = &b->nodes[i];
-        if (line_connected(b, i))
-            b->level &= node_drive(b, i);
+        if (line_connected(b, i)) b->level &= node_drive(b, i);
         n->flagging = n->phase == PHASE_ACTIVE_FLAG;
         b->flags += n->flagging;
         dominant |= n->phase == PHASE_ACTIVE_FLAG || n->phase == PHASE_OVERLOAD_FLAG;
         if (n->phase == PHASE_FRAME && n->sender) {
             fast |= n->wire[n->position] & WIRE_DATA_RATE;
-            if (b->on_air < 0)
-                b->on_air = n->slots[n->slot].request;
+            if (b->on_air < 0) b->on_air = n->slots[n->slot].request;
         }
     }
     b->fast = fast && !dominant;
@@ -92,8 +82,8 @@ static void join(bus_t *b)
     int32_t first = -1;
     for (int32_t i = 0; i < b->n; i++) {
         const node_t *n = &b->nodes[i];
-        if (n->phase == PHASE_FRAME && n->sender && n->count && n->position == 1
-            && (first < 0 || sent_rank(n) < sent_rank(&b->nodes[first])))
+        if (n->phase == PHASE_FRAME && n->sender && n->count && n->position == 1 &&
+            (first < 0 || sent_rank(n) < sent_rank(&b->nodes[first])))
             first = i;
     }
     attempt(b, first);
@@ -110,14 +100,11 @@ static void sample(bus_t *b)
     for (int32_t i = 0; i < b->n; i++) {
         int32_t seen = line_node(b, i, level);
         int32_t before = b->nodes[i].seen, times = clock_samples(b, i, seen);
-        if (times > 1)
-            node_sample(b, i, before);
-        if (times > 0)
-            node_sample(b, i, seen);
+        if (times > 1) node_sample(b, i, before);
+        if (times > 0) node_sample(b, i, seen);
         idle &= b->nodes[i].phase == PHASE_IDLE || b->nodes[i].phase == PHASE_OFF;
     }
-    if (b->joined)
-        join(b);
+    if (b->joined) join(b);
     b->t = b->t_end;
     b->bit++;
     b->sampling = 0;
@@ -125,19 +112,16 @@ static void sample(bus_t *b)
         b->troubled = 0;
         event(b, -1, EVENT_FREE, 0, -1, -1, 0);
     }
-    if (idle && !line_busy(b))
-        leave(b);
+    if (idle && !line_busy(b)) leave(b);
 }
 
 int32_t wire_step(bus_t *b, int64_t until)
 {
     if (!b->sampling) {
-        if (b->t >= until || !drain(b, b->t))
-            return 0;
+        if (b->t >= until || !drain(b, b->t)) return 0;
         drive(b);
     }
-    if (b->t_end > until || !drain(b, b->t_end - 1))
-        return 0;
+    if (b->t_end > until || !drain(b, b->t_end - 1)) return 0;
     sample(b);
     return 1;
 }
@@ -151,7 +135,6 @@ void unfold(bus_t *b)
     b->muted_until = b->now + 1;
     b->whole_frames--;
     wire_enter(b, b->sof);
-    while (wire_step(b, b->now))
-        ;
+    while (wire_step(b, b->now));
     b->muted_until = 0;
 }

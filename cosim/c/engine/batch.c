@@ -7,17 +7,17 @@
  */
 #include "engine_internal.h"
 
-enum { MANY = 16 };             /* executions, at most */
+enum { MANY = 16 }; /* executions, at most */
 
 /* Executions that still run, by their number, and what became of each. */
 typedef struct {
     engine_t *const *engines;
     int32_t *results;
     int64_t n;
-    int64_t ticks;              /* that are run as one now, see engine_run_many */
-    int64_t apart;              /* numbers from one column of a record to the next */
+    int64_t ticks; /* that are run as one now, see engine_run_many */
+    int64_t apart; /* numbers from one column of a record to the next */
     int32_t running[MANY];
-    failure_t ended[MANY];      /* why it leaves when these are done; `operation` -1: it does not */
+    failure_t ended[MANY]; /* why it leaves when these are done; `operation` -1: it does not */
 } many_t;
 
 static NOINLINE void leave(many_t *m, int32_t number, int64_t tick, const failure_t *f, int result)
@@ -38,10 +38,8 @@ static NOINLINE void take_note(many_t *m, int32_t number, int64_t tick, failure_
     f->result = result;
     f->tick = tick;
     f->operation = 0;
-    if (result == RUN_TERMINATED)
-        m->ended[number] = *f;  /* the others of its tick are done */
-    else
-        leave(m, number, tick, f, result);
+    if (result == RUN_TERMINATED) m->ended[number] = *f; /* the others of its tick are done */
+    else leave(m, number, tick, f, result);
 }
 
 /* A step that failed in one execution. Of ticks that are run as one, the first that fails counts, and units
@@ -125,8 +123,7 @@ static NOINLINE void step_all(many_t *m, int64_t tick, int64_t place, int64_t co
         int any = 0;
         for (; now + (int64_t)ticks <= last && ticks < STEPS_AT_ONCE; ticks++)
             times[ticks] = time_of(first, now + (int64_t)ticks - u->lag);
-        ((steps_t)u->steps)(s.instances, (size_t)(s.n * s.each), times, ticks, u->h, s.status,
-                            s.made);
+        ((steps_t)u->steps)(s.instances, (size_t)(s.n * s.each), times, ticks, u->h, s.status, s.made);
         for (int64_t k = 0; k < s.n * s.each; k++) any |= failed_call(s.status[k]);
         if (any) drop_failed(m, &s, now, place);
         now += (int64_t)ticks;
@@ -171,8 +168,7 @@ INLINE void record_all(const many_t *m, const operation_t *op)
         double *const row = e->record + e->row++;
         for (int64_t i = 0; i < columns->n_stretches; i++) {
             const stretch_t *x = columns->stretches + i;
-            for (int64_t j = 0; j < x->count; j++)
-                row[(x->place + j) * m->apart] = e->signals[x->source + j];
+            for (int64_t j = 0; j < x->count; j++) row[(x->place + j) * m->apart] = e->signals[x->source + j];
         }
     }
 }
@@ -187,8 +183,7 @@ INLINE void next_ticks(many_t *m, int64_t tick)
         e->tick = tick + m->ticks;
         if (ended->operation >= 0)
             leave(m, number, ended->tick + (ended->result == RUN_TERMINATED), ended, ended->result);
-        else if (*(volatile int32_t *)&e->stop)
-            leave(m, number, e->tick, NULL, RUN_STOPPED);
+        else if (*(volatile int32_t *)&e->stop) leave(m, number, e->tick, NULL, RUN_STOPPED);
     }
 }
 
@@ -200,8 +195,8 @@ INLINE void next_ticks(many_t *m, int64_t tick)
  * Ticks from one multiple of `stride` to the next are run as one, in which units with a period of a tick are stepped
  * so often, and everything else is done once. `stride` divides `every` and all periods but 1; within it, no
  * input of these units changes, and nothing reads their outputs. */
-API void engine_run_many(engine_t *const *engines, int64_t n, int64_t ticks, int64_t stride,
-                         int64_t apart, int32_t *results)
+API void engine_run_many(engine_t *const *engines, int64_t n, int64_t ticks, int64_t stride, int64_t apart,
+                         int32_t *results)
 {
     many_t m = {engines, results, n, 1, apart, {0}, {{0}}};
     engine_t *const first = engines[0];

@@ -58,8 +58,7 @@ SHARED int tick_clocks(const doing_t *d, double now)
         }
         c->due = c->next;
         c->next = DBL_MAX;
-        *d->status = ((set_clock_t3)x->set_clock)(d->unit->instance, &c->reference, 1,
-                                                  x->active + i);
+        *d->status = ((set_clock_t3)x->set_clock)(d->unit->instance, &c->reference, 1, x->active + i);
         if (failed_call(*d->status)) return RUN_EVENT;
     }
     return RUN_OK;
@@ -67,8 +66,7 @@ SHARED int tick_clocks(const doing_t *d, double now)
 
 /* An interval from now on, as a fraction. Where it begins with a tick of the clock itself, at its time, the
  * counts since the start are added up: their sum is exact. */
-static double after_fraction(const doing_t *d, ticker_t *c, double now, uint64_t counter,
-                             uint64_t resolution)
+static double after_fraction(const doing_t *d, ticker_t *c, double now, uint64_t counter, uint64_t resolution)
 {
     if (c->resolution != (int64_t)resolution || fabs(now - c->due) > SLACK * d->unit->h) {
         c->origin = now;
@@ -88,16 +86,15 @@ SHARED int ask_interval(const doing_t *d, ticker_t *c, double now)
     int qualifier = INTERVAL_NOT_YET_KNOWN;
 
     if (c->exact)
-        *d->status = ((get_fraction_t3)x->get_fraction)(d->unit->instance, &c->reference, 1,
-                                                        &counter, &resolution, &qualifier);
+        *d->status = ((get_fraction_t3)x->get_fraction)(d->unit->instance, &c->reference, 1, &counter,
+                                                        &resolution, &qualifier);
     else
-        *d->status = ((get_interval_t3)x->get_interval)(d->unit->instance, &c->reference, 1,
-                                                        &next, &qualifier);
+        *d->status =
+            ((get_interval_t3)x->get_interval)(d->unit->instance, &c->reference, 1, &next, &qualifier);
     if (failed_call(*d->status)) return RUN_EVENT;
     if (c->kind == CLOCK_COUNTDOWN && qualifier != INTERVAL_CHANGED) return RUN_OK;
     if (qualifier == INTERVAL_NOT_YET_KNOWN || !(next >= 0.0)) return RUN_INTERVAL;
-    if (c->exact && (!resolution || resolution > INT64_MAX || counter > INT64_MAX / 2))
-        return RUN_INTERVAL;
+    if (c->exact && (!resolution || resolution > INT64_MAX || counter > INT64_MAX / 2)) return RUN_INTERVAL;
     c->next = c->exact ? after_fraction(d, c, now, counter, resolution) : now + next;
     return RUN_OK;
 }
@@ -113,8 +110,7 @@ SHARED int ask_intervals(const doing_t *d, double now, _Bool *again)
         ticker_t *c = x->clocks + i;
         const double before = c->next;
         int result;
-        if (c->kind != CLOCK_COUNTDOWN && !(c->kind == CLOCK_CHANGING && before == DBL_MAX))
-            continue;
+        if (c->kind != CLOCK_COUNTDOWN && !(c->kind == CLOCK_CHANGING && before == DBL_MAX)) continue;
         result = ask_interval(d, c, now);
         if (result != RUN_OK) return result;
         if (c->next <= reach && c->next != before) *again = x->active[i] = 1;
@@ -142,8 +138,7 @@ SHARED int feed_partitions(const doing_t *d)
         partition_t *p = x->partitions + i;
         if (p->fed || !any_active(x, p->clocks, p->n_clocks)) continue;
         p->fed = 1;
-        result = set_typed(p->inputs, p->n_inputs, d->unit->instance, d->signals, d->status,
-                           d->failed);
+        result = set_typed(p->inputs, p->n_inputs, d->unit->instance, d->signals, d->status, d->failed);
     }
     return result;
 }
@@ -176,8 +171,7 @@ SHARED int take_partitions(const doing_t *d)
         partition_t *p = x->partitions + i;
         p->fed = 0;
         if (!any_active(x, p->clocks, p->n_clocks)) continue;
-        result = get_typed(p->outputs, p->n_outputs, d->unit->instance, d->signals, d->status,
-                           d->failed);
+        result = get_typed(p->outputs, p->n_outputs, d->unit->instance, d->signals, d->status, d->failed);
         if (result == RUN_OK && p->texts && (*d->status = p->texts())) result = RUN_GET;
     }
     memset(x->active, 0, (size_t)(x->n_clocks + x->n_triggered) * sizeof *x->active);

@@ -14,10 +14,10 @@ typedef int (*dense_t)(void *, double, int, void *);
 typedef int (*tolerances_t)(void *, double, void *);
 typedef double *(*data_t)(void *);
 typedef double *(*column_t)(void *, int64_t);
-typedef int (*directional2_t)(void *, const uint32_t *, size_t, const uint32_t *, size_t,
-                              const double *, double *);
-typedef int (*directional3_t)(void *, const uint32_t *, size_t, const uint32_t *, size_t,
-                              const double *, size_t, double *, size_t);
+typedef int (*directional2_t)(void *, const uint32_t *, size_t, const uint32_t *, size_t, const double *,
+                              double *);
+typedef int (*directional3_t)(void *, const uint32_t *, size_t, const uint32_t *, size_t, const double *,
+                              size_t, double *, size_t);
 
 static double *data_of(const exchange_t *x, void *vector) { return ((data_t)x->data)(vector); }
 
@@ -39,12 +39,13 @@ API int32_t exchange_rates(double t, void *y, void *rates, void *data)
     d.status = &status;
     result = derive(&d, t, data_of(x, y), data_of(x, rates));
     x->status = status;
-    return result == RUN_OK ? 0 : status == REFUSED ? 1 : -1;
+    return result == RUN_OK ? 0 : status == REFUSED
+    ? 1 : -1;
 }
 
 /* The Jacobian of the derivatives by the states: each column is a directional derivative. */
-API int32_t exchange_jacobian(double t, void *y, void *rates, void *matrix, void *data, void *a,
-                              void *b, void *c)
+API int32_t exchange_jacobian(double t, void *y, void *rates, void *matrix, void *data, void *a, void *b,
+                              void *c)
 {
     exchange_t *x = data;
     const size_t n = (size_t)x->n_states, r = (size_t)x->n_references;
@@ -60,15 +61,13 @@ API int32_t exchange_jacobian(double t, void *y, void *rates, void *matrix, void
         double *column = ((column_t)x->column)(matrix, (int64_t)j);
         seed[j] = 1.0;
         if (x->fmi == 2)
-            status = ((directional2_t)x->directional)(d.fmu, x->rates, r, x->states, r, seed,
-                                                      column);
-        else
-            status = ((directional3_t)x->directional)(d.fmu, x->rates, r, x->states, r, seed, n,
-                                                      column, n);
+            status = ((directional2_t)x->directional)(d.fmu, x->rates, r, x->states, r, seed, column);
+        else status = ((directional3_t)x->directional)(d.fmu, x->rates, r, x->states, r, seed, n, column, n);
         seed[j] = 0.0;
     }
     x->status = failed_call(status) ? status : 0;
-    return !failed_call(status) ? 0 : status == REFUSED ? 1 : -1;
+    return !failed_call(status) ? 0 : status == REFUSED
+    ? 1 : -1;
 }
 
 /* Start anew from the states in START: what went before an event is of no use. */
@@ -108,8 +107,7 @@ SHARED int cvode_tolerances(const exchanging_t *d)
 {
     const exchange_t *x = d->x;
     double *most = data_of(x, x->absolute);
-    const int result = did(d, ((get_numbers_t)x->nominals)(d->fmu, most, (size_t)x->n_states),
-                           RUN_EVENT);
+    const int result = did(d, ((get_numbers_t)x->nominals)(d->fmu, most, (size_t)x->n_states), RUN_EVENT);
 
     if (result != RUN_OK) return result;
     for (int64_t k = 0; k < x->n_states; k++) most[k] = 0.01 * x->tolerance * fabs(most[k]);

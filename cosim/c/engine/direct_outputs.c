@@ -59,8 +59,8 @@ static int finish_one(engine_t *e, macro_t *m, rollback_t *r, int64_t tick, doub
     if (result != RUN_OK) return result;
     carry(e, m, r, v.held + r->input, 1);
     for (int64_t k = 0; k < u->output_count; k++)
-        y[k] = r->roles[k] == ROLE_DIRECT ? y[k] - (y[k] - v.start[r->first + k]) / (SHORT_STEP + 1)
-                                          : before[k];
+        y[k] =
+            r->roles[k] == ROLE_DIRECT ? y[k] - (y[k] - v.start[r->first + k]) / (SHORT_STEP + 1) : before[k];
     return RUN_OK;
 }
 
@@ -138,10 +138,8 @@ static double choose_taken(loop_t *l, int pass)
     const double most = larger(0.0, v.found, v.taken, v.scale, n);
 
     for (int64_t i = 0; i < fed; i++) v.residual[i] = (v.found[i] - v.taken[i]) / v.scale[i];
-    if (pass == 1)
-        l->kept = 0;
-    else
-        keep_direction(l, &v);
+    if (pass == 1) l->kept = 0;
+    else keep_direction(l, &v);
     copy(v.taken, v.found, n);
     copy(v.last_residual, v.residual, fed);
     copy(v.last_found, v.found, n);
@@ -236,8 +234,8 @@ static int finish_loop(engine_t *e, macro_t *m, loop_t *l, int64_t tick, double 
 }
 
 /* Outputs with direct feed-through for the inputs at the end, t, of a macro step of length h. */
-SHARED int finish_outputs(engine_t *e, macro_t *m, int64_t tick, double t, double h,
-                          const double *guess, failure_t *failure)
+SHARED int finish_outputs(engine_t *e, macro_t *m, int64_t tick, double t, double h, const double *guess,
+                          failure_t *failure)
 {
     loop_t *l = m->loops;
     int result = RUN_OK;

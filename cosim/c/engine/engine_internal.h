@@ -11,7 +11,7 @@
 
 #if defined(ENGINE_WHOLE)
 #define SHARED static
-#define HOT INLINE      /* part of the loop */
+#define HOT INLINE /* part of the loop */
 #else
 #define SHARED
 #define HOT
@@ -51,8 +51,8 @@ typedef struct {
     double *signals;
     int *status;
     int32_t *failed;
-    double now;     /* s: of a partition that is active, or the start of the step */
-    int result;     /* of call-backs: RUN_..., and then the status of the call that failed in one */
+    double now; /* s: of a partition that is active, or the start of the step */
+    int result; /* of call-backs: RUN_..., and then the status of the call that failed in one */
     int refused;
 } doing_t;
 
@@ -78,8 +78,7 @@ SHARED log_t *own_log(void *environment);
 SHARED int call_access(const access_t *a, void *instance);
 SHARED int set_typed(const access_t *a, int64_t n, void *instance, const double *s, int *status,
                      int32_t *failed);
-SHARED int get_typed(const access_t *a, int64_t n, void *instance, double *s, int *status,
-                     int32_t *failed);
+SHARED int get_typed(const access_t *a, int64_t n, void *instance, double *s, int *status, int32_t *failed);
 
 /* clocks.c */
 SHARED int is_due(ticker_t *c, int64_t hit, double now, const double *s);
@@ -104,11 +103,10 @@ SHARED int do_step(doing_t *d, double t);
 SHARED int step_scheduled(doing_t *d, double t);
 
 /* typed_steps.c */
-SHARED NOINLINE int step_typed(unit_t *u, double *s, double t, int64_t hit, int *status,
-                               int32_t *failed);
+SHARED NOINLINE int step_typed(unit_t *u, double *s, double t, int64_t hit, int *status, int32_t *failed);
 
 /* exchange_calls.c */
-enum { START, END, TRIAL, STAGES }; /* vectors of states */
+enum { START, END, TRIAL, STAGES };  /* vectors of states */
 enum { BEFORE, AFTER, LEFT, TRIED }; /* vectors of indicators */
 typedef int (*get_numbers_t)(void *, double *, size_t);
 SHARED double *states(const exchange_t *x, int which);
@@ -140,8 +138,8 @@ HOT int step_unit(const engine_t *e, int64_t tick, int32_t index, failure_t *fai
 HOT int take_outputs(const engine_t *e, int32_t index, int status, failure_t *failure);
 
 /* steps_at_once.c */
-SHARED NOINLINE int step_often(const engine_t *e, int64_t tick, int64_t *ticks,
-                               const operation_t *op, failure_t *failure);
+SHARED NOINLINE int step_often(const engine_t *e, int64_t tick, int64_t *ticks, const operation_t *op,
+                               failure_t *failure);
 SHARED int step_units(const engine_t *e, int64_t tick, const operation_t *op, failure_t *failure);
 
 /* rollback.c */
@@ -151,17 +149,16 @@ SHARED int move_states(const engine_t *e, macro_t *m, int what, int coupled, fai
 
 /* direct_outputs.c */
 enum { CONVERGED_TENTHS = 1 }; /* of a tolerance: what is closer is the same */
-SHARED int finish_outputs(engine_t *e, macro_t *m, int64_t tick, double t, double h,
-                          const double *guess, failure_t *failure);
+SHARED int finish_outputs(engine_t *e, macro_t *m, int64_t tick, double t, double h, const double *guess,
+                          failure_t *failure);
 
 /* macro_steps.c */
 SHARED NOINLINE int run_macro(engine_t *e, int64_t tick, macro_t *m, failure_t *failure);
 
 /* operations.c */
-HOT int run_operation(engine_t *e, int64_t tick, double *s, const operation_t *op,
-                      failure_t *failure);
-HOT int run_tick(engine_t *e, int64_t tick, int64_t ticks, segment_t *segments,
-                 int64_t n_segments, failure_t *failure, failure_t *ended);
+HOT int run_operation(engine_t *e, int64_t tick, double *s, const operation_t *op, failure_t *failure);
+HOT int run_tick(engine_t *e, int64_t tick, int64_t ticks, segment_t *segments, int64_t n_segments,
+                 failure_t *failure, failure_t *ended);
 HOT void catch_up(segment_t *segments, int64_t n_segments, int64_t tick);
 SHARED NOINLINE int32_t keep_failure(engine_t *e, const failure_t *f, int32_t result);
 

@@ -15,8 +15,7 @@ static int leave_event_mode(const doing_t *d, double now)
         if (result != RUN_OK) return result;
         if (i == CALLS_AT_MOST) return RUN_STUCK;
         again = 0;
-        *d->status = ((update_t)x->update)(instance, &again, &terminate, &nominals, &values,
-                                           &defined, &next);
+        *d->status = ((update_t)x->update)(instance, &again, &terminate, &nominals, &values, &defined, &next);
         if (failed_call(*d->status)) return RUN_EVENT;
         if (x->asks && !terminate) result = ask_intervals(d, now, &again);
         if (result != RUN_OK) return result;
@@ -64,8 +63,7 @@ SHARED int input_event(const doing_t *d, int64_t hit, double t)
     if (!(wake(d, hit, t) | needed)) return RUN_OK;
     result = enter_event_mode(d, t);
     if (result == RUN_OK && needed)
-        result = set_typed(x->discrete, x->n_discrete, d->unit->instance, d->signals, d->status,
-                           d->failed);
+        result = set_typed(x->discrete, x->n_discrete, d->unit->instance, d->signals, d->status, d->failed);
     if (result == RUN_OK) result = leave_event_mode(d, t);
     return result == RUN_TERMINATED ? RUN_ENDED : result;
 }
@@ -97,8 +95,7 @@ API void engine_intermediate(void *environment, double time, _Bool set, _Bool ge
     if (set && x->slopes) {
         const access_t *a = x->slopes;
         for (int64_t i = 0; i < a->count; i++)
-            ((double *)a->buffer)[i] =
-                d->signals[x->starts[i]] + d->signals[a->places[i]] * (time - d->now);
+            ((double *)a->buffer)[i] = d->signals[x->starts[i]] + d->signals[a->places[i]] * (time - d->now);
         *d->status = call_access(a, d->unit->instance);
         if (failed_call(*d->status)) d->result = RUN_SET;
         d->refused = *d->status;
@@ -115,10 +112,7 @@ SHARED int refused_inside(const doing_t *d)
     return d->result;
 }
 
-static int is_stopped(const typed_t *x)
-{
-    return x->stop && *(const volatile int32_t *)x->stop;
-}
+static int is_stopped(const typed_t *x) { return x->stop && *(const volatile int32_t *)x->stop; }
 
 /* doStep until t + h: the FMU may return early, and is stopped where an event or a tick is known. */
 SHARED int do_step(doing_t *d, double t)
@@ -135,8 +129,8 @@ SHARED int do_step(doing_t *d, double t)
         const int cut = next < end - slack && next > now + slack;
         if (cut) length = next - now;
         if (x->log) ((log_t *)x->log)->step = d;
-        *d->status = ((step3_t)u->step)(u->instance, now, length, !u->repeats, &event, &terminate,
-                                        &early, &reached);
+        *d->status =
+            ((step3_t)u->step)(u->instance, now, length, !u->repeats, &event, &terminate, &early, &reached);
         if (x->log) ((log_t *)x->log)->step = NULL;
         if (d->result != RUN_OK) return refused_inside(d);
         if (failed_call(*d->status)) return RUN_STEP;

@@ -24,8 +24,7 @@ SHARED int put_states(const exchanging_t *d, double t, const double *y)
     const size_t n = (size_t)x->n_states;
     int result = did(d, ((set_time_t)x->set_time)(d->fmu, t), RUN_STEP);
 
-    if (result == RUN_OK && n)
-        result = did(d, ((set_states_t)x->set_states)(d->fmu, y, n), RUN_STEP);
+    if (result == RUN_OK && n) result = did(d, ((set_states_t)x->set_states)(d->fmu, y, n), RUN_STEP);
     return result;
 }
 

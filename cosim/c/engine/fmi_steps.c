@@ -11,10 +11,8 @@ HOT int set_inputs(const unit_t *u, int32_t kind, const double *s)
         return 0;
     }
     if (!u->n_inputs) return 0;
-    if (kind == UNIT_FMI2)
-        return ((set2_t)u->set)(u->instance, u->inputs, (size_t)u->n_inputs, s);
-    return ((set3_t)u->set)(u->instance, u->inputs, (size_t)u->n_inputs, s,
-                            (size_t)u->input_count);
+    if (kind == UNIT_FMI2) return ((set2_t)u->set)(u->instance, u->inputs, (size_t)u->n_inputs, s);
+    return ((set3_t)u->set)(u->instance, u->inputs, (size_t)u->n_inputs, s, (size_t)u->input_count);
 }
 
 /* The same of the outputs. */
@@ -26,10 +24,8 @@ INLINE int get_outputs(const unit_t *u, int32_t kind, double *s)
         return 0;
     }
     if (!u->n_outputs) return 0;
-    if (kind == UNIT_FMI2)
-        return ((get2_t)u->get)(u->instance, u->outputs, (size_t)u->n_outputs, s);
-    return ((get3_t)u->get)(u->instance, u->outputs, (size_t)u->n_outputs, s,
-                            (size_t)u->output_count);
+    if (kind == UNIT_FMI2) return ((get2_t)u->get)(u->instance, u->outputs, (size_t)u->n_outputs, s);
+    return ((get3_t)u->get)(u->instance, u->outputs, (size_t)u->n_outputs, s, (size_t)u->output_count);
 }
 
 INLINE int step_fmi2(const unit_t *u, double *s, double t, int *status)
@@ -48,8 +44,7 @@ INLINE int step_fmi3(unit_t *u, double *s, double t, int *status)
     double reached = t;
     *status = set_inputs(u, UNIT_FMI3, s);
     if (failed_call(*status)) return RUN_SET;
-    *status = ((step3_t)u->step)(u->instance, t, u->h, !u->repeats, &event, &terminate, &early,
-                                 &reached);
+    *status = ((step3_t)u->step)(u->instance, t, u->h, !u->repeats, &event, &terminate, &early, &reached);
     if (failed_call(*status)) return RUN_STEP;
     if (early && !terminate) return RUN_EARLY_RETURN;
     *status = get_outputs(u, UNIT_FMI3, s);
@@ -78,13 +73,11 @@ HOT int step_from(const engine_t *e, int64_t tick, double t, int32_t index, fail
         mailbox_ask(u, s, t, (tick - u->lag) / u->period);
         result = mailbox_answer(u, s, &u->reached, &status, &failure->signal);
     } else if (u->kind == UNIT_NATIVE) {
-        if (((native_t)u->step)(u->instance, t, u->h, s + u->input, s + u->output))
-            result = RUN_STEP;
+        if (((native_t)u->step)(u->instance, t, u->h, s + u->input, s + u->output)) result = RUN_STEP;
     } else {
         result = ((call_t)u->step)(index, t, u->h);
     }
-    if ((result == RUN_OK || result == RUN_TERMINATED) &&
-        not_finite(s + u->output, u->output_count))
+    if ((result == RUN_OK || result == RUN_TERMINATED) && not_finite(s + u->output, u->output_count))
         result = RUN_NOT_FINITE;
     if (result != RUN_OK) {
         failure->index = index;
@@ -104,12 +97,9 @@ HOT int take_outputs(const engine_t *e, int32_t index, int status, failure_t *fa
     const unit_t *u = e->units + index;
     int result = RUN_OK;
 
-    if (failed_call(status))
-        result = RUN_STEP;
-    else if (failed_call(status = get_outputs(u, u->kind, e->signals)))
-        result = RUN_GET;
-    else if (not_finite(e->signals + u->output, u->output_count))
-        result = RUN_NOT_FINITE;
+    if (failed_call(status)) result = RUN_STEP;
+    else if (failed_call(status = get_outputs(u, u->kind, e->signals))) result = RUN_GET;
+    else if (not_finite(e->signals + u->output, u->output_count)) result = RUN_NOT_FINITE;
     if (result != RUN_OK) {
         failure->index = index;
         failure->status = status;
@@ -118,8 +108,7 @@ HOT int take_outputs(const engine_t *e, int32_t index, int status, failure_t *fa
 }
 
 /* One step of an FMU outside of a plan: for a process that has but one. */
-API int32_t engine_unit(unit_t *u, double *s, double t, int64_t hit, int32_t *status,
-                        int32_t *failed)
+API int32_t engine_unit(unit_t *u, double *s, double t, int64_t hit, int32_t *status, int32_t *failed)
 {
     switch (u->kind) {
     case UNIT_FMI2: return step_fmi2(u, s, t, status);
@@ -136,8 +125,7 @@ API int32_t engine_serve(mail_end_t *x)
     int32_t asked;
 
     while ((asked = mailbox_asked(x)) == ASK_STEP) {
-        box->result = engine_unit(x->unit, x->signals, box->t, box->hit, &box->status,
-                                  &box->failed);
+        box->result = engine_unit(x->unit, x->signals, box->t, box->hit, &box->status, &box->failed);
         box->reached = x->unit->reached;
         engine_answer(x);
     }

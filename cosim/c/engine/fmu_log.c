@@ -144,8 +144,7 @@ static log_t *log_of(const char *instance)
     return log;
 }
 
-static void log_written(log_t *log, int status, const char *category, const char *format,
-                        va_list arguments)
+static void log_written(log_t *log, int status, const char *category, const char *format, va_list arguments)
 {
     char text[LOG_WIDTH];
     vsnprintf(text, sizeof text, format ? format : "", arguments);

@@ -15,8 +15,7 @@
 enum { FETCH, PUT_BACK }; /* of outputs */
 
 /* One sweep: a step of all, or of those with inputs from the others. */
-static int sweep(engine_t *e, macro_t *m, int64_t tick, double t, double h, int coupled,
-                 failure_t *failure)
+static int sweep(engine_t *e, macro_t *m, int64_t tick, double t, double h, int coupled, failure_t *failure)
 {
     for (int64_t i = 0; i < m->n_members; i++) {
         rollback_t *r = m->members + i;
@@ -70,8 +69,7 @@ static void set_inputs_between(const engine_t *e, const macro_t *m, const double
 }
 
 /* The largest difference of the outputs from `others`, in tolerances. */
-static double distance(const engine_t *e, const macro_t *m, const macro_memory_t *v,
-                       const double *others)
+static double distance(const engine_t *e, const macro_t *m, const macro_memory_t *v, const double *others)
 {
     double most = 0.0;
     int64_t n = 0;
@@ -121,8 +119,8 @@ static int try_macro(engine_t *e, macro_t *m, int64_t tick, double t, double h, 
 /* Failures of a trial step that a shorter one may not have. */
 static int may_shorten(int result, const failure_t *failure)
 {
-    return result == RUN_NOT_FINITE || result == RUN_SOLVER || result == RUN_ENDED ||
-           result == RUN_LOOP || (result == RUN_STEP && failure->status == REFUSED);
+    return result == RUN_NOT_FINITE || result == RUN_SOLVER || result == RUN_ENDED || result == RUN_LOOP ||
+           (result == RUN_STEP && failure->status == REFUSED);
 }
 
 static void count_bonds(const engine_t *e, const macro_t *m, const double *start, double h)

@@ -144,10 +144,10 @@ static int update_states(const exchanging_t *d, event_info_t *info)
         info->values = one.values, info->defined = one.defined, info->next = one.next;
         return result;
     }
-    if (x->fmi == 2)
-        return did(d, ((new_states2_t)x->update)(d->fmu, info), RUN_EVENT);
-    result = did(d, ((update_t)x->update)(d->fmu, &again, &terminate, &nominals, &values, &defined,
-                                          &info->next), RUN_EVENT);
+    if (x->fmi == 2) return did(d, ((new_states2_t)x->update)(d->fmu, info), RUN_EVENT);
+    result =
+        did(d, ((update_t)x->update)(d->fmu, &again, &terminate, &nominals, &values, &defined, &info->next),
+            RUN_EVENT);
     info->again = again, info->terminate = terminate, info->nominals = nominals;
     info->values = values, info->defined = defined;
     return result;
@@ -166,8 +166,7 @@ static int handle_event(const exchanging_t *d, int inputs)
     x->events++;
     note_event(typed, x->now);
     if (result == RUN_OK && inputs)
-        result = set_typed(typed->discrete, typed->n_discrete, d->fmu, d->signals, d->status,
-                           d->failed);
+        result = set_typed(typed->discrete, typed->n_discrete, d->fmu, d->signals, d->status, d->failed);
     for (int i = 0; result == RUN_OK && info.again && !info.terminate; i++) {
         if (i == CALLS_AT_MOST) return RUN_STUCK;
         result = update_states(d, &info);
@@ -221,10 +220,8 @@ static int integrate(const exchanging_t *d, double end)
 
     while (result == RUN_OK && (x->next_event <= x->now || x->now < end - slack)) {
         if (x->events > most) return RUN_STUCK;
-        if (x->next_event <= x->now)
-            result = handle_event(d, 0);
-        else
-            result = move(d, x->next_event <= end + slack ? x->next_event : end);
+        if (x->next_event <= x->now) result = handle_event(d, 0);
+        else result = move(d, x->next_event <= end + slack ? x->next_event : end);
     }
     return result;
 }

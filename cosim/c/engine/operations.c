@@ -4,8 +4,7 @@
 INLINE void push(sender_t *l, const operation_t *op, const double *value)
 {
     double *sample = l->history + (l->sent & (l->capacity - 1)) * l->width;
-    if (op->gain == 1.0 && op->offset == 0.0)
-        copy(sample, value, l->width);
+    if (op->gain == 1.0 && op->offset == 0.0) copy(sample, value, l->width);
     else
         for (int64_t i = 0; i < l->width; i++) sample[i] = op->gain * value[i] + op->offset;
     publish(&l->sent, l->sent + 1);
@@ -48,10 +47,8 @@ INLINE void record(engine_t *e, int64_t tick, const operation_t *op)
 
     for (int64_t i = 0; i < n; i++) {
         const stretch_t *x = columns->stretches + i;
-        if (x->count > 64)
-            memcpy(row + x->place, e->signals + x->source, (size_t)x->count * sizeof *row);
-        else
-            copy(row + x->place, e->signals + x->source, x->count);
+        if (x->count > 64) memcpy(row + x->place, e->signals + x->source, (size_t)x->count * sizeof *row);
+        else copy(row + x->place, e->signals + x->source, x->count);
     }
     if (!op->count) return;
     e->row++;
@@ -96,16 +93,12 @@ static void draw(const operation_t *op, double h, double *s)
 }
 
 /* Executes one operation; returns RUN_OK or why not, and then which unit, link or gate in *failure. */
-HOT int run_operation(engine_t *e, int64_t tick, double *s, const operation_t *op,
-                         failure_t *failure)
+HOT int run_operation(engine_t *e, int64_t tick, double *s, const operation_t *op, failure_t *failure)
 {
     switch (op->code) {
-    case OP_COPY:
-        copy(s + op->target, s + op->source, op->count);
-        break;
+    case OP_COPY: copy(s + op->target, s + op->source, op->count); break;
     case OP_SCALE:
-        for (int64_t i = 0; i < op->count; i++)
-            s[op->target + i] = op->gain * s[op->source + i] + op->offset;
+        for (int64_t i = 0; i < op->count; i++) s[op->target + i] = op->gain * s[op->source + i] + op->offset;
         break;
     case OP_AHEAD:
     case OP_BETWEEN: extrapolate(op, s); break;
@@ -162,10 +155,8 @@ INLINE int run_operations(engine_t *e, int64_t tick, int64_t ticks, int64_t firs
     for (const operation_t *op = e->operations + first; op < end; op++) {
         const operation_t *const last_done = op->code == OP_STEP ? op + op->count : op;
         int result = RUN_OK;
-        if (ticks > 1 && op->code == OP_STEP && op->period == 1)
-            run_often(e, tick, &left, op, failure);
-        else
-            result = run_operation(e, tick, s, op, failure);
+        if (ticks > 1 && op->code == OP_STEP && op->period == 1) run_often(e, tick, &left, op, failure);
+        else result = run_operation(e, tick, s, op, failure);
         if (result == RUN_OK) {
             op = last_done;
             continue;
@@ -184,8 +175,8 @@ INLINE int run_operations(engine_t *e, int64_t tick, int64_t ticks, int64_t firs
 }
 
 /* All of `segments` that are due at a tick, and at the `ticks` - 1 after it, in which only steps of a tick are. */
-HOT int run_tick(engine_t *e, int64_t tick, int64_t ticks, segment_t *segments,
-                    int64_t n_segments, failure_t *failure, failure_t *ended)
+HOT int run_tick(engine_t *e, int64_t tick, int64_t ticks, segment_t *segments, int64_t n_segments,
+                 failure_t *failure, failure_t *ended)
 {
     segment_t *const behind = segments + n_segments;
 

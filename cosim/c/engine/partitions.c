@@ -27,7 +27,11 @@
 #define STORE(place, value) __atomic_store_n(place, value, __ATOMIC_RELEASE)
 #define ADD(place, value) __atomic_fetch_add(place, value, __ATOMIC_ACQ_REL)
 /* With the assembler's nothing, since gcc leaves out calls of functions that only prefetch. */
-#define PREFETCH(place) (__extension__({ __builtin_prefetch(place); __asm__ volatile(""); }))
+#define PREFETCH(place)            \
+    (__extension__({               \
+        __builtin_prefetch(place); \
+        __asm__ volatile("");      \
+    }))
 #define SWAP(place, old, value) \
     __atomic_compare_exchange_n(place, old, value, 0, __ATOMIC_ACQ_REL, __ATOMIC_ACQUIRE)
 #else /* a compiler whose atomic operations are not known here: one thread */
@@ -48,10 +52,7 @@ static inline uint64_t ticket_of(uint64_t generation, uint64_t chunks)
 
 static inline uint64_t next_of(uint64_t ticket) { return ticket & ((1u << CHUNK_BITS) - 1); }
 
-static inline uint64_t chunks_of(uint64_t ticket)
-{
-    return ticket >> CHUNK_BITS & ((1u << CHUNK_BITS) - 1);
-}
+static inline uint64_t chunks_of(uint64_t ticket) { return ticket >> CHUNK_BITS & ((1u << CHUNK_BITS) - 1); }
 
 /* A moment of waiting: first on this processor, then others may have it. */
 static inline void wait_a_moment(int *spins)
@@ -69,22 +70,19 @@ static inline void wait_a_moment(int *spins)
 static void lower(int64_t *place, int64_t limit)
 {
     int64_t old = LOAD(place);
-    while (old > limit && !SWAP(place, &old, limit))
-        ;
+    while (old > limit && !SWAP(place, &old, limit));
 }
 
 /* Whether a comes before b, by tick and place in it. */
 static int precedes(const failure_t *a, const failure_t *b)
 {
-    return b->operation < 0 || a->tick < b->tick ||
-           (a->tick == b->tick && a->operation < b->operation);
+    return b->operation < 0 || a->tick < b->tick || (a->tick == b->tick && a->operation < b->operation);
 }
 
 /* Of what ended the simulation, the first tick counts, and the last one in it. */
 static int supersedes(const failure_t *a, const failure_t *b)
 {
-    return b->operation < 0 || a->tick < b->tick ||
-           (a->tick == b->tick && a->operation > b->operation);
+    return b->operation < 0 || a->tick < b->tick || (a->tick == b->tick && a->operation > b->operation);
 }
 
 /* The part of `count` things that is number `part` of `parts`: where it begins. */
@@ -135,8 +133,7 @@ static void fetch_samples(const engine_t *e, const received_t *x, const received
         const char *before = NULL;
         for (int64_t row = l->row; row <= last; row++) {
             const int64_t held = l->table[row] - l->before;
-            const char *sample =
-                (const char *)(from->history + (held & (from->capacity - 1)) * from->width);
+            const char *sample = (const char *)(from->history + (held & (from->capacity - 1)) * from->width);
             if (held < 0 || (before && sample >= before && sample < before + LINE)) continue;
             PREFETCH(sample);
             before = sample;

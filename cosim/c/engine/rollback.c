@@ -27,8 +27,7 @@ SHARED int move_state(const engine_t *e, rollback_t *r, int what, failure_t *fai
         memcpy(back ? (char *)r->blocks[i].place : copy, back ? copy : (char *)r->blocks[i].place,
                (size_t)r->blocks[i].size);
     if (back && u->exchange) u->exchange->fresh = 1;
-    if (r->call)
-        status = ((saving_t)r->call)(r->unit, what) ? 3 : 0;
+    if (r->call) status = ((saving_t)r->call)(r->unit, what) ? 3 : 0;
     else
         status = back ? ((state_t)r->restore)(u->instance, r->states[end])
                       : ((state_t)r->save)(u->instance, &r->states[end]);
@@ -42,7 +41,6 @@ SHARED int move_states(const engine_t *e, macro_t *m, int what, int coupled, fai
 {
     int result = RUN_OK;
     for (int64_t i = 0; i < m->n_members && result == RUN_OK; i++)
-        if (m->members[i].coupled >= coupled)
-            result = move_state(e, m->members + i, what, failure);
+        if (m->members[i].coupled >= coupled) result = move_state(e, m->members + i, what, failure);
     return result;
 }

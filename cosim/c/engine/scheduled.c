@@ -87,11 +87,9 @@ SHARED int step_scheduled(doing_t *d, double t)
         if (c->next > now + slack) now = c->next;
         if (calls == CALLS_AT_MOST) return RUN_STUCK;
         if (!calls++)
-            result = set_typed(x->inputs, x->n_inputs, d->unit->instance, d->signals, d->status,
-                               d->failed);
+            result = set_typed(x->inputs, x->n_inputs, d->unit->instance, d->signals, d->status, d->failed);
         if (result == RUN_OK) result = activate(d, c, now);
     }
     if (result != RUN_OK || !calls) return result;
-    return get_typed(x->outputs, x->n_outputs, d->unit->instance, d->signals, d->status,
-                     d->failed);
+    return get_typed(x->outputs, x->n_outputs, d->unit->instance, d->signals, d->status, d->failed);
 }

@@ -67,8 +67,7 @@ SHARED int solver_step(const exchanging_t *d, double bound, double *end)
     if (cvode) x->fresh = 1; /* too short for it: see below */
     for (int i = 0;; i++) {
         result = derive(d, x->now, states(x, START), states(x, STAGES));
-        if (result == RUN_OK)
-            result = runge_kutta(d, cvode ? SOLVER_EULER : x->solver, h, states(x, END));
+        if (result == RUN_OK) result = runge_kutta(d, cvode ? SOLVER_EULER : x->solver, h, states(x, END));
         if (result == RUN_OK || *d->status != REFUSED || i == HALVINGS) break;
         h *= 0.5;
     }

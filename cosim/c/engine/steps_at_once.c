@@ -14,8 +14,7 @@ static int step_remote(const engine_t *e, int64_t tick, const operation_t *op, f
         unit_t *u = e->units + op[k].index;
         int32_t signal = 0;
         int status, result = mailbox_answer(u, e->signals, &u->reached, &status, &signal);
-        if (result == RUN_OK && not_finite(e->signals + u->output, u->output_count))
-            result = RUN_NOT_FINITE;
+        if (result == RUN_OK && not_finite(e->signals + u->output, u->output_count)) result = RUN_NOT_FINITE;
         if (result == RUN_OK || (first != RUN_OK && first != RUN_TERMINATED)) continue;
         first = result; /* of those that end the simulation, the last; an error before all */
         failure->index = op[k].index;
@@ -29,7 +28,7 @@ static int step_remote(const engine_t *e, int64_t tick, const operation_t *op, f
  * in their order, up to the first step that fails; *ticks becomes the number of steps before that: what comes behind
  * it matters only if it fails sooner. Their values are open (layout.py), so no input is refused. */
 SHARED int step_often(const engine_t *e, int64_t tick, int64_t *ticks, const operation_t *op,
-                        failure_t *failure)
+                      failure_t *failure)
 {
     const int64_t n = op->count + 1, done = *ticks;
     const unit_t *const first = e->units + op->index;

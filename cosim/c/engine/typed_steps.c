@@ -7,8 +7,7 @@ static int set_slopes(const typed_t *x, void *instance, const double *s, int *st
     const access_t *a = x->slopes;
 
     for (int64_t i = 0; i < a->count; i++) ((double *)a->buffer)[i] = s[a->places[i]];
-    *status = ((slopes2_t)a->call)(instance, a->references, (size_t)a->n_references, x->orders,
-                                   a->buffer);
+    *status = ((slopes2_t)a->call)(instance, a->references, (size_t)a->n_references, x->orders, a->buffer);
     return failed_call(*status) ? RUN_SET : RUN_OK;
 }
 
@@ -21,8 +20,7 @@ static int step_typed2(const unit_t *u, const double *s, double t, int *status)
     return failed_call(*status) ? RUN_STEP : RUN_OK;
 }
 
-SHARED int step_typed(unit_t *u, double *s, double t, int64_t hit, int *status,
-                      int32_t *failed)
+SHARED int step_typed(unit_t *u, double *s, double t, int64_t hit, int *status, int32_t *failed)
 {
     const typed_t *x = u->typed;
     doing_t c = {u, s, status, failed, t, RUN_OK, 0};

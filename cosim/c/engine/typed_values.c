@@ -6,15 +6,15 @@
 #define EXACT 9007199254740992.0 /* 2^53: whole numbers up to here are doubles */
 
 /* Accepts whole numbers within [low, high] only; values are never rounded. */
-#define PUT(T, low, high)                                                     \
-    for (int64_t i = 0; i < a->count; i++) {                                  \
-        const double x = s[a->places[i]];                                     \
-        if (!(x >= (low) && x <= (high)) || (double)(T)x != x) {              \
-            *failed = (int32_t)a->places[i];                                  \
-            return RUN_VALUE;                                                 \
-        }                                                                     \
-        ((T *)a->buffer)[i] = (T)x;                                           \
-    }                                                                         \
+#define PUT(T, low, high)                                        \
+    for (int64_t i = 0; i < a->count; i++) {                     \
+        const double x = s[a->places[i]];                        \
+        if (!(x >= (low) && x <= (high)) || (double)(T)x != x) { \
+            *failed = (int32_t)a->places[i];                     \
+            return RUN_VALUE;                                    \
+        }                                                        \
+        ((T *)a->buffer)[i] = (T)x;                              \
+    }                                                            \
     break
 
 static int convert_in(const access_t *a, const double *s, int32_t *failed)
@@ -47,18 +47,18 @@ static int convert_in(const access_t *a, const double *s, int32_t *failed)
     return RUN_OK;
 }
 
-#define GET(T)                                                                           \
+#define GET(T)                                                                            \
     for (int64_t i = 0; i < a->count; i++) s[a->places[i]] = (double)((T *)a->buffer)[i]; \
     break
-#define GET_EXACT(T)                                                                     \
-    for (int64_t i = 0; i < a->count; i++) {                                             \
-        const T x = ((T *)a->buffer)[i];                                                 \
-        s[a->places[i]] = (double)x;                                                     \
-        if (x > (T)EXACT || (double)x < -EXACT) {                                        \
-            *failed = (int32_t)a->places[i];                                             \
-            return RUN_VALUE;                                                            \
-        }                                                                                \
-    }                                                                                    \
+#define GET_EXACT(T)                              \
+    for (int64_t i = 0; i < a->count; i++) {      \
+        const T x = ((T *)a->buffer)[i];          \
+        s[a->places[i]] = (double)x;              \
+        if (x > (T)EXACT || (double)x < -EXACT) { \
+            *failed = (int32_t)a->places[i];      \
+            return RUN_VALUE;                     \
+        }                                         \
+    }                                             \
     break
 
 static int convert_out(const access_t *a, double *s, int32_t *failed)
@@ -78,8 +78,7 @@ static int convert_out(const access_t *a, double *s, int32_t *failed)
         for (int64_t i = 0; i < a->count; i++) s[a->places[i]] = ((int32_t *)a->buffer)[i] != 0;
         break;
     default:
-        for (int64_t i = 0; i < a->count; i++)
-            s[a->places[i]] = ((unsigned char *)a->buffer)[i] != 0;
+        for (int64_t i = 0; i < a->count; i++) s[a->places[i]] = ((unsigned char *)a->buffer)[i] != 0;
     }
     return RUN_OK;
 }
@@ -103,8 +102,7 @@ SHARED int set_typed(const access_t *a, int64_t n, void *instance, const double 
     return RUN_OK;
 }
 
-SHARED int get_typed(const access_t *a, int64_t n, void *instance, double *s, int *status,
-                     int32_t *failed)
+SHARED int get_typed(const access_t *a, int64_t n, void *instance, double *s, int *status, int32_t *failed)
 {
     for (int64_t i = 0; i < n; i++) {
         int result;

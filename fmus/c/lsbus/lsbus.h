@@ -25,32 +25,40 @@ enum { INSTANTIATED = 1, INITIALIZATION = 2, EVENT = 4, STEPPING = 8, TERMINATED
 typedef struct {
     uint8_t rx[ROOM], tx[ROOM]; /* operations for the FMU, and from it */
     size_t n_rx, n_tx;
-    int64_t tick;               /* ps, of its Tx_Clock; NEVER */
-    bool rx_on, tx_on;          /* its clocks, in this instant */
-    bool changed;               /* the importer has not asked for `tick` yet */
+    int64_t tick;      /* ps, of its Tx_Clock; NEVER */
+    bool rx_on, tx_on; /* its clocks, in this instant */
+    bool changed;      /* the importer has not asked for `tick` yet */
 } port_t;
 
 /* What every `struct fmu` begins with. now: ps; room: core_room() bytes, 16-byte aligned. */
-#define LSBUS_MEMBERS(n_ports)                                                               \
-    fmi3LogMessageCallback log;                                                              \
-    fmi3InstanceEnvironment environment;                                                     \
-    unsigned mode;                                                                           \
-    int64_t now;                                                                             \
-    uint8_t *room;                                                                           \
-    char message[256];                                                                       \
+#define LSBUS_MEMBERS(n_ports)           \
+    fmi3LogMessageCallback log;          \
+    fmi3InstanceEnvironment environment; \
+    unsigned mode;                       \
+    int64_t now;                         \
+    uint8_t *room;                       \
+    char message[256];                   \
     port_t ports[n_ports]
 
 typedef struct fmu fmu_t;
 
 /* Operations: codes, and parameters of Configuration. */
 enum {
-    OP_FORMAT_ERROR = 0x01, OP_TRANSMIT = 0x10, OP_FD_TRANSMIT = 0x11, OP_CONFIRM = 0x20,
-    OP_LOST = 0x30, OP_BUS_ERROR = 0x31, OP_CONFIGURATION = 0x40, OP_STATUS = 0x41, OP_WAKEUP = 0x42
+    OP_FORMAT_ERROR = 0x01,
+    OP_TRANSMIT = 0x10,
+    OP_FD_TRANSMIT = 0x11,
+    OP_CONFIRM = 0x20,
+    OP_LOST = 0x30,
+    OP_BUS_ERROR = 0x31,
+    OP_CONFIGURATION = 0x40,
+    OP_STATUS = 0x41,
+    OP_WAKEUP = 0x42
 };
 enum { CAN_BAUDRATE = 1, CAN_FD_BAUDRATE, CAN_XL_BAUDRATE, LOST_BEHAVIOR };
 
 /* A number of so many bytes, little endian. */
-static inline uint32_t number(const uint8_t *b, int bytes) {
+static inline uint32_t number(const uint8_t *b, int bytes)
+{
     uint32_t found = 0;
     for (int i = 0; i < bytes; i++) found |= (uint32_t)b[i] << 8 * i;
     return found;
@@ -64,7 +72,8 @@ typedef struct {
 } transmit_t;
 
 /* Whether the `n` bytes are a transmit operation of this kind of frame. */
-static inline bool transmit_of(const uint8_t *raw, size_t n, bool fd, transmit_t *of) {
+static inline bool transmit_of(const uint8_t *raw, size_t n, bool fd, transmit_t *of)
+{
     of->first = fd ? 17 : 16;
     if (n < of->first) return false;
     of->id = number(raw + 8, 4), of->length = number(raw + of->first - 2, 2);
@@ -75,12 +84,14 @@ static inline bool transmit_of(const uint8_t *raw, size_t n, bool fd, transmit_t
 }
 
 /* The same into `tx`, where there is room for it. */
-static inline void put(port_t *p, uint32_t value, int bytes) {
+static inline void put(port_t *p, uint32_t value, int bytes)
+{
     for (int i = 0; i < bytes; i++) p->tx[p->n_tx++] = (uint8_t)(value >> 8 * i);
 }
 
 /* The header of an operation of `length` bytes into `tx`; false: there is no room for it. */
-static inline bool put_head(port_t *p, uint32_t code, size_t length) {
+static inline bool put_head(port_t *p, uint32_t code, size_t length)
+{
     if (p->n_tx + length > ROOM) return false;
     put(p, code, 4), put(p, (uint32_t)length, 4);
     return true;

@@ -8,7 +8,8 @@
 #pragma GCC diagnostic ignored "-Wunused-parameter" /* the standard's, not needed here */
 #endif
 
-fmi3Status lsbus_refuse(fmu_t *x, const char *format, ...) {
+fmi3Status lsbus_refuse(fmu_t *x, const char *format, ...)
+{
     va_list values;
     va_start(values, format);
     vsnprintf(x->message, sizeof x->message, format, values);
@@ -17,39 +18,46 @@ fmi3Status lsbus_refuse(fmu_t *x, const char *format, ...) {
     return fmi3Error;
 }
 
-#define REFUSED(function, ...)                                                               \
-    fmi3Status fmi3##function(fmi3Instance x, __VA_ARGS__) {                                 \
+#define REFUSED(function, ...)                                                                   \
+    fmi3Status fmi3##function(fmi3Instance x, __VA_ARGS__)                                       \
+    {                                                                                            \
         return lsbus_refuse(x, "fmi3" #function ": not in this FMU, see its model description"); \
     }
-#define REFUSED_BARE(function)                                                               \
-    fmi3Status fmi3##function(fmi3Instance x) {                                              \
+#define REFUSED_BARE(function)                                                                   \
+    fmi3Status fmi3##function(fmi3Instance x)                                                    \
+    {                                                                                            \
         return lsbus_refuse(x, "fmi3" #function ": not in this FMU, see its model description"); \
     }
 /* A call without value references is allowed. */
-#define GET(T)                                                                               \
-    fmi3Status fmi3Get##T(fmi3Instance x, const fmi3ValueReference vr[], size_t n,           \
-                          fmi3##T values[], size_t nValues) {                                \
-        return n ? lsbus_refuse(x, "fmi3Get" #T ": found no such variable") : fmi3OK;          \
+#define GET(T)                                                                                       \
+    fmi3Status fmi3Get##T(fmi3Instance x, const fmi3ValueReference vr[], size_t n, fmi3##T values[], \
+                          size_t nValues)                                                            \
+    {                                                                                                \
+        return n ? lsbus_refuse(x, "fmi3Get" #T ": found no such variable") : fmi3OK;                \
     }
-#define SET(T)                                                                               \
-    fmi3Status fmi3Set##T(fmi3Instance x, const fmi3ValueReference vr[], size_t n,           \
-                          const fmi3##T values[], size_t nValues) {                          \
-        return n ? lsbus_refuse(x, "fmi3Set" #T ": found no such variable") : fmi3OK;          \
+#define SET(T)                                                                                             \
+    fmi3Status fmi3Set##T(fmi3Instance x, const fmi3ValueReference vr[], size_t n, const fmi3##T values[], \
+                          size_t nValues)                                                                  \
+    {                                                                                                      \
+        return n ? lsbus_refuse(x, "fmi3Set" #T ": found no such variable") : fmi3OK;                      \
     }
 
-fmi3Instance fmi3InstantiateModelExchange(fmi3String instanceName, fmi3String token,
-                                          fmi3String resourcePath, fmi3Boolean visible,
-                                          fmi3Boolean loggingOn,
+fmi3Instance fmi3InstantiateModelExchange(fmi3String instanceName, fmi3String token, fmi3String resourcePath,
+                                          fmi3Boolean visible, fmi3Boolean loggingOn,
                                           fmi3InstanceEnvironment environment,
-                                          fmi3LogMessageCallback logMessage) {
+                                          fmi3LogMessageCallback logMessage)
+{
     return NULL;
 }
 
-fmi3Instance fmi3InstantiateScheduledExecution(
-    fmi3String instanceName, fmi3String token, fmi3String resourcePath, fmi3Boolean visible,
-    fmi3Boolean loggingOn, fmi3InstanceEnvironment environment, fmi3LogMessageCallback logMessage,
-    fmi3ClockUpdateCallback clockUpdate, fmi3LockPreemptionCallback lockPreemption,
-    fmi3UnlockPreemptionCallback unlockPreemption) {
+fmi3Instance fmi3InstantiateScheduledExecution(fmi3String instanceName, fmi3String token,
+                                               fmi3String resourcePath, fmi3Boolean visible,
+                                               fmi3Boolean loggingOn, fmi3InstanceEnvironment environment,
+                                               fmi3LogMessageCallback logMessage,
+                                               fmi3ClockUpdateCallback clockUpdate,
+                                               fmi3LockPreemptionCallback lockPreemption,
+                                               fmi3UnlockPreemptionCallback unlockPreemption)
+{
     return NULL;
 }
 
@@ -78,29 +86,28 @@ SET(String)
 
 REFUSED(GetNumberOfVariableDependencies, fmi3ValueReference vr, size_t *n)
 REFUSED(GetVariableDependencies, fmi3ValueReference dependent, size_t elementsOfDependent[],
-        fmi3ValueReference independents[], size_t elementsOfIndependents[], fmi3DependencyKind
-        kinds[], size_t n)
+        fmi3ValueReference independents[], size_t elementsOfIndependents[], fmi3DependencyKind kinds[],
+        size_t n)
 REFUSED(GetFMUState, fmi3FMUState *state)
 REFUSED(SetFMUState, fmi3FMUState state)
 REFUSED(FreeFMUState, fmi3FMUState *state)
 REFUSED(SerializedFMUStateSize, fmi3FMUState state, size_t *size)
 REFUSED(SerializeFMUState, fmi3FMUState state, fmi3Byte bytes[], size_t size)
 REFUSED(DeserializeFMUState, const fmi3Byte bytes[], size_t size, fmi3FMUState *state)
-REFUSED(GetDirectionalDerivative, const fmi3ValueReference unknowns[], size_t nUnknowns, const
-        fmi3ValueReference knowns[], size_t nKnowns, const fmi3Float64 seed[], size_t nSeed,
+REFUSED(GetDirectionalDerivative, const fmi3ValueReference unknowns[], size_t nUnknowns,
+        const fmi3ValueReference knowns[], size_t nKnowns, const fmi3Float64 seed[], size_t nSeed,
         fmi3Float64 sensitivity[], size_t nSensitivity)
-REFUSED(GetAdjointDerivative, const fmi3ValueReference unknowns[], size_t nUnknowns, const
-        fmi3ValueReference knowns[], size_t nKnowns, const fmi3Float64 seed[], size_t nSeed,
+REFUSED(GetAdjointDerivative, const fmi3ValueReference unknowns[], size_t nUnknowns,
+        const fmi3ValueReference knowns[], size_t nKnowns, const fmi3Float64 seed[], size_t nSeed,
         fmi3Float64 sensitivity[], size_t nSensitivity)
 REFUSED_BARE(EnterConfigurationMode)
 REFUSED_BARE(ExitConfigurationMode)
 REFUSED(GetShiftDecimal, const fmi3ValueReference vr[], size_t n, fmi3Float64 shifts[])
 REFUSED(GetShiftFraction, const fmi3ValueReference vr[], size_t n, fmi3UInt64 counters[],
         fmi3UInt64 resolutions[])
-REFUSED(SetIntervalDecimal, const fmi3ValueReference vr[], size_t n, const fmi3Float64
-        intervals[])
-REFUSED(SetIntervalFraction, const fmi3ValueReference vr[], size_t n, const fmi3UInt64
-        counters[], const fmi3UInt64 resolutions[])
+REFUSED(SetIntervalDecimal, const fmi3ValueReference vr[], size_t n, const fmi3Float64 intervals[])
+REFUSED(SetIntervalFraction, const fmi3ValueReference vr[], size_t n, const fmi3UInt64 counters[],
+        const fmi3UInt64 resolutions[])
 REFUSED(SetShiftDecimal, const fmi3ValueReference vr[], size_t n, const fmi3Float64 shifts[])
 REFUSED(SetShiftFraction, const fmi3ValueReference vr[], size_t n, const fmi3UInt64 counters[],
         const fmi3UInt64 resolutions[])

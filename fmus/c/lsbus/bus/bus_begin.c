@@ -3,7 +3,8 @@
 
 #include "core.h"
 
-static bus_settings_t settings(bus_node_settings_t nodes[N_NODES]) {
+static bus_settings_t settings(bus_node_settings_t nodes[N_NODES])
+{
     bus_settings_t set;
     memset(&set, 0, sizeof set);
     memset(nodes, 0, N_NODES * sizeof *nodes);
@@ -17,7 +18,8 @@ static bus_settings_t settings(bus_node_settings_t nodes[N_NODES]) {
     return set;
 }
 
-static size_t size_of_bus(void) {
+static size_t size_of_bus(void)
+{
     bus_node_settings_t nodes[N_NODES];
     const bus_settings_t set = settings(nodes);
     return (bus_size(&set) + 15) / 16 * 16;
@@ -25,7 +27,8 @@ static size_t size_of_bus(void) {
 
 size_t core_room(void) { return 2 * size_of_bus(); }
 
-fmi3Status core_begin(fmu_t *x) {
+fmi3Status core_begin(fmu_t *x)
+{
     bus_node_settings_t nodes[N_NODES];
     const bus_settings_t set = settings(nodes);
     x->size = size_of_bus();

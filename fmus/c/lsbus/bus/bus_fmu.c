@@ -8,43 +8,48 @@ enum { RETRANSMIT = 1, DISCARD = 2, BUS_OFF = 3 };
 static const int64_t HORIZON = 1000000000000;
 static const int64_t SECOND = 1000000000000;
 
-static fmi3Status refuse_node(fmu_t *x, int32_t node, const char *why) {
-    return lsbus_refuse(x, "Node%d, t = %.12g s: %s", (int)node + 1, (double)x->now / (double)SECOND,
-                      why);
+static fmi3Status refuse_node(fmu_t *x, int32_t node, const char *why)
+{
+    return lsbus_refuse(x, "Node%d, t = %.12g s: %s", (int)node + 1, (double)x->now / (double)SECOND, why);
 }
 
 /* --- operations as bytes --------------------------------------------------------------------- */
 
 /* The header of an operation for a node; false: no room. */
-static bool head(fmu_t *x, int32_t node, uint32_t code, size_t length) {
+static bool head(fmu_t *x, int32_t node, uint32_t code, size_t length)
+{
     return put_head(&x->ports[node], code, length);
 }
 
-static fmi3Status append(fmu_t *x, int32_t node, const uint8_t *bytes, size_t n) {
+static fmi3Status append(fmu_t *x, int32_t node, const uint8_t *bytes, size_t n)
+{
     port_t *p = &x->ports[node];
     memcpy(p->tx + p->n_tx, bytes, n);
     p->n_tx += n;
     return fmi3OK;
 }
 
-static fmi3Status full(fmu_t *x, int32_t node) {
-    return refuse_node(x, node, "found more operations for it than fit, expected its Tx_Clock to"
-                                " tick when it said");
+static fmi3Status full(fmu_t *x, int32_t node)
+{
+    return refuse_node(x, node,
+                       "found more operations for it than fit, expected its Tx_Clock to"
+                       " tick when it said");
 }
 
-static fmi3Status tell(fmu_t *x, int32_t node, uint32_t code, uint32_t id) {
+static fmi3Status tell(fmu_t *x, int32_t node, uint32_t code, uint32_t id)
+{
     if (!head(x, node, code, 12)) return full(x, node);
     put(&x->ports[node], id, 4);
     return fmi3OK;
 }
 
-static fmi3Status tell_frame(fmu_t *x, int32_t node, const can_frame_t *f) {
+static fmi3Status tell_frame(fmu_t *x, int32_t node, const can_frame_t *f)
+{
     const bool fd = f->flags & CAN_FD;
     const size_t n = (size_t)f->length;
     port_t *p = &x->ports[node];
     uint8_t data[64] = {0};
-    if (!head(x, node, fd ? OP_FD_TRANSMIT : OP_TRANSMIT, (fd ? 17u : 16u) + n))
-        return full(x, node);
+    if (!head(x, node, fd ? OP_FD_TRANSMIT : OP_TRANSMIT, (fd ? 17u : 16u) + n)) return full(x, node);
     put(p, f->id, 4), put(p, !!(f->flags & CAN_EXTENDED), 1);
     if (fd) put(p, !!(f->flags & CAN_BRS), 1), put(p, !!(f->flags & CAN_ESI), 1);
     else put(p, !!(f->flags & CAN_REMOTE), 1);
@@ -53,7 +58,8 @@ static fmi3Status tell_frame(fmu_t *x, int32_t node, const can_frame_t *f) {
     return append(x, node, data, n);
 }
 
-static fmi3Status send_back(fmu_t *x, int32_t node, const uint8_t *raw, size_t n) {
+static fmi3Status send_back(fmu_t *x, int32_t node, const uint8_t *raw, size_t n)
+{
     if (n > 0xffff || !head(x, node, OP_FORMAT_ERROR, 10 + n)) return full(x, node);
     put(&x->ports[node], (uint32_t)n, 2);
     return append(x, node, raw, n);
@@ -61,13 +67,15 @@ static fmi3Status send_back(fmu_t *x, int32_t node, const uint8_t *raw, size_t n
 
 /* --- what nodes send ------------------------------------------------------------------------- */
 
-static void forget(fmu_t *x, int64_t request) {
+static void forget(fmu_t *x, int64_t request)
+{
     for (int32_t i = 0; i < x->n_waiting; i++)
         if (x->waiting[i].request == request) x->waiting[i--] = x->waiting[--x->n_waiting];
 }
 
 /* The frame of a transmit operation; false: these bytes are none. */
-static bool frame_of(const uint8_t *raw, size_t n, bool fd, can_frame_t *f) {
+static bool frame_of(const uint8_t *raw, size_t n, bool fd, can_frame_t *f)
+{
     transmit_t of;
     if (!transmit_of(raw, n, fd, &of)) return false;
     memset(f, 0, sizeof *f);
@@ -78,13 +86,14 @@ static bool frame_of(const uint8_t *raw, size_t n, bool fd, can_frame_t *f) {
     return !fd || can_padded(f->flags, f->length) == (int32_t)of.length;
 }
 
-static fmi3Status transmit(fmu_t *x, int32_t node, const can_frame_t *f) {
+static fmi3Status transmit(fmu_t *x, int32_t node, const can_frame_t *f)
+{
     bus_request_t request;
     if ((f->flags & CAN_FD) && !WITH_FD)
-        return refuse_node(x, node, "found CAN FD Transmit, expected CAN Transmit: the bus has no"
-                                    " data bit rate");
-    if (x->off[node])
-        return refuse_node(x, node, "found a frame after the status BUS_OFF, expected none");
+        return refuse_node(x, node,
+                           "found CAN FD Transmit, expected CAN Transmit: the bus has no"
+                           " data bit rate");
+    if (x->off[node]) return refuse_node(x, node, "found a frame after the status BUS_OFF, expected none");
     if (x->n_waiting == N_NODES * QUEUE)
         return refuse_node(x, node, "found a frame more than fits, expected fewer");
     memset(&request, 0, sizeof request);
@@ -96,7 +105,8 @@ static fmi3Status transmit(fmu_t *x, int32_t node, const can_frame_t *f) {
 }
 
 /* 1: carried out; 0: these bytes are no configuration; -1: one that this bus does not have. */
-static int configure(fmu_t *x, int32_t node, const uint8_t *raw, size_t n) {
+static int configure(fmu_t *x, int32_t node, const uint8_t *raw, size_t n)
+{
     if (n == 10 && raw[8] == LOST_BEHAVIOR && raw[9] >= RETRANSMIT && raw[9] <= DISCARD) {
         x->discards[node] = raw[9] == DISCARD;
         return 1;
@@ -107,13 +117,15 @@ static int configure(fmu_t *x, int32_t node, const uint8_t *raw, size_t n) {
     return WITH_FD && raw[8] == CAN_FD_BAUDRATE && rate == DATA_BITRATE ? 1 : -1;
 }
 
-static void set_status(fmu_t *x, int32_t node, uint8_t status) {
+static void set_status(fmu_t *x, int32_t node, uint8_t status)
+{
     x->off[node] = status == BUS_OFF;
     for (int32_t i = 0; i < x->n_waiting && status == BUS_OFF; i++)
         if (x->waiting[i].node == node) bus_abort(x->bus, node, x->waiting[i].request);
 }
 
-static fmi3Status take(fmu_t *x, int32_t node, const uint8_t *raw, size_t n) {
+static fmi3Status take(fmu_t *x, int32_t node, const uint8_t *raw, size_t n)
+{
     const uint32_t code = number(raw, 4);
     can_frame_t frame;
     fmi3Status status = fmi3OK;
@@ -126,8 +138,9 @@ static fmi3Status take(fmu_t *x, int32_t node, const uint8_t *raw, size_t n) {
     case OP_CONFIGURATION:
         done = configure(x, node, raw, n);
         if (done < 0)
-            return refuse_node(x, node, "found a Configuration with another bit rate than that of"
-                                        " the bus, expected the same");
+            return refuse_node(x, node,
+                               "found a Configuration with another bit rate than that of"
+                               " the bus, expected the same");
         if (!done) break;
         return fmi3OK;
     case OP_STATUS:
@@ -139,17 +152,16 @@ static fmi3Status take(fmu_t *x, int32_t node, const uint8_t *raw, size_t n) {
         for (int32_t i = 0; i < N_NODES && status == fmi3OK; i++)
             if (i != node && !head(x, i, OP_WAKEUP, 8)) status = full(x, i);
         return status;
-    case OP_FORMAT_ERROR:
-        return fmi3OK;
+    case OP_FORMAT_ERROR: return fmi3OK;
     case OP_CONFIRM:
     case OP_LOST:
-    case OP_BUS_ERROR:
-        return refuse_node(x, node, "found an operation of a bus, expected one of a node");
+    case OP_BUS_ERROR: return refuse_node(x, node, "found an operation of a bus, expected one of a node");
     }
     return send_back(x, node, raw, n);
 }
 
-fmi3Status core_settle(fmu_t *x) {
+fmi3Status core_settle(fmu_t *x)
+{
     for (int32_t node = 0; node < N_NODES; node++) {
         port_t *p = &x->ports[node];
         size_t at = 0, n = p->n_rx;
@@ -158,8 +170,8 @@ fmi3Status core_settle(fmu_t *x) {
             const size_t rest = n - at;
             const size_t said = rest < 8 ? 0 : number(p->rx + at + 4, 4);
             const bool whole = said >= 8 && said <= rest;
-            const fmi3Status status = whole ? take(x, node, p->rx + at, said)
-                                            : send_back(x, node, p->rx + at, rest);
+            const fmi3Status status =
+                whole ? take(x, node, p->rx + at, said) : send_back(x, node, p->rx + at, rest);
             if (status != fmi3OK) return status;
             at += whole ? said : rest;
         }
@@ -169,7 +181,8 @@ fmi3Status core_settle(fmu_t *x) {
 
 /* --- what the bus tells them ----------------------------------------------------------------- */
 
-static fmi3Status fault(fmu_t *x, const bus_event_t *e) {
+static fmi3Status fault(fmu_t *x, const bus_event_t *e)
+{
     port_t *p = &x->ports[e->node];
     int32_t which = 0;
     if (!x->n_contenders) return fmi3OK;
@@ -181,7 +194,8 @@ static fmi3Status fault(fmu_t *x, const bus_event_t *e) {
     return fmi3OK;
 }
 
-static fmi3Status lost(fmu_t *x, const bus_event_t *e, uint32_t id) {
+static fmi3Status lost(fmu_t *x, const bus_event_t *e, uint32_t id)
+{
     int32_t n = 0;
     for (int32_t i = 0; i < x->n_contenders; i++)
         if (x->contenders[i].node != e->node) x->contenders[n++] = x->contenders[i];
@@ -190,7 +204,8 @@ static fmi3Status lost(fmu_t *x, const bus_event_t *e, uint32_t id) {
     return tell(x, e->node, OP_LOST, id);
 }
 
-static fmi3Status happened(fmu_t *x, const bus_event_t *e) {
+static fmi3Status happened(fmu_t *x, const bus_event_t *e)
+{
     bus_waiting_t w = {e->request, 0, e->node};
     for (int32_t i = 0; i < x->n_waiting; i++)
         if (x->waiting[i].request == e->request) w = x->waiting[i];
@@ -206,19 +221,22 @@ static fmi3Status happened(fmu_t *x, const bus_event_t *e) {
     case EVENT_DROPPED:
         forget(x, e->request);
         if (e->code == DROP_OVERFLOW)
-            return refuse_node(x, e->node, "found a frame more than its transmit queue holds,"
-                                           " expected fewer");
+            return refuse_node(x, e->node,
+                               "found a frame more than its transmit queue holds,"
+                               " expected fewer");
     }
     return fmi3OK;
 }
 
-static bool for_a_node(const fmu_t *x, const bus_event_t *e) {
+static bool for_a_node(const fmu_t *x, const bus_event_t *e)
+{
     return e->kind == EVENT_SENT || e->kind == EVENT_RECEIVED || e->kind == EVENT_ERROR ||
            (e->kind == EVENT_LOST && x->discards[e->node]);
 }
 
 /* When the next operation is due by `until`, if nobody sends anything; `nodes`: for whom. */
-static int64_t next(fmu_t *x, int64_t until, bool nodes[N_NODES]) {
+static int64_t next(fmu_t *x, int64_t until, bool nodes[N_NODES])
+{
     int64_t first = NEVER;
     int more = 1;
     memcpy(x->saved, x->memory, x->size);
@@ -236,7 +254,8 @@ static int64_t next(fmu_t *x, int64_t until, bool nodes[N_NODES]) {
     return first;
 }
 
-fmi3Status core_go(fmu_t *x, int64_t until) {
+fmi3Status core_go(fmu_t *x, int64_t until)
+{
     while (x->now < until) {
         bool nodes[N_NODES] = {false};
         const int64_t due = next(x, until, nodes), part = due < until ? due : until;
@@ -254,7 +273,8 @@ fmi3Status core_go(fmu_t *x, int64_t until) {
     return fmi3OK;
 }
 
-void core_schedule(fmu_t *x) {
+void core_schedule(fmu_t *x)
+{
     bool nodes[N_NODES] = {false};
     const int64_t due = x->n_waiting ? next(x, x->now + HORIZON, nodes) : NEVER;
     for (int32_t i = 0; i < N_NODES; i++) {
@@ -265,17 +285,20 @@ void core_schedule(fmu_t *x) {
     }
 }
 
-fmi3Status core_tick(fmu_t *x) {
+fmi3Status core_tick(fmu_t *x)
+{
     (void)x; /* what a node is told is there when its clock ticks */
     return fmi3OK;
 }
 
-size_t core_float64(fmu_t *x, fmi3ValueReference vr, const double **values) {
+size_t core_float64(fmu_t *x, fmi3ValueReference vr, const double **values)
+{
     (void)x, (void)vr, (void)values;
     return 0;
 }
 
-bool core_boolean(fmu_t *x, fmi3ValueReference vr, fmi3Boolean *value) {
+bool core_boolean(fmu_t *x, fmi3ValueReference vr, fmi3Boolean *value)
+{
     (void)x;
     *value = true;
     return vr == NOTIFICATIONS;

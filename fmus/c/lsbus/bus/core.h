@@ -24,12 +24,12 @@ struct fmu {
     bool discards[N_NODES], off[N_NODES]; /* by Configuration and Status of a node */
     bus_waiting_t waiting[N_NODES * QUEUE], contenders[N_NODES];
     int32_t n_waiting, n_contenders;
-    int64_t requests;           /* so far */
-    int64_t started;            /* of the transmission of the contenders, ps */
+    int64_t requests; /* so far */
+    int64_t started;  /* of the transmission of the contenders, ps */
     bus_event_t events[EVENTS];
     can_frame_t frames[EVENTS];
     bus_t *bus;
-    uint8_t *memory, *saved;    /* of the bus, 16-byte aligned; a copy of it */
+    uint8_t *memory, *saved; /* of the bus, 16-byte aligned; a copy of it */
     size_t size;
 };
 

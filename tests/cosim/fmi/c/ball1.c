@@ -17,10 +17,13 @@ typedef struct {
 
 const char *fmiGetModelTypesPlatform(void) { return fmiModelTypesPlatform; }
 const char *fmiGetVersion(void) { return fmiVersion; }
-fmiStatus fmiSetDebugLogging(fmiComponent c, fmiBoolean on) { (void)c, (void)on; return fmiOK; }
+fmiStatus fmiSetDebugLogging(fmiComponent c, fmiBoolean on)
+{
+    (void)c, (void)on;
+    return fmiOK;
+}
 
-fmiComponent fmiInstantiateModel(fmiString name, fmiString token, fmiCallbackFunctions f,
-                                 fmiBoolean logging)
+fmiComponent fmiInstantiateModel(fmiString name, fmiString token, fmiCallbackFunctions f, fmiBoolean logging)
 {
     ball_t *b;
     (void)logging;
@@ -34,7 +37,11 @@ fmiComponent fmiInstantiateModel(fmiString name, fmiString token, fmiCallbackFun
 }
 void fmiFreeModelInstance(fmiComponent c) { ((ball_t *)c)->f.freeMemory(c); }
 fmiStatus fmiTerminate(fmiComponent c) { return ((ball_t *)c)->started ? fmiOK : fmiError; }
-fmiStatus fmiSetTime(fmiComponent c, fmiReal t) { ((ball_t *)c)->t = t; return fmiOK; }
+fmiStatus fmiSetTime(fmiComponent c, fmiReal t)
+{
+    ((ball_t *)c)->t = t;
+    return fmiOK;
+}
 
 static fmiStatus tell(ball_t *b, fmiEventInfo *info)
 {
@@ -115,6 +122,10 @@ fmiStatus fmiGetBoolean(fmiComponent c, const fmiValueReference r[], size_t n, f
     while (n--) v[n] = r[n] == RED && (int)((ball_t *)c)->r[COLOURS] % 2;
     return fmiOK;
 }
-#define ABSENT(name) fmiStatus name(void) { return fmiError; }
-ABSENT(fmiSetBoolean) ABSENT(fmiGetInteger) ABSENT(fmiSetInteger)
-ABSENT(fmiGetString) ABSENT(fmiSetString)
+#define ABSENT(name) \
+    fmiStatus name(void) { return fmiError; }
+ABSENT(fmiSetBoolean)
+ABSENT(fmiGetInteger)
+ABSENT(fmiSetInteger)
+ABSENT(fmiGetString)
+ABSENT(fmiSetString)

@@ -13,8 +13,23 @@
 
 #define FMI __attribute__((visibility("default")))
 typedef void (*log_t)(void *, int, const char *, const char *);
-enum { FAST = 1, SLOW, BELL, ECHO, CLOCKS, U_FAST = 10, U_SLOW, U_BELL, Y_FAST = 20, Y_SLOW, Y_BELL,
-       HEARD, Y_BOTH, TIME = 30, Y_ECHO = 40 };
+enum {
+    FAST = 1,
+    SLOW,
+    BELL,
+    ECHO,
+    CLOCKS,
+    U_FAST = 10,
+    U_SLOW,
+    U_BELL,
+    Y_FAST = 20,
+    Y_SLOW,
+    Y_BELL,
+    HEARD,
+    Y_BOTH,
+    TIME = 30,
+    Y_ECHO = 40
+};
 
 typedef struct {
     log_t log;
@@ -32,8 +47,8 @@ static int refuse(fmu_t *x, const char *why)
 
 FMI void *fmi3InstantiateCoSimulation(const char *name, const char *token, const char *resources,
                                       bool visible, bool logging, bool events, bool early,
-                                      const uint32_t *required, size_t n, void *environment,
-                                      log_t log, void *update)
+                                      const uint32_t *required, size_t n, void *environment, log_t log,
+                                      void *update)
 {
     fmu_t *x = calloc(1, sizeof *x);
     (void)name, (void)token, (void)resources, (void)visible, (void)logging, (void)required, (void)n;
@@ -44,7 +59,11 @@ FMI void *fmi3InstantiateCoSimulation(const char *name, const char *token, const
     return NULL;
 }
 FMI void fmi3FreeInstance(void *x) { free(x); }
-FMI int fmi3Terminate(void *x) { (void)x; return 0; }
+FMI int fmi3Terminate(void *x)
+{
+    (void)x;
+    return 0;
+}
 FMI int fmi3EnterInitializationMode(fmu_t *x, bool a, double b, double c, bool d, double e)
 {
     (void)a, (void)b, (void)c, (void)d, (void)e;
@@ -87,8 +106,8 @@ FMI int fmi3GetClock(fmu_t *x, const uint32_t *r, size_t n, bool *v)
     }
     return 0;
 }
-FMI int fmi3UpdateDiscreteStates(fmu_t *x, bool *again, bool *terminate, bool *nominals,
-                                 bool *values, bool *defined, double *next)
+FMI int fmi3UpdateDiscreteStates(fmu_t *x, bool *again, bool *terminate, bool *nominals, bool *values,
+                                 bool *defined, double *next)
 {
     if (!x->in_event) return refuse(x, "not in Event Mode");
     if (!x->asked[BELL]) return refuse(x, "nobody asked for the bell");
@@ -103,8 +122,8 @@ FMI int fmi3UpdateDiscreteStates(fmu_t *x, bool *again, bool *terminate, bool *n
     *next = 0.0;
     return 0;
 }
-FMI int fmi3DoStep(fmu_t *x, double t, double h, bool prior, bool *event, bool *terminate,
-                   bool *early, double *last)
+FMI int fmi3DoStep(fmu_t *x, double t, double h, bool prior, bool *event, bool *terminate, bool *early,
+                   double *last)
 {
     const double bell = 0.25 * x->bells;
     (void)prior;
@@ -143,11 +162,12 @@ FMI int fmi3GetFloat64(fmu_t *x, const uint32_t *r, size_t n, double *v, size_t 
     for (size_t i = 0; i < n; i++) {
         if (!open(x, r[i])) return refuse(x, "got without a clock");
         if (r[i] == TIME && x->in_event) return refuse(x, "time is for Step Mode");
-        v[i] = x->initializing ? -1.0
-             : r[i] == Y_FAST ? x->fast + x->u[0]
-             : r[i] == Y_SLOW ? x->slow + x->u[1]
-             : r[i] == Y_BELL ? x->bells + 1
-             : r[i] == HEARD ? x->u[2] : x->time;
+        v[i] = x->initializing  ? -1.0
+               : r[i] == Y_FAST ? x->fast + x->u[0]
+               : r[i] == Y_SLOW ? x->slow + x->u[1]
+               : r[i] == Y_BELL ? x->bells + 1
+               : r[i] == HEARD  ? x->u[2]
+                                : x->time;
     }
     return 0;
 }

@@ -27,16 +27,32 @@ FMI int fmi2SetupExperiment(void *v, int a, double b, double c, int d, double e)
     (void)v, (void)a, (void)b, (void)c, (void)d, (void)e;
     return 0;
 }
-FMI int fmi2EnterInitializationMode(void *v) { (void)v; return 0; }
+FMI int fmi2EnterInitializationMode(void *v)
+{
+    (void)v;
+    return 0;
+}
 FMI int fmi2ExitInitializationMode(double *v)
 {
     v[1] = 2.0 * v[0];
     v[2] = v[0];
     return 0;
 }
-FMI int fmi2EnterEventMode(void *v) { (void)v; return 0; }
-FMI int fmi2EnterContinuousTimeMode(void *v) { (void)v; return 0; }
-FMI int fmi2Terminate(void *v) { (void)v; return 0; }
+FMI int fmi2EnterEventMode(void *v)
+{
+    (void)v;
+    return 0;
+}
+FMI int fmi2EnterContinuousTimeMode(void *v)
+{
+    (void)v;
+    return 0;
+}
+FMI int fmi2Terminate(void *v)
+{
+    (void)v;
+    return 0;
+}
 FMI int fmi2NewDiscreteStates(void *v, info_t *info)
 {
     *info = (info_t){0, 0, 0, 0, 0, 0.0};
@@ -48,12 +64,40 @@ FMI int fmi2CompletedIntegratorStep(void *v, int no_set, int *event, int *termin
     (void)v, (void)no_set;
     return *event = *terminate = 0;
 }
-FMI int fmi2SetTime(void *v, double t) { (void)v, (void)t; return 0; }
-FMI int fmi2SetContinuousStates(double *v, const double *x, size_t n) { (void)n; v[2] = x[0]; return 0; }
-FMI int fmi2GetContinuousStates(const double *v, double *x, size_t n) { (void)n; x[0] = v[2]; return 0; }
-FMI int fmi2GetDerivatives(const double *v, double *d, size_t n) { (void)n; d[0] = -v[2]; return 0; }
-FMI int fmi2GetNominalsOfContinuousStates(void *v, double *x, size_t n) { (void)v, (void)n; x[0] = 1.0; return 0; }
-FMI int fmi2GetEventIndicators(void *v, double *z, size_t n) { (void)v, (void)z, (void)n; return 0; }
+FMI int fmi2SetTime(void *v, double t)
+{
+    (void)v, (void)t;
+    return 0;
+}
+FMI int fmi2SetContinuousStates(double *v, const double *x, size_t n)
+{
+    (void)n;
+    v[2] = x[0];
+    return 0;
+}
+FMI int fmi2GetContinuousStates(const double *v, double *x, size_t n)
+{
+    (void)n;
+    x[0] = v[2];
+    return 0;
+}
+FMI int fmi2GetDerivatives(const double *v, double *d, size_t n)
+{
+    (void)n;
+    d[0] = -v[2];
+    return 0;
+}
+FMI int fmi2GetNominalsOfContinuousStates(void *v, double *x, size_t n)
+{
+    (void)v, (void)n;
+    x[0] = 1.0;
+    return 0;
+}
+FMI int fmi2GetEventIndicators(void *v, double *z, size_t n)
+{
+    (void)v, (void)z, (void)n;
+    return 0;
+}
 FMI int fmi2SetReal(double *v, const uint32_t *r, size_t n, const double *x)
 {
     for (size_t i = 0; i < n; i++) v[r[i]] = x[i];
@@ -65,7 +109,8 @@ FMI int fmi2GetReal(const double *v, const uint32_t *r, size_t n, double *x)
     return 0;
 }
 /* What this FMU cannot do. */
-#define REFUSES(name) FMI int name(void) { return 3; }
+#define REFUSES(name) \
+    FMI int name(void) { return 3; }
 REFUSES(fmi2SetDebugLogging)
 REFUSES(fmi2Reset)
 REFUSES(fmi2GetFMUstate)

@@ -9,8 +9,7 @@
 #include <stdlib.h>
 
 #define FMI __attribute__((visibility("default")))
-enum { CLOCK = 1, SAMPLED_IN, DISCRETE_IN, SAMPLED = 10, TICKS, CHANGES, BELLS, INTEGRAL, CALLS,
-       HALF = 20 };
+enum { CLOCK = 1, SAMPLED_IN, DISCRETE_IN, SAMPLED = 10, TICKS, CHANGES, BELLS, INTEGRAL, CALLS, HALF = 20 };
 
 typedef struct {
     double time, clocked, discrete, sampled, ticks, changes, bells, integral, calls, half;
@@ -20,8 +19,8 @@ typedef struct {
 
 FMI void *fmi3InstantiateCoSimulation(const char *name, const char *token, const char *resources,
                                       bool visible, bool logging, bool events, bool early,
-                                      const uint32_t *required, size_t n, void *environment,
-                                      void *log, void *update)
+                                      const uint32_t *required, size_t n, void *environment, void *log,
+                                      void *update)
 {
     fmu_t *x = calloc(1, sizeof *x);
     (void)name, (void)token, (void)resources, (void)visible, (void)logging, (void)required, (void)n;
@@ -30,7 +29,11 @@ FMI void *fmi3InstantiateCoSimulation(const char *name, const char *token, const
     return x;
 }
 FMI void fmi3FreeInstance(void *x) { free(x); }
-FMI int fmi3Terminate(void *x) { (void)x; return 0; }
+FMI int fmi3Terminate(void *x)
+{
+    (void)x;
+    return 0;
+}
 FMI int fmi3EnterInitializationMode(void *x, bool a, double b, double c, bool d, double e)
 {
     (void)x, (void)a, (void)b, (void)c, (void)d, (void)e;
@@ -53,8 +56,8 @@ FMI int fmi3EnterStepMode(fmu_t *x)
     x->in_event = false;
     return 0;
 }
-FMI int fmi3UpdateDiscreteStates(fmu_t *x, bool *again, bool *terminate, bool *nominals,
-                                 bool *values, bool *defined, double *next)
+FMI int fmi3UpdateDiscreteStates(fmu_t *x, bool *again, bool *terminate, bool *nominals, bool *values,
+                                 bool *defined, double *next)
 {
     if (!x->in_event) return 3;
     if (x->ticking) x->ticks++, x->sampled = x->clocked;
@@ -72,8 +75,8 @@ FMI int fmi3SetClock(fmu_t *x, const uint32_t *r, size_t n, const bool *v)
     x->ticking = true;
     return 0;
 }
-FMI int fmi3DoStep(fmu_t *x, double t, double h, bool prior, bool *event, bool *terminate,
-                   bool *early, double *last)
+FMI int fmi3DoStep(fmu_t *x, double t, double h, bool prior, bool *event, bool *terminate, bool *early,
+                   double *last)
 {
     (void)prior;
     if (x->in_event) return 3;
@@ -102,7 +105,6 @@ FMI int fmi3SetFloat64(fmu_t *x, const uint32_t *r, size_t n, const double *v, s
 FMI int fmi3GetFloat64(fmu_t *x, const uint32_t *r, size_t n, double *v, size_t m)
 {
     (void)m;
-    for (size_t i = 0; i < n; i++)
-        v[i] = r[i] == HALF ? x->half : (&x->sampled)[r[i] - SAMPLED];
+    for (size_t i = 0; i < n; i++) v[i] = r[i] == HALF ? x->half : (&x->sampled)[r[i] - SAMPLED];
     return 0;
 }

@@ -29,10 +29,7 @@ FMI int fmi2EnterInitializationMode(fmu_t *m)
     begins(m, m->t);
     return mode(m, "EnterInitializationMode", MADE, STARTING);
 }
-FMI int fmi2ExitInitializationMode(fmu_t *m)
-{
-    return mode(m, "ExitInitializationMode", STARTING, IN_EVENT);
-}
+FMI int fmi2ExitInitializationMode(fmu_t *m) { return mode(m, "ExitInitializationMode", STARTING, IN_EVENT); }
 FMI int fmi2EnterEventMode(fmu_t *m) { return mode(m, "EnterEventMode", CONTINUOUS, IN_EVENT); }
 FMI int fmi2EnterContinuousTimeMode(fmu_t *m)
 {
@@ -57,10 +54,7 @@ FMI int fmi2CompletedIntegratorStep(fmu_t *m, int no_set, int *event, int *termi
     return called(m, "CompletedIntegratorStep", CONTINUOUS);
 }
 FMI int fmi2SetTime(fmu_t *m, double t) { return set_time(m, t); }
-FMI int fmi2SetContinuousStates(fmu_t *m, const double *x, size_t n)
-{
-    return n == 2 ? set_states(m, x) : 3;
-}
+FMI int fmi2SetContinuousStates(fmu_t *m, const double *x, size_t n) { return n == 2 ? set_states(m, x) : 3; }
 FMI int fmi2GetContinuousStates(fmu_t *m, double *x, size_t n) { return n == 2 ? get_states(m, x) : 3; }
 FMI int fmi2GetDerivatives(fmu_t *m, double *d, size_t n) { return n == 2 ? derivatives(m, d) : 3; }
 FMI int fmi2GetNominalsOfContinuousStates(fmu_t *m, double *x, size_t n)
@@ -74,17 +68,13 @@ FMI int fmi2GetEventIndicators(fmu_t *m, double *z, size_t n)
     if (n == 2) z[1] = other_indicator(m);
     return n == 1 || n == 2 ? called(m, "EventIndicators", STARTING | IN_EVENT | CONTINUOUS | OVER) : 3;
 }
-FMI int fmi2GetDirectionalDerivative(fmu_t *m, const uint32_t *unknowns, size_t n,
-                                     const uint32_t *knowns, size_t k, const double *seed,
-                                     double *found)
+FMI int fmi2GetDirectionalDerivative(fmu_t *m, const uint32_t *unknowns, size_t n, const uint32_t *knowns,
+                                     size_t k, const double *seed, double *found)
 {
     return n == k ? directional(m, unknowns, knowns, n, seed, found) : 3;
 }
 FMI int fmi2GetReal(fmu_t *m, const uint32_t *r, size_t n, double *v) { return get_real(m, r, n, v); }
-FMI int fmi2SetReal(fmu_t *m, const uint32_t *r, size_t n, const double *v)
-{
-    return set_real(m, r, n, v);
-}
+FMI int fmi2SetReal(fmu_t *m, const uint32_t *r, size_t n, const double *v) { return set_real(m, r, n, v); }
 FMI int fmi2GetInteger(fmu_t *m, const uint32_t *r, size_t n, int *v)
 {
     for (size_t i = 0; i < n; i++)
@@ -99,11 +89,18 @@ FMI int fmi2SetInteger(fmu_t *m, const uint32_t *r, size_t n, const int *v)
 }
 
 /* What every complete FMU has, and only other tools ask for. */
-#define UNUSED(name) FMI int fmi2##name(void) { return 3; }
+#define UNUSED(name) \
+    FMI int fmi2##name(void) { return 3; }
 FMI const char *fmi2GetTypesPlatform(void) { return "default"; }
-UNUSED(SetDebugLogging) UNUSED(Reset) UNUSED(GetBoolean) UNUSED(GetString) UNUSED(SetBoolean)
+UNUSED(SetDebugLogging)
+UNUSED(Reset)
+UNUSED(GetBoolean)
+UNUSED(GetString)
+UNUSED(SetBoolean)
 UNUSED(SetString)
-UNUSED(SerializedFMUstateSize) UNUSED(SerializeFMUstate) UNUSED(DeSerializeFMUstate)
+UNUSED(SerializedFMUstateSize)
+UNUSED(SerializeFMUstate)
+UNUSED(DeSerializeFMUstate)
 
 /* Saved states; the time of one must not be before what the importer has promised. */
 FMI int fmi2GetFMUstate(fmu_t *m, fmu_t **state)
@@ -118,8 +115,8 @@ FMI int fmi2GetFMUstate(fmu_t *m, fmu_t **state)
 FMI int fmi2SetFMUstate(fmu_t *m, const fmu_t *state)
 {
     const int saved = m->saved, early = state->t < m->promised;
-    const int result = called(m, early ? "SetFMUstate ILLEGAL" : "SetFMUstate",
-                              MADE | STARTING | IN_EVENT | CONTINUOUS);
+    const int result =
+        called(m, early ? "SetFMUstate ILLEGAL" : "SetFMUstate", MADE | STARTING | IN_EVENT | CONTINUOUS);
     *m = *state;
     m->saved = saved;
     return result;

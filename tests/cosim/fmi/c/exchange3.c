@@ -22,10 +22,7 @@ FMI int fmi3EnterInitializationMode(fmu_t *m, bool a, double tolerance, double t
     begins(m, t0);
     return mode(m, "EnterInitializationMode", MADE, STARTING);
 }
-FMI int fmi3ExitInitializationMode(fmu_t *m)
-{
-    return mode(m, "ExitInitializationMode", STARTING, IN_EVENT);
-}
+FMI int fmi3ExitInitializationMode(fmu_t *m) { return mode(m, "ExitInitializationMode", STARTING, IN_EVENT); }
 FMI int fmi3EnterEventMode(fmu_t *m) { return mode(m, "EnterEventMode", CONTINUOUS, IN_EVENT); }
 FMI int fmi3EnterContinuousTimeMode(fmu_t *m)
 {
@@ -50,10 +47,7 @@ FMI int fmi3CompletedIntegratorStep(fmu_t *m, bool no_set, bool *event, bool *te
     return called(m, "CompletedIntegratorStep", CONTINUOUS);
 }
 FMI int fmi3SetTime(fmu_t *m, double t) { return set_time(m, t); }
-FMI int fmi3SetContinuousStates(fmu_t *m, const double *x, size_t n)
-{
-    return n == 2 ? set_states(m, x) : 3;
-}
+FMI int fmi3SetContinuousStates(fmu_t *m, const double *x, size_t n) { return n == 2 ? set_states(m, x) : 3; }
 FMI int fmi3GetContinuousStates(fmu_t *m, double *x, size_t n) { return n == 2 ? get_states(m, x) : 3; }
 FMI int fmi3GetContinuousStateDerivatives(fmu_t *m, double *d, size_t n)
 {
@@ -70,9 +64,9 @@ FMI int fmi3GetEventIndicators(fmu_t *m, double *z, size_t n)
     if (n == 2) z[1] = other_indicator(m);
     return n == 1 || n == 2 ? called(m, "EventIndicators", STARTING | IN_EVENT | CONTINUOUS | OVER) : 3;
 }
-FMI int fmi3GetDirectionalDerivative(fmu_t *m, const uint32_t *unknowns, size_t n,
-                                     const uint32_t *knowns, size_t k, const double *seed,
-                                     size_t n_seed, double *found, size_t n_found)
+FMI int fmi3GetDirectionalDerivative(fmu_t *m, const uint32_t *unknowns, size_t n, const uint32_t *knowns,
+                                     size_t k, const double *seed, size_t n_seed, double *found,
+                                     size_t n_found)
 {
     return n == k && n_seed == n && n_found == n ? directional(m, unknowns, knowns, n, seed, found) : 3;
 }
@@ -112,8 +106,8 @@ FMI int fmi3GetFMUState(fmu_t *m, fmu_t **state)
 FMI int fmi3SetFMUState(fmu_t *m, const fmu_t *state)
 {
     const int saved = m->saved, early = state->t < m->promised;
-    const int result = called(m, early ? "SetFMUState ILLEGAL" : "SetFMUState",
-                              MADE | STARTING | IN_EVENT | CONTINUOUS);
+    const int result =
+        called(m, early ? "SetFMUState ILLEGAL" : "SetFMUState", MADE | STARTING | IN_EVENT | CONTINUOUS);
     *m = *state;
     m->saved = saved;
     return result;

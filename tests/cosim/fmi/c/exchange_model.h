@@ -58,13 +58,21 @@ static fmu_t *made(void)
 
 static double *real(fmu_t *m, uint32_t r)
 {
-    return r == X0 || r == X1 ? m->x + (r - X0) : r == U ? &m->u : r == MU ? &m->mu
-         : r == PERIOD ? &m->period : r == WHEN ? &m->when : &m->at;
+    return r == X0 || r == X1 ? m->x + (r - X0)
+           : r == U           ? &m->u
+           : r == MU          ? &m->mu
+           : r == PERIOD      ? &m->period
+           : r == WHEN        ? &m->when
+                              : &m->at;
 }
 static int *whole(fmu_t *m, uint32_t r)
 {
-    return r == MODEL ? &m->model : r == STATUS ? &m->status : r == LAST ? &m->last
-         : r == GEAR ? &m->gear : r == EVENTS ? &m->events : &m->heard;
+    return r == MODEL    ? &m->model
+           : r == STATUS ? &m->status
+           : r == LAST   ? &m->last
+           : r == GEAR   ? &m->gear
+           : r == EVENTS ? &m->events
+                         : &m->heard;
 }
 
 static void rates(const fmu_t *m, double *d)

@@ -34,8 +34,8 @@ static int refuse(fmu_t *m, const char *why)
 
 FMI void *fmi3InstantiateCoSimulation(const char *name, const char *token, const char *resources,
                                       bool visible, bool logging, bool events, bool early,
-                                      const uint32_t *required, size_t n, void *environment,
-                                      log_t log, void *update)
+                                      const uint32_t *required, size_t n, void *environment, log_t log,
+                                      void *update)
 {
     fmu_t *m = calloc(1, sizeof *m);
     (void)name, (void)token, (void)resources, (void)visible, (void)logging, (void)early;
@@ -44,7 +44,11 @@ FMI void *fmi3InstantiateCoSimulation(const char *name, const char *token, const
     return m;
 }
 FMI void fmi3FreeInstance(fmu_t *m) { free(m); }
-FMI int fmi3Terminate(fmu_t *m) { (void)m; return 0; }
+FMI int fmi3Terminate(fmu_t *m)
+{
+    (void)m;
+    return 0;
+}
 FMI int fmi3EnterInitializationMode(fmu_t *m, bool a, double b, double c, bool d, double e)
 {
     (void)a, (void)b, (void)c, (void)d, (void)e;
@@ -84,16 +88,16 @@ FMI int fmi3GetClock(fmu_t *m, const uint32_t *r, size_t n, bool *v)
     }
     return 0;
 }
-FMI int fmi3UpdateDiscreteStates(fmu_t *m, bool *again, bool *terminate, bool *nominals,
-                                 bool *values, bool *defined, double *next)
+FMI int fmi3UpdateDiscreteStates(fmu_t *m, bool *again, bool *terminate, bool *nominals, bool *values,
+                                 bool *defined, double *next)
 {
     memset(m->on, 0, sizeof m->on);
     *again = *terminate = *nominals = *values = *defined = false;
     *next = 0.0;
     return 0;
 }
-FMI int fmi3DoStep(fmu_t *m, double t, double h, bool prior, bool *event, bool *terminate,
-                   bool *early, double *last)
+FMI int fmi3DoStep(fmu_t *m, double t, double h, bool prior, bool *event, bool *terminate, bool *early,
+                   double *last)
 {
     (void)prior;
     if (m->state != STEP) return refuse(m, "no step now");
@@ -111,8 +115,8 @@ static bool closed(const fmu_t *m, uint32_t r)
     if (r == NOTE || r == WORD) return m->state != (m->events ? EVENT : STEP);
     return m->state != STEP;
 }
-FMI int fmi3SetBinary(fmu_t *m, const uint32_t *r, size_t n, const size_t *sizes,
-                      const uint8_t *const *v, size_t k)
+FMI int fmi3SetBinary(fmu_t *m, const uint32_t *r, size_t n, const size_t *sizes, const uint8_t *const *v,
+                      size_t k)
 {
     (void)k;
     for (size_t i = 0; i < n; i++) {
@@ -129,8 +133,7 @@ FMI int fmi3SetBinary(fmu_t *m, const uint32_t *r, size_t n, const size_t *sizes
     }
     return 0;
 }
-FMI int fmi3GetBinary(fmu_t *m, const uint32_t *r, size_t n, size_t *sizes, const uint8_t **v,
-                      size_t k)
+FMI int fmi3GetBinary(fmu_t *m, const uint32_t *r, size_t n, size_t *sizes, const uint8_t **v, size_t k)
 {
     (void)k;
     for (size_t i = 0; i < n; i++) {
@@ -153,5 +156,13 @@ FMI int fmi3GetString(fmu_t *m, const uint32_t *r, size_t n, const char **v, siz
     v[0] = r[0] == WORD ? m->word : m->said;
     return 0;
 }
-FMI int fmi3SetFloat64(void *m) { (void)m; return 3; } /* never called */
-FMI int fmi3GetFloat64(void *m) { (void)m; return 3; }
+FMI int fmi3SetFloat64(void *m)
+{
+    (void)m;
+    return 3;
+} /* never called */
+FMI int fmi3GetFloat64(void *m)
+{
+    (void)m;
+    return 3;
+}

@@ -35,7 +35,11 @@ FMI void *fmi2Instantiate(const char *name, int kind, const char *token, const c
     return x;
 }
 FMI void fmi2FreeInstance(void *x) { free(x); }
-FMI int fmi2Terminate(void *x) { (void)x; return 0; }
+FMI int fmi2Terminate(void *x)
+{
+    (void)x;
+    return 0;
+}
 FMI int fmi2SetupExperiment(void *x, int a, double b, double c, int d, double e)
 {
     (void)x, (void)a, (void)b, (void)c, (void)d, (void)e;
@@ -46,7 +50,11 @@ FMI int fmi2EnterInitializationMode(fmu_t *x)
     if (x->how == NO_START) abort();
     return 0;
 }
-FMI int fmi2ExitInitializationMode(void *x) { (void)x; return 0; }
+FMI int fmi2ExitInitializationMode(void *x)
+{
+    (void)x;
+    return 0;
+}
 
 static int leak(fmu_t *x)
 {
@@ -99,8 +107,7 @@ FMI int fmi2GetReal(fmu_t *x, const uint32_t *r, size_t n, double *v)
 }
 FMI int fmi2SetInteger(fmu_t *x, const uint32_t *r, size_t n, const int *v)
 {
-    for (size_t i = 0; i < n; i++)
-        *(r[i] == 3 ? &x->how : r[i] == 5 ? &x->mode : &x->count) = v[i];
+    for (size_t i = 0; i < n; i++) *(r[i] == 3 ? &x->how : r[i] == 5 ? &x->mode : &x->count) = v[i];
     return 0;
 }
 FMI int fmi2GetInteger(fmu_t *x, const uint32_t *r, size_t n, int *v)

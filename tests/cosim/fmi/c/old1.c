@@ -35,11 +35,15 @@ static int refuse(fmu_t *m, const char *why, unsigned reference)
 
 FMI const char *old1_fmiGetTypesPlatform(void) { return "standard32"; }
 FMI const char *old1_fmiGetVersion(void) { return "1.0"; }
-FMI int old1_fmiSetDebugLogging(void *m, char on) { (void)m, (void)on; return 0; }
+FMI int old1_fmiSetDebugLogging(void *m, char on)
+{
+    (void)m, (void)on;
+    return 0;
+}
 
-FMI void *old1_fmiInstantiateSlave(const char *name, const char *guid, const char *location,
-                                   const char *mime, double timeout, char visible, char interactive,
-                                   callbacks_t f, char logging)
+FMI void *old1_fmiInstantiateSlave(const char *name, const char *guid, const char *location, const char *mime,
+                                   double timeout, char visible, char interactive, callbacks_t f,
+                                   char logging)
 {
     fmu_t *m;
     (void)timeout, (void)visible, (void)interactive;
@@ -69,7 +73,11 @@ FMI int old1_fmiTerminateSlave(fmu_t *m)
     m->state = OVER;
     return 0;
 }
-FMI int old1_fmiResetSlave(fmu_t *m) { m->state = MADE; return 0; }
+FMI int old1_fmiResetSlave(fmu_t *m)
+{
+    m->state = MADE;
+    return 0;
+}
 FMI void old1_fmiFreeSlaveInstance(fmu_t *m)
 {
     if (m->state != DEAD) m->f.release(m);
@@ -90,12 +98,36 @@ FMI int old1_fmiDoStep(fmu_t *m, double t, double h, char fresh)
     snprintf(m->said, sizeof m->said, "%s at %g", m->label, t + h);
     return 0;
 }
-FMI int old1_fmiCancelStep(void *m) { (void)m; return 3; }
-FMI int old1_fmiGetStatus(void *m, int kind, int *v) { (void)m, (void)kind, (void)v; return 2; }
-FMI int old1_fmiGetRealStatus(void *m, int k, double *v) { (void)m, (void)k, (void)v; return 2; }
-FMI int old1_fmiGetIntegerStatus(void *m, int k, int *v) { (void)m, (void)k, (void)v; return 2; }
-FMI int old1_fmiGetBooleanStatus(void *m, int k, char *v) { (void)m, (void)k, (void)v; return 2; }
-FMI int old1_fmiGetStringStatus(void *m, int k, const char **v) { (void)m, (void)k, (void)v; return 2; }
+FMI int old1_fmiCancelStep(void *m)
+{
+    (void)m;
+    return 3;
+}
+FMI int old1_fmiGetStatus(void *m, int kind, int *v)
+{
+    (void)m, (void)kind, (void)v;
+    return 2;
+}
+FMI int old1_fmiGetRealStatus(void *m, int k, double *v)
+{
+    (void)m, (void)k, (void)v;
+    return 2;
+}
+FMI int old1_fmiGetIntegerStatus(void *m, int k, int *v)
+{
+    (void)m, (void)k, (void)v;
+    return 2;
+}
+FMI int old1_fmiGetBooleanStatus(void *m, int k, char *v)
+{
+    (void)m, (void)k, (void)v;
+    return 2;
+}
+FMI int old1_fmiGetStringStatus(void *m, int k, const char **v)
+{
+    (void)m, (void)k, (void)v;
+    return 2;
+}
 FMI int old1_fmiSetRealInputDerivatives(void *m, const unsigned *r, size_t n, const int *o, const double *v)
 {
     (void)m, (void)r, (void)n, (void)o, (void)v;

@@ -8,8 +8,19 @@
 
 #define FMI __attribute__((visibility("default")))
 typedef void (*log_t)(void *, int, const char *, const char *);
-enum { SIZE = 300, MATRIX_IN, MATRIX_OUT, FACTOR, MODE, FLIP, LABEL_IN = 120, BLOB_IN, LABEL_OUT = 220,
-       BLOB_OUT, MOST = 8 };
+enum {
+    SIZE = 300,
+    MATRIX_IN,
+    MATRIX_OUT,
+    FACTOR,
+    MODE,
+    FLIP,
+    LABEL_IN = 120,
+    BLOB_IN,
+    LABEL_OUT = 220,
+    BLOB_OUT,
+    MOST = 8
+};
 
 typedef struct {
     log_t log;
@@ -33,8 +44,8 @@ static int refuse(fmu_t *x, const char *what, uint32_t reference, size_t n)
 
 FMI void *fmi3InstantiateCoSimulation(const char *name, const char *token, const char *resources,
                                       bool visible, bool logging, bool events, bool early,
-                                      const uint32_t *required, size_t n, void *environment,
-                                      log_t log, void *update)
+                                      const uint32_t *required, size_t n, void *environment, log_t log,
+                                      void *update)
 {
     fmu_t *x = calloc(1, sizeof *x);
     (void)name, (void)token, (void)resources, (void)visible, (void)events, (void)early;
@@ -45,42 +56,59 @@ FMI void *fmi3InstantiateCoSimulation(const char *name, const char *token, const
     return x;
 }
 FMI void fmi3FreeInstance(void *x) { free(x); }
-FMI int fmi3Terminate(void *x) { (void)x; return 0; }
-FMI int fmi3EnterConfigurationMode(fmu_t *x) { x->configuring = true; return 0; }
-FMI int fmi3ExitConfigurationMode(fmu_t *x) { x->configuring = false; return 0; }
+FMI int fmi3Terminate(void *x)
+{
+    (void)x;
+    return 0;
+}
+FMI int fmi3EnterConfigurationMode(fmu_t *x)
+{
+    x->configuring = true;
+    return 0;
+}
+FMI int fmi3ExitConfigurationMode(fmu_t *x)
+{
+    x->configuring = false;
+    return 0;
+}
 FMI int fmi3EnterInitializationMode(void *x, bool a, double b, double c, bool d, double e)
 {
     (void)x, (void)a, (void)b, (void)c, (void)d, (void)e;
     return 0;
 }
-FMI int fmi3ExitInitializationMode(void *x) { (void)x; return 0; }
-FMI int fmi3DoStep(fmu_t *x, double t, double h, bool prior, bool *event, bool *terminate,
-                   bool *early, double *last)
+FMI int fmi3ExitInitializationMode(void *x)
+{
+    (void)x;
+    return 0;
+}
+FMI int fmi3DoStep(fmu_t *x, double t, double h, bool prior, bool *event, bool *terminate, bool *early,
+                   double *last)
 {
     (void)prior;
     memcpy(x->given, x->values, sizeof x->values);
     x->exact_given = x->exact;
-    for (uint64_t i = 0; i < x->size * x->size; i++) x->output[i] = (x->flip ? -1.0 : 1.0) * x->factor * x->matrix[i];
+    for (uint64_t i = 0; i < x->size * x->size; i++)
+        x->output[i] = (x->flip ? -1.0 : 1.0) * x->factor * x->matrix[i];
     *event = *terminate = *early = false;
     *last = t + h;
     return 0;
 }
 
 /* Variables 100 + i go in, 200 + i come out: i is the type. */
-#define TYPE(NAME, T, INDEX)                                                                      \
-    FMI int fmi3Set##NAME(fmu_t *x, const uint32_t *r, size_t n, const T *v, size_t m)            \
-    {                                                                                             \
-        if (n != m) return refuse(x, "fmi3Set" #NAME, n ? *r : 0, m);                             \
-        for (size_t i = 0; i < n; i++)                                                            \
-            if (r[i] == 100 + INDEX) x->values[INDEX] = (double)v[i];                             \
-            else return refuse(x, "fmi3Set" #NAME, r[i], m);                                      \
-        return 0;                                                                                 \
-    }                                                                                             \
-    FMI int fmi3Get##NAME(fmu_t *x, const uint32_t *r, size_t n, T *v, size_t m)                  \
-    {                                                                                             \
-        if (n != m) return refuse(x, "fmi3Get" #NAME, n ? *r : 0, m);                             \
-        for (size_t i = 0; i < n; i++) v[i] = (T)x->given[r[i] - 200];                            \
-        return 0;                                                                                 \
+#define TYPE(NAME, T, INDEX)                                                           \
+    FMI int fmi3Set##NAME(fmu_t *x, const uint32_t *r, size_t n, const T *v, size_t m) \
+    {                                                                                  \
+        if (n != m) return refuse(x, "fmi3Set" #NAME, n ? *r : 0, m);                  \
+        for (size_t i = 0; i < n; i++)                                                 \
+            if (r[i] == 100 + INDEX) x->values[INDEX] = (double)v[i];                  \
+            else return refuse(x, "fmi3Set" #NAME, r[i], m);                           \
+        return 0;                                                                      \
+    }                                                                                  \
+    FMI int fmi3Get##NAME(fmu_t *x, const uint32_t *r, size_t n, T *v, size_t m)       \
+    {                                                                                  \
+        if (n != m) return refuse(x, "fmi3Get" #NAME, n ? *r : 0, m);                  \
+        for (size_t i = 0; i < n; i++) v[i] = (T)x->given[r[i] - 200];                 \
+        return 0;                                                                      \
     }
 TYPE(Float32, float, 1)
 TYPE(Int8, int8_t, 2)
@@ -174,15 +202,14 @@ FMI int fmi3GetString(fmu_t *x, const uint32_t *r, size_t n, const char **v, siz
     *v = x->label;
     return 0;
 }
-FMI int fmi3SetBinary(fmu_t *x, const uint32_t *r, size_t n, const size_t *sizes,
-                      const uint8_t *const *v, size_t m)
+FMI int fmi3SetBinary(fmu_t *x, const uint32_t *r, size_t n, const size_t *sizes, const uint8_t *const *v,
+                      size_t m)
 {
     (void)r, (void)n, (void)m;
     memcpy(x->blob, *v, x->blob_size = sizes[0]);
     return 0;
 }
-FMI int fmi3GetBinary(fmu_t *x, const uint32_t *r, size_t n, size_t *sizes, const uint8_t **v,
-                      size_t m)
+FMI int fmi3GetBinary(fmu_t *x, const uint32_t *r, size_t n, size_t *sizes, const uint8_t **v, size_t m)
 {
     (void)r, (void)n, (void)m;
     *sizes = x->blob_size, *v = x->blob;

@@ -59,15 +59,27 @@ FMI void *NAME(fmi2Instantiate)(const char *name, int kind, const char *token, c
     return x;
 }
 FMI void NAME(fmi2FreeInstance)(void *x) { free(x); }
-FMI int NAME(fmi2Terminate)(void *x) { (void)x; return 0; }
+FMI int NAME(fmi2Terminate)(void *x)
+{
+    (void)x;
+    return 0;
+}
 FMI int NAME(fmi2SetupExperiment)(fmu_t *x, int a, double b, double t, int d, double e)
 {
     (void)a, (void)b, (void)d, (void)e;
     x->v[48] = t;
     return 0;
 }
-FMI int NAME(fmi2EnterInitializationMode)(void *x) { (void)x; return 0; }
-FMI int NAME(fmi2ExitInitializationMode)(fmu_t *x) { x->stepping = 1; return 0; }
+FMI int NAME(fmi2EnterInitializationMode)(void *x)
+{
+    (void)x;
+    return 0;
+}
+FMI int NAME(fmi2ExitInitializationMode)(fmu_t *x)
+{
+    x->stepping = 1;
+    return 0;
+}
 FMI int NAME(fmi2SetReal)(fmu_t *x, const uint32_t *r, size_t n, const double *v)
 {
     for (size_t i = 0; i < n; i++) {
@@ -101,15 +113,30 @@ FMI int NAME(fmi2DoStep)(fmu_t *x, double t, double h, int prior)
 }
 
 /* What is not called of an FMU with Reals only, but must be there. */
-#define ABSENT(name) FMI int NAME(name)(void) { return 3; }
-ABSENT(fmi2SetDebugLogging) ABSENT(fmi2Reset)
-ABSENT(fmi2GetInteger) ABSENT(fmi2GetBoolean) ABSENT(fmi2GetString)
-ABSENT(fmi2SetInteger) ABSENT(fmi2SetBoolean) ABSENT(fmi2SetString)
-ABSENT(fmi2GetFMUstate) ABSENT(fmi2SetFMUstate) ABSENT(fmi2FreeFMUstate)
-ABSENT(fmi2SerializedFMUstateSize) ABSENT(fmi2SerializeFMUstate) ABSENT(fmi2DeSerializeFMUstate)
+#define ABSENT(name) \
+    FMI int NAME(name)(void) { return 3; }
+ABSENT(fmi2SetDebugLogging)
+ABSENT(fmi2Reset)
+ABSENT(fmi2GetInteger)
+ABSENT(fmi2GetBoolean)
+ABSENT(fmi2GetString)
+ABSENT(fmi2SetInteger)
+ABSENT(fmi2SetBoolean)
+ABSENT(fmi2SetString)
+ABSENT(fmi2GetFMUstate)
+ABSENT(fmi2SetFMUstate)
+ABSENT(fmi2FreeFMUstate)
+ABSENT(fmi2SerializedFMUstateSize)
+ABSENT(fmi2SerializeFMUstate)
+ABSENT(fmi2DeSerializeFMUstate)
 ABSENT(fmi2GetDirectionalDerivative)
-ABSENT(fmi2SetRealInputDerivatives) ABSENT(fmi2GetRealOutputDerivatives)
-ABSENT(fmi2CancelStep) ABSENT(fmi2GetStatus) ABSENT(fmi2GetRealStatus)
-ABSENT(fmi2GetIntegerStatus) ABSENT(fmi2GetBooleanStatus) ABSENT(fmi2GetStringStatus)
+ABSENT(fmi2SetRealInputDerivatives)
+ABSENT(fmi2GetRealOutputDerivatives)
+ABSENT(fmi2CancelStep)
+ABSENT(fmi2GetStatus)
+ABSENT(fmi2GetRealStatus)
+ABSENT(fmi2GetIntegerStatus)
+ABSENT(fmi2GetBooleanStatus)
+ABSENT(fmi2GetStringStatus)
 FMI const char *NAME(fmi2GetTypesPlatform)(void) { return "default"; }
 FMI const char *NAME(fmi2GetVersion)(void) { return "2.0"; }

@@ -46,10 +46,9 @@ static int called(fmu_t *x, const char *name, double a, double b, int allowed)
     return legal ? 0 : 3;
 }
 
-FMI void *fmi3InstantiateScheduledExecution(const char *name, const char *token,
-                                            const char *resources, bool visible, bool logging,
-                                            void *environment, log_t log, update_t update,
-                                            lock_t lock, lock_t unlock)
+FMI void *fmi3InstantiateScheduledExecution(const char *name, const char *token, const char *resources,
+                                            bool visible, bool logging, void *environment, log_t log,
+                                            update_t update, lock_t lock, lock_t unlock)
 {
     fmu_t *x = calloc(1, sizeof *x);
     (void)name, (void)token, (void)resources, (void)visible, (void)logging;
@@ -117,8 +116,10 @@ FMI int fmi3GetIntervalFraction(fmu_t *x, const uint32_t *r, size_t n, uint64_t 
                                 uint64_t *resolution, int *qualifier)
 {
     for (size_t i = 0; i < n; i++) {
-        const int when = r[i] == MINE ? INITIALIZING : r[i] == PULSE ? INITIALIZING | ACTIVATION
-                       : r[i] == DELAY ? INITIALIZING | UPDATE : 0;
+        const int when = r[i] == MINE    ? INITIALIZING
+                         : r[i] == PULSE ? INITIALIZING | ACTIVATION
+                         : r[i] == DELAY ? INITIALIZING | UPDATE
+                                         : 0;
         if (called(x, "GetIntervalFraction", r[i], 0, when)) return 3;
         counter[i] = r[i] == MINE ? 3 : r[i] == PULSE ? x->pulses % 2 + 1 : (uint64_t)x->value[WAIT];
         resolution[i] = r[i] == MINE ? 20 : r[i] == PULSE ? 7 : 1000;
@@ -128,8 +129,7 @@ FMI int fmi3GetIntervalFraction(fmu_t *x, const uint32_t *r, size_t n, uint64_t 
     }
     return 0;
 }
-FMI int fmi3GetShiftFraction(fmu_t *x, const uint32_t *r, size_t n, uint64_t *counter,
-                             uint64_t *resolution)
+FMI int fmi3GetShiftFraction(fmu_t *x, const uint32_t *r, size_t n, uint64_t *counter, uint64_t *resolution)
 {
     for (size_t i = 0; i < n; i++) {
         if (called(x, "GetShiftFraction", r[i], 0, r[i] == MINE ? INITIALIZING : 0)) return 3;

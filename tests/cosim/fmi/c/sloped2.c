@@ -32,14 +32,26 @@ FMI void *fmi2Instantiate(const char *name, int kind, const char *token, const c
     return x;
 }
 FMI void fmi2FreeInstance(void *x) { free(x); }
-FMI int fmi2Terminate(void *x) { (void)x; return 0; }
+FMI int fmi2Terminate(void *x)
+{
+    (void)x;
+    return 0;
+}
 FMI int fmi2SetupExperiment(void *x, int a, double b, double c, int d, double e)
 {
     (void)x, (void)a, (void)b, (void)c, (void)d, (void)e;
     return 0;
 }
-FMI int fmi2EnterInitializationMode(void *x) { (void)x; return 0; }
-FMI int fmi2ExitInitializationMode(void *x) { (void)x; return 0; }
+FMI int fmi2EnterInitializationMode(void *x)
+{
+    (void)x;
+    return 0;
+}
+FMI int fmi2ExitInitializationMode(void *x)
+{
+    (void)x;
+    return 0;
+}
 FMI int fmi2SetReal(fmu_t *x, const uint32_t *r, size_t n, const double *v)
 {
     for (size_t i = 0; i < n; i++)
@@ -59,8 +71,7 @@ FMI int fmi2GetReal(fmu_t *x, const uint32_t *r, size_t n, double *v)
     for (size_t i = 0; i < n; i++) v[i] = r[i] == MOST ? x->most : x->y[r[i] - X];
     return 0;
 }
-FMI int fmi2SetRealInputDerivatives(fmu_t *x, const uint32_t *r, size_t n, const int *order,
-                                    const double *v)
+FMI int fmi2SetRealInputDerivatives(fmu_t *x, const uint32_t *r, size_t n, const int *order, const double *v)
 {
     for (size_t i = 0; i < n; i++) {
         if (r[i] >= HELD || order[i] != 1) return 3;
@@ -87,11 +98,28 @@ FMI int fmi2DoStep(fmu_t *x, double t, double h, int prior)
 }
 
 /* What a complete FMU has as well, and nobody calls. */
-#define UNUSED(name) FMI int name(void) { return 3; }
-UNUSED(fmi2GetTypesPlatform) UNUSED(fmi2GetVersion) UNUSED(fmi2SetDebugLogging) UNUSED(fmi2Reset)
-UNUSED(fmi2GetInteger) UNUSED(fmi2GetBoolean) UNUSED(fmi2SetBoolean) UNUSED(fmi2GetString)
-UNUSED(fmi2SetString) UNUSED(fmi2GetFMUstate) UNUSED(fmi2SetFMUstate) UNUSED(fmi2FreeFMUstate)
-UNUSED(fmi2SerializedFMUstateSize) UNUSED(fmi2SerializeFMUstate) UNUSED(fmi2DeSerializeFMUstate)
-UNUSED(fmi2GetDirectionalDerivative) UNUSED(fmi2GetRealOutputDerivatives) UNUSED(fmi2CancelStep)
-UNUSED(fmi2GetStatus) UNUSED(fmi2GetRealStatus) UNUSED(fmi2GetIntegerStatus)
-UNUSED(fmi2GetBooleanStatus) UNUSED(fmi2GetStringStatus)
+#define UNUSED(name) \
+    FMI int name(void) { return 3; }
+UNUSED(fmi2GetTypesPlatform)
+UNUSED(fmi2GetVersion)
+UNUSED(fmi2SetDebugLogging)
+UNUSED(fmi2Reset)
+UNUSED(fmi2GetInteger)
+UNUSED(fmi2GetBoolean)
+UNUSED(fmi2SetBoolean)
+UNUSED(fmi2GetString)
+UNUSED(fmi2SetString)
+UNUSED(fmi2GetFMUstate)
+UNUSED(fmi2SetFMUstate)
+UNUSED(fmi2FreeFMUstate)
+UNUSED(fmi2SerializedFMUstateSize)
+UNUSED(fmi2SerializeFMUstate)
+UNUSED(fmi2DeSerializeFMUstate)
+UNUSED(fmi2GetDirectionalDerivative)
+UNUSED(fmi2GetRealOutputDerivatives)
+UNUSED(fmi2CancelStep)
+UNUSED(fmi2GetStatus)
+UNUSED(fmi2GetRealStatus)
+UNUSED(fmi2GetIntegerStatus)
+UNUSED(fmi2GetBooleanStatus)
+UNUSED(fmi2GetStringStatus)

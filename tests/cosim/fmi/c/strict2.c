@@ -121,8 +121,8 @@ FMI int fmi2GetFMUstate(fmu_t *m, fmu_t **state)
 FMI int fmi2SetFMUstate(fmu_t *m, const fmu_t *state)
 {
     const int saved = m->saved, early = !state || state->t < m->promised;
-    const int result = called(m, early ? "SetFMUstate ILLEGAL" : "SetFMUstate",
-                              MADE | INITIALIZING | STEPPING | FAILED);
+    const int result =
+        called(m, early ? "SetFMUstate ILLEGAL" : "SetFMUstate", MADE | INITIALIZING | STEPPING | FAILED);
     if (early) return 3;
     *m = *state;
     m->saved = saved;
@@ -185,8 +185,12 @@ FMI int fmi2GetReal(fmu_t *m, const uint32_t *r, size_t n, double *v)
 {
     for (size_t i = 0; i < n; i++) {
         const double y = m->state == INITIALIZING ? m->how == JUMPS ? 0.0 : m->x : m->y;
-        v[i] = r[i] == U ? m->u : r[i] == GAIN ? m->gain : r[i] == WHEN ? m->when
-             : r[i] == X ? m->x : r[i] == RATE ? m->rate : y;
+        v[i] = r[i] == U      ? m->u
+               : r[i] == GAIN ? m->gain
+               : r[i] == WHEN ? m->when
+               : r[i] == X    ? m->x
+               : r[i] == RATE ? m->rate
+                              : y;
     }
     return called(m, "GetReal", INITIALIZING | STEPPING | FAILED | OVER);
 }

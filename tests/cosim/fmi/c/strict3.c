@@ -61,8 +61,8 @@ static void wrote(const char *name, double value)
 
 FMI void *fmi3InstantiateCoSimulation(const char *name, const char *token, const char *resources,
                                       bool visible, bool logging, bool events, bool early,
-                                      const uint32_t *required, size_t n, void *environment,
-                                      log_t log, void *update)
+                                      const uint32_t *required, size_t n, void *environment, log_t log,
+                                      void *update)
 {
     fmu_t *m = calloc(1, sizeof *m);
     (void)token, (void)resources, (void)visible, (void)logging, (void)early;
@@ -139,8 +139,8 @@ FMI int fmi3GetFMUState(fmu_t *m, fmu_t **state)
 FMI int fmi3SetFMUState(fmu_t *m, const fmu_t *state)
 {
     const int saved = m->saved, early = !state || state->t < m->promised;
-    const int result = called(m, early ? "SetFMUState ILLEGAL" : "SetFMUState",
-                              MADE | INITIALIZING | STEPPING | IN_EVENT);
+    const int result =
+        called(m, early ? "SetFMUState ILLEGAL" : "SetFMUState", MADE | INITIALIZING | STEPPING | IN_EVENT);
     if (early) return 3;
     *m = *state;
     m->saved = saved;
@@ -154,8 +154,8 @@ FMI int fmi3FreeFMUState(fmu_t *m, fmu_t **state)
     *state = NULL;
     return result;
 }
-FMI int fmi3DoStep(fmu_t *m, double t, double h, bool prior, bool *event, bool *terminate,
-                   bool *early, double *last)
+FMI int fmi3DoStep(fmu_t *m, double t, double h, bool prior, bool *event, bool *terminate, bool *early,
+                   double *last)
 {
     const int result = called(m, gap(t, m->t) ? "DoStep ILLEGAL" : "DoStep", STEPPING);
     if (prior) m->promised = t;
@@ -179,7 +179,8 @@ FMI int fmi3SetFloat64(fmu_t *m, const uint32_t *r, size_t n, const double *v, s
     for (size_t i = 0; i < n; i++) {
         if (r[i] == RATE) {
             m->rate = v[i];
-            if (called(m, "SetFloat64 rate", MADE | INITIALIZING | (m->events ? IN_EVENT : STEPPING))) return 3;
+            if (called(m, "SetFloat64 rate", MADE | INITIALIZING | (m->events ? IN_EVENT : STEPPING)))
+                return 3;
             continue;
         }
         const int start = r[i] == GAIN || r[i] == WHEN || r[i] == X;
@@ -196,8 +197,12 @@ FMI int fmi3GetFloat64(fmu_t *m, const uint32_t *r, size_t n, double *v, size_t 
     (void)k;
     for (size_t i = 0; i < n; i++) {
         const double y = m->state == INITIALIZING ? m->how == JUMPS ? 0.0 : m->x : m->y;
-        v[i] = r[i] == U ? m->u : r[i] == GAIN ? m->gain : r[i] == WHEN ? m->when
-             : r[i] == X ? m->x : r[i] == RATE ? m->rate : y;
+        v[i] = r[i] == U      ? m->u
+               : r[i] == GAIN ? m->gain
+               : r[i] == WHEN ? m->when
+               : r[i] == X    ? m->x
+               : r[i] == RATE ? m->rate
+                              : y;
     }
     return called(m, "GetFloat64", INITIALIZING | STEPPING | IN_EVENT | OVER);
 }

@@ -16,8 +16,22 @@
 
 #define FMI __attribute__((visibility("default")))
 typedef void (*log_t)(void *, int, const char *, const char *);
-enum { PULSE = 1, START, DELAY, DONE, CLOCKS, U_PULSE = 10, U_START, WAIT, LENIENT, Y_PULSE = 20,
-       AT_PULSE, Y_DONE, AT_DONE, TIME };
+enum {
+    PULSE = 1,
+    START,
+    DELAY,
+    DONE,
+    CLOCKS,
+    U_PULSE = 10,
+    U_START,
+    WAIT,
+    LENIENT,
+    Y_PULSE = 20,
+    AT_PULSE,
+    Y_DONE,
+    AT_DONE,
+    TIME
+};
 enum { NOT_YET_KNOWN, UNCHANGED, CHANGED };
 
 typedef struct {
@@ -39,8 +53,8 @@ static int refuse(fmu_t *x, const char *why)
 
 FMI void *fmi3InstantiateCoSimulation(const char *name, const char *token, const char *resources,
                                       bool visible, bool logging, bool events, bool early,
-                                      const uint32_t *required, size_t n, void *environment,
-                                      log_t log, void *update)
+                                      const uint32_t *required, size_t n, void *environment, log_t log,
+                                      void *update)
 {
     fmu_t *x = calloc(1, sizeof *x);
     (void)name, (void)token, (void)resources, (void)visible, (void)logging, (void)required, (void)n;
@@ -51,7 +65,11 @@ FMI void *fmi3InstantiateCoSimulation(const char *name, const char *token, const
     return NULL;
 }
 FMI void fmi3FreeInstance(void *x) { free(x); }
-FMI int fmi3Terminate(void *x) { (void)x; return 0; }
+FMI int fmi3Terminate(void *x)
+{
+    (void)x;
+    return 0;
+}
 FMI int fmi3EnterInitializationMode(fmu_t *x, bool a, double b, double c, bool d, double e)
 {
     (void)a, (void)b, (void)c, (void)d, (void)e;
@@ -101,8 +119,8 @@ FMI int fmi3GetClock(fmu_t *x, const uint32_t *r, size_t n, bool *v)
     }
     return 0;
 }
-FMI int fmi3UpdateDiscreteStates(fmu_t *x, bool *again, bool *terminate, bool *nominals,
-                                 bool *values, bool *defined, double *next)
+FMI int fmi3UpdateDiscreteStates(fmu_t *x, bool *again, bool *terminate, bool *nominals, bool *values,
+                                 bool *defined, double *next)
 {
     if (!x->in_event) return refuse(x, "not in Event Mode");
     if (x->on[DELAY] && !x->on[DONE]) return refuse(x, "nobody asked whether it is done");
@@ -128,12 +146,13 @@ FMI int fmi3GetIntervalDecimal(fmu_t *x, const uint32_t *r, size_t n, double *v,
         const bool pulse = r[i] == PULSE;
         if (!pulse && r[i] != DELAY) return refuse(x, "this clock has no interval");
         v[i] = pulse ? x->next_pulse - x->time : x->armed ? x->u[2] : -1.0;
-        qualifiers[i] = pulse ? CHANGED : x->armed ? CHANGED
-                      : isinf(x->next_delay) ? NOT_YET_KNOWN : UNCHANGED;
+        qualifiers[i] = pulse                  ? CHANGED
+                        : x->armed             ? CHANGED
+                        : isinf(x->next_delay) ? NOT_YET_KNOWN
+                                               : UNCHANGED;
         if (pulse && x->initializing) v[i] = x->next_pulse = INTERVALS[0];
         if (pulse && !x->initializing && !x->pulsed) qualifiers[i] = UNCHANGED;
-        if (pulse && !x->initializing && x->u[LENIENT - U_PULSE] == 2)
-            v[i] = -1.0, qualifiers[i] = CHANGED;
+        if (pulse && !x->initializing && x->u[LENIENT - U_PULSE] == 2) v[i] = -1.0, qualifiers[i] = CHANGED;
         if (pulse) x->pulsed = false, x->asked_pulse = true;
         else x->armed = false, x->asked_delay = true;
     }
@@ -152,8 +171,8 @@ FMI int fmi3GetIntervalFraction(fmu_t *x, const uint32_t *r, size_t n, uint64_t 
     }
     return 0;
 }
-FMI int fmi3DoStep(fmu_t *x, double t, double h, bool prior, bool *event, bool *terminate,
-                   bool *early, double *last)
+FMI int fmi3DoStep(fmu_t *x, double t, double h, bool prior, bool *event, bool *terminate, bool *early,
+                   double *last)
 {
     const double next = x->next_pulse < x->next_delay ? x->next_pulse : x->next_delay;
     (void)prior;
@@ -188,9 +207,10 @@ FMI int fmi3GetFloat64(fmu_t *x, const uint32_t *r, size_t n, double *v, size_t 
     for (size_t i = 0; i < n; i++) {
         if (!open(x, r[i])) return refuse(x, "got without a clock");
         v[i] = r[i] >= WAIT && r[i] <= LENIENT ? x->u[r[i] - U_PULSE]
-             : x->initializing ? -1.0
-             : r[i] == Y_PULSE ? x->sum + x->u[0]
-             : r[i] == Y_DONE ? x->taken : x->time;
+               : x->initializing               ? -1.0
+               : r[i] == Y_PULSE               ? x->sum + x->u[0]
+               : r[i] == Y_DONE                ? x->taken
+                                               : x->time;
     }
     return 0;
 }
@@ -205,4 +225,6 @@ FMI int fmi3GetString(fmu_t *x, const uint32_t *r, size_t n, const char **v, siz
 
 /* What a complete FMU has as well, and nobody calls. */
 #include "unused3.h"
-UNUSED(GetInt32) UNUSED(GetShiftDecimal) UNUSED(SetIntervalDecimal)
+UNUSED(GetInt32)
+UNUSED(GetShiftDecimal)
+UNUSED(SetIntervalDecimal)

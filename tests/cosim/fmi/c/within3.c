@@ -35,8 +35,8 @@ static int refuse(fmu_t *m, const char *why)
 
 FMI void *fmi3InstantiateCoSimulation(const char *name, const char *token, const char *resources,
                                       bool visible, bool logging, bool events, bool early,
-                                      const uint32_t *required, size_t n, void *environment,
-                                      log_t log, within_t within)
+                                      const uint32_t *required, size_t n, void *environment, log_t log,
+                                      within_t within)
 {
     fmu_t *m = calloc(1, sizeof *m);
     (void)name, (void)token, (void)resources, (void)visible, (void)logging, (void)events;
@@ -70,8 +70,8 @@ static bool tell(fmu_t *m, double time, bool finished)
     m->state = IN_STEP;
     return early;
 }
-FMI int fmi3DoStep(fmu_t *m, double t, double h, bool prior, bool *event, bool *terminate,
-                   bool *early, double *last)
+FMI int fmi3DoStep(fmu_t *m, double t, double h, bool prior, bool *event, bool *terminate, bool *early,
+                   double *last)
 {
     const int parts = (int)m->value[PARTS];
     const double part = h / parts, decay = exp(-part);

@@ -18,8 +18,28 @@
 
 #define FMI __attribute__((visibility("default")))
 typedef void (*log_t)(void *, int, const char *, const char *);
-enum { TX_CLOCK = 1, RX_CLOCK, TX_DATA, RX_DATA, KIND = 10, ID, BYTES, COUNT, FIRST, PERIOD, BAUD,
-       DISCARD, BAD, NOTIFY, TEC = 20, SENT, HEARD, TICKED, SMOOTH = 30, JUMP };
+enum {
+    TX_CLOCK = 1,
+    RX_CLOCK,
+    TX_DATA,
+    RX_DATA,
+    KIND = 10,
+    ID,
+    BYTES,
+    COUNT,
+    FIRST,
+    PERIOD,
+    BAUD,
+    DISCARD,
+    BAD,
+    NOTIFY,
+    TEC = 20,
+    SENT,
+    HEARD,
+    TICKED,
+    SMOOTH = 30,
+    JUMP
+};
 enum { TRIGGERED, COUNTDOWN, CHANGING, PERIODIC };
 enum { NOT_YET_KNOWN, UNCHANGED, CHANGED };
 
@@ -90,8 +110,8 @@ static void hear(fmu_t *x)
 
 FMI void *fmi3InstantiateCoSimulation(const char *name, const char *token, const char *resources,
                                       bool visible, bool logging, bool events, bool early,
-                                      const uint32_t *required, size_t n, void *environment,
-                                      log_t log, void *update)
+                                      const uint32_t *required, size_t n, void *environment, log_t log,
+                                      void *update)
 {
     fmu_t *x = calloc(1, sizeof *x);
     (void)name, (void)token, (void)resources, (void)visible, (void)logging, (void)required, (void)n;
@@ -100,7 +120,11 @@ FMI void *fmi3InstantiateCoSimulation(const char *name, const char *token, const
     return x;
 }
 FMI void fmi3FreeInstance(void *x) { free(x); }
-FMI int fmi3Terminate(void *x) { (void)x; return 0; }
+FMI int fmi3Terminate(void *x)
+{
+    (void)x;
+    return 0;
+}
 FMI int fmi3EnterInitializationMode(fmu_t *x, bool a, double b, double c, bool d, double e)
 {
     (void)a, (void)b, (void)c, (void)d, (void)e;
@@ -129,7 +153,10 @@ FMI int fmi3EnterStepMode(fmu_t *x)
 FMI int fmi3SetClock(fmu_t *x, const uint32_t *r, size_t n, const bool *v)
 {
     if (!x->in_event || n != 1 || !v[0]) return refuse(x, "no clock to set");
-    if (r[0] == RX_CLOCK) { x->rx_on = true, x->ticked = x->time; return 0; }
+    if (r[0] == RX_CLOCK) {
+        x->rx_on = true, x->ticked = x->time;
+        return 0;
+    }
     if (r[0] != TX_CLOCK || p(x, KIND) == TRIGGERED) return refuse(x, "no clock of this FMU to set");
     x->tx_on = true, x->announced = false, x->asked_change = false;
     produce(x);
@@ -143,22 +170,21 @@ FMI int fmi3GetClock(fmu_t *x, const uint32_t *r, size_t n, bool *v)
     v[0] = x->tx_on = x->n_tx > 0;
     return 0;
 }
-FMI int fmi3SetBinary(fmu_t *x, const uint32_t *r, size_t n, const size_t *sizes,
-                      const uint8_t *const *v, size_t m)
+FMI int fmi3SetBinary(fmu_t *x, const uint32_t *r, size_t n, const size_t *sizes, const uint8_t *const *v,
+                      size_t m)
 {
     if (!x->rx_on || n != 1 || m != 1 || r[0] != RX_DATA) return refuse(x, "Rx without its clock");
     memcpy(x->rx, v[0], x->n_rx = sizes[0]);
     return 0;
 }
-FMI int fmi3GetBinary(fmu_t *x, const uint32_t *r, size_t n, size_t *sizes, const uint8_t **v,
-                      size_t m)
+FMI int fmi3GetBinary(fmu_t *x, const uint32_t *r, size_t n, size_t *sizes, const uint8_t **v, size_t m)
 {
     if (!x->tx_on || n != 1 || m != 1 || r[0] != TX_DATA) return refuse(x, "Tx without its clock");
     sizes[0] = x->n_tx, v[0] = x->tx;
     return 0;
 }
-FMI int fmi3UpdateDiscreteStates(fmu_t *x, bool *again, bool *terminate, bool *nominals,
-                                 bool *values, bool *defined, double *time)
+FMI int fmi3UpdateDiscreteStates(fmu_t *x, bool *again, bool *terminate, bool *nominals, bool *values,
+                                 bool *defined, double *time)
 {
     if (!x->in_event) return refuse(x, "not in Event Mode");
     if (x->tx_on) x->n_tx = 0;
@@ -176,8 +202,7 @@ FMI int fmi3GetIntervalDecimal(fmu_t *x, const uint32_t *r, size_t n, double *v,
     x->asked = true, q[0] = CHANGED;
     if (p(x, KIND) == COUNTDOWN) {
         v[0] = x->n_tx ? 0.0 : next(x) - x->time;
-        if (!x->n_tx && (x->announced || !more(x)))
-            q[0] = x->announced ? UNCHANGED : NOT_YET_KNOWN;
+        if (!x->n_tx && (x->announced || !more(x))) q[0] = x->announced ? UNCHANGED : NOT_YET_KNOWN;
         if (!x->n_tx && more(x)) x->announced = true;
     } else if (p(x, KIND) == CHANGING) {
         if (x->asked_change) return refuse(x, "asked twice for an interval");
@@ -193,14 +218,13 @@ FMI int fmi3GetShiftDecimal(fmu_t *x, const uint32_t *r, size_t n, double *v)
     v[0] = p(x, FIRST);
     return 0;
 }
-FMI int fmi3DoStep(fmu_t *x, double t, double h, bool prior, bool *event, bool *terminate,
-                   bool *early, double *last)
+FMI int fmi3DoStep(fmu_t *x, double t, double h, bool prior, bool *event, bool *terminate, bool *early,
+                   double *last)
 {
     (void)prior;
     if (x->in_event) return refuse(x, "no step in Event Mode");
     if (fabs(t - x->time) > 1e-12) return refuse(x, "a step begins where the last one ended");
-    if (p(x, KIND) != TRIGGERED && more(x) && next(x) < t + h - 1e-12)
-        return refuse(x, "a step over a tick");
+    if (p(x, KIND) != TRIGGERED && more(x) && next(x) < t + h - 1e-12) return refuse(x, "a step over a tick");
     *last = x->time = t + h;
     *event = p(x, KIND) == TRIGGERED && more(x) && x->time >= next(x) - 1e-12;
     *terminate = *early = false;
@@ -220,9 +244,12 @@ FMI int fmi3GetFloat64(fmu_t *x, const uint32_t *r, size_t n, double *v, size_t 
 {
     (void)m;
     for (size_t i = 0; i < n; i++)
-        v[i] = r[i] >= SMOOTH ? x->inputs[r[i] - SMOOTH] : r[i] == HEARD ? x->heard
-             : r[i] == TICKED ? x->ticked : r[i] == TEC ? x->tec
-             : r[i] == SENT ? x->sent : x->p[r[i] - KIND];
+        v[i] = r[i] >= SMOOTH   ? x->inputs[r[i] - SMOOTH]
+               : r[i] == HEARD  ? x->heard
+               : r[i] == TICKED ? x->ticked
+               : r[i] == TEC    ? x->tec
+               : r[i] == SENT   ? x->sent
+                                : x->p[r[i] - KIND];
     return 0;
 }
 FMI int fmi3SetBoolean(fmu_t *x, const uint32_t *r, size_t n, const bool *v, size_t m)

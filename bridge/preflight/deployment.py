@@ -8,6 +8,7 @@ from dataclasses import replace
 from bridge.can.codec import Codec
 from bridge.can.messages import BusMessage, Role
 from bridge.deployment import ranges
+from bridge.deployment.drive_sequences import commanded_drives
 from bridge.deployment.protection import emulated
 from bridge.deployment.services import BEATS, commanding_nodes
 from bridge.deployment.system import System
@@ -32,7 +33,7 @@ def timings(system: System) -> dict[str, BusTiming]:
 
 
 def messages(system: System) -> list[BusMessage]:
-    """Everything that is sent on CAN buses: SYNC, the deployment's messages, heartbeats.
+    """Everything periodic on CAN buses: SYNC, the deployment's messages, heartbeats.
 
     Those of a node are in the order in which it sends them.
     """
@@ -60,6 +61,7 @@ def messages(system: System) -> list[BusMessage]:
                     BusMessage.of(beat.layout, node=node, bus=bus, period=period, role="heartbeat")
                 )
         found += _of_hosts(system, bus)
+        found += _of_drives(system, bus)
     return [replace(m, queue=d.buses[m.bus].queue_kind) for m in found]
 
 
@@ -76,6 +78,18 @@ def _of_hosts(system: System, bus: str) -> Iterator[BusMessage]:
             sent = [m.period_ns for m in system.messages.values() if (m.node, m.bus) == (node, bus)]
             period = min(sent) * 1e-9
             yield BusMessage.of(sync.layout, node=node, bus=bus, period=period, role="sync")
+
+
+def _of_drives(system: System, bus: str) -> Iterator[BusMessage]:
+    """Messages in which drives tell their state by themselves."""
+    for plan in system.nodes.values():
+        for drive in commanded_drives(system.deployment, plan):
+            every = drive.profile.status.every
+            if drive.bus == bus and every > 0:
+                layout = drive.profile.status_layout(drive.node)
+                layout = replace(layout, name=f"{layout.name}_{drive.node}")
+                node = f"drive {drive.node}"
+                yield BusMessage.of(layout, node=node, bus=bus, period=every, role="drive")
 
 
 def watchdogs(system: System) -> list[MessageTimeout]:

@@ -55,3 +55,13 @@ def test_check_says_which_queues_there_are(monkeypatch, capsys):
     said = cosim("check", TELEOPERATION, "--deploy", "can", *changed).out
     assert "\nbus left, transmit queues: fifo\n" in said
     assert "\nbus right, transmit queues: sorted\n" in said
+
+
+def test_states_that_drives_tell_by_themselves_are_counted():
+    """CANSimple: a heartbeat has command 1 in the lowest five bits of its identifier."""
+    told = {
+        m.identifier: m.period
+        for m in deployment.messages(named("six_axis"))
+        if m.bus == "left" and m.node.startswith("drive ")
+    }
+    assert told == {number << 5 | 1: 0.01 for number in range(1, 7)}

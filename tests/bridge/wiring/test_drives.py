@@ -11,26 +11,9 @@ from bridge.native.frame import Ring
 from bridge.wiring.commanded import EVENTS
 from bridge.wiring.wiring import WiredNode
 from tests.bridge.deployments import document, named, system_of
-from tests.bridge.slots import Slots
 
 SHORT = "run.stop=0.2"
 MS = 1_000_000  # ns
-
-
-@pytest.fixture
-def wired(tmp_path):
-    """A node with its buses, before anything runs."""
-    made = []
-
-    def call(system, name):
-        folder = tmp_path / f"{name}{len(made)}"
-        folder.mkdir()
-        made.append(Slots(system, name, folder))
-        return made[-1].wired
-
-    yield call
-    for slots in made:
-        slots.wired.__exit__()
 
 
 def test_steps_of_a_bring_up_wait_as_long_as_their_profile_says(wired):
@@ -112,6 +95,8 @@ def test_drives_that_are_given_up_are_told_from_those_that_serve(wired):
     assert "it tells DISABLED" in commanded.not_ready()[0]
     second.lacks, second.position_ns = Lacks.POSITION, 80 * MS
     assert "has told no position for 80 ms" in commanded.not_ready()[0]
+    second.position_ns = 0
+    assert "has told no position for 0 ms" in commanded.not_ready()[0]
     second.position_ns = -1
     assert "has told no position yet" in commanded.not_ready()[0]
     second.failure, second.phase = Failure.SILENT, Phase.FAILED

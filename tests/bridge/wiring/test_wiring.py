@@ -20,22 +20,6 @@ SHORT = "run.stop=0.2"
 MS = 1_000_000  # ns
 
 
-@pytest.fixture
-def wired(tmp_path):
-    """Nodes of a deployment, with their buses, before anything runs."""
-    made = []
-
-    def call(system, name):
-        folder = tmp_path / f"{name}{len(made)}"
-        folder.mkdir()
-        made.append(Slots(system, name, folder))
-        return made[-1].wired
-
-    yield call
-    for slots in made:
-        slots.wired.__exit__()
-
-
 def changed(tmp_path, nodes, name="can", settings=(SHORT,), **others):
     """A deployment with other values of its nodes and of itself."""
     found = document(name) | others

@@ -351,7 +351,8 @@ def test_a_node_that_has_heard_no_epoch_starts_after_its_lead():
     assert origin(c.byref(node), seconds(0.4), seconds(0.5)) == seconds(0.9)
     node.epoch.origin_ns, node.epoch.heard_ns = seconds(5), seconds(4)
     assert origin(c.byref(node), seconds(4.9), seconds(0.5)) == seconds(5)
-    assert origin(c.byref(node), seconds(5.1), seconds(0.5)) == seconds(5.6)
+    assert origin(c.byref(node), seconds(5), seconds(0.5)) == seconds(5)
+    assert origin(c.byref(node), seconds(5) + 1, seconds(0.5)) == seconds(5.5) + 1
 
 
 def test_who_starts_at_once_says_when(tmp_path):

@@ -181,6 +181,49 @@ def test_a_sample_older_than_its_reception_allows_is_counted_and_not_taken(node,
     assert reception.newest == (-1 if stale else 0)
 
 
+def hear(node, number, values, t):
+    """Sample `number` of STATE_1 arrives at `t` ns; the node does its slots up to then."""
+    carried = node.system.messages["STATE_1"]
+    header = Header(number, LifeState.ACTIVE | Status.SIMULATED, number * carried.period_ns // 1000)
+    frame = carried.encoding.frame(values, header)
+    frame.t_ns = t
+    node.rings["left"].put(frame)
+    while node.struct.slot * node.struct.h_ns + node.struct.phase_ns < t - node.struct.start_ns:
+        node.step()
+    node.step()
+
+
+@pytest.mark.parametrize("gap", [1, 2, 7])
+@pytest.mark.parametrize("early", [0, 3_000_000])
+@pytest.mark.parametrize("start", [0, 7_000_000_000])
+def test_a_value_changes_as_fast_as_it_may_in_the_time_since_the_last_one(node, gap, early, start):
+    """Of samples closer than a period, in a period; `early`: ns by which the second one comes."""
+    reception = node.wired.inlet_bindings.receptions["STATE_1"]
+    receiver, period = node.wired.receivers["STATE_1"], reception.period_ns
+    reception.limits[1].rate = 10.0
+    node.struct.start_ns = start
+    first, late = [0.0, 0.5, 0.0, 0.0], 4_000_000  # ns, of each but what is early
+    arrived = 3 * period + late
+    hear(node, 3, first, start + arrived)
+    assert (reception.newest, receiver.rate) == (3, 0)
+    since = max(period, gap * period - early) * 1e-9
+    for n, by in enumerate((1.02, -1.02), 1):
+        values = [0.0, 0.5 + by * 10.0 * since, 0.0, 0.0]
+        hear(node, 3 + gap, values, start + arrived + gap * period - early)
+        assert (reception.newest, receiver.rate) == (3, n)
+    hear(node, 3 + gap, [0.0, 0.5 + 0.98 * 10.0 * since, 0.0, 0.0],
+         start + arrived + gap * period - early)  # fmt: skip
+    assert (reception.newest, receiver.rate) == (3 + gap, 2)
+
+
+def test_the_first_value_may_be_any_in_its_range(node):
+    reception = node.wired.inlet_bindings.receptions["STATE_1"]
+    for limit in reception.limits[:4]:
+        limit.rate = 1e-3
+    hear(node, 0, [1.0, 1.0, 0.5, 0.5], 0)
+    assert (reception.newest, node.wired.receivers["STATE_1"].rate) == (0, 0)
+
+
 def jumps(system, folder, message, values):
     """Whether values heard before the run begins are a jump for ``master_control``."""
     encoding = system.messages[message].encoding

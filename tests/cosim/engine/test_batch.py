@@ -149,7 +149,7 @@ def arms(every: int, fmi: str, number: int) -> Plan:
 @pytest.mark.parametrize("every", [1, 5, 10])
 @pytest.mark.parametrize("fmi", ["2.0", "3.0"])
 def test_steps_at_once_are_steps_one_by_one(started: Started, every: int, fmi: str) -> None:
-    """Calls end between ticks that are run as one. The first arm that fails is named, with its tick;
+    """Calls end between ticks that are run as one. The first arm that fails is named, in its tick;
     arms of two FMUs are stepped in two calls.
     """
     numbers = list(range(len(FAILS)))

@@ -1,4 +1,4 @@
-"""Each rule by which a node that waits believes an EPOCH, refuses it, or does not know: by a table."""
+"""When a node that waits believes an EPOCH, refuses it, or does not know: a table, by hand."""
 
 from __future__ import annotations
 
@@ -25,8 +25,11 @@ NEAR = 5_000_000  # ns; two readings of the clocks, on a busy machine
 
 @dataclass(frozen=True)
 class Case:
-    """An EPOCH whose t = 0 is `ahead` s from now. `sample`: t = 0 less that of the EPOCH, as an early
-    sample says, s, in the last reception; `date`: (number of its host, s from ours, s ago)."""
+    """An EPOCH whose t = 0 is `ahead` s from now.
+
+    `sample`: by how many s another t = 0 is later that an early sample tells, of the last message;
+    `date`: (number of its host, s from ours, s ago).
+    """
 
     ahead: float = -20.0
     host: int = HOST
@@ -57,7 +60,7 @@ BELIEVED = [
 REFUSED = [
     Case(host=OTHER), Case(host=OTHER, identity=OURS),
     replace(BOTH, kept=(0, 1)), replace(BOTH, kept=(1, 0)),
-    *(replace(US, identity=OURS[:i] + (x,) + OURS[i + 1 :]) for i in range(4) for x in (0.0, 9.0)),
+    *(replace(US, identity=(*OURS[:i], x, *OURS[i + 1 :])) for i in range(4) for x in (0.0, 9.0)),
     *(replace(case, sample=x) for case in (NOTHING, US, BOTH) for x in (2.1, -2.1, 10.0, -10.0)),
     *(replace(NOTHING, sample=x) for x in (TURN + 2.1, TURN - 2.1, -TURN - 2.1, 2147.0)),
     replace(NOTHING, sample=5.1, age=3.0), replace(NOTHING, sample=-2.1, age=3.0),

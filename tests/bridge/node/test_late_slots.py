@@ -1,4 +1,4 @@
-"""Slots on the wall clock that are late because the one before them took too long."""
+"""Slots on the wall clock that are late, and the first one of a life that joins a run."""
 
 from __future__ import annotations
 
@@ -22,57 +22,75 @@ Run = c.CFUNCTYPE(c.c_int32, c.c_void_p, c.c_int64)
 SLOW, LATE = 5, 4  # the slot that takes long, and for how many slots it does
 
 
-class Slow:
-    """A controller without peers. Slot `SLOW` ends when the `LATE` slots behind it are over; before,
-    `say` may give a frame. `heard`: SYNCs heard by each slot.
+class Live:
+    """A controller without peers on the wall clock. `each` is called in each slot, behind the step
+    of its components; `heard`: SYNCs heard by each slot.
     """
 
-    def __init__(self, folder, overrun, say=lambda deadline: None):
+    def __init__(self, folder, each, stop="0.1"):
         found = document("can") | {"silence": 0.0}
         found["nodes"]["master_control"] |= {"requires": [], "stale": {}, "phase": "0.7 ms"}
-        self.system = system_of(found, folder, "run.stop=0.1")
+        self.system = system_of(found, folder, f"run.stop={stop}")
         names = self.system.buses_of("master_control")
         self.rings = {name: Ring(64) for name in names}
         buses = {b: Bus.from_rings(self.rings[b], Ring(512), n) for n, b in enumerate(names)}
         self.wired = WiredNode(
             self.system, "master_control", buses, folder / "journal", native.WALL
         )
-        self.struct, self.say, self.heard = self.wired.struct, say, []
-        self.struct.overrun_ns = overrun
+        self.struct, self.each, self.heard = self.wired.struct, each, []
 
     def run(self, engine, ticks):
-        s = self.struct
         result = Run(shared.address(shared.library().engine_run))(engine, ticks)
-        self.heard.append(s.syncs_received)
-        if s.slot == SLOW:
-            deadline = s.start_ns + s.phase_ns + (SLOW + 1) * s.h_ns
-            self.say(deadline)
-            while monotonic_ns() < deadline + LATE * s.h_ns:
-                sleep(0.001)
+        self.heard.append(self.struct.syncs_received)
+        self.each(self)
         return result
 
-    def live(self):
-        """All slots; the rows of the journal."""
+    def live(self, ahead=0.1, joined=None):
+        """All slots, from t = 0 in so many s; the rows of the journal. `joined` takes the place of
+        what is called where a life begins in the middle of a run.
+        """
         with self.wired:
             run = Run(self.run)
-            self.struct.run = c.cast(run, c.c_void_p)
+
+            def begin(slot):
+                result = (joined or self.wired._join)(slot)
+                self.struct.run = c.cast(run, c.c_void_p)
+                return result
+
+            begins = native.Joined(begin)
+            self.struct.run, self.struct.joined = (c.cast(f, c.c_void_p) for f in (run, begins))
             with ThreadPoolExecutor(1) as pool:
                 ended = pool.submit(native.functions().node_live, c.byref(self.struct))
-                Control(self.struct).start(monotonic_ns() + 100_000_000)
+                self.told = monotonic_ns()
+                Control(self.struct).start(self.told + round(ahead * 1e9))
                 self.result = ended.result()
             return self.wired.journal.rows.copy()
+
+
+def slow(say=lambda node, deadline: None):
+    """Slot `SLOW` ends when the `LATE` slots behind it are over; before, `say` may give a frame."""
+
+    def each(node):
+        s = node.struct
+        if s.slot == SLOW:
+            deadline = s.start_ns + s.phase_ns + (SLOW + 1) * s.h_ns
+            say(node, deadline)
+            while monotonic_ns() < deadline + LATE * s.h_ns:
+                sleep(0.001)
+
+    return each
 
 
 @pytest.mark.parametrize(("after", "slot"), [(0, SLOW + 1), (1, SLOW + 2)])
 def test_a_late_slot_hears_what_it_would_have_heard_in_time(tmp_path, after, slot):
     """A frame that came at its deadline, and one that came 1 ns later, while it was waited for."""
 
-    def say(deadline):
+    def say(node, deadline):
         frame = node.system.services["left"].sync.frame([1], Header())
         frame.t_ns = deadline + after
         node.rings["left"].put(frame)
 
-    node = Slow(tmp_path, 0, say)
+    node = Live(tmp_path, slow(say))
     node.live()
     assert node.result == native.FINISHED
     assert node.heard == [0] * slot + [1] * (node.struct.slots - slot)
@@ -82,7 +100,8 @@ def test_a_late_slot_hears_what_it_would_have_heard_in_time(tmp_path, after, slo
 def test_a_slot_that_is_a_slot_late_is_counted_and_one_that_is_too_late_is_a_fault(
     tmp_path, overrun
 ):
-    node = Slow(tmp_path, overrun)
+    node = Live(tmp_path, slow())
+    node.struct.overrun_ns = overrun
     rows, s = node.live(), node.struct
     late = rows["woke_ns"] - rows["deadline_ns"]
     if overrun != 12_000_000:
@@ -95,3 +114,58 @@ def test_a_slot_that_is_a_slot_late_is_counted_and_one_that_is_too_late_is_a_fau
     wrong = rows["now"] & Why.OVERRUN != 0
     assert wrong.tolist() == [0 < overrun < x for x in late.tolist()]
     assert wrong.any() == (overrun == 12_000_000)
+
+
+@pytest.mark.parametrize(("align", "lead"), [(1, 0.0), (40, 0.3), (8, 2.0)])
+@pytest.mark.parametrize("phase", [0, 900_000_000])
+def test_a_life_that_joins_begins_two_steps_of_its_slots_behind_its_lead(
+    tmp_path, align, lead, phase
+):
+    """Whenever it looks at the clock: `align` is what its slots are a multiple of."""
+    found = []
+
+    def joined(slot):
+        found.append((slot, monotonic_ns()))
+        return 1
+
+    node = Live(tmp_path, lambda _: None, "60")
+    s = node.struct
+    s.first, s.lead_ns, s.phase_ns = align, round(lead * 1e9), phase
+    assert len(node.live(-9.0, joined)) == 0
+    assert node.result == native.NOT_JOINED
+    ((slot, until),) = found
+    earliest, latest = (
+        ((t - (node.told - 9_000_000_000) - phase + s.lead_ns) // s.h_ns // align + 2) * align
+        for t in (node.told, until)
+    )
+    assert slot % align == 0 and earliest <= slot <= latest
+
+
+def test_a_life_that_joins_is_as_if_it_had_heard_all_until_its_first_slot(tmp_path):
+    first = []
+
+    def each(node):
+        s = node.struct
+        if not first:
+            first.append((s.slot, s.epoch.due_ns, monotonic_ns(), s.host_due_ns))
+            inlets = node.wired.inlet_bindings.inlets[: s.n_inlets]
+            first.extend(inlet.heard_ns for inlet in inlets)
+            first.append(s.sync_watchdog.last_ns)
+            first.extend(p.heartbeat.last_ns - s.h_ns for p in node.wired.peers.values())
+        s.quit = 1
+
+    node = Live(tmp_path, each, "12")
+    node.struct.lead_ns = 50_000_000
+    node.live(-9.0)
+    (slot, due, now, host), *others = first
+    assert slot == node.struct.first > 1800 and len(others) > 4
+    assert set(others) == {slot * node.struct.h_ns} == {host}
+    assert node.told + 500_000_000 < due < now + 500_000_000
+
+
+def test_a_life_that_comes_behind_the_last_slot_ends_at_once(tmp_path):
+    found = []
+    node = Live(tmp_path, lambda _: None)
+    node.struct.lead_ns = 0
+    assert len(node.live(-0.099, lambda slot: found.append(slot) or 0)) == 0
+    assert node.result == native.FINISHED and found == []

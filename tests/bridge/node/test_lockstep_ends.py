@@ -1,4 +1,4 @@
-"""Nodes in lock-step: which samples the end waits for, what is missing, and queues that are full."""
+"""Nodes in lock-step: the samples that the end waits for, missing ones, and full queues."""
 
 from __future__ import annotations
 

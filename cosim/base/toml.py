@@ -8,16 +8,22 @@ TOML has it.
 from __future__ import annotations
 
 import tomllib
+from copy import deepcopy
 from pathlib import Path
 from typing import Any
 
 from cosim.base.errors import ScenarioError
 from cosim.base.files import regular
+from cosim.base.names import unknown
 
 #: Magnitudes of numbers other than 0: their products with others still are float64.
 LEAST, MOST = 1e-150, 1e150
 #: Tables in each other; no document of ours has ten.
 DEEPEST = 50
+#: Tables whose entries may say ``like = "NAME"``: they take the keys of that entry of the table.
+LIKE = ("components", "nodes", "buses", "motors", "controllers", "operators")
+#: Tables of an entry that are joined key by key; any other key of its own replaces the other's.
+JOINED = ("sizes", "options", "parameters", "start", "inputs")
 EXPECTED = f"a finite number, 0 or of a magnitude from {LEAST:g} to {MOST:g}"
 
 
@@ -43,14 +49,54 @@ def read_text(path: Path, what: str = "a file (.toml)") -> str:
 
 
 def parse(text: str, place: str) -> dict[str, Any]:
-    """TOML as plain data; `place`: where it comes from. Raises ScenarioError."""
+    """TOML as plain data, ``like`` expanded; `place`: where it comes from. Raises ScenarioError."""
     try:
         found = tomllib.loads(text)
     except (ValueError, RecursionError) as error:  # ValueError: also a number of 5000 digits
         raise ScenarioError(f"{place}: not valid TOML: {error}") from None
     check_depth(found, place)
     check_numbers(found, place)
+    expand_like(found, place)
     return found
+
+
+def expand_like(document: dict[str, Any], place: str) -> None:
+    """Put the keys of the other entry into each entry with ``like``, which is removed.
+
+    Raises ScenarioError at `place` for a name that is not in the same table, and for a circle.
+    """
+    for key in LIKE:
+        table = document.get(key)
+        if isinstance(table, dict):
+            document[key] = {name: _entry(table, name, f"{place} at {key}") for name in table}
+
+
+def _entry(entries: dict[str, Any], name: str, place: str) -> Any:
+    """The entry `name` with the keys of all entries that it is like, directly or through others."""
+    chain = [name]
+    while isinstance(entry := entries[chain[-1]], dict) and "like" in entry:
+        chain.append(_other(entry["like"], entries, f"{place}.{chain[-1]}.like"))
+        if chain.index(chain[-1]) < len(chain) - 1:
+            circle = " -> ".join(chain)
+            raise ScenarioError(f"entries are like each other: {circle}", f"{place}.{name}.like")
+    if len(chain) == 1:
+        return entry
+    found: dict[str, Any] = {}
+    for key in reversed(chain):
+        own = {k: v for k, v in deepcopy(entries[key]).items() if k != "like"}
+        for k in JOINED:
+            if isinstance(own.get(k), dict) and isinstance(found.get(k), dict):
+                own[k] = found[k] | own[k]
+        found |= own
+    return found
+
+
+def _other(name: Any, entries: dict[str, Any], place: str) -> str:
+    if not isinstance(name, str):
+        raise ScenarioError(f"found {name!r}; expected the name of another entry", place)
+    if not isinstance(entries.get(name), dict):
+        raise ScenarioError(unknown(name, entries, "entry of the same table"), place)
+    return name
 
 
 def check_depth(data: Any, place: str) -> None:

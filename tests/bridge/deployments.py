@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -13,6 +12,7 @@ from bridge.deployment.system import System, load_system, make_system
 from bridge.records.node_lives import ByLife
 from bridge.replay import replay, twin
 from bridge.wiring.wiring import Rows
+from cosim.base.toml import read
 from cosim.engine.simulate import simulate
 from cosim.loading.files import load as load_scenario
 from cosim.record import Run
@@ -45,7 +45,7 @@ def _text(text: str) -> str:
 def document(name: str = "can") -> dict[str, Any]:
     """A deployment of configs/deploy as messages, its DBC files with their full paths."""
     path = CONFIGS / "deploy" / f"{name}.toml"
-    found = tomllib.loads(path.read_text())
+    found = read(path)
     expand(found, path)
     for bus in found["buses"].values():
         if "dbc" in bus:

@@ -172,9 +172,9 @@ def test_an_arm_from_a_urdf_is_drawn_by_its_table() -> None:
 
 
 def _ends(urdf: Path) -> dict[str, str]:
-    import tomllib
+    from cosim.base import toml
 
-    scenario = tomllib.loads((urdf.parents[1] / "openarm.toml").read_text())
+    scenario = toml.read(urdf.parents[1] / "openarm.toml")
     return {k: scenario["components"]["master"]["options"][k] for k in ("base", "tip")}
 
 

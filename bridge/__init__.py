@@ -5,3 +5,7 @@ Each package is a room, and rooms stand on floors: a room imports those below it
 (``bridge/c``, used through :mod:`bridge.native`), everything before and after in Python. This
 package contains no code for particular models: a scenario names them.
 """
+
+from bridge.can import mf4 as _mf4
+
+_mf4.import_late()

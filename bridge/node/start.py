@@ -1,19 +1,12 @@
-"""Entry point of a node's process, before slow imports.
-
-python-can imports asammdf if it is installed, which takes half a second. Only writers of MF4 logs
-need it, and a node does not write them.
-"""
+"""Entry point of a node's process."""
 
 from __future__ import annotations
 
 import os
 import sys
-from typing import Any, cast
 
-cast(dict[str, Any], sys.modules).setdefault("asammdf", None)
-
-from bridge.node.run import main  # noqa: E402
-from cosim.base.python import add_working_directory  # noqa: E402
+from bridge.node.run import main
+from cosim.base.python import add_working_directory
 
 if __name__ == "__main__":
     add_working_directory()

@@ -2,6 +2,7 @@
 
 import shutil
 import subprocess
+import sys
 from io import StringIO
 from pathlib import Path
 
@@ -100,6 +101,25 @@ def test_other_formats_come_back(tmp_path: Path, suffix: str):
     assert len(set(found.rows["bus"])) == 2
     t = found.rows["t_ns"] - [f.t_ns for f in given]
     assert np.ptp(t) <= 100_000  # BLF counts in 10 us or ns, ASC from the first frame
+
+
+LATE = """
+import sys
+import bridge, can
+assert can.io.mf4.asammdf is None and "asammdf" not in sys.modules
+with can.Logger(sys.argv[1]) as writer:
+    writer(can.Message(arbitration_id=5, data=b"12", timestamp=1.0, channel=1))
+with can.LogReader(sys.argv[1]) as reader:
+    assert [bytes(message.data) for message in reader] == [b"12"]
+assert "asammdf" in sys.modules
+"""
+
+
+def test_asammdf_waits_for_the_first_mf4_log(tmp_path: Path):
+    """It imports pandas and polars: half a second and 90 MiB for each process with a bus."""
+    command = [sys.executable, "-c", LATE, str(tmp_path / "a.mf4")]
+    done = subprocess.run(command, cwd=Path(__file__).parents[3], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
 
 
 @pytest.mark.skipif(shutil.which("log2asc") is None, reason="can-utils are not installed")

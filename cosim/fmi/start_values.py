@@ -21,13 +21,10 @@ class StartValue:
     group: VariableGroup
     values: Found
 
-    def set(self, x: Instance) -> None:
-        """Set it. Raises FmuError."""
-        first, references = self.group.first, self.group.references
-        if first.type in TEXTS:
-            x.set_texts(first.type, references, [str(v) for v in self.values])
-        else:
-            x.set(first.type, references, [float(v) for v in self.values])
+    def set_text(self, x: Instance) -> None:
+        """Set the texts of a String or Binary variable. Raises FmuError."""
+        texts = [str(v) for v in self.values]
+        x.set_texts(self.group.first.type, self.group.references, texts)
 
     def differs(self, x: Instance) -> Found | None:
         """The value that the FMU has in its place; None: the same. Raises FmuError."""
@@ -56,7 +53,7 @@ def set_all(x: Instance, given: Sequence[StartValue]) -> None:
     for kind, some in _by_call(given):
         if kind in TEXTS:
             for one in some:
-                one.set(x)
+                one.set_text(x)
         else:
             x.set(kind, _references(some), [float(v) for one in some for v in one.values])
 
@@ -81,10 +78,6 @@ def _all_representable(kind: str, values: Found) -> list[float | str]:
 
 
 def _by_call(given: Sequence[StartValue]) -> Iterator[tuple[str, Sequence[StartValue]]]:
-    firsts = [one.group.first for one in given]
-    if given and not any(v.shape or v.type != firsts[0].type for v in firsts):
-        yield firsts[0].type, given
-        return
     by = {id(one.group): one for one in given}
     for kind, groups in together(one.group for one in given):
         yield kind, [by[id(group)] for group in groups]

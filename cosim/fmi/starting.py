@@ -294,7 +294,7 @@ class Starts:
             case "set":
                 set_all(fmu.instance, given)
             case "set_texts":
-                given[0].set(fmu.instance)
+                given[0].set_text(fmu.instance)
             case "check":
                 check(fmu.name, fmu.instance, given)
             case "setup" | "enter_initialization":

@@ -14,23 +14,13 @@ Source: that of ``abdessameud2014``.
 
 from __future__ import annotations
 
-from fmus.arms.joints import Joints
 from fmus.arms.robot import of_robot
 from fmus.build.reference import derive
-from fmus.model import Model
 from fmus.models import abdessameud2014
 from fmus.models.abdessameud2014 import EXCHANGE as EXCHANGE
-from fmus.models.static_feedback import LawSize, adaptive
+from fmus.models.static_feedback import adaptive, serial_model
 
-
-def model(joints: int = 7, neighbours: int = 1) -> Model:
-    """Declare the controller of an arm of `joints`, from 1 to 16, with `neighbours` >= 1.
-
-    Raises FmuError for other numbers.
-    """
-    return abdessameud2014.declare(LawSize(neighbours, Joints(joints), serial=True), __doc__)
-
-
+model = serial_model(abdessameud2014.declare, __doc__)
 fmu, kernel, ArmAbdessameud2014 = derive(
     model, *adaptive("s", abdessameud2014.feedback, dynamic=True, serial=True)
 )

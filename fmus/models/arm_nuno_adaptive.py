@@ -13,23 +13,13 @@ Source: that of ``nuno_adaptive``.
 
 from __future__ import annotations
 
-from fmus.arms.joints import Joints
 from fmus.arms.robot import of_robot
 from fmus.build.reference import derive
-from fmus.model import Model
 from fmus.models import nuno_adaptive
 from fmus.models.nuno_adaptive import EXCHANGE as EXCHANGE
-from fmus.models.static_feedback import LawSize, adaptive
+from fmus.models.static_feedback import adaptive, serial_model
 
-
-def model(joints: int = 7, neighbours: int = 1) -> Model:
-    """Declare the controller of an arm of `joints`, from 1 to 16, with `neighbours` >= 1.
-
-    Raises FmuError for other numbers.
-    """
-    return nuno_adaptive.declare(LawSize(neighbours, Joints(joints), serial=True), __doc__)
-
-
+model = serial_model(nuno_adaptive.declare, __doc__)
 fmu, kernel, ArmNunoAdaptive = derive(
     model, *adaptive("epsilon", nuno_adaptive.feedback, serial=True)
 )

@@ -13,22 +13,12 @@ Source: that of ``wang2014``.
 
 from __future__ import annotations
 
-from fmus.arms.joints import Joints
 from fmus.arms.robot import of_robot
 from fmus.build.reference import derive
-from fmus.model import Model
 from fmus.models import wang2014
-from fmus.models.static_feedback import LawSize, adaptive
+from fmus.models.static_feedback import adaptive, serial_model
 from fmus.models.wang2014 import EXCHANGE as EXCHANGE
 
-
-def model(joints: int = 7, neighbours: int = 1) -> Model:
-    """Declare the controller of an arm of `joints`, from 1 to 16, with `neighbours` >= 1.
-
-    Raises FmuError for other numbers.
-    """
-    return wang2014.declare(LawSize(neighbours, Joints(joints), serial=True), __doc__)
-
-
+model = serial_model(wang2014.declare, __doc__)
 fmu, kernel, ArmWang2014 = derive(model, *adaptive("s", wang2014.feedback, serial=True))
 prepare = of_robot(model)

@@ -159,3 +159,18 @@ def _depending(signals: tuple[Variable, ...], starts: tuple[str, ...]) -> tuple[
         replace(v, start_depends=(*v.start_depends, *starts)) if v.name == "tau" else v
         for v in signals
     )
+
+
+def serial_model(
+    declare: Callable[[LawSize, str | None], Model], documentation: str | None
+) -> Callable[..., Model]:
+    """The function ``model`` of a law for serial arms, of which `declare` declares any size."""
+
+    def model(joints: int = 7, neighbours: int = 1) -> Model:
+        """Declare the controller of an arm of `joints`, from 1 to 16, with `neighbours` >= 1.
+
+        Raises FmuError for other numbers.
+        """
+        return declare(LawSize(neighbours, Joints(joints), serial=True), documentation)
+
+    return model

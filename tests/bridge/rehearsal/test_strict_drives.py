@@ -21,6 +21,7 @@ from tests.strict_drives.judged import DriveLog, misdeeds
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
 BUSES = ("left", "right", "link")
 STILL = 5e6  # ns
+INCONCLUSIVE = 3  # exit code
 AGAIN, RELAXED = 3, 1000  # a machine that stood still starves drives, and that is no one's fault
 
 
@@ -63,7 +64,7 @@ def judged(name: str, folder: Path, *faults: str) -> Ended:
             gap, watchdog = sent_gap(case, ended, drive) * 1e-9, drive.end["watchdog"]
             if gap > watchdog / 2:
                 found.append(f"{drive.name}: nothing was sent for {gap:.4f} s")
-        if not found or not stood_still(case, ended):
+        if ended.code != INCONCLUSIVE and (not found or not stood_still(case, ended)):
             break
     assert not found, "\n".join(found) + ended.said
     return ended
@@ -73,7 +74,10 @@ def judged(name: str, folder: Path, *faults: str) -> Ended:
 def test_drives_are_enabled_fed_and_moved(name: str, tmp_path: Path) -> None:
     ended = judged(name, tmp_path)
     assert not [text for drive in ended.drives for text in drive.worked()], ended.said
-    assert ended.code == 0, ended.said
+    # three times inconclusive: this machine had so much to do that a bus delivered late
+    assert ended.code == 0 or (ended.code == INCONCLUSIVE and stood_still(CASES[name], ended)), (
+        ended.said
+    )
     for drive in ended.drives:
         assert drive.states.count(CASES[name].enabled) == 1, drive.states
 
@@ -99,8 +103,10 @@ FAULTS = {
 def test_a_fault_stops_the_run_and_is_named(name: str, fault: str, tmp_path: Path) -> None:
     # watchdogs so long that a busy machine starves no other drive first
     ended = run(relaxed(CASES[name], tmp_path, RELAXED), tmp_path, faults=(fault,))
-    # 3: inconclusive, where the machine starved drives as well
-    assert ended.code == 1 or (ended.code == 3 and "inconclusive" in ended.said), ended.said
+    # inconclusive where the machine starved drives as well
+    assert ended.code == 1 or (ended.code == INCONCLUSIVE and "inconclusive" in ended.said), (
+        ended.said
+    )
     assert re.search(FAULTS[name, fault], ended.said, re.IGNORECASE | re.DOTALL), ended.said
     off = {drive.name: drive.end["off"] for drive in ended.drives}
     assert not any(off.values()), (off, ended.said)

@@ -25,13 +25,13 @@ from cosim.measure.metrics import evaluate
 from cosim.record import Run
 from cosim.record.folder import NODES
 
-#: What a node may stop for, by the kind of fault that explains it; of "": any.
+#: What a node may stop for, by the kind of fault that explains it; of "": any. A drive that hears
+#: nothing trips its watchdog, and the node that commands it stops when it tells so.
 STOPS: Mapping[str, frozenset[str]] = {
-    "": frozenset({"stale", "watchdog", "peer", "sync", "jump"}),
+    "": frozenset({"stale", "watchdog", "drive", "peer", "sync", "jump"}),
     "freeze": frozenset({"overrun"}),
     "clock-jump": frozenset({"overrun"}),
     "restart": frozenset({"apart"}),
-    "drive": frozenset({"drive"}),
     **dict.fromkeys(HOSTILE, frozenset({"guard", "component"})),
 }
 #: What a process says on standard error when it has crashed.
@@ -145,6 +145,8 @@ def _broken_invariants(soak: Soak, done: RunDone, measures: Mapping[str, float])
 def _timed(soak: Soak, done: RunDone, measures: Mapping[str, float]) -> Iterator[str]:
     """Statements that did not hold, which a machine that stands still can cause as well."""
     yield from (f"not in the report: {f.text()}" for f in done.outcome.faults if f.missing)
+    if any(isinstance(n, Missed) for n in done.outcome.notes):
+        yield from _errors(done)
     yield from _stops(done, of_time=True)
     yield from _separated_arms(soak, done, measures)
 
@@ -173,6 +175,12 @@ def _crashes(done: RunDone) -> Iterator[str]:
             yield f"{life} ended with exit code {process.code}"
         if life not in done.outcome.rows and life not in missed | refused:
             yield f"{life} has left no journal"
+    if not missed:
+        yield from _errors(done)
+
+
+def _errors(done: RunDone) -> Iterator[str]:
+    """What nodes said of their ends; where one was started again too late, of its absence."""
     for report in done.outcome.reports:
         if report.statement and report.statement.error:
             yield f"{report.life}: {report.statement.error}"

@@ -6,6 +6,7 @@ import subprocess
 from dataclasses import replace
 from types import SimpleNamespace
 
+import msgspec
 import numpy as np
 import pytest
 
@@ -15,7 +16,7 @@ from bridge.deployment.system import load_system
 from bridge.faults.load import build
 from bridge.native.safety import Why
 from bridge.records.node_lives import Life
-from bridge.records.records import Refused
+from bridge.records.records import Missed, Refused
 from bridge.rehearsal import hosts, injector
 from bridge.relay import namespaces
 from cosim.base.errors import RunError, ScenarioError
@@ -178,6 +179,29 @@ def test_who_stopped_needs_a_fault_that_explains_it_and_no_torque(system, tmp_pa
     assert wrong(tmp_path, done, together=9.0) == []  # who stopped need not arrive
     done.outcome.rows["master"]["scale"][-1] = 0.5
     assert wrong(tmp_path, done) == ["master stopped, with torque at 50%"]
+
+
+def test_a_drive_that_heard_nothing_explains_a_stop(system, tmp_path):
+    """Lost frames trip the watchdog of a drive, and the node that commands it obeys its state."""
+    done = ended(system, tmp_path, BOTH_LIVES, faults=["drop"])
+    done.outcome.reports[0] = report(Life("master"), "fault")
+    done.outcome.rows["master"]["reasons"] = Why.DRIVE
+    assert wrong(tmp_path, done, together=9.0) == []
+
+
+def test_nodes_that_miss_one_that_is_started_too_late_are_of_time(system, tmp_path):
+    done = ended(system, tmp_path, BOTH_LIVES, faults=["restart"])
+    deaf = msgspec.structs.replace(
+        done.outcome.reports[0].statement, error="receives nothing from X of slave for 10 s"
+    )
+    done.outcome.reports[0] = replace(done.outcome.reports[0], statement=deaf)
+    assert wrong(tmp_path, done) == ["master: receives nothing from X of slave for 10 s"]
+    measures = {**WELL, "late_p99_ms": 0.1}
+    soak = job(tmp_path).soak
+    assert list(soak_judgement._timed(soak, done, measures)) == []
+    done.outcome.notes.append(Missed(t=12.0, life=Life("slave", 2), detail="opens its buses"))
+    assert list(soak_judgement._broken_invariants(soak, done, measures)) == []
+    assert len(list(soak_judgement._timed(soak, done, measures))) == 1
 
 
 def test_arms_that_work_and_have_the_time_come_together(tmp_path):

@@ -180,7 +180,7 @@ def _crashes(done: RunDone) -> Iterator[str]:
 
 
 def _errors(done: RunDone) -> Iterator[str]:
-    """What nodes said of their ends; where one was started again too late, of its absence."""
+    """The sentences of nodes that ended in an error; one that came too late is missed by others."""
     for report in done.outcome.reports:
         if report.statement and report.statement.error:
             yield f"{report.life}: {report.statement.error}"

@@ -34,8 +34,17 @@ def clocked(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.parametrize("isolate", [False, True])
 @pytest.mark.parametrize("kind", ["continuous", "sampled"])
-def test_outputs_hold_what_they_were_when_their_clock_ticked(clocked, kind, isolate) -> None:
-    found = outputs(plan_of(clocked, STEPS, kind=kind, options=FmuOptions(isolate=isolate)), FED)
+@pytest.mark.parametrize("period", [1, 2, 3])
+def test_outputs_hold_what_they_were_when_their_clock_ticked(
+    clocked, kind, isolate, period
+) -> None:
+    """Clocks count steps of the FMU, of `period` ticks each; a continuous one steps in their last."""
+    plan = plan_of(
+        clocked, STEPS * period, 0.1 / period, kind=kind, options=FmuOptions(isolate=isolate),
+        period=period,
+    )  # fmt: skip
+    fed = {name: np.repeat(values, period) for name, values in FED.items()}
+    found = {name: values[::period] for name, values in outputs(plan, fed).items()}
     steps = range(STEPS)
     assert found["y_fast"] == [-1.0, *(sum(range(k + 1)) for k in steps)]
     slow = [sum(100.0 + i for i in range(1, k + 1, 3)) or -1.0 for k in steps]

@@ -38,7 +38,7 @@ def clocked(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_outputs_hold_what_they_were_when_their_clock_ticked(
     clocked, kind, isolate, period
 ) -> None:
-    """Clocks count steps of the FMU, of `period` ticks each; a continuous one steps in their last."""
+    """Clocks count steps of the FMU, of `period` ticks each; a continuous one is late in them."""
     plan = plan_of(
         clocked, STEPS * period, 0.1 / period, kind=kind, options=FmuOptions(isolate=isolate),
         period=period,

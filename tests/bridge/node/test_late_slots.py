@@ -27,13 +27,14 @@ class Live:
     of its components; `heard`: SYNCs heard by each slot.
     """
 
-    def __init__(self, folder, each, stop="0.1"):
-        found = document("can") | {"silence": 0.0}
+    def __init__(self, folder, each, stop="0.1", found=None):
+        found = (found or document("can")) | {"silence": 0.0}
         found["nodes"]["master_control"] |= {"requires": [], "stale": {}, "phase": "0.7 ms"}
         self.system = system_of(found, folder, f"run.stop={stop}")
         names = self.system.buses_of("master_control")
         self.rings = {name: Ring(64) for name in names}
-        buses = {b: Bus.from_rings(self.rings[b], Ring(512), n) for n, b in enumerate(names)}
+        self.sent = {name: Ring(512) for name in names}
+        buses = {b: Bus.from_rings(self.rings[b], self.sent[b], n) for n, b in enumerate(names)}
         self.wired = WiredNode(
             self.system, "master_control", buses, folder / "journal", native.WALL
         )

@@ -150,6 +150,14 @@ def test_position(q: float, dq: float, tau: float, expected: float) -> None:
     assert one(spec, tau, q, dq) == (expected, GuardBit.POSITION)
 
 
+@pytest.mark.parametrize("q", [-1.0, 0.0, 1.0])
+@pytest.mark.parametrize("dq", [-5.0, 0.0, 5.0])
+def test_between_its_limits_a_joint_is_not_braked(q: float, dq: float) -> None:
+    guard = GuardSpec(q_low=-1.0, q_high=1.0, brake=2.0).build(1, H)
+    torques, bits = guard.apply([3.0], [q], [dq])
+    assert (torques.tolist(), bits) == ([3.0], 0)
+
+
 def test_the_brake_keeps_to_the_torque_limit_and_does_not_enter_the_rate() -> None:
     guard = replace(SPEC, tau_max=5.0, dq_max=None, q_jump=None).build(1, H)
     assert guard.apply([0.0], [1.5], [100.0])[0][0] == -5.0
@@ -170,6 +178,7 @@ def test_power() -> None:
     assert one(spec, 4.0, dq=2.0) == (3.0, GuardBit.POWER)
     assert one(spec, -4.0, dq=-2.0) == (-3.0, GuardBit.POWER)
     assert one(spec, -4.0, dq=2.0) == (-4.0, 0)
+    assert one(spec, 3.0, dq=2.0) == (3.0, 0)
 
 
 def test_jump() -> None:

@@ -117,7 +117,7 @@ def campaign(
 ) -> list[Record]:
     """Make the runs that the folder does not have yet; rows of all, as :func:`soak_drive.drive`."""
     return drive(
-        job.folder, job.many.spec.title, facts(job), partial(run_and_judge, job),
+        job.folder, "campaign", facts(job), partial(run_and_judge, job),
         runs_for(job, faults), parallel, retry=retry, observer=observer,
     )  # fmt: skip
 
@@ -128,6 +128,7 @@ def facts(job: CampaignSetup) -> Mapping[str, Any]:
     files = (many.path, many.scenario, *(many.deployment(c) for c in many.spec.channels))
     digest = sha256(b"\0".join(f.read_bytes() for f in files)).hexdigest()
     return {
+        "title": many.spec.title,
         "campaign": str(many.path.resolve()), "seed": job.seed, "blind": job.blind,
         "hosted": job.hosted, "fingerprint": digest,
     }  # fmt: skip

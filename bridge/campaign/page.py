@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from bridge.campaign.judgement import JudgedRun, table
-from bridge.campaign.soak_table import facts
+from bridge.campaign.table import facts
 from bridge.results.verdict import Word
 from cosim.reporting import html
 from cosim.reporting.html import Badge, PageData, cards, command, write_page

@@ -41,14 +41,14 @@ def soak(
 ) -> list[Record]:
     """All runs of a soak; see :func:`drive`."""
     return drive(
-        job.folder, job.soak.spec.title, _facts(job), partial(run_soak, job), runs, parallel,
+        job.folder, "soak test", _facts(job), partial(run_soak, job), runs, parallel,
         retry=retry, observer=observer,
     )  # fmt: skip
 
 
 def drive(
     folder: Path,
-    title: str,
+    what: str,
     facts: Mapping[str, Any],
     perform: Callable[[int], StudyRow],
     runs: int,
@@ -59,17 +59,17 @@ def drive(
 ) -> list[Record]:
     """Execute the runs that are missing in the folder; return the rows of all runs in their order.
 
-    `perform`: executes and evaluates run k in a separate process; `facts`: distinguish this folder
-    from others. `retry`: also repeat runs that did not pass.
+    `what` the folder is for, in messages; `facts`: distinguish this folder from others. `perform`:
+    executes and evaluates run k in a separate process. `retry`: also repeat runs that did not pass.
 
     After a first Ctrl-C, KeyboardInterrupt is raised when the active runs have ended; after a
     second one, immediately. Raises ScenarioError if the folder was created with other facts, never
     for a run that fails.
     """
     with stores.lock_folder(folder):
-        if claim(folder, "soak test", facts):
+        if claim(folder, what, facts):
             shutil.rmtree(folder / RUNS, ignore_errors=True)
-        stores.write_state(folder, {"title": title, **facts, "versions": versions()})
+        stores.write_state(folder, {**facts, "versions": versions()})
         namespaces.sweep()
         with Store(folder, UNITS) as store:
             try:
@@ -95,6 +95,7 @@ def _facts(job: SoakSetup) -> dict[str, Any]:
     """Facts that distinguish this folder from that of another soak test."""
     files = (job.scenario, job.deployment, job.soak.path)
     return {
+        "title": job.soak.spec.title,
         "scenario": str(job.scenario),
         "deployment": str(job.deployment),
         "settings": list(job.changes),

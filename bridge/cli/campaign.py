@@ -116,7 +116,6 @@ def _run_many(
     """A campaign of many faults, and its table."""
     from bridge.campaign import driver, page, table
     from bridge.campaign.plan import load_many
-    from bridge.campaign.soak_table import failures, inconclusive
     from bridge.rehearsal import hosts
     from cosim.cli.show import aligned
     from cosim.cli.summary import this_command
@@ -144,9 +143,9 @@ def _run_many(
     report = page.write_many(records, kinds, title, folder, this_command())
     if json is not None:
         write_json(json, page.many_as_data(records, folder))
-    for line in inconclusive(records):
+    for line in table.inconclusive(records):
         typer.echo(f"inconclusive: {line}", err=True)
-    wrong = failures(records)
+    wrong = table.failures(records)
     for line in wrong:
         typer.echo(line, err=True)
     typer.echo(f"{'report':<16} {report}")

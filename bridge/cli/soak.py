@@ -69,7 +69,7 @@ def soak(
     the replay equals the run, and the arms synchronized or stopped safely. The same command
     continues an interrupted soak test. Exit status 1 if any check failed.
     """
-    from bridge.campaign import page, soak_table
+    from bridge.campaign import page, table
     from bridge.campaign.soak_driver import SUMMARY, count
     from cosim.base.convert import number
     from cosim.cli.show import aligned
@@ -81,16 +81,16 @@ def soak(
     if why:
         typer.echo(f"the runs are sequential and have no network faults: {why}", err=True)
     records = _driven(job, count(hours, seconds), parallel if job.hosted else 1, retry, quiet)
-    kinds, title = soak_table.kinds(records), job.soak.spec.title or "Soak"
+    kinds, title = table.kinds(records), job.soak.spec.title or "Soak"
     if not quiet:
         typer.echo("\n".join(aligned(kinds)))
-        typer.echo("\n" + "\n".join(aligned(soak_table.facts(records))))
+        typer.echo("\n" + "\n".join(aligned(table.facts(records))))
     path = job.folder / SUMMARY
-    path.write_text(soak_table.markdown(records, title), encoding="utf-8")
+    path.write_text(table.markdown(records, title), encoding="utf-8")
     report = page.write_many(records, kinds, title, job.folder, this_command())
     if json is not None:
         write_json(json, page.many_as_data(records, job.folder))
-    wrong = soak_table.failures(records)
+    wrong = table.failures(records)
     for line in wrong:
         typer.echo(f"not passed: {line}", err=True)
     if not quiet:

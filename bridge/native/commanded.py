@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from bridge.native.enums import Failure, Lacks, Phase, StepKind, Told
-from bridge.native.structs import CommandedStruct, DriveEvent, DriveEvents, StepStruct, ToldStruct
+from bridge.native.structs import CommandedStruct, DriveEvent, StepStruct, ToldStruct
 
 __all__ = [
-    "CommandedStruct", "DriveEvent", "DriveEvents", "Failure", "Lacks", "Phase", "StepKind",
+    "CommandedStruct", "DriveEvent", "Failure", "Lacks", "Phase", "StepKind",
     "StepStruct", "Told", "ToldStruct",
 ]  # fmt: skip

@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from bridge.native.library import library
-from bridge.native.structs import Epoch
 
-__all__ = ["IDENTITY", "SIGNALS", "Epoch", "new_run", "values"]
+__all__ = ["IDENTITY", "SIGNALS", "new_run", "values"]
 #: Values of the message, in this order. `origin`: date of t = 0, us, modulo 2^33 * 10 us.
 SIGNALS = ("run", "host", "kept", "origin")
 #: What follows where there is room: the identity of the host, 32 bits each.

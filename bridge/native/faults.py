@@ -13,7 +13,7 @@ from bridge.native.library import library
 from bridge.native.structs import Fault, Faults, Frame, InjectedStruct, JournalStruct
 from cosim.base.errors import PlanError
 
-__all__ = ["FOREVER", "HOSTILE", "INJECTED", "Fault", "Faults", "Injector"]
+__all__ = ["FOREVER", "INJECTED", "Fault", "Injector"]
 DROP, BURST, DELAY = enums.FAULT_DROP, enums.FAULT_BURST, enums.FAULT_DELAY
 JITTER, DUPLICATE, REORDER = enums.FAULT_JITTER, enums.FAULT_DUPLICATE, enums.FAULT_REORDER
 CORRUPT, FORGE, REPLAY = enums.FAULT_CORRUPT, enums.FAULT_FORGE, enums.FAULT_REPLAY

@@ -14,7 +14,7 @@ from bridge.campaign import table as campaign_table
 from bridge.campaign.drive_draw import drives_of
 from bridge.campaign.driver import CampaignSetup
 from bridge.campaign.plan import document, load_many
-from bridge.campaign.soak_table import failures
+from bridge.campaign.table import failures
 from bridge.deployment.system import load_system
 from bridge.faults.load import SPECS, build
 from bridge.rehearsal import hosts
@@ -116,6 +116,12 @@ def test_simulated_runs_pass_and_are_not_made_again(many, tmp_path):
     assert "| drop |" in campaign_table.markdown(records, "Title")
     with pytest.raises(ScenarioError, match="was started with another seed"):
         driver.campaign(replace(job, seed=2), 20, 1)
+
+
+def test_a_folder_with_other_files_is_not_taken_for_a_campaign(many, tmp_path):
+    (tmp_path / "mine.txt").write_text("x")
+    with pytest.raises(ScenarioError, match=r"holds mine\.txt but no campaign"):
+        driver.campaign(CampaignSetup(many, tmp_path, seed=1, hosted=False), 1, 1)
 
 
 def test_without_the_checks_of_receivers_a_campaign_fails(many, tmp_path):

@@ -10,7 +10,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from bridge.campaign import soak, soak_driver, soak_judgement, soak_table
+from bridge.campaign import soak, soak_driver, soak_judgement, table
 from bridge.campaign.soak_spec import FRAMES, LINKS, PROCESSES, draw, load_soak, text
 from bridge.deployment.system import load_system
 from bridge.faults.load import build
@@ -269,15 +269,15 @@ def test_runs_that_are_there_are_not_made_again(tmp_path):
 def test_a_table_by_kind_and_what_was_wrong(tmp_path):
     test_runs_that_are_there_are_not_made_again(tmp_path)
     records = soak_driver.soak(job(tmp_path), 2, 1)
-    found = {row[0]: row[1:5] for row in soak_table.kinds(records)}
+    found = {row[0]: row[1:5] for row in table.kinds(records)}
     assert found["drop"] == ["2", "1", "1", "0"]
     assert found["freeze"] == ["1", "0", "0", "1"]
     assert found["all"] == ["3", "1", "1", "1"]
-    facts = dict(soak_table.facts(records))
+    facts = dict(table.facts(records))
     assert facts["runs"] == "2, 0.01 h"
     assert (facts["crashes"], facts["greatest torque"]) == ("1", "50.0 N.m")
-    assert soak_table.failures(records) == ["00001 (freeze): failed: slave crashed"]
-    assert "slave crashed" in soak_table.markdown(records, "Title")
+    assert table.failures(records) == ["00001 (freeze): failed: slave crashed"]
+    assert "slave crashed" in table.markdown(records, "Title")
 
 
 @pytest.mark.slow

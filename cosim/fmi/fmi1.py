@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import ctypes as c
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
 
 from cosim.base.errors import FmuError
@@ -37,22 +37,28 @@ class Instance1(Instance2):
     VERSION = "1.0"
     TYPES: ClassVar[Mapping[str, Any]] = {**Instance2.TYPES, "Boolean": c.c_bool}
 
+    #: Functions that make, end and free an instance, without prefix.
+    LIFE: ClassVar[tuple[str, str, str]] = (
+        "InstantiateSlave", "TerminateSlave", "FreeSlaveInstance"
+    )  # fmt: skip
+
     def __init__(self, setup: Setup, log: fmu_log.Log) -> None:
         self._calls = calls = Calls(setup, f"{setup.path.stem}_fmi", log)
         self.log, self.next_event, self._ended = calls.log, NEVER, False
         engine, libc = shared.library(), c.CDLL(None)
-        callbacks = _Callbacks1(
-            *(shared.address(f) for f in (engine.engine_log1, libc.calloc, libc.free))
-        )
-        texts = (setup.name, setup.token, setup.resources.parent.as_uri(), "application/x-fmu")
-        arguments = [
-            *(c.c_char_p(text.encode()) for text in texts), c.c_double(0.0), c.c_bool(False),
-            c.c_bool(False), callbacks, c.c_bool(setup.logging),
-        ]  # fmt: skip
-        instantiate = calls.function("InstantiateSlave", *map(type, arguments), result=c.c_void_p)
+        callbacks = [shared.address(f) for f in (engine.engine_log1, libc.calloc, libc.free)]
+        arguments, name = self._arguments(setup, callbacks), self.LIFE[0]
+        instantiate = calls.function(name, *map(type, arguments), result=c.c_void_p)
         self.handle: int = instantiate(*arguments)
         if not self.handle:
-            raise FmuError(f"{setup.name}: fmiInstantiateSlave failed: {self.log.said()}")
+            raise FmuError(f"{setup.name}: fmi{name} failed: {self.log.said()}")
+
+    def _arguments(self, setup: Setup, callbacks: Sequence[int]) -> list[Any]:
+        texts = (setup.name, setup.token, setup.resources.parent.as_uri(), "application/x-fmu")
+        return [
+            *(c.c_char_p(text.encode()) for text in texts), c.c_double(0.0), c.c_bool(False),
+            c.c_bool(False), _Callbacks1(*callbacks), c.c_bool(setup.logging),
+        ]  # fmt: skip
 
     def native(self, verb: str, kind: str = "") -> NativeCall | None:
         """The C calls that get and set values; None: the other calls are Python's."""
@@ -81,34 +87,31 @@ class Instance1(Instance2):
         self._calls.checked("DoStep", *types)(self.handle, t, h, True)
 
     def free(self) -> None:
-        """``fmiTerminateSlave`` and ``fmiFreeSlaveInstance``, as far as they may be called."""
+        """End and free the instance by the functions of `LIFE`, as far as they may be called."""
         if not self.handle:
             return
-        calls = self._calls
+        calls, (_, end, free) = self._calls, self.LIFE
         if calls.started and not calls.broken:
-            calls.returned(calls.function("TerminateSlave", c.c_void_p)(self.handle))
+            calls.returned(calls.function(end, c.c_void_p)(self.handle))
         if calls.broken < FATAL:
-            calls.function("FreeSlaveInstance", c.c_void_p, result=None)(self.handle)
+            calls.function(free, c.c_void_p, result=None)(self.handle)
         self.handle = 0
 
 
 class ModelInstance1(Instance1):
     """A model of FMI 1.0 for model exchange: there are no modes, and events are one function."""
 
+    LIFE = ("InstantiateModel", "Terminate", "FreeModelInstance")
+
     def __init__(self, setup: Setup, log: fmu_log.Log) -> None:
-        self._calls = calls = Calls(setup, f"{setup.path.stem}_fmi", log)
-        self.log, self.next_event, self._ended = calls.log, NEVER, False
+        super().__init__(setup, log)
         self._tolerance, self._info = setup.tolerance, _EventInfo1()
-        engine, libc = shared.library(), c.CDLL(None)
-        addresses = [shared.address(f) for f in (engine.engine_log1, libc.calloc, libc.free)]
-        arguments = [
+
+    def _arguments(self, setup: Setup, callbacks: Sequence[int]) -> list[Any]:
+        return [
             *(c.c_char_p(text.encode()) for text in (setup.name, setup.token)),
-            _ModelCallbacks1(*addresses), c.c_bool(setup.logging),
+            _ModelCallbacks1(*callbacks), c.c_bool(setup.logging),
         ]  # fmt: skip
-        instantiate = calls.function("InstantiateModel", *map(type, arguments), result=c.c_void_p)
-        self.handle: int = instantiate(*arguments)
-        if not self.handle:
-            raise FmuError(f"{setup.name}: fmiInstantiateModel failed: {self.log.said()}")
 
     def enter_initialization(self, t0: float) -> None:
         """``fmiSetTime`` and ``fmiInitialize`` at `t0`, s."""
@@ -135,14 +138,3 @@ class ModelInstance1(Instance1):
         self._ended = bool(ord(info.terminate))
         self.next_event = info.next if ord(info.defined) else NEVER
         return {}
-
-    def free(self) -> None:
-        """``fmiTerminate`` and ``fmiFreeModelInstance``, as far as they may be called."""
-        if not self.handle:
-            return
-        calls = self._calls
-        if calls.started and not calls.broken:
-            calls.returned(calls.function("Terminate", c.c_void_p)(self.handle))
-        if calls.broken < FATAL:
-            calls.function("FreeModelInstance", c.c_void_p, result=None)(self.handle)
-        self.handle = 0

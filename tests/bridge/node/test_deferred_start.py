@@ -14,10 +14,16 @@ from tests.bridge.slots import Slots
 
 
 @pytest.mark.parametrize(
-    ("command", "kept"),
-    [(None, 1), (Command.ARM, 1), (Command.STOP, 0), (Command.RESET, 0)],
+    ("commands", "kept"),
+    [
+        ((), 1),
+        ((Command.ARM,), 1),
+        ((Command.STOP,), 0),
+        ((Command.RESET,), 0),
+        ((Command.RESET, Command.ARM), 0),  # armed again, but not for that START
+    ],
 )
-def test_a_start_that_waits_is_forgotten_with_a_stop_or_a_reset(tmp_path, command, kept):
+def test_a_start_that_waits_is_forgotten_with_a_stop_or_a_reset(tmp_path, commands, kept):
     with Slots(named("can-damiao"), "master_control", tmp_path) as node:
         struct = node.struct
         for drive in node.wired.commanded.structs:
@@ -26,7 +32,7 @@ def test_a_start_that_waits_is_forgotten_with_a_stop_or_a_reset(tmp_path, comman
         functions().node_tell(c.byref(struct), Command.START)
         node.step()
         assert struct.deferred == 1 and struct.life.state == LifeState.INACTIVE
-        if command is not None:
+        for command in commands:
             functions().node_tell(c.byref(struct), command)
         node.step()
         assert struct.deferred == kept and struct.life.state != LifeState.ACTIVE

@@ -24,6 +24,7 @@ from bridge.native.journal import Journal
 from bridge.native.message import Decoded
 from bridge.native.safety import LifeState
 from bridge.records.node_lives import Life, frame_files
+from bridge.records.records import LifeEnd
 from bridge.results.drive_motion import WINDOW, JointMotion, TorqueAnswer, motions
 from bridge.results.report import NodeReport
 from bridge.safety.limits import per_joint
@@ -34,6 +35,8 @@ FRAMES = 20_000
 #: Share of the limit of a torque over which it has to range before friction, or an error of the
 #: model of the other joints, cannot explain that a joint does not follow it.
 STRONG = 0.2
+#: Slots by which the silence of a drive at the end has to be longer than any before.
+LONGER = 1.5
 Array = NDArray[np.float64]
 
 
@@ -76,6 +79,45 @@ def unanswered(
             said = _said(one, told, moved, limits.get((one.law, one.entry), 0.0))
             if said:
                 yield f"{report.life}: {one.name} {said}"
+
+
+def silent_ends(
+    system: System, rows_of: Mapping[Life, Rows], reports: Sequence[NodeReport]
+) -> Iterator[str]:
+    """A sentence for each drive that told nothing at the end of a run: it may have been off.
+
+    It is one only if the drive was silent for longer than ever before. `rows_of`: as above.
+    """
+    for report in reports:
+        if report.end is not LifeEnd.FINISHED:
+            continue  # its node has stopped, and says why
+        rows = rows_of[report.life]
+        active = rows[rows["state"] == LifeState.ACTIVE]
+        for one in _sent(system, report.life.node, active) if len(active) else ():
+            silence = _silence(system, report.life.node, active, one)
+            if silence:
+                yield (
+                    f"{report.life}: {one.name} may have been off at the end: nothing came from it"
+                    f" for {silence * 1e3:.0f} ms, and never for so long before"
+                )
+
+
+def _silence(system: System, node: str, rows: Rows, one: JointTorque) -> float:
+    """The silence of a drive at the end of these rows, s; 0: it was as long before, or is ours."""
+    d, plan = system.deployment, system.nodes[node]
+    command = d.messages[one.message]
+    ages = [
+        rows["inlets"]["age_ns"][:, k]
+        for k, inlet in enumerate(plan.inlets)
+        if (spec := d.messages[inlet.message]).profile
+        and (spec.bus, spec.drive) == (command.bus, command.drive)
+    ]
+    if one.bit is None or not ages:
+        return 0.0
+    age = np.min(ages, axis=0)  # of what it told last
+    before = age[: len(age) - 1 - np.argmax(np.diff(age)[::-1] <= 0)] if len(age) > 1 else age
+    longer = age[-1] - before.max(initial=0) > LONGER * plan.h * 1e9
+    return float(age[-1] * 1e-9) if longer else 0.0
 
 
 def _said(

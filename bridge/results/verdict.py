@@ -25,6 +25,7 @@ from bridge.native.safety import LifeState, Why
 from bridge.records.records import LifeEnd, reason_names, reason_text
 from bridge.results import overload
 from bridge.results.detection_drives import told_words
+from bridge.results.drive_answers import silent_ends
 from bridge.results.extra_senders import extra_frames, extra_services
 from bridge.results.rehearsal_outcome import RehearsalOutcome
 from bridge.results.report import NodeReport
@@ -67,7 +68,10 @@ class Verdict:
 
 def judge(system: System, outcome: RehearsalOutcome) -> Verdict:
     """Evaluate a finished run by its journals and reports."""
-    timed = [*_timing_reasons(outcome), *_old_torques(system, outcome)]
+    timed = [
+        *_timing_reasons(outcome), *_old_torques(system, outcome),
+        *silent_ends(system, outcome.rows, outcome.reports),
+    ]  # fmt: skip
     found, off = list(_always(system, outcome)), outcome.unanswered
     drives = list(_detected_drives(outcome))
     if timed and off and not found:  # a machine that stands still starves drives, too

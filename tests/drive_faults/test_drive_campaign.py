@@ -75,6 +75,16 @@ def test_a_run_with_a_drive_off_has_not_passed_although_it_was_started_again(tmp
     assert "drive 12 on bus right told fault" in found.text()
 
 
+def test_a_drive_that_says_nothing_at_the_end_has_not_passed(tmp_path):
+    """It boots 25 ms before the end, too late for its node to miss it."""
+    table = {"bus": "left", "drive": 12, "does": "reboot", "at": 2.375}
+    system, _, outcome = simulated("can-cia402", tmp_path, table)
+    assert states(outcome, "master_control")[-1] == "ACTIVE"
+    found = verdict.judge(system, outcome)
+    assert found.word is Word.FAILED
+    assert "drive 12 on bus left may have been off at the end: nothing came" in found.text()
+
+
 def test_an_encoder_that_was_not_read_for_a_while_has_not_jumped(tmp_path):
     """The drive boots during the bring-up, its arm is moved, and then it tells where it is."""
     table = {"bus": "left", "drive": 11, "does": "reboot", "at": 1.2}

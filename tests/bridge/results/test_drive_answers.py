@@ -17,7 +17,7 @@ from bridge.realtime.lateness import journal_lateness
 from bridge.records.node_lives import Life
 from bridge.records.records import LifeEnd, Statement
 from bridge.replay import replay, twin
-from bridge.results.drive_answers import unanswered
+from bridge.results.drive_answers import silent_ends, unanswered
 from bridge.results.drive_motion import TorqueAnswer, heard, motions, sent_torques
 from bridge.results.report import NodeReport
 from bridge.wiring.wiring import Rows
@@ -67,7 +67,7 @@ def said(system: System, rows: Lives, nodes: Path) -> list[str]:
         )
         for life, r in rows.items()
     ]  # fmt: skip
-    return list(unanswered(system, rows, reports, nodes))
+    return [*unanswered(system, rows, reports, nodes), *silent_ends(system, rows, reports)]
 
 
 @pytest.mark.parametrize("deploy", DEPLOYMENTS)
@@ -153,6 +153,18 @@ def test_a_drive_that_was_off_for_a_while_is_named(changed: Changed) -> None:
     changed.own["serving"][200:210] &= ~np.uint64(2)
     (text,) = changed.said
     assert "drive 2 on bus right was not enabled in 10 of " in text and "t = 1.000 s" in text
+
+
+@pytest.mark.parametrize(("slots", "named"), [(1, False), (2, True), (20, True)])
+def test_a_drive_that_was_silent_at_the_end_is_named(
+    changed: Changed, slots: int, named: bool
+) -> None:
+    inlets = [k for k, i in enumerate(changed.plan.inlets) if i.message == "slave_state_1"]
+    age = changed.own["inlets"]["age_ns"]
+    age[-slots:, inlets] = age[-slots - 1, inlets] + 5_000_000 * np.arange(1, slots + 1)[:, None]
+    assert [text.partition(" for ")[0] for text in changed.said] == [
+        "slave_control: drive 1 on bus right may have been off at the end: nothing came from it"
+    ] * named
 
 
 @pytest.mark.parametrize(

@@ -28,7 +28,7 @@ def outcome(failure: str, reasons: tuple[str, ...] = ("drive",), off: bool = Tru
     replayed = SimpleNamespace(first=None, altered=())
     return SimpleNamespace(
         reports=[report], replayed=replayed, faults=(), finished=False,
-        rows={Life("master_control"): {"slot": np.zeros(0, np.int64)}},
+        rows={Life("master_control"): np.zeros(0, [("slot", np.int64), ("state", np.int32)])},
         unanswered=(OFF,) if off else (),
     )  # fmt: skip
 

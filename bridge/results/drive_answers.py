@@ -86,7 +86,8 @@ def silent_ends(
 ) -> Iterator[str]:
     """A sentence for each drive that told nothing at the end of a run: it may have been off.
 
-    It is one only if the drive was silent for longer than ever before. `rows_of`: as above.
+    It is one only if the drive was silent for longer than ever before. `rows_of`: the rows (slots,)
+    of each life.
     """
     for report in reports:
         if report.end is not LifeEnd.FINISHED:

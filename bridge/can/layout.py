@@ -214,7 +214,9 @@ def _float_range(low: float, high: float, length: int) -> tuple[float, float]:
         struct.unpack("<f", b"\xff\xff\x7f\x7f")[0] if length == 32 else 1.7976931348623157e308
     )
     low, high = max(low, -largest), min(high, largest)
-    return (-_single_below(-low), _single_below(high)) if length == 32 else (low, high)
+    if length != 32 or low > high:  # no float32 at all lies in a range beyond them
+        return low, high
+    return -_single_below(-low), _single_below(high)
 
 
 def _single_below(x: float) -> float:

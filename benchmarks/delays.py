@@ -14,7 +14,7 @@ from benchmarks.cases import Case, Document, delayed, vdp_ring, wide_ring
 from benchmarks.ours import Ours
 from benchmarks.race import Contestant, Session, race
 from cosim.base import struct
-from cosim.links.grid import Grid
+from cosim.links.semantics import Grid
 from cosim.links.table import TableSpec, TableStream
 from cosim.schedule.plan import Plan
 

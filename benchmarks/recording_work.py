@@ -22,11 +22,11 @@ def forget() -> None:
     import numpy as np
 
     from cosim.engine import simulate
-    from cosim.links import writer
+    from cosim.links import storage
     from cosim.links.storage import GROUP
     from cosim.record import live
 
-    class Table(writer.TableWriter):
+    class Table(storage.TableWriter):
         def __init__(self, path: Path, facts: Any) -> None:
             self._path, self._facts, self._kept = path, facts, list[Any]()
 
@@ -36,7 +36,7 @@ def forget() -> None:
         def close(self) -> None:
             rows = np.concatenate(self._kept)
             groups = (rows[i : i + GROUP] for i in range(0, rows.size, GROUP))
-            writer.write_groups(self._path, self._facts, groups)
+            storage.write_groups(self._path, self._facts, groups)
 
     written = simulate.write_metadata
     simulate.TableWriter = Table  # type: ignore[misc]
@@ -53,10 +53,10 @@ def work(case: str, variant: str, folder: str, stop: str) -> None:
 
     def prepare() -> None:
         from cosim.engine import simulate
-        from cosim.links import writer
+        from cosim.links import storage
         from cosim.record import live
 
-        del simulate, writer, live
+        del simulate, storage, live
         if variant in (MEMORY, ALONE):
             forget()
 

@@ -21,9 +21,9 @@ if str(ROOT) not in sys.path:
 
 from bridge.ping.figures import WayFigures, way_figures  # noqa: E402
 from bridge.ping.prediction import ControllerSurvival, PathTrace, predict, survivors  # noqa: E402
+from cosim.base.random_numbers import generator  # noqa: E402
 from cosim.comparison.variants_file import variants_path  # noqa: E402
 from cosim.links.laws import FloatArray  # noqa: E402
-from cosim.links.random_numbers import generator  # noqa: E402
 from cosim.links.spec import delay_law  # noqa: E402
 from cosim.links.table import DrawnTable  # noqa: E402
 from cosim.loading.files import load  # noqa: E402

@@ -4,7 +4,7 @@
 
 #include <string.h>
 
-#define TOLERANCE 1e-9       /* ticks, as in cosim/links/grid.py */
+#define TOLERANCE 1e-9       /* ticks, as in cosim/links/semantics.py */
 #define NS 1e-9              /* s */
 #define FAR 4e18             /* ticks; anything beyond is as far */
 #define FAR_TICKS 1000000000 /* of a lead */

@@ -15,10 +15,9 @@ import numpy as np
 from bridge.native import delay as native
 from bridge.native.delay import DelayLine
 from cosim.base.errors import ScenarioError
-from cosim.links.grid import Grid
+from cosim.base.random_numbers import generator
 from cosim.links.laws import Constant, FloatArray
-from cosim.links.random_numbers import generator
-from cosim.links.semantics import PacketSemantics, PlayoutSemantics, Rule, SignalSemantics
+from cosim.links.semantics import Grid, PacketSemantics, PlayoutSemantics, Rule, SignalSemantics
 from cosim.links.storage import StoredTable
 from cosim.links.table import DrawnTable, TableSpec
 from cosim.schedule.parts import Link, Wire

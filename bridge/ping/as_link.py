@@ -14,11 +14,11 @@ from bridge.ping.figures import PathResult, autocorrelation
 from bridge.ping.losses import lost_ways, runs
 from cosim.base import struct
 from cosim.base.errors import ScenarioError
+from cosim.base.random_numbers import generator
 from cosim.links.distributions import Gamma, Lognormal
 from cosim.links.laws import Constant, Law
 from cosim.links.losses import GilbertElliott, Independent, Loss
 from cosim.links.netem import netem
-from cosim.links.random_numbers import generator
 
 #: Spread below which delays are constant: a part of the mean.
 CONSTANT = 0.01

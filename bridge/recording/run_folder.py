@@ -21,9 +21,9 @@ from bridge.native.journal import Journal
 from bridge.records.node_lives import Life, frame_files, lives_of
 from bridge.wiring.wiring import Rows
 from cosim.engine.simulate import columns
-from cosim.links.grid import Grid
-from cosim.links.statistics import LinkStatistics, statistics
-from cosim.links.writer import TableWriter
+from cosim.links.semantics import Grid
+from cosim.links.storage import TableWriter
+from cosim.links.table import LinkStatistics, statistics
 from cosim.record import Recorder, link_file
 from cosim.schedule.parts import Link
 

@@ -17,7 +17,7 @@ from bridge.faults.script import Action, FaultEvent
 from bridge.native.safety import Why
 from bridge.records.node_lives import Life
 from bridge.safety.limits import explain, names
-from cosim.base.aside import write_file
+from cosim.base.files import write_file
 
 Counts: TypeAlias = Mapping[str, int]
 

@@ -28,9 +28,9 @@ from bridge.rehearsal.settings import RehearsalRecord as RehearsalRecord
 from bridge.rehearsal.settings import ScheduledEvent
 from bridge.rehearsal.settings import Settings as Settings
 from bridge.rehearsal.simulated_buses import served
-from cosim.base.aside import write_file
 from cosim.base.clock import monotonic_ns, realtime_offset_ns, sleep
 from cosim.base.errors import Interrupted, RunError
+from cosim.base.files import write_file
 from cosim.base.interrupts import acknowledge, signals_as_interrupt
 from cosim.record.folder import NODES
 

@@ -16,8 +16,8 @@ from typing import Any, final
 import numpy as np
 
 from cosim.base.errors import ScenarioError
+from cosim.base.random_numbers import generator
 from cosim.links.losses import Lossy
-from cosim.links.random_numbers import generator
 from cosim.links.spec import delay_law, loss_model
 
 GRID = Fraction(1, 1000)

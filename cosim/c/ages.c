@@ -1,5 +1,5 @@
 /* ages.c: the ages of the samples that rows of links' tables hold, counted for many tables at once;
- * cosim/links/statistics.py says what the numbers are. */
+ * cosim/links/table.py says what the numbers are. */
 #include "tables.h"
 
 void ages_reach(ages_t *tables, int64_t n_tables)

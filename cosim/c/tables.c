@@ -7,7 +7,7 @@
 
 /* Rows worked on at once by the rules for packets. */
 #define BLOCK 1024
-#define TOLERANCE 1e-9 /* ticks, as in cosim/links/grid.py */
+#define TOLERANCE 1e-9 /* ticks, as in cosim/links/semantics.py */
 
 /* ---- random numbers ------------------------------------------------------------------------------ */
 

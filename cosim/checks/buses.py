@@ -6,8 +6,8 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from cosim.checks.finding import Finding
-from cosim.links.bus_delays import BusDelays
 from cosim.links.table import DrawnTable
+from cosim.links.traces import BusDelays
 from cosim.predict.system import AnalyzedSystem
 
 

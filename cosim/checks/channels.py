@@ -9,8 +9,7 @@ import numpy as np
 
 from cosim.checks.couplings import is_constant, longest_delay
 from cosim.checks.finding import Finding, Severity
-from cosim.links.bursts import ParetoBursts
-from cosim.links.losses import GilbertElliott, Independent, Lossy
+from cosim.links.losses import GilbertElliott, Independent, Lossy, ParetoBursts
 from cosim.links.semantics import PacketSemantics, PlayoutSemantics, SignalSemantics
 from cosim.links.table import DrawnTable
 from cosim.predict.ages import age_bound

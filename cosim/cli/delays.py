@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from fractions import Fraction
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
+import numpy as np
 import typer
 
+from cosim.base.random_numbers import generator
 from cosim.cli.json_file import write_json
 from cosim.cli.options import Json
-
-if TYPE_CHECKING:
-    from cosim.links.preset_statistics import DelayFigures
+from cosim.links.frozen import frozen
+from cosim.links.laws import FloatArray
+from cosim.links.spec import delay_law
 
 
 def delays(
@@ -42,8 +46,7 @@ def _data() -> list[dict[str, Any]]:
     """Every preset and frozen trace with its figures, delays in s."""
     from dataclasses import asdict
 
-    from cosim.links.frozen_traces import TRACES
-    from cosim.links.preset_statistics import figures_of_preset, figures_of_trace
+    from cosim.links.frozen import TRACES
     from cosim.links.presets import PRESETS
 
     presets = (("preset", n, p.title, figures_of_preset(n)) for n, p in PRESETS.items())
@@ -56,7 +59,7 @@ def _data() -> list[dict[str, Any]]:
 
 def _verify() -> int:
     """The number of traces; ScenarioError for one that has not its sum."""
-    from cosim.links.frozen_traces import TRACES
+    from cosim.links.frozen import TRACES
 
     for trace in TRACES.values():
         trace.text()
@@ -64,7 +67,7 @@ def _verify() -> int:
 
 
 def _write(folder: Path) -> int:
-    from cosim.links.frozen_traces import write_traces
+    from cosim.links.frozen import write_traces
 
     return write_traces(folder)
 
@@ -74,8 +77,7 @@ _HEAD = ["", "mean", "p50", "p95", "p99", "max", "lost", "burst"]
 
 def _listing() -> list[str]:
     from cosim.cli.show import aligned
-    from cosim.links.frozen_traces import TRACES
-    from cosim.links.preset_statistics import figures_of_preset, figures_of_trace
+    from cosim.links.frozen import TRACES
     from cosim.links.presets import PRESETS
 
     presets = [
@@ -105,8 +107,7 @@ def _described(name: str) -> list[str]:
     from cosim.base.errors import ScenarioError
     from cosim.base.names import unknown
     from cosim.cli.show import aligned
-    from cosim.links.frozen_traces import TRACES
-    from cosim.links.preset_statistics import figures_of_preset, figures_of_trace
+    from cosim.links.frozen import TRACES
     from cosim.links.presets import PRESETS
 
     rows = []
@@ -127,3 +128,43 @@ def _described(name: str) -> list[str]:
 def _said(f: DelayFigures) -> str:
     numbers = zip(_HEAD[1:], _numbers(f), strict=True)
     return ", ".join(f"{head} {number}" for head, number in numbers) + " (ms; lost in %)"
+
+
+#: Packets drawn of a preset, and the time between two of them, s.
+DRAWS, PERIOD = 1 << 15, Fraction(5, 1000)
+
+
+@dataclass(frozen=True, slots=True)
+class DelayFigures:
+    """Delays of the packets that arrive, s; `lost`: a share; `burst`: packets in a row."""
+
+    mean: float
+    p50: float
+    p95: float
+    p99: float
+    maximum: float
+    lost: float
+    burst: float
+
+
+def figures_of_preset(name: str, draws: int = DRAWS) -> DelayFigures:
+    """Statistics of `draws` packets at 200 per second. Raises ScenarioError if unknown."""
+    law = delay_law({"law": "preset", "name": name}, Path())
+    return figures(law.stream(PERIOD, generator(0, f"preset {name}")).take(draws))
+
+
+def figures_of_trace(name: str) -> DelayFigures:
+    """Statistics of all rows of a trace. Raises ScenarioError for an unknown name."""
+    return figures(frozen(name).trace(lookup="index").delay)
+
+
+def figures(delays: FloatArray) -> DelayFigures:
+    """Statistics of `delays` (n,), s, not finite for lost packets; at least one arrives."""
+    arrives = np.isfinite(delays)
+    T, lost = delays[arrives], ~arrives
+    bursts = int(np.count_nonzero(lost & ~np.concatenate(([False], lost[:-1]))))
+    p50, p95, p99 = (float(x) for x in np.quantile(T, (0.5, 0.95, 0.99)))
+    return DelayFigures(
+        float(T.mean()), p50, p95, p99, float(T.max()), float(lost.mean()),
+        float(lost.sum()) / bursts if bursts else 0.0,
+    )  # fmt: skip

@@ -14,7 +14,7 @@ def write_json(path: Path, data: Mapping[str, Any] | Sequence[Any]) -> None:
 
     Raises RunError with the path if it cannot be written.
     """
-    from cosim.base.aside import write_file
+    from cosim.base.files import write_file
 
     text = json.dumps(_plain(data), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
     write_file(path, text)

@@ -184,6 +184,6 @@ def _matlab(found: LinearModel) -> bytes:
 
 
 def _save(path: Path, data: bytes) -> None:
-    from cosim.base.aside import write_file
+    from cosim.base.files import write_file
 
     write_file(path, data)

@@ -164,7 +164,7 @@ def bus_account(scenario: Scenario, wanted: BusAccountOptions) -> list[str]:
 
 def _write_log(h: BusHistory, name: str, path: Path, first: int, last: int) -> str:
     """Write the frames that ended from `first` to `last` (ps); what was written."""
-    from cosim.base.aside import write_file
+    from cosim.base.files import write_file
     from cosim.bus.candump import candump_lines
 
     frames = [x for x in h.sent() if first <= x[0] <= last]

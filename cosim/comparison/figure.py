@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cosim.base.aside import write_file
+from cosim.base.files import write_file
 from cosim.comparison.comparison import Comparison
 from cosim.comparison.measure import CaseOutcome, Curve
 from cosim.comparison.rows import columns, format_number

@@ -19,7 +19,7 @@ from cosim.comparison.documents import Case
 from cosim.comparison.variants import MetricColumn, Picture, PortMeasure, Stability
 from cosim.comparison.verdict import RunVerdict, judge
 from cosim.engine.simulate import simulate
-from cosim.links.grid import Grid
+from cosim.links.semantics import Grid
 from cosim.links.storage import load_table
 from cosim.measure.metrics import Metric, MetricResult
 from cosim.record import Run

@@ -19,8 +19,8 @@ from itertools import groupby
 from pathlib import Path
 from typing import Any
 
-from cosim.base.aside import write_file
 from cosim.base.errors import ScenarioError
+from cosim.base.files import write_file
 from cosim.comparison.comparison import Comparison
 from cosim.comparison.page import PAGE
 from cosim.comparison.rows import ComparisonRow, columns, header, notes, rows, runs_as_data

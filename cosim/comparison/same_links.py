@@ -18,8 +18,8 @@ import numpy as np
 
 from cosim.comparison.documents import Case
 from cosim.comparison.measure import RecordedTable
-from cosim.links.statistics import LinkStatistics, statistics
-from cosim.links.writer import TableWriter
+from cosim.links.storage import TableWriter
+from cosim.links.table import LinkStatistics, statistics
 
 Key = tuple[str, int, str]  # link law, seed, channel
 

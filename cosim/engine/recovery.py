@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from cosim.base.errors import ScenarioError
-from cosim.links.writer import recover_tables
+from cosim.links.storage import recover_tables
 from cosim.record.folder import (
     LIVE,
     METADATA,

@@ -22,8 +22,8 @@ from cosim.engine.binding import Termination
 from cosim.engine.engine import Engine
 from cosim.engine.tables import Aside, LinkRows
 from cosim.fmi import components
-from cosim.links.statistics import Ages, LinkStatistics
-from cosim.links.writer import TableWriter
+from cosim.links.storage import TableWriter
+from cosim.links.table import Ages, LinkStatistics
 from cosim.record import (
     Column,
     Recorder,

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from cosim.engine.binding import WINDOW, Binding
 from cosim.engine.bulk_steps import stride
 from cosim.engine.tables import LinkRows
-from cosim.links.grid import Grid
+from cosim.links.semantics import Grid
 from cosim.native import shared, structs
 from cosim.native.enums import Code
 

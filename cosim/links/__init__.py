@@ -7,27 +7,23 @@ which it is built up::
     laws        how late a sample is: constant, uniform redrawn every hold, sums
     distributions  gamma, lognormal, normal and hyperexponential delays, cut at a maximum
     markov      delays that stay on a level for a while
-    traces      delays that were measured, from CSV or Parquet
-    losses      which packets never arrive: independent, Gilbert–Elliott, on top of any law
+    traces      delays that were measured, from CSV or Parquet, or of frames on a simulated bus
+    losses      which packets never arrive: independent, Gilbert–Elliott, Pareto bursts
     outages     losses in seconds: now and then nothing arrives for a while
-    bursts      losses in bursts of Pareto length
     presets     delay and loss of networks and of published studies, by name
-    frozen      delay traces that are the same bytes everywhere; frozen_traces: which there are
-    grid        when it is sent and looked at, in ticks
-    semantics   which sample the receiver uses: signal, three packet rules, playout
-    table       LinkSpec -> stream of rows, with the facts an engine must know beforehand
+    frozen      delay traces by name that are the same bytes everywhere
+    semantics   when a sample is sent and read, and which one a read holds: five rules
+    table       a link as a stream of rows, and the ages of what they hold
     drawing     the rows of many tables at once, by ``tables.c``
-    storage     tables as Parquet files, and their replay
-    statistics  age of what was held, how often it was held, how often it went back in time
+    storage     tables as Parquet files: written, recovered, replayed
     keys        laws and models are structs; their fields are read here, with units and messages
     spec        names of laws and models, and the table of a link by its keys
-    preset_statistics  quantiles of presets and frozen traces, and what they lose
     netem       a law and a loss as arguments of tc netem, and what netem does otherwise
 
 and, for networks of robots, which edges are there when::
 
     graphs      weighted directed graphs, their roots and union; presets of six robots
-    adjacency   graphs in files, CSV or TOML
+    named_graphs  graphs of any size by name, and graphs in files
     switching   which graph when: always one, at random, by a schedule
     topology    the weights of each receiver's edges as a stream of rows
 

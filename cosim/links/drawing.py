@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim.base.errors import RunError
+from cosim.base.random_numbers import entropy
 from cosim.links.laws import Constant, Law, Uniform, draws_per_sample
-from cosim.links.random_numbers import entropy
 from cosim.native import shared
 from cosim.native.enums import RuleCode
 from cosim.native.structs import PacketStruct, TableStruct
@@ -22,9 +22,8 @@ from cosim.native.structs import PacketStruct, TableStruct
 if TYPE_CHECKING:
     from fractions import Fraction
 
-    from cosim.links.grid import Grid
     from cosim.links.laws import Delays
-    from cosim.links.semantics import Rule
+    from cosim.links.semantics import Grid, Rule
 
 #: Rows for which NumPy draws delays at once: they stay in the cache.
 BLOCK = 1 << 14

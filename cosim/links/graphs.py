@@ -10,7 +10,7 @@ Source: the paper, Sec. V, for the definitions; the presets are our own construc
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence, Set
 from typing import Any, final
 
 import numpy as np
@@ -18,7 +18,6 @@ from numpy.typing import ArrayLike
 
 from cosim.base.errors import ScenarioError
 from cosim.links.laws import FloatArray
-from cosim.links.reachability import reachable
 
 #: Robots up to which a graph is written down as a matrix; larger ones as a list of edges.
 MATRIX = 24
@@ -195,3 +194,19 @@ PRESETS: Mapping[str, tuple[Graph, ...]] = {
         ((2, 1), (5, 4), (1, 4)), ((3, 2), (6, 5), (2, 5)), ((4, 3), (1, 6), (3, 6))
     ),
 }
+
+
+def reachable(
+    start: int, following: Mapping[int, Sequence[int]], beyond: Set[int] = frozenset()
+) -> frozenset[int]:
+    """All that paths lead to from `start`, itself included, but nothing that is `beyond`.
+
+    `following`: where one step leads from each; the time grows with these.
+    """
+    found, waiting = {start}, [start]
+    while waiting:
+        for other in following.get(waiting.pop(), ()):
+            if other not in found and other not in beyond:
+                found.add(other)
+                waiting.append(other)
+    return frozenset(found)

@@ -1,7 +1,8 @@
-"""Structs whose fields are the keys of a table in a scenario: delay laws and loss models.
+"""Keys of a link in a scenario: names of semantics; laws and loss models are structs.
 
-A field has the unit of :data:`Seconds` or :data:`Ratio`: a number as it is, a text with a unit that
-fits. :func:`read` makes a struct of a table, with a message for what cannot be.
+The fields of such a struct are the keys of its table. A field has the unit of :data:`Seconds` or
+:data:`Ratio`: a number as it is, a text with a unit that fits. :func:`read` makes a struct of a
+table, with a message for what cannot be.
 """
 
 from __future__ import annotations
@@ -9,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from functools import lru_cache
 from importlib import import_module
-from typing import Annotated, Any, get_args
+from typing import Annotated, Any, Literal, get_args
 
 import msgspec
 
@@ -96,3 +97,7 @@ def si(value: Number, name: str, unit: str = "s") -> float:
         return quantity(value, unit)
     except CosimError as error:
         raise ScenarioError(f"{name} = {value!r}: {error}") from None
+
+
+#: Names of :mod:`cosim.links.semantics`.
+Semantics = Literal["signal", "last-arrival", "newest-stamp", "fifo", "playout"]

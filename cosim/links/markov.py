@@ -17,6 +17,7 @@ import numpy as np
 from cosim.base.errors import ScenarioError
 from cosim.links.keys import Keyed, Seconds, Table
 from cosim.links.laws import (
+    BoolArray,
     Delays,
     FloatArray,
     Formula,
@@ -26,7 +27,6 @@ from cosim.links.laws import (
     check_delay,
     hold_delays,
 )
-from cosim.links.reachability import closure
 
 if TYPE_CHECKING:
     from numpy.random import Generator
@@ -224,3 +224,11 @@ def _check_transitions(transitions: tuple[Row, ...], m: int) -> None:
             f"levels[{b}] is never reached from levels[{a}]; expected every level to be reached"
             " from every other"
         )
+
+
+def closure(edges: BoolArray) -> BoolArray:
+    """(n, n): whether a path of any length, also zero, leads from a to b; edges[a, b]: one step."""
+    reaches: BoolArray = edges | np.eye(edges.shape[0], dtype=bool)
+    for _ in range(edges.shape[0].bit_length()):  # paths twice as long each time
+        reaches = (reaches.astype(np.int64) @ reaches.astype(np.int64)) > 0
+    return reaches

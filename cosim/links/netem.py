@@ -21,12 +21,12 @@ import numpy as np
 
 from cosim.base import struct
 from cosim.base.errors import ScenarioError
+from cosim.base.random_numbers import generator
 from cosim.links.distributions import Gamma, Hyperexponential, Lognormal, Normal
 from cosim.links.laws import Constant, FloatArray, Law, Sum, Uniform
 from cosim.links.losses import GilbertElliott, Independent, Loss, Lossy
 from cosim.links.markov import Markov
 from cosim.links.outages import Outage, RandomOutage
-from cosim.links.random_numbers import generator
 from cosim.links.traces import DelayTrace
 
 LIMIT = 1000  # packets, netem's own

@@ -13,11 +13,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cosim.base.errors import ScenarioError
-from cosim.links.grid import Cycle
 from cosim.links.keys import Keyed, Rate, Seconds, Table
-from cosim.links.laws import FloatArray, decimal_fraction
+from cosim.links.laws import BoolArray, FloatArray, decimal_fraction
 from cosim.links.losses import Losses
-from cosim.links.reachability import BoolArray
+from cosim.links.semantics import Cycle
 
 if TYPE_CHECKING:
     from numpy.random import Generator

@@ -35,11 +35,9 @@ from typing import TYPE_CHECKING, Any, Literal, Protocol
 
 from cosim.base.convert import Number
 from cosim.base.errors import ScenarioError
-from cosim.links.grid import Grid
-from cosim.links.keys import Table, read, si
+from cosim.links.keys import Semantics, Table, read, si
 from cosim.links.laws import Law, LawSource, Sum
-from cosim.links.semantics import PacketSemantics, PlayoutSemantics, Rule, SignalSemantics
-from cosim.links.semantics_names import Semantics
+from cosim.links.semantics import Grid, PacketSemantics, PlayoutSemantics, Rule, SignalSemantics
 from cosim.links.storage import open_table
 from cosim.links.table import DrawnTable, TableSpec
 
@@ -66,7 +64,7 @@ LOSSES = {
     "independent": "losses:Independent",
     "gilbert-elliott": "losses:GilbertElliott",
     "outage": "outages:Outage",
-    "pareto-bursts": "bursts:ParetoBursts",
+    "pareto-bursts": "losses:ParetoBursts",
 }
 
 
@@ -201,7 +199,7 @@ class TraceLaw(LawSource, frozen=True, tag="trace"):
 
 
 class FrozenLaw(LawSource, frozen=True, tag="frozen"):
-    """A delay trace with fixed bytes, see :mod:`cosim.links.frozen_traces`."""
+    """A delay trace with fixed bytes, see :mod:`cosim.links.frozen`."""
 
     name: str
     lookup: Literal["time", "index"] = "time"
@@ -209,7 +207,7 @@ class FrozenLaw(LawSource, frozen=True, tag="frozen"):
 
     def law(self, folder: Path) -> Law:
         """The trace. Raises ScenarioError."""
-        from cosim.links.frozen_traces import frozen
+        from cosim.links.frozen import frozen
 
         name = f"frozen {self.name}"
         return frozen(self.name).trace(lookup=self.lookup, repeat=self.repeat, name=name)

@@ -17,8 +17,8 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 
 from cosim.base.errors import ScenarioError
-from cosim.links.grid import Cycle
 from cosim.links.laws import Delays, FloatArray, IntArray, decimal_fraction, hold_delays
+from cosim.links.semantics import Cycle
 
 if TYPE_CHECKING:
     from numpy.random import Generator

@@ -1,8 +1,9 @@
-"""Measured delays: a law that looks them up, and the formats of their files.
+"""Delays that were measured or come from a simulated CAN bus, and the files of measured ones.
 
 A trace gives the `delay` (s) of a packet sent at `t_send` (s). CSV: one header line names these
 columns (others are ignored), and lines that start with ``#`` are comments. Parquet: two columns of
 these names. An empty, NaN or infinite delay is a lost packet.
+:class:`BusDelays` has those of the frames of one link (:mod:`cosim.bus.simulation`).
 
 Source: own construction.
 """
@@ -10,8 +11,8 @@ Source: own construction.
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
 from fractions import Fraction
 from hashlib import sha256
 from pathlib import Path
@@ -19,13 +20,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cosim.base.aside import write_file
 from cosim.base.errors import RunError, ScenarioError
+from cosim.base.files import write_file
 from cosim.links.laws import Delays, FloatArray
 from cosim.record.arrow import numpy
 
 if TYPE_CHECKING:
     from numpy.random import Generator
+
 
 COLUMNS = ("t_send", "delay")
 
@@ -246,3 +248,69 @@ def _problem(t_send: FloatArray, delay: FloatArray) -> tuple[int, str] | None:
     if not np.isfinite(delay).any():
         return int(delay.size) - 1, "every packet is lost; expected one that arrives"
     return None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BusDelays:
+    """Sample k arrived delay[k] after it was sent; `delay` (n,), s, infinite where it was lost.
+
+    `known`: what is written down with the run (bus, identifier, response times). Raises
+    ScenarioError if no sample arrives.
+    """
+
+    delay: FloatArray
+    known: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Refuse a frame that no link receives. Raises ScenarioError."""
+        if not np.isfinite(self.delay).any():
+            raise ScenarioError(
+                f"bus {self.known.get('bus')}: found no frame {self.known.get('identifier')} that"
+                " arrives, expected at least one; look at load, errors and queues of this bus"
+            )
+
+    @property
+    def minimum(self) -> float:
+        """Shortest delay, s."""
+        return float(self.delay[np.isfinite(self.delay)].min())
+
+    @property
+    def maximum(self) -> float:
+        """Longest delay of a sample that arrived, s."""
+        return float(self.delay[np.isfinite(self.delay)].max())
+
+    @property
+    def mean(self) -> float:
+        """The mean delay of the samples that arrived, s."""
+        return float(self.delay[np.isfinite(self.delay)].mean())
+
+    @property
+    def loses_packets(self) -> bool:
+        """True if a sample did not arrive."""
+        return not bool(np.isfinite(self.delay).all())
+
+    def limit(self, period: Fraction) -> int | None:
+        """The number of samples that the bus was simulated for."""
+        return int(self.delay.size)
+
+    def stream(self, period: Fraction, rng: Generator) -> Delays:
+        """The delays in order; nothing is drawn.
+
+        A test of `cosim analyze` that lasts longer than the run repeats them from the start.
+        """
+        return _Simulated(self.delay)
+
+    def facts(self) -> dict[str, Any]:
+        """Facts about the bus and the frame, and a digest of the delays."""
+        digest = sha256(self.delay.astype("<f8").tobytes())
+        return {"law": "bus", **self.known, "sha256": digest.hexdigest()}
+
+
+class _Simulated:
+    def __init__(self, delay: FloatArray) -> None:
+        self._delay, self._sample = delay, 0
+
+    def take(self, n: int) -> FloatArray:
+        index = np.arange(self._sample, self._sample + n) % self._delay.size
+        self._sample += n
+        return self._delay[index]

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote, unquote
 
-from cosim.base.aside import write_file
 from cosim.base.errors import RunError, ScenarioError
+from cosim.base.files import write_file
 
 TRAJECTORIES = "trajectories.parquet"
 #: While a run goes on: row groups without a footer yet, and what is still in memory.

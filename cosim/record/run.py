@@ -12,8 +12,8 @@ from warnings import warn
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.base.aside import written_aside
 from cosim.base.errors import CutShort, ScenarioError
+from cosim.base.files import written_aside
 from cosim.record.arrow import numpy
 from cosim.record.folder import METADATA, TRAJECTORIES, read_metadata, reason
 from cosim.record.recover import in_memory, is_recording, is_unfinished, stored_tables

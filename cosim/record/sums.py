@@ -13,8 +13,8 @@ from collections.abc import Iterable
 from pathlib import Path
 from warnings import warn
 
-from cosim.base.aside import write_file
 from cosim.base.errors import RunError, ScenarioError, Unverified
+from cosim.base.files import write_file
 from cosim.record.folder import METADATA, SUMS, reason
 
 _LINE = re.compile(r"([0-9a-f]{64})  ([^\n]+)\n")

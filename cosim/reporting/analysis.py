@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cosim.analysis.analysis import Analysis
-from cosim.base.aside import write_file
+from cosim.base.files import write_file
 from cosim.measure.manipulability import local_growth
 from cosim.predict.facts import Array
 from cosim.reporting.figures import load

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.base.aside import written_aside
 from cosim.base.component import Drawing
 from cosim.base.errors import RunError, ScenarioError
+from cosim.base.files import written_aside
 from cosim.base.names import signal_of
 from cosim.record import Run
 from cosim.reporting.arms import DrawnArm, drawn_arms, link_frames, recorded

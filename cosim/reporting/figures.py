@@ -17,8 +17,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cosim.base.aside import write_file
 from cosim.base.errors import CosimError, ScenarioError
+from cosim.base.files import write_file
 from cosim.record.signals import Array, Signals
 from cosim.reporting import many
 from cosim.reporting.html import TimedEvent

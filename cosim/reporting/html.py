@@ -20,8 +20,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.base.aside import write_file
 from cosim.base.errors import CosimError, RunError
+from cosim.base.files import write_file
 from cosim.reporting.thinning import thin
 
 Array = NDArray[np.float64]

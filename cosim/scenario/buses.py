@@ -24,7 +24,7 @@ from cosim.bus.settings import AcceptanceFilter, BusNodeSettings, QueueKind
 from cosim.bus.simulation import SimulatedBus
 from cosim.bus.timing import BusTiming
 from cosim.bus.traffic import PeriodicSource
-from cosim.links.bus_delays import BusDelays
+from cosim.links.traces import BusDelays
 from cosim.scenario.bus_frames import PS, FrameOnBus, analysed_bounds
 from cosim.scenario.bus_spec import ScenarioBusSpec
 from cosim.scenario.bus_traffic import disturbances, traffic

@@ -15,8 +15,8 @@ from cosim.scenario.spec import LinkSpec
 from cosim.schedule.parts import Link, Slot, SteppedBus
 
 if TYPE_CHECKING:
-    from cosim.links.bus_delays import BusDelays
     from cosim.links.table import DrawnTable, TableSpec
+    from cosim.links.traces import BusDelays
     from cosim.scenario.bus_frames import FrameOnBus
 
 #: The delays of every link on a bus, by its name.
@@ -153,7 +153,7 @@ def _table(
     given: _TableSources,
 ) -> TableSpec:
     """The table of a link between a sender and a receiver with these periods, ticks."""
-    from cosim.links.grid import Grid
+    from cosim.links.semantics import Grid
     from cosim.links.spec import bus_table, link_table
 
     if not spec.bus and (spec.delay is None or spec.frame is not None):

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from cosim.base import struct
 from cosim.base.errors import ScenarioError
-from cosim.links.grid import Grid
+from cosim.links.semantics import Grid
 from cosim.links.storage import StoredTable, open_table
 from cosim.record.recover import stored_tables
 from cosim.schedule.parts import Link, Player

@@ -12,7 +12,7 @@ from typing import Any, Literal, TypeAlias
 import numpy as np
 
 from cosim.base.errors import ScenarioError
-from cosim.links.random_numbers import generator
+from cosim.base.random_numbers import generator
 
 Cell: TypeAlias = float | int | bool | str
 Distribution = Literal["uniform", "loguniform", "normal", "integers"]

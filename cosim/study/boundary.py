@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.base.aside import write_file
+from cosim.base.files import write_file
 from cosim.record.signals import Array
 from cosim.study.axes import Drawn, Listed
 from cosim.study.search import record_side

@@ -9,8 +9,8 @@ from functools import partial
 from itertools import islice
 from pathlib import Path
 
-from cosim.base.aside import write_file
 from cosim.base.errors import CosimError, ScenarioError
+from cosim.base.files import write_file
 from cosim.base.names import unknown
 from cosim.base.processes import Opened, Pool, spread
 from cosim.engine.simulate import versions

@@ -20,8 +20,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cosim.base.aside import write_file
 from cosim.base.errors import ScenarioError
+from cosim.base.files import write_file
 from cosim.base.names import unknown
 from cosim.record.signals import Array
 from cosim.reporting.figures import DPI, load

@@ -22,8 +22,8 @@ from typing import Any, final
 
 import numpy as np
 
-from cosim.base.aside import write_file
 from cosim.base.errors import RunError, ScenarioError
+from cosim.base.files import write_file
 from cosim.record.folder import reason
 from cosim.study.design import Point
 from cosim.study.run_point import StudyRow

@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from cosim.base.aside import write_file
 from cosim.base.errors import RunError
+from cosim.base.files import write_file
 from cosim.record.signals import Array
 from cosim.study.store import write_records
 from cosim.study.table import Records, SweepTable, column, entries, grouped

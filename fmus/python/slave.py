@@ -19,9 +19,9 @@ from typing import Any
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
 
-from cosim.base.aside import written_aside
 from cosim.base.component import Component, Parameter, Port
 from cosim.base.errors import CosimError, FmuError, ScenarioError
+from cosim.base.files import written_aside
 from cosim.base.units import BASE, parse
 from fmus.model import annotation
 

@@ -7,8 +7,7 @@ from hypothesis import strategies as st
 
 from bridge.native import delay as native
 from bridge.native.delay import DelayLine
-from cosim.links.grid import Grid
-from cosim.links.semantics import PacketSemantics, SignalSemantics
+from cosim.links.semantics import Grid, PacketSemantics, SignalSemantics
 from cosim.links.table import DrawnTable
 from cosim.links.traces import DelayTrace
 

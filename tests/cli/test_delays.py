@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from cosim.links.frozen_traces import TRACES
+from cosim.links.frozen import TRACES
 from cosim.links.presets import PRESETS
 from tests.cli.command import Command
 

@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 
 from bridge.relay.impairment import Impairment, RelayLinkSpec
 from cosim.base.errors import ScenarioError
-from cosim.links.frozen_traces import frozen
+from cosim.base.random_numbers import generator
+from cosim.links.frozen import frozen
 from cosim.links.presets import preset
-from cosim.links.random_numbers import generator
 from cosim.links.spec import delay_law, loss_model
 
 MS = 1_000_000

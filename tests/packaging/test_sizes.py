@@ -19,7 +19,6 @@ LARGE_ROOMS = {
     "cosim/cli": (22, "one module a command"),
     "bridge/cli": (24, "one module a command"),
     "cosim/fmi": (23, "three versions of FMI; to be divided"),
-    "cosim/links": (31, "laws have a key, a converter and a class each; to be one struct"),
 }
 #: Longer functions, with the reason.
 LONG_FUNCTIONS = {

@@ -10,8 +10,7 @@ from hypothesis import strategies as st
 from bridge.native import delay as native
 from bridge.native.delay import DelayLine
 from cosim.base.errors import PlanError
-from cosim.links.grid import Grid
-from cosim.links.semantics import PacketSemantics, PlayoutSemantics, SignalSemantics
+from cosim.links.semantics import Grid, PacketSemantics, PlayoutSemantics, SignalSemantics
 from tests.bridge.lines import LOOKS, MS, RULES, N, arrivals, arrived, drive, line, links, rows_of
 
 

@@ -7,7 +7,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from bridge.native import delay as native
-from cosim.links.grid import Grid
+from cosim.links.semantics import Grid
 from tests.bridge.lines import LOOKS, arrivals, drive, line
 
 # ---- the newest; bounds ----

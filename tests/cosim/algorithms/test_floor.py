@@ -160,5 +160,5 @@ def test_a_start_without_links_loads_no_law_and_no_recorder():
     ).stdout.split()
     assert "cosim.engine.engine" in found
     links = {name for name in found if name.startswith("cosim.links.")}
-    assert links == {"cosim.links.semantics_names"}
+    assert links == {"cosim.links.keys"}
     assert not {"pyarrow", "matplotlib", "scipy", "fmpy", "typer", "cosim.record"} & set(found)

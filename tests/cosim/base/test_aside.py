@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from cosim.base.aside import write_file, written_aside
 from cosim.base.errors import RunError
+from cosim.base.files import write_file, written_aside
 
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt, OSError(28, "No space"), RunError("no")])

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cosim.links.grid import TOLERANCE
-from cosim.links.semantics import PacketSemantics, PlayoutSemantics
+from cosim.links.semantics import TOLERANCE, PacketSemantics, PlayoutSemantics
 from cosim.links.table import DrawnTable
 
 

@@ -1,7 +1,6 @@
 """Tables as files."""
 
-from cosim.links.storage import GROUP
-from cosim.links.writer import TableWriter
+from cosim.links.storage import GROUP, TableWriter
 
 
 def save_table(path, table, length):

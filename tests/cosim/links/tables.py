@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from cosim.base.convert import convert
-from cosim.links.grid import Grid
+from cosim.links.semantics import Grid
 from cosim.links.spec import link_table
 from cosim.links.table import TableSpec
 from cosim.scenario.spec import LinkSpec

@@ -11,9 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cosim.links.drawing import TableDrawing
-from cosim.links.grid import Grid
 from cosim.links.laws import Constant
-from cosim.links.semantics import PacketSemantics, PlayoutSemantics, SignalSemantics
+from cosim.links.semantics import Grid, PacketSemantics, PlayoutSemantics, SignalSemantics
 from cosim.links.table import DrawnTable
 
 RULES = [

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from cosim.base.errors import ScenarioError
-from cosim.links.bus_delays import BusDelays
-from cosim.links.random_numbers import generator
+from cosim.base.random_numbers import generator
+from cosim.links.traces import BusDelays
 
 DELAY = np.array([0.003, np.inf, 0.001, 0.002])
 

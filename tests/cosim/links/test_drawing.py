@@ -10,14 +10,13 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from cosim.base.errors import RunError, ScenarioError
+from cosim.base.random_numbers import entropy
 from cosim.links import drawing
 from cosim.links.distributions import Normal
 from cosim.links.drawing import TableDrawing
-from cosim.links.grid import Grid
 from cosim.links.laws import Constant, Uniform
 from cosim.links.losses import GilbertElliott, Independent, Lossy
-from cosim.links.random_numbers import entropy
-from cosim.links.semantics import PacketSemantics, PlayoutSemantics, SignalSemantics
+from cosim.links.semantics import Grid, PacketSemantics, PlayoutSemantics, SignalSemantics
 from cosim.links.table import DrawnTable
 from cosim.links.traces import DelayTrace
 from tests.cosim.links.numpy_rows import rows_of

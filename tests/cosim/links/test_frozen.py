@@ -13,9 +13,8 @@ import numpy as np
 import pytest
 
 from cosim.base.errors import ScenarioError
-from cosim.links.frozen import ROWS
-from cosim.links.frozen_traces import TRACES, frozen, write_traces
-from cosim.links.preset_statistics import figures_of_preset, figures_of_trace
+from cosim.cli.delays import figures_of_preset, figures_of_trace
+from cosim.links.frozen import ROWS, TRACES, frozen, write_traces
 from cosim.links.spec import delay_law
 from cosim.links.traces import read_trace
 from tests.tiers import first_fast

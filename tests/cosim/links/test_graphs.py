@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from cosim.base.errors import ScenarioError
 from cosim.links.graphs import PRESETS, Graph, union
-from cosim.links.reachability import closure
+from cosim.links.markov import closure
 
 ALL = frozenset(range(1, 7))
 CHAIN = Graph.of(3, [(2, 1), (3, 2, 0.5)], "chain")  # 1 -> 2 -> 3

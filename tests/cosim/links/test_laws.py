@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cosim.base.errors import RunError, ScenarioError
+from cosim.base.random_numbers import generator
 from cosim.links.laws import Constant, Uniform, decimal_fraction
-from cosim.links.random_numbers import generator
 from cosim.links.traces import DelayTrace
 
 TRACE = DelayTrace(np.array([0.0, 0.1, 0.3, 0.35]), np.array([0.2, 0.0, np.nan, 1.5]), repeat=True)

@@ -11,14 +11,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cosim.base.errors import ScenarioError
-from cosim.links.grid import Grid
+from cosim.base.random_numbers import generator
 from cosim.links.laws import Constant, Uniform, decimal_fraction
 from cosim.links.losses import GilbertElliott, Independent, Lossy
 from cosim.links.outages import Outage, RandomOutage
-from cosim.links.random_numbers import generator
-from cosim.links.semantics import PacketSemantics, PlayoutSemantics, SignalSemantics
-from cosim.links.statistics import statistics
-from cosim.links.table import DrawnTable
+from cosim.links.semantics import Grid, PacketSemantics, PlayoutSemantics, SignalSemantics
+from cosim.links.table import DrawnTable, statistics
 from cosim.links.traces import DelayTrace
 
 PERIOD = Fraction(5, 1000)

@@ -12,15 +12,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cosim.base.errors import ScenarioError
-from cosim.links.bursts import ParetoBursts
+from cosim.base.random_numbers import generator
+from cosim.cli.delays import figures, figures_of_preset
 from cosim.links.distributions import Gamma, Hyperexponential, Normal
 from cosim.links.laws import Constant, Sum, Uniform
-from cosim.links.losses import Independent, Lossy
+from cosim.links.losses import Independent, Lossy, ParetoBursts
 from cosim.links.netem import netem
 from cosim.links.outages import UniformOutage
-from cosim.links.preset_statistics import figures, figures_of_preset
 from cosim.links.presets import PRESETS, preset
-from cosim.links.random_numbers import generator
 from cosim.links.spec import delay_law, loss_model
 from tests.cosim.links.tables import table_of
 

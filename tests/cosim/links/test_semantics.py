@@ -12,10 +12,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cosim.base.errors import ScenarioError
-from cosim.links.grid import Grid
+from cosim.base.random_numbers import generator
 from cosim.links.laws import Constant, Law, Uniform
-from cosim.links.random_numbers import generator
-from cosim.links.semantics import PacketSemantics, PlayoutSemantics, Rule, SignalSemantics
+from cosim.links.semantics import Grid, PacketSemantics, PlayoutSemantics, Rule, SignalSemantics
 from cosim.links.table import DrawnTable
 from cosim.links.traces import DelayTrace
 

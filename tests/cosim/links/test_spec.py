@@ -8,12 +8,11 @@ import pytest
 
 from cosim.base.errors import ScenarioError
 from cosim.links.distributions import Gamma, Lognormal
-from cosim.links.grid import Grid
 from cosim.links.laws import Constant, Uniform
 from cosim.links.losses import GilbertElliott, Independent, Lossy
 from cosim.links.markov import Markov
 from cosim.links.outages import Outage, RandomOutage
-from cosim.links.semantics import PacketSemantics, PlayoutSemantics, SignalSemantics
+from cosim.links.semantics import Grid, PacketSemantics, PlayoutSemantics, SignalSemantics
 from cosim.links.storage import StoredTable
 from cosim.links.table import DrawnTable
 from tests.cosim.links.stored import save_table

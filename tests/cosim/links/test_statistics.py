@@ -11,11 +11,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cosim.links.grid import Grid
 from cosim.links.laws import Uniform
-from cosim.links.semantics import PacketSemantics, PlayoutSemantics, SignalSemantics
-from cosim.links.statistics import Ages, statistics
-from cosim.links.table import DrawnTable
+from cosim.links.semantics import Grid, PacketSemantics, PlayoutSemantics, SignalSemantics
+from cosim.links.table import Ages, DrawnTable, statistics
 
 PAPER = Uniform(0.3, 1.2, 0.03)  # 5 ms samples
 GRID = Grid(1, 1, 0.005)

@@ -14,13 +14,11 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from cosim.base.errors import RunError, ScenarioError
-from cosim.links import writer
-from cosim.links.grid import Grid
+from cosim.links import storage
 from cosim.links.laws import Constant, Uniform
-from cosim.links.semantics import PacketSemantics, PlayoutSemantics, SignalSemantics
-from cosim.links.storage import GROUP, load_table, open_table
+from cosim.links.semantics import Grid, PacketSemantics, PlayoutSemantics, SignalSemantics
+from cosim.links.storage import GROUP, TableWriter, load_table, open_table
 from cosim.links.table import DrawnTable
-from cosim.links.writer import TableWriter
 from tests.cosim.links.stored import save_table
 
 GRID = Grid(2, 3, 0.005)
@@ -181,7 +179,7 @@ def test_a_table_that_cannot_be_begun_leaves_no_file(
         file.write(data[:3])
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr(writer, "_write_all", full)
+    monkeypatch.setattr(storage, "_write_all", full)
     with pytest.raises(RunError, match="No space left on device"):
-        writer.TableWriter(tmp_path / "x.parquet", {"name": "x"})
+        storage.TableWriter(tmp_path / "x.parquet", {"name": "x"})
     assert not list(tmp_path.iterdir())

@@ -11,9 +11,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cosim.base.errors import RunError, ScenarioError
+from cosim.base.random_numbers import generator
 from cosim.links.graphs import PRESETS, Graph
 from cosim.links.laws import decimal_fraction
-from cosim.links.random_numbers import generator
 from cosim.links.switching import Random, Schedule, Static, Switching
 from cosim.links.topology import Topology, make_topology
 

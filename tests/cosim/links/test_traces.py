@@ -8,10 +8,9 @@ import pyarrow.parquet as pq
 import pytest
 
 from cosim.base.errors import ScenarioError
-from cosim.links.grid import Grid
+from cosim.base.random_numbers import generator
 from cosim.links.laws import Uniform
-from cosim.links.random_numbers import generator
-from cosim.links.semantics import PacketSemantics
+from cosim.links.semantics import Grid, PacketSemantics
 from cosim.links.table import DrawnTable
 from cosim.links.traces import read_trace
 

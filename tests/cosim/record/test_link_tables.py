@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 from cosim.base.errors import RunError, ScenarioError
 from cosim.engine import simulate as simulation
 from cosim.engine.simulate import simulate
-from cosim.links.storage import load_table, open_table, read_facts
-from cosim.links.writer import recover_tables
+from cosim.links.storage import load_table, open_table, read_facts, recover_tables
 from cosim.loading.files import load
 from cosim.record import Run, claim_folder
 from cosim.record.folder import TABLE_ROWS, TABLES

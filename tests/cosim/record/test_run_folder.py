@@ -12,8 +12,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cosim.base.aside import write_file
 from cosim.base.errors import RunError, ScenarioError
+from cosim.base.files import write_file
 from cosim.record import (
     Recorder,
     claim_folder,

@@ -13,7 +13,7 @@ from cosim.bus.traffic import RandomSource
 from cosim.checks import check
 from cosim.cli.show import BusAccountOptions, show
 from cosim.engine.simulate import simulate
-from cosim.links.bus_delays import BusDelays
+from cosim.links.traces import BusDelays
 from cosim.loading.files import load
 from cosim.record import Run
 from cosim.scenario.assemble import assemble, scenario_components

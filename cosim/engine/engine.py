@@ -301,7 +301,7 @@ class Engine:
             return self._macros.loop_failure(step.name)
         if isinstance(step.component, NativeComponent):
             return step.component.failure()
-        from cosim.fmi.refusals import step_refused  # few runs fail
+        from cosim.fmi.failures import step_refused  # few runs fail
 
         state = self._state
         return step_refused(step, self.signals, result, state.failed_status, state.failed_signal)

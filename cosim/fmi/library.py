@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any, NamedTuple, NoReturn, Protocol
 
 from cosim.base.errors import FmuError
-from cosim.fmi.elf import missing_bytes
+from cosim.fmi.file.binaries import missing_bytes
 from cosim.fmi.file.intervals import Interval, Intervals, NextTick
 from cosim.fmi.file.values import NumberedTexts
 from cosim.native import fmu_log, shared

@@ -18,7 +18,6 @@ LARGE_ROOMS = {
     "fmus/paper": (23, "one module a part of the paper"),
     "cosim/cli": (22, "one module a command"),
     "bridge/cli": (24, "one module a command"),
-    "cosim/fmi": (23, "three versions of FMI; to be divided"),
 }
 #: Longer functions, with the reason.
 LONG_FUNCTIONS = {

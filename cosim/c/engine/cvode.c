@@ -1,6 +1,6 @@
 /* cvode.c: CVODE (SUNDIALS 7) as the solver of an FMU for model exchange.
  *
- * Python loads the library and creates the solver (cosim/fmi/cvode.py); here it is
+ * Python loads the library and creates the solver (cosim/fmi/exchange.py); here it is
  * stepped. Its root finder is not used: it takes a zero reached from either side for an event.
  */
 #include "engine_internal.h"

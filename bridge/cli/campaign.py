@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from bridge.cli.options import BusOptions, Interface, Realtime
-from cosim.cli.json_file import write_json
-from cosim.cli.options import Json, Set
+from cosim.cli.options import Json, Set, write_json
 from cosim.cli.supervise import announce_run_folder
 
 if TYPE_CHECKING:

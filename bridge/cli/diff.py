@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from cosim.cli.options import Json, finite
+from cosim.cli.options import Json, finite, write_json
 
 if TYPE_CHECKING:
     from bridge.replay.diff import RunDifference
@@ -61,7 +61,6 @@ def diff(
     """
     from bridge.replay.diff import compare_runs
     from bridge.replay.page import write_diff_page, write_junit
-    from cosim.cli.json_file import write_json
     from cosim.record import verify
 
     for run in (run_a, run_b) if check else ():

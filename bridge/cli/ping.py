@@ -113,7 +113,7 @@ def _paths(kind: str, target: list[str], common: PathRequest, *, json_: bool, ra
 
     found = requests(kind, target, common)
     if ramp:
-        from bridge.cli.ping_ramp import ping_ramp
+        from bridge.cli.ping_several import ping_ramp
 
         if (
             len(found) > 1

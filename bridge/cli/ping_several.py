@@ -1,4 +1,4 @@
-"""``cosim ping`` of several paths at once: each in a process of its own, then one table."""
+"""``cosim ping`` of several paths at once, then one table; or of one path at several rates."""
 
 from __future__ import annotations
 
@@ -7,14 +7,17 @@ import multiprocessing
 import sys
 from collections.abc import Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, wait
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
 from multiprocessing.synchronize import Event
 from typing import Any
 
 import typer
 
-from bridge.cli.ping_path import PathOutcome, PathRequest, end_live_line, measured
+from bridge.cli.ping_path import PathOutcome, PathRequest, end_live_line, measured, open_path
 from bridge.ping.exchanges import Exchanges
+from bridge.ping.figures import PathResult, evaluate
+from bridge.ping.measure import measure
+from bridge.ping.ramp import HEADING, RampStep, ramp
 from cosim.base.clock import monotonic_ns
 from cosim.base.errors import CosimError, RunError
 from cosim.base.interrupts import acknowledge, act_on_signal
@@ -128,3 +131,31 @@ def _live(
             f"\r\033[K{len(waiting)} paths, {seconds:.0f}{of} s, {done} done; Ctrl-C ends them"
         )
         sys.stderr.flush()
+
+
+def ping_ramp(request: PathRequest, *, json_: bool) -> None:
+    """Measure a path at rising rates from that of `request`, and print at which it breaks.
+
+    Each rate takes as long as `request` says, s. Raises RunError where nothing answers.
+    """
+
+    def at(rate: float) -> PathResult:
+        """On a path of its own, so that late answers of another rate are not taken for its."""
+        plan = replace(request, rate=rate).plan
+        path = open_path(request)
+        record = Exchanges(path.name, plan.count or 1, path.size, plan.period_ns)
+        with path.opened as opened:
+            measure(opened, path.codec, plan, record)
+        return evaluate(record)
+
+    def tell(step: RampStep) -> None:
+        if not json_:
+            typer.echo(step.text)
+
+    if not json_:
+        typer.echo(HEADING)
+    found = ramp(at, request.rate, tell)
+    if json_:
+        typer.echo(json.dumps(asdict(found), indent=1))
+    else:
+        typer.echo(f"{request.name}: {found.text(request.size)}")

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from bridge.cli.options import DeployOptions, HardwareOptions, Realtime
-from cosim.cli.options import OutputOptions
+from cosim.cli.options import OutputOptions, write_json
 
 if TYPE_CHECKING:
     from bridge.deployment.system import System
@@ -128,7 +128,6 @@ def _run(
     from bridge.results.data import as_data
     from bridge.results.outcome import clear
     from cosim.base.interrupts import exit_code
-    from cosim.cli.json_file import write_json
     from cosim.cli.summary import this_command
     from cosim.record import claim_folder, held_folder
 

@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
 import typer
 
-from cosim.cli.options import Json, Verify
+from cosim.cli.options import Json, Verify, write_json
 
 if TYPE_CHECKING:
     from bridge.deployment.system import System
     from bridge.records.node_lives import Life
+    from bridge.replay.from_log import ControllerReplay
     from bridge.replay.replay import ReplayReport
     from bridge.wiring.wiring import Rows
 
@@ -51,7 +52,6 @@ def replay(
 
     from bridge.replay import replay as again
     from cosim.base.clock import stopwatch
-    from cosim.cli.json_file import write_json
     from cosim.record import verify
     from cosim.record.folder import NODES
 
@@ -143,11 +143,37 @@ def _offline(system: System, run: Path, rows: Mapping[Life, Rows]) -> NoReturn:
 
 
 def _from_log(log: Path, scenario: Path | None, deploy: str | None) -> None:
-    import importlib
+    """Print how each controller's messages, computed again, differ from those in the log.
 
+    `log`: a file, or a folder of one file a bus. Exits with 1 where they differ.
+    """
+    from bridge.deployment.system import load_system
+    from bridge.replay.from_log import replay_log
     from cosim.base.errors import ScenarioError
 
     if scenario is None or deploy is None:
         raise ScenarioError("--from-log needs --scenario and --deploy", str(log))
-    module = importlib.import_module("bridge.cli.from_log")
-    module.from_log(log, scenario, deploy)
+    files = sorted(log.glob("*.log")) if log.is_dir() else [log]
+    found = replay_log(load_system(scenario, deploy), files)
+    for node in found.nodes:
+        typer.echo("\n".join(_lines(node)))
+    for remark in found.remarks:
+        typer.echo(remark)
+    typer.echo("difference: exactly 0 in every frame" if found.exact else "difference: see above")
+    raise typer.Exit(int(not found.exact))
+
+
+def _lines(node: ControllerReplay) -> list[str]:
+    """The lines of the summary of one controller."""
+    from cosim.cli.show import aligned
+
+    head = f"{node.node}: {node.compared} frames in {node.slots} slots from slot {node.first}"
+    if node.unheard:
+        head += f", {node.unheard} slots without a frame"
+    if node.stopping:
+        head += f", {node.stopping} frames of other states than active not compared"
+    rows = [["value", "RMS", "largest", "at", "frames that differ", "unit"]]
+    for v in node.values:
+        differ = f"{v.differ}, first in slot {v.first}" if v.differ else "0"
+        rows.append([v.name, f"{v.rms:.3g}", f"{v.largest:.3g}", f"{v.t:g} s", differ, v.unit])
+    return [head, *aligned(rows)]

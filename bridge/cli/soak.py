@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from bridge.cli.options import BusOptions, Interface, Realtime
-from cosim.cli.json_file import write_json
-from cosim.cli.options import Json, Quiet, Set, finite
+from cosim.cli.options import Json, Quiet, Set, finite, write_json
 
 if TYPE_CHECKING:
     from bridge.campaign.soak import SoakSetup

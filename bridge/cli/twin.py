@@ -1,19 +1,22 @@
-"""``cosim run --deploy`` and ``cosim check --deploy``: a deployment offline."""
+"""``--deploy`` of ``cosim run``, ``check`` and ``export``: a deployment without its nodes."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import typer
 
+from bridge.can.messages import BusMessage, bus_responses, bus_share
+from bridge.can.rates import control_rate, simulated_worst
 from cosim.base.errors import Interrupted, ScenarioError
+from cosim.bus.timing import BusTiming, worst
 from cosim.checks.finding import Finding
+from cosim.cli.options import write_json
 
 if TYPE_CHECKING:
-    from bridge.can.messages import BusMessage
-    from cosim.bus.timing import BusTiming
     from cosim.cli.run import RunOptions
 
 
@@ -37,10 +40,8 @@ def layout_findings(
     `bitrate`, `data_bitrate` in bit/s; `fd`: classic messages become CAN FD frames, too. Raises
     TrafficError for a file without periodic messages.
     """
-    from bridge.can.messages import BusMessage
     from bridge.preflight.bus_checks import check_buses
     from cosim.bus.dbc_traffic import read_messages
-    from cosim.bus.timing import BusTiming
 
     found = read_messages(path)
     flexible = fd or data_bitrate is not None or any(m.format.fd for m in found)
@@ -66,7 +67,6 @@ def layout_findings(
 
 def _print_buses(messages: Sequence[BusMessage], timings: Mapping[str, BusTiming]) -> None:
     """Load and control rate of each bus, and its messages with their response times."""
-    from bridge.cli.check import load_rows, message_rows
     from cosim.cli.show import aligned
 
     for text in aligned(load_rows(messages, timings)):
@@ -77,6 +77,48 @@ def _print_buses(messages: Sequence[BusMessage], timings: Mapping[str, BusTiming
         typer.echo(f"\nbus {bus}" + (f", transmit queues: {queues}" if queues else ""))
         for text in aligned(message_rows(on_bus, timing)):
             typer.echo(text)
+
+
+def load_rows(messages: Sequence[BusMessage], buses: Mapping[str, BusTiming]) -> list[list[str]]:
+    """A row for each bus, below a heading: bit rates, messages, load, and the control rate.
+
+    The load is that at best, on random data and at worst; the rate, Hz, on random data and at worst
+    (:func:`bridge.can.rates.control_rate`).
+    """
+    table = [["bus", "kbit/s", "messages", "best", "mean", "worst", "control rate", "at worst"]]
+    for name, timing in buses.items():
+        on_bus = [m for m in messages if m.bus == name]
+        share = bus_share(on_bus, timing)
+        rate = f"{timing.bitrate / 1e3:g}"
+        if timing.fd:
+            rate += f" / {(timing.data_bitrate or timing.bitrate) / 1e3:g}"
+        reached = control_rate(on_bus, timing)
+        rates = [f"{reached.mean:.0f} Hz", f"{reached.worst:.0f} Hz"] if reached else ["", ""]
+        table.append([name, rate, str(len(on_bus)), *(f"{part:.1%}" for part in share), *rates])
+    return table
+
+
+def message_rows(messages: Sequence[BusMessage], timing: BusTiming) -> list[list[str]]:
+    """A row for each message of one bus, most urgent first, below a heading; times in ms.
+
+    `response` is the worst case by analysis, `simulated` that of the simulated bus if
+    all are requested at once, and then with their periods, with random data.
+
+    Raises TimingError where two messages have one identifier or one cannot be a frame.
+    """
+    table = [["identifier", "message", "node", "bytes", "period", "frame", "response"]]
+    table[0] += ["simulated", "in time"]
+    simulated = simulated_worst(messages, timing)
+    for m, response in bus_responses(messages, timing):
+        period = f"{m.period * 1e3:g}" if m.period and isfinite(m.period) else "event"
+        takes = "no bound" if response.worst is None else f"{response.worst / 1e6:.3f}"
+        frame = f"{timing.time_ns(worst(m.length, m.kind)) / 1e6:.3f}"
+        in_time = "yes" if response.meets_deadline else "no"
+        identifier = f"{m.identifier:#010x}" if m.extended else f"{m.identifier:#05x}"
+        table.append([identifier, m.name, m.node, str(m.length), period, frame, takes])
+        seen = simulated.get((m.extended, m.identifier))
+        table[-1] += ["never sent" if seen is None else f"{1e3 * seen:.3f}", in_time]
+    return table
 
 
 def run(scenario: Path, settings: Sequence[str], options: RunOptions) -> None:
@@ -90,7 +132,6 @@ def run(scenario: Path, settings: Sequence[str], options: RunOptions) -> None:
     from bridge.results.report import line
     from cosim.base.clock import stopwatch
     from cosim.base.interrupts import exit_code
-    from cosim.cli.json_file import write_json
     from cosim.cli.summary import metrics_as_data, pictures, this_command
     from cosim.measure import declared_metrics
     from cosim.measure.metrics import evaluate
@@ -126,3 +167,34 @@ def run(scenario: Path, settings: Sequence[str], options: RunOptions) -> None:
         metrics = metrics_as_data(system.scenario, result)
         write_json(options.json, {"folder": str(folder), "wall_s": wall, "metrics": metrics})
     options.say(line("run folder", str(folder)))
+
+
+def write_nodes(
+    scenario: Path,
+    deploy: str,
+    folder: Path,
+    names: Sequence[str],
+    settings: Sequence[str],
+    platforms: str,
+) -> None:
+    """Write ``FOLDER/NODE.fmu`` of the nodes `names`, of all where there is none, and what they
+    leave out.
+
+    `platforms`: separated by commas; "": the host's. Raises ScenarioError for a node that cannot be
+    a network FMU.
+    """
+    from bridge.deployment.system import load_system
+    from bridge.export.node_fmu import export_nodes, notes
+
+    system = load_system(scenario, deploy, settings)
+    chosen = list(dict.fromkeys(names)) or list(system.nodes)
+    asked = [name.strip() for name in platforms.split(",") if name.strip()]
+    found: dict[str, list[str]] = {}
+    for name, path in zip(chosen, export_nodes(system, chosen, folder, asked), strict=True):
+        components = ", ".join(c.name for c in system.nodes[name].plan.components)
+        terminals = ", ".join(system.buses_of(name))
+        typer.echo(f"{path}  FMI 3.0, CAN terminal {terminals}, with {components}")
+        for note in notes(system, name):
+            found.setdefault(note, []).append(name)
+    for note, of in found.items():
+        typer.echo(f"note: {', '.join(of)}: {note}")

@@ -10,9 +10,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from cosim.cli.json_file import write_json
 from cosim.cli.linearize import LinearOptions, linearize
-from cosim.cli.options import Json, Plot, Quiet, Set, Verify, finite
+from cosim.cli.options import Json, Plot, Quiet, Set, Verify, finite, write_json
 
 if TYPE_CHECKING:
     from cosim.analysis.analysis import Analysis

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from cosim.base.parts import part
-from cosim.cli.options import Json, Set, finite
+from cosim.cli.options import Json, Set, finite, write_json
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -80,8 +80,6 @@ def check(
     counts = {s: sum(f.severity == s for f in found) for s in ("error", "warning", "note")}
     typer.echo("\n" + ", ".join(f"{n} {s}{'' if n == 1 else 's'}" for s, n in counts.items()))
     if json is not None:
-        from cosim.cli.json_file import write_json
-
         findings = [f.as_data() for f in found]
         write_json(json, {"scenario": str(scenario), "findings": findings})
     if counts["error"] or (strict and counts["warning"]):

@@ -1,17 +1,17 @@
-"""All commands as one program."""
+"""All commands as one program, and ``cosim completion``: what a shell needs to complete them."""
 
 from __future__ import annotations
 
 from importlib import import_module
 from importlib.util import find_spec
-from typing import Any, final
+from typing import Annotated, Any, final
 
 import typer
 from typer.core import TyperOption
 from typer.main import get_command
 
 from cosim.base.errors import ScenarioError
-from cosim.base.names import hint
+from cosim.base.names import hint, unknown
 from cosim.base.parts import commands
 from cosim.base.python import add_working_directory
 from cosim.cli.ending import ProgramGroup, run_program
@@ -26,6 +26,34 @@ REMOVED = {
     },
     "monitor": {"--plotjuggler TEXT": "PlotJuggler opens the file that --mcap FILE writes"},
 }
+#: Completion by a shell: commands and files at once; options are read from a command's help.
+_BASH = """\
+_cosim() {{
+    local word=${{COMP_WORDS[COMP_CWORD]}}
+    if [ "$COMP_CWORD" = 1 ]; then
+        COMPREPLY=($(compgen -W "{commands}" -- "$word"))
+    elif [[ $word == -* ]]; then
+        local options
+        options=$(cosim "${{COMP_WORDS[1]}}" --help 2>/dev/null | grep -oE -- '--[a-z][a-z-]*')
+        COMPREPLY=($(compgen -W "$options" -- "$word"))
+    else
+        COMPREPLY=($(compgen -f -- "$word"))
+    fi
+}}
+complete -o filenames -F _cosim cosim
+"""
+_FISH = """\
+complete -c cosim -n __fish_use_subcommand -f -a "{commands}"
+complete -c cosim -n 'not __fish_use_subcommand' -a '(cosim (commandline -opc)[2] --help \
+2>/dev/null | string match -rag -- "(--[a-z][a-z-]*)")'
+"""
+_ZSH = (
+    """\
+(( $+functions[compdef] )) || {{ autoload -Uz compinit && compinit; }}
+autoload -Uz bashcompinit && bashcompinit
+"""
+    + _BASH
+)
 _SETTINGS = {"help_option_names": ["-h", "--help"]}
 
 
@@ -83,6 +111,18 @@ def function(name: str) -> Any:
     if find_spec(place):
         return getattr(import_module(place), name)
     return commands()[name].load()
+
+
+def completion(
+    shell: Annotated[str, typer.Argument(help="Shell: bash, zsh or fish.")],
+) -> None:
+    """Print the completion of a shell: eval "$(cosim completion bash)"."""
+    scripts = {"bash": _BASH, "zsh": _ZSH, "fish": _FISH}
+    if shell not in scripts:
+        raise ScenarioError(unknown(shell, scripts, "completion of the shell"), "cosim completion")
+    typer.echo(
+        scripts[shell].format(commands=" ".join(dict.fromkeys([*COMMANDS, *commands()]))), nl=False
+    )
 
 
 app = typer.Typer(

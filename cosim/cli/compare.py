@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from cosim.cli.options import Json, Quiet, Strict
+from cosim.cli.options import Json, Quiet, Strict, write_json
 
 if TYPE_CHECKING:
     from cosim.comparison.comparison import Comparison
@@ -62,7 +62,6 @@ def compare(
     """Compare controllers: run each with every operator and link law, and print one table."""
     from cosim.base.clock import stamp, stopwatch
     from cosim.cli.check import report_unconnected_inputs
-    from cosim.cli.json_file import write_json
     from cosim.cli.summary import progress_bar
     from cosim.comparison import page, report
     from cosim.comparison.comparison import compare as compare_all

@@ -11,8 +11,7 @@ import numpy as np
 import typer
 
 from cosim.base.random_numbers import generator
-from cosim.cli.json_file import write_json
-from cosim.cli.options import Json
+from cosim.cli.options import Json, write_json
 from cosim.links.frozen import frozen
 from cosim.links.laws import FloatArray
 from cosim.links.spec import delay_law

@@ -106,7 +106,7 @@ def export(
             "cosim export",
         )
     if nodes is not None:
-        part("node_fmus").write(
+        part("twin").write_nodes(
             scenario, network.deploy, nodes, network.node, set_ or [], network.platforms
         )
     if system.ssp is not None or system.fmu is not None:

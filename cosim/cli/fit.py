@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from cosim.cli.json_file import write_json
-from cosim.cli.options import Json, Quiet
+from cosim.cli.options import Json, Quiet, write_json
 
 if TYPE_CHECKING:
     from cosim.fitting.fit import Fit

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from cosim.base.names import extent
-from cosim.cli.options import Json
+from cosim.cli.options import Json, write_json
 
 if TYPE_CHECKING:
     from cosim.base.component import Component, Parameter, Port
@@ -39,7 +39,6 @@ def info(
     json: Json = None,
 ) -> None:
     """Print the ports and units of an FMU, a model or a scene of MuJoCo; validate an FMU."""
-    from cosim.cli.json_file import write_json
     from cosim.cli.show import aligned
 
     component = _component(model)

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from cosim.cli.json_file import write_json
-from cosim.cli.options import finite
+from cosim.cli.options import finite, write_json
 
 if TYPE_CHECKING:
     from cosim.linear.model import LinearModel

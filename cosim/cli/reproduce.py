@@ -13,7 +13,7 @@ from typing import Annotated, Any, Protocol, cast
 import typer
 
 from cosim.base.parts import part
-from cosim.cli.options import Json
+from cosim.cli.options import Json, write_json
 
 Row = Mapping[str, Any]
 
@@ -74,7 +74,6 @@ def reproduce(
 ) -> None:
     """Reproduce the paper: run Sec. VII and Theorems 1-5, draw figures, check all claims."""
     from cosim.base.clock import stamp, stopwatch
-    from cosim.cli.json_file import write_json
     from cosim.cli.summary import progress_bar, this_command
 
     wanted = [part.strip() for part in only.split(",") if part.strip()]

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from cosim.base.parts import part
-from cosim.cli.options import OutputOptions, RunSettings
+from cosim.cli.options import OutputOptions, RunSettings, write_json
 
 if TYPE_CHECKING:
     from cosim.base.errors import RunError
@@ -178,8 +178,6 @@ def _finish(
         options.say(f"{what:<16} {path}")
     seal(folder)
     if options.json is not None:
-        from cosim.cli.json_file import write_json
-
         write_json(options.json, as_data(loaded, result, outcome))
     options.say(f"{'run folder':<16} {folder}")
 

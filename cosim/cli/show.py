@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from cosim.base.names import extent
-from cosim.cli.json_file import write_json
-from cosim.cli.options import Json, Set, Strict, Verify, finite
+from cosim.cli.options import Json, Set, Strict, Verify, finite, write_json
 
 if TYPE_CHECKING:
     from cosim.bus.accounting import BusHistory

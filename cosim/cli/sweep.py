@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from cosim.cli.options import Json, Plot, Quiet, Strict
+from cosim.cli.options import Json, Plot, Quiet, Strict, write_json
 
 if TYPE_CHECKING:
     from cosim.base.processes import Opened
@@ -51,7 +51,6 @@ def sweep(
 ) -> None:
     """Run a parameter study: simulate every point; write a table and figures. Resumable."""
     from cosim.cli.check import report_unconnected_inputs
-    from cosim.cli.json_file import write_json
     from cosim.cli.summary import this_command
     from cosim.record import seal
     from cosim.study import boundary, boundary_figure, execute, figures, page, summary

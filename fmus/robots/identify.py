@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
-from cosim.cli.options import Quiet
+from cosim.cli.options import Quiet, write_json
 
 if TYPE_CHECKING:
     from cosim.predict.inputs import RunWithInputs
@@ -203,8 +203,6 @@ def _expression(p: BaseParameter) -> str:
 
 
 def _write(path: Path, found: Identified) -> None:
-    from cosim.cli.json_file import write_json
-
     data: Mapping[str, Any] = {
         "parameters": [
             {"factors": p.factors, "unit": p.unit, "value": p.value, "interval_95": p.interval,

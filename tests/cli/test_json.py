@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from cosim.base.errors import RunError
-from cosim.cli.json_file import write_json
+from cosim.cli.options import write_json
 from fmus.models import planar2r
 from tests.cli.command import ROOT, Command
 from tests.cli.conftest import cosim as cosim  # the command as a fixture

@@ -16,8 +16,6 @@ GENERATED = {"structs.py", "enums.py"}
 LARGE_ROOMS = {
     "fmus/models": (53, "one module a model"),
     "fmus/paper": (23, "one module a part of the paper"),
-    "cosim/cli": (22, "one module a command"),
-    "bridge/cli": (24, "one module a command"),
 }
 #: Longer functions, with the reason.
 LONG_FUNCTIONS = {

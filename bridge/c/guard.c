@@ -74,7 +74,8 @@ static double limit_torque(const guard_t *g, int32_t i, double tau, int beyond, 
 /* Damping while a joint moves outwards beyond a soft limit: never a push out. */
 static double braking(const guard_t *g, int32_t i, int beyond, const double *dq)
 {
-    return dq && beyond * dq[i] > 0.0 && g->brake > 0.0 ? -g->brake * dq[i] : 0.0;
+    if (!(g->brake > 0.0)) return 0.0;
+    return dq && beyond * dq[i] > 0.0 ? -g->brake * dq[i] : 0.0;
 }
 
 /* Torque of one joint before the scale; last_tau is what the rate counts from: without brake. */

@@ -60,6 +60,17 @@ def test_a_line_that_keeps_too_little_says_so():
     assert d.struct.forgotten > 0
 
 
+def test_a_signal_of_which_too_little_is_kept_stays_and_says_so():
+    """Eight samples are kept: the first one goes when the ninth comes, not sooner."""
+    grid = Grid(1, 1, 0.001)
+    for ticks, held in ((7, 0), (8, -1)):
+        d = line(native.SIGNAL, grid, [ticks * 0.001], 8)
+        for j in range(ticks + 1):
+            d.put(j, j * 10**6, j * 10**6, [float(j)])
+            found = d.take(j, j * 10**6)
+        assert (found, d.struct.forgotten) == (held, int(held < 0))
+
+
 def test_put_twice_counts_once():
     d = line(native.LAST, Grid(1, 1, 0.001), [0.0])
     d.put(0, 0, 0, [1.0])

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import ctypes as c
 from dataclasses import dataclass, replace
 
 import pytest
 
 from bridge.native import epoch as native
 from bridge.native.message import Header
-from bridge.native.node import WALL
+from bridge.native.node import WALL, functions
 from bridge.native.pace import now
 from bridge.native.safety import Status
 from cosim.base.clock import realtime_offset_ns
@@ -176,3 +177,33 @@ def test_each_epoch_is_counted_whole_or_damaged(waiting):
         waiting.slots.put("net", frame, t * 1e-9)
         waiting.slots.step()
         assert (waiting.epoch.heard, waiting.slots.struct.damaged) == (n + 1, n + 1)
+
+
+@pytest.mark.parametrize(
+    ("apart", "ago", "expected"),
+    [
+        (2 * SECOND, SECOND, "believed"), (-2 * SECOND, SECOND, "believed"),
+        (2 * SECOND + 1, SECOND, "refused"), (-2 * SECOND - 1, SECOND, "refused"),
+        (2 * SECOND, SECOND + 1, "unknown"), (9 * SECOND, SECOND + 1, "unknown"),
+    ],
+)  # fmt: skip
+def test_a_date_counts_for_a_second_and_may_differ_by_two(waiting, apart, ago, expected):
+    """To the nanosecond, as the node keeps it."""
+    e, t = waiting.epoch, now()
+    for r in waiting.slots.wired.inlet_bindings.receptions.values():
+        r.receiver.contents.time_bits, r.early = 32, 0
+    e.dated_host, e.dated_ns, e.apart_ns = HOST & 63, t - ago, apart
+    waiting.put(RUN, HOST, 0, t - 20 * SECOND, t, NONE)
+    waiting.slots.step()
+    assert (bool(e.origin_ns), e.unshared) == (expected == "believed", expected == "refused")
+
+
+@pytest.mark.parametrize(
+    ("origin", "ago", "said"),
+    [(5, 0, True), (5, SECOND, True), (5, SECOND + 1, False), (0, 0, False)],
+)
+def test_a_start_belongs_to_the_epoch_of_the_last_second(waiting, origin, ago, said):
+    e, t = waiting.epoch, now()
+    e.origin_ns, e.heard_ns = origin, t - ago
+    found = functions().node_origin(c.byref(waiting.slots.struct), t, 300)
+    assert found == (origin if said else t + 300)

@@ -48,6 +48,8 @@ class Signal:
         if self.kind is FieldKind.FLOAT:
             return _float_range(low, high, self.length)
         least, most = _held(self.kind, self.length)
+        if low == math.inf or high == -math.inf:  # an offset beyond all that the bits hold
+            return most, least - 1
         first = least if low <= least else math.ceil(low - 1e-9 * max(1.0, abs(low)))
         last = most if high >= most else math.floor(high + 1e-9 * max(1.0, abs(high)))
         first, last = max(first, least), min(last, most)

@@ -116,7 +116,8 @@ def _silence(system: System, node: str, rows: Rows, one: JointTorque) -> float:
     if one.bit is None or not ages:
         return 0.0
     age = np.min(ages, axis=0)  # of what it told last
-    before = age[: len(age) - 1 - np.argmax(np.diff(age)[::-1] <= 0)] if len(age) > 1 else age
+    told = np.flatnonzero(np.diff(age) <= 0)  # something new came in the slot after
+    before = age[: told[-1] + 1] if told.size else age
     longer = age[-1] - before.max(initial=0) > LONGER * plan.h * 1e9
     return float(age[-1] * 1e-9) if longer else 0.0
 

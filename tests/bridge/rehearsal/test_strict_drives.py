@@ -9,13 +9,11 @@ import json
 import re
 from pathlib import Path
 
-import numpy as np
 import pytest
 
-from bridge.native.frame import Flags
-from bridge.native.journal import Journal
 from bridge.results.overload import transits
 from tests.strict_drives.cases import CASES, CONTROLLERS, Case, Ended, relaxed, run
+from tests.strict_drives.fed import longest_gap, sent_times
 from tests.strict_drives.judged import DriveLog, misdeeds
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]
@@ -43,13 +41,12 @@ def sent_gap(case: Case, ended: Ended, drive: DriveLog) -> float:
     bus, number = drive.name.split()
     side = BUSES.index(bus)
     nodes = ended.folder / "nodes"
-    log = Journal.open(nodes / f"{CONTROLLERS[side]}.{bus}.frames")
-    own = log[(log["flags"] & Flags.SENT != 0) & (log["id"] == case.feeding(side, int(number)))]
-    t = own["t_ns"].astype(np.int64)
+    log = nodes / f"{CONTROLLERS[side]}.{bus}.frames"
+    t = sent_times(log, case.feeding(side, int(number)))
     if case.kind == "ours":
         said = json.loads((nodes / f"{CONTROLLERS[side]}.json").read_text("utf-8"))
         t = t[t >= said["start_ns"]]
-    return float(np.diff(t).max(initial=0))
+    return longest_gap(t)
 
 
 def judged(name: str, folder: Path, *faults: str) -> Ended:

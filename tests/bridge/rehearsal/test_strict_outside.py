@@ -10,12 +10,10 @@ import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-import numpy as np
 import pytest
 
-from bridge.native.frame import Flags
-from bridge.native.journal import Journal
 from tests.strict_drives.cases import NAMESPACE, ROOT
+from tests.strict_drives.fed import longest_gap, sent_times
 
 OUTSIDE = ROOT / "tests" / "strict_drives" / "outside"
 PATIENCE, AGAIN = 240.0, 3  # s; runs on a busy machine
@@ -59,11 +57,8 @@ def busy(text: str) -> bool:
 
 def odrives_were_fed(run: Path) -> bool:
     """True if each node handed a torque for axis 1 to its bus in three quarters of 20 ms."""
-    longest = 0.0
-    for log in (run / "nodes").glob("*_control.*.frames"):
-        frames = Journal.open(log)
-        own = frames[(frames["flags"] & Flags.SENT != 0) & (frames["id"] == ODRIVE_TORQUE)]
-        longest = max(longest, float(np.diff(own["t_ns"].astype(np.int64)).max(initial=0)))
+    logs = (run / "nodes").glob("*_control.*.frames")
+    longest = max((longest_gap(sent_times(log, ODRIVE_TORQUE)) for log in logs), default=0.0)
     return 0.0 < longest < 15e6
 
 

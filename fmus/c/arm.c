@@ -16,8 +16,7 @@
 
 static const char NO_INERTIA[] = "a joint moves no inertia; mass or armature is needed";
 static const char TOO_STIFF[] =
-    "damping, friction / v_f, k_s or b_s of a joint are too great for its inertia: more than 1000 steps of "
-    "the"
+    "damping, friction / v_f, k_s or b_s of a joint are too great for its inertia: more than 1000 steps of the"
     " integrator in a step; a greater v_f or armature, or a shorter step is needed";
 
 /* tau_f - tau_s, friction and stops. */

@@ -62,7 +62,7 @@ typedef struct {
 typedef struct node {
     /* ---- what it is: set before it lives, and not changed by C ---- */
     int32_t clock, number;
-    int32_t simulated; /* 1: of a twin or a rehearsal without hardware, and says so */
+    int32_t simulated; /* 1: the node is part of a simulation, and its messages are marked as simulated */
     uint32_t boots;
     double h;               /* length of a slot, s */
     int64_t h_ns, phase_ns; /* the same; when slot 0 begins */

@@ -202,7 +202,7 @@ static void attend_drives(node_t *n, int64_t now)
     node_host_sync_early(n, now);
 }
 
-/* Idles until `wake_ns` and returns the time at which the node goes on. If the machine stood still
+/* Waits until `wake_ns` and returns the time at which the node continues. If the machine stood still
  * meanwhile, the drives are excused for that time. */
 static int64_t rest_until(node_t *n, int64_t next, int64_t wake_ns)
 {

@@ -82,7 +82,7 @@ extern const move_t node_outputs[N_OUTPUTS]; /* `from`: of signals */
 struct fmu {
     LSBUS_MEMBERS(N_BUSES);
     memory_t memory;
-    const char *who, *why; /* who stopped, and why; NULL: nobody */
+    const char *who, *why; /* the component that stopped, and its reason; NULL: none has stopped */
     bus_t buses[N_BUSES];
     ring_t received[N_BUSES], sent[N_BUSES];
     frame_t received_frames[N_BUSES][WAITING], sent_frames[N_BUSES][WAITING];

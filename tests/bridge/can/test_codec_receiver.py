@@ -104,7 +104,7 @@ def test_a_stamp_stays_true_when_the_counter_begins_anew():
 
 @pytest.mark.parametrize("part", [-0.49, -0.2, 0.2, 0.49])
 def test_a_stamp_between_two_nominal_times_is_of_the_nearest_sample(part):
-    """Of a foreign sender, which samples at times of its own."""
+    """A foreign sender samples at times of its own."""
     r = receiver(PERIOD, E2EProfile.P05, time_bits=32)
     for k in range(1000, 1010):
         assert accept(r, k & 255, (k + 1) * PERIOD, round((k + part) * 5000)) == k

@@ -1,4 +1,4 @@
-"""When a node that waits believes an EPOCH, refuses it, or does not know: a table, by hand."""
+"""A table, made by hand, of the EPOCHs that a waiting node believes, refuses or cannot judge."""
 
 from __future__ import annotations
 

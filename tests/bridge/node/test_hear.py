@@ -197,7 +197,7 @@ def hear(node, number, values, t):
 @pytest.mark.parametrize("early", [0, 3_000_000])
 @pytest.mark.parametrize("start", [0, 7_000_000_000])
 def test_a_value_changes_as_fast_as_it_may_in_the_time_since_the_last_one(node, gap, early, start):
-    """Of samples closer than a period, in a period; `early`: ns by which the second one comes."""
+    """Samples closer than a period count as one apart; the second comes `early` ns too soon."""
     reception = node.wired.inlet_bindings.receptions["STATE_1"]
     receiver, period = node.wired.receivers["STATE_1"], reception.period_ns
     reception.limits[1].rate = 10.0

@@ -56,7 +56,7 @@ def test_a_run_ends_with_the_samples_before_its_last_slot(tmp_path, phase, given
 
 
 def test_samples_behind_the_last_one_are_not_looked_at(tmp_path):
-    """They may come of a sender that goes on; their numbers are not those of this run."""
+    """A sender that goes on after the end sends numbers that are not those of this run."""
     system = alone()
     with one(system, "master", (samples(system, [*range(120), 7, 0]), Ring(512)), tmp_path) as node:
         assert node.run() == FINISHED

@@ -75,7 +75,7 @@ def test_only_its_own_outlets_are_watched(node):
 
 @pytest.mark.parametrize("ending", [0, 1])
 def test_a_peer_that_stops_counts_until_its_own_end(arm, ending):
-    """A required peer in FAULT, and one behind the end of the table, which nobody asks."""
+    """A required peer in FAULT counts; one behind the end of the table is not looked at."""
     s = arm.struct
     peers = s.peers[: s.n_peers]
     assert len(peers) > 0

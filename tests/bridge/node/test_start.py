@@ -1,4 +1,4 @@
-"""What a node waits for before its first slot, at the limits of each condition."""
+"""The conditions for which a node waits before its first slot, each at its limit."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def apart_(tmp_path):
 
 
 def differences(apart):
-    """Of each joint, with the numbers that the node has decoded."""
+    """The difference of each joint, computed from the numbers that the node has decoded."""
     pairs = [(apart.a.contents.values, apart.first_a), (apart.b.contents.values, apart.first_b)]
     a, b = ((c.c_double * apart.count).from_address(at + 8 * first) for at, first in pairs)
     return [x - y for x, y in zip(a, b, strict=True)]

@@ -134,7 +134,7 @@ def test_a_step_waits_for_a_state_where_the_drive_tells_one(wired, status, expec
 
 
 def test_an_answer_is_compared_where_it_is_neither_exact_nor_a_value(wired):
-    """Of two bytes the upper one has to be exact, the lower one is compared as a mask says."""
+    """The upper of two bytes has to be exact, and the lower one is compared as a mask says."""
     commanded = wired(named("can-cia402", SHORT), "master_control").commanded
     drive = commanded.drives[0]
     raw = SimpleNamespace(within="1 s", again="0 s", at=lambda node, value: (0x600, bytes(8)))

@@ -15,6 +15,7 @@ import typer
 
 from cosim.base.errors import ScenarioError, UnitError
 from cosim.base.python import add_working_directory
+from cosim.base.streams import open_standard_streams
 from cosim.base.units import quantity
 from cosim.cli.ending import ProgramGroup, run_program
 from fmus.build.archive import ANY_SIZE, SHIPPED, VERSIONS, Version, pack, shipped_models, versions
@@ -277,5 +278,6 @@ def _sizes(texts: list[str]) -> dict[str, int] | None:
 
 def main() -> None:
     """Entry point of the console script."""
+    open_standard_streams()
     add_working_directory()
     run_program(app)

@@ -17,6 +17,7 @@ from collections.abc import Sequence
 from bridge.can.interface import attach, parse_spec
 from bridge.can.repeated_frame import repeat, stopped_by_signals
 from cosim.base.errors import CosimError
+from cosim.base.streams import end_with
 
 #: Of ESTOP in every DBC file of the project; bytes: node (0: none), reasons.
 IDENTIFIER, LENGTH, RATE = 0x001, 5, 100.0
@@ -47,4 +48,4 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    end_with(main)

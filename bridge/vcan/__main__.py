@@ -10,6 +10,7 @@ from bridge.vcan import capabilities, host, packages, supervise, uml
 from bridge.vcan.errors import VcanError
 from bridge.vcan.guest import GuestCommand
 from cosim.base.errors import CosimError
+from cosim.base.streams import end_with
 
 _BACKENDS = {"host": host.run, "uml": uml.run}
 
@@ -80,4 +81,4 @@ def _parser() -> argparse.ArgumentParser:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    end_with(main)

@@ -18,8 +18,10 @@ def main() -> None:
     """
     gc.set_threshold(_COLLECTED)
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    from cosim.base.streams import open_standard_streams
     from cosim.cli.supervise import supervised
 
+    open_standard_streams()
     sys.exit(supervised(_command))
 
 

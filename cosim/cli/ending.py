@@ -16,6 +16,7 @@ from typer.core import TyperGroup
 
 from cosim.base.errors import CosimError, FolderWarning, RunError, shortage
 from cosim.base.interrupts import exit_code, has_come, hear_of_children, signals_as_interrupt
+from cosim.base.streams import complete_output
 
 
 class ProgramGroup(TyperGroup):
@@ -37,11 +38,11 @@ def run_program(app: Callable[[], object]) -> NoReturn:
     try:
         code = _code(app)
     except SystemExit as end:
-        code = end.code
-    sys.exit(exit_code() if has_come() else code)
+        code = end.code if isinstance(end.code, int) else int(end.code is not None)
+    sys.exit(exit_code() if has_come() else complete_output(code))
 
 
-def _code(app: Callable[[], object]) -> int | str | None:
+def _code(app: Callable[[], object]) -> int:
     try:
         with warnings.catch_warnings(), signals_as_interrupt():
             warnings.simplefilter("once", FolderWarning)

@@ -18,7 +18,9 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import NoReturn
 
+from cosim.base.errors import CosimError, shortage
 from cosim.base.interrupts import ENDING, exit_code, hear_of_children, signals_as_interrupt
+from cosim.base.streams import complete_output
 
 #: The end of the pipe in a child that is supervised.
 _told: list[int] = []
@@ -126,17 +128,16 @@ def _code(command: Callable[[], None]) -> int:
     except KeyboardInterrupt:
         sys.stderr.write("interrupted\n")
         code = exit_code()
-    except BaseException:
-        kind, error, place = sys.exc_info()
-        if kind and error:
-            sys.excepthook(kind, error, place)
-        code = 1
-    try:
-        sys.stdout.flush()
-        sys.stderr.flush()
     except BrokenPipeError:  # nobody reads any more
-        return 1
-    return code if isinstance(code, int) else int(code is not None)
+        code = 1
+    except BaseException as error:
+        if lacking := shortage(error):
+            sys.stderr.write(f"error: {lacking}\n")
+        else:
+            sys.excepthook(type(error), error, error.__traceback__)
+        code = 1
+    sys.stderr.flush()
+    return complete_output(code if isinstance(code, int) else int(code is not None))
 
 
 def _wait(child: int, signals: set[signal.Signals]) -> int:
@@ -179,8 +180,6 @@ def _finish_folder(status: int, folder: str) -> int:
 
 
 def _complete(folder: Path, how: str) -> None:
-    from cosim.base.errors import CosimError, shortage
-
     try:
         from cosim.engine.recovery import repair
 

@@ -38,7 +38,6 @@ GROUPS: Mapping[str, tuple[str, ...]] = {
     "Reference": ("commands", "keys", "api", "models"),
     "Evidence": (
         "evidence/controllers",
-        "evidence/benchmark",
         "evidence/paper",
         "evidence/arms",
         "evidence/speed",

@@ -1,4 +1,4 @@
-"""Write the tables of ``cosim compare``: ``python docs/evidence/compare_tables.py [PAGE]``.
+"""Write the tables of ``cosim compare``: ``python docs/evidence/compare_tables.py``.
 
 A table stands between ``<!-- table: COMMAND -->`` and ``<!-- end -->``; the command is run in the
 checkout, on two processes, and takes some seconds.
@@ -14,7 +14,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 ROOT = Path(__file__).resolve().parents[2]
-PAGES = [Path(__file__).with_name(name) for name in ("controllers.md", "benchmark.md")]
+PAGE = Path(__file__).with_name("controllers.md")
 _TABLE = re.compile(r"(<!-- table: (.*) -->\n)(?:.*\n\n)?(?:\|.*\n)*(<!-- end -->)")
 
 
@@ -32,11 +32,10 @@ def table(command: str) -> str:
 
 
 def main() -> None:
-    """Replace the tables of the pages named, or of all."""
-    for page in [Path(x) for x in sys.argv[1:]] or PAGES:
-        text = page.read_text(encoding="utf-8")
-        new = _TABLE.sub(lambda found: found[1] + table(found[2]) + found[3], text)
-        page.write_text(new, encoding="utf-8")
+    """Replace the tables of the page."""
+    text = PAGE.read_text(encoding="utf-8")
+    new = _TABLE.sub(lambda found: found[1] + table(found[2]) + found[3], text)
+    PAGE.write_text(new, encoding="utf-8")
 
 
 if __name__ == "__main__":

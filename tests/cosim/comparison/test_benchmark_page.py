@@ -52,4 +52,4 @@ def test_the_page_knows_what_there_is() -> None:
     columns = PAGE[PAGE.index("## Columns") : PAGE.index("## Published studies")]
     kinds = {str(getattr(c.metric, "kind", "energy")) for c in variants.columns}
     assert all(f"`{kind}`" in columns for kind in kinds)
-    assert "(evidence/benchmark.md)" in PAGE
+    assert "(evidence/controllers.md#the-benchmark)" in PAGE

@@ -26,9 +26,9 @@ def test_every_controller_is_in_the_guide() -> None:
 def test_tables_of_the_guide_are_what_their_commands_write(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    pages = [ROOT / "docs" / "evidence" / name for name in ("controllers.md", "benchmark.md")]
-    tables = [x for page in pages for x in _TABLE.findall(page.read_text(encoding="utf-8"))]
-    assert len(tables) == 7
+    page = ROOT / "docs" / "evidence" / "controllers.md"
+    tables = _TABLE.findall(page.read_text(encoding="utf-8"))
+    assert len(tables) == 4
     monkeypatch.chdir(ROOT)
     for i, (command, expected) in enumerate(tables):
         _, _, *arguments = shlex.split(command)

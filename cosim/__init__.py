@@ -3,7 +3,7 @@
 The package handles ticks, ports, wires and links. It contains no robots, buses or networks:
 models are in :mod:`fmus`, real time is in :mod:`bridge`. Importing it is cheap on purpose: the
 names below are imported when they are used, and NumPy, Parquet and plotting with them
-(docs/python.md)::
+(docs/running.md)::
 
     run, open              run a scenario; open a run folder: a RunResult
     check                  the findings about a scenario

@@ -30,7 +30,7 @@ COSIM = str(Path(sys.executable).with_name("cosim"))
 
 #: The pages by what a reader wants; every page of docs/ stands in one of them.
 GROUPS: Mapping[str, tuple[str, ...]] = {
-    "Begin": ("tutorial", "running", "run-folder", "python", "own-component", "your-own-arm"),
+    "Begin": ("tutorial", "running", "own-component", "your-own-arm"),
     "Simulate": ("arm", "mujoco", "fmi", "ssp", "scale", "sweep", "analysis", "benchmark"),
     "Rehearse": ("rehearsal", "can", "bus", "ls-bus", "hardware", "faults"),
     "Networks": ("network", "ping"),
@@ -258,7 +258,7 @@ def models() -> str:
 def api() -> str:
     """The names that ``import cosim`` offers."""
     stub = (ROOT / "cosim" / "__init__.pyi").read_text(encoding="utf-8")
-    parts = ["# Python API\n\nExamples: [python.md](python.md).\n\n```{eval-rst}"]
+    parts = ["# Python API\n\nExamples: [running.md](running.md#from-python).\n\n```{eval-rst}"]
     for module, name in re.findall(r"from (\S+) import \S+ as (\S+)", stub):
         found = getattr(import_module(module), name)
         kind = "autoclass" if inspect.isclass(found) else "autofunction"

@@ -205,11 +205,11 @@ def test_an_unknown_signal_is_answered_with_the_nearest(result: cosim.RunResult)
 
 
 def test_the_examples_of_the_page_run(monkeypatch: pytest.MonkeyPatch) -> None:
-    page = (ROOT / "docs" / "python.md").read_text(encoding="utf-8")
+    page = (ROOT / "docs" / "running.md").read_text(encoding="utf-8")
     blocks = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
     monkeypatch.chdir(ROOT)
     names: dict[str, object] = {}
     for block in blocks[:2]:  # the third runs whole comparisons and studies
-        exec(compile(block, "docs/python.md", "exec"), names)
+        exec(compile(block, "docs/running.md", "exec"), names)
     run = names["run"]
     assert isinstance(run, cosim.RunResult) and abs(run["arm.q"][-1]).max() < 0.5

@@ -45,9 +45,9 @@ the DBC files in `configs/can` by `python docs/evidence/bus_load.py`; a test com
 end of the intermission. Stuff bits and the CRC are computed from its bits, so the time of a frame
 with known content is exact (CAN FD: ISO 11898-1:2015, with fixed stuff bits and the stuff count).
 With BRS, the bits from ESI to the CRC delimiter have the data bit rate; BRS and CRC delimiter
-together take one bit time at each of the two rates, whatever the sample points are. The worst case has a
-stuff bit after the first five stuffed bits and after every four more (55 + 10 n bits for a classic
-frame with n bytes and an 11-bit identifier). The mean is that of random data.
+together take one bit time at each of the two rates, whatever the sample points are. The worst case
+has a stuff bit after the first five stuffed bits and after every four more (55 + 10 n bits for a
+classic frame with n bytes and an 11-bit identifier). The mean is that of random data.
 
 **Load** (`bridge/can/load.py`) is the sum of frame time over period; of a log it is the fraction of
 a window in which the bus was busy. A load above 100 % means that the log is not from one bus with

@@ -84,6 +84,16 @@ def test_after_a_silence_of_more_than_a_turn_no_number_is_guessed():
     assert (r.resyncs, r.wrong_sequence) == (1, 22)
 
 
+@pytest.mark.parametrize("first", [0, 1, 7])
+@pytest.mark.parametrize(("silence", "known"), [(14, True), (15, True), (16, False), (40, False)])
+def test_a_turn_of_the_counter_after_any_sample_leaves_the_number_unknown(first, silence, known):
+    """Also after sample 0; as a frame may be a period early, 16 periods are a turn of 4 bits."""
+    r = receiver(PERIOD, E2EProfile.P02)
+    assert accept(r, first, first * PERIOD) == first
+    k = first + silence
+    assert accept(r, k & 15, k * PERIOD) == (k if known else Rejection.WRONG)
+
+
 def test_a_counter_without_a_stamp_begins_anew():
     """The third frame is believed; its number is that of the time."""
     r = receiver(PERIOD, E2EProfile.P05)

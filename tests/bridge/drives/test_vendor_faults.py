@@ -265,6 +265,16 @@ def test_a_watchdog_of_0_never_trips(kind: Kind) -> None:
     assert (drive.v.trips, drive.v.acts) == (0, 1)
 
 
+@KINDS
+@pytest.mark.parametrize("every", [0, 3 * MS])
+def test_a_drive_has_a_heartbeat_only_where_it_has_a_period(kind: Kind, every: int) -> None:
+    """Its first one is due a period after power-up; with a period of 0 none ever is."""
+    drive = Drive(kind, beat_ns=every)
+    assert drive.v.beat_due_ns == (every or (1 << 63) - 1)
+    drive.at(10 * MS)
+    assert drive.v.beat_due_ns == (12 * MS if every else (1 << 63) - 1)
+
+
 @settings(max_examples=80)
 @given(
     kind=st.sampled_from(list(Kind)),

@@ -192,13 +192,19 @@ def test_a_start_waits_for_the_drives(tmp_path, given, expected):
 # ---- what it records and says ----
 
 
-def test_a_row_has_the_times_and_the_ages_of_its_slot(node):
-    """An age counts from the nominal time of the held sample to when the node woke; -1: none."""
+@pytest.mark.parametrize("offset", [0, 300_000])
+def test_a_row_has_the_times_and_the_ages_of_its_slot(node, offset):
+    """An age counts from the nominal time of the held sample to when the node woke; -1: none.
+
+    `offset`: time of a sender's first sample, ns.
+    """
     encoding = node.system.messages["STATE_1"].encoding
     s, ages = node.struct, set()
+    for reception in s.receptions[: s.n_receptions]:
+        reception.offset_ns = reception.receiver.contents.offset_ns = offset
     for slot in range(12):
         if slot in (2, 3, 7):
-            t = slot * s.h_ns
+            t = slot * s.h_ns + offset
             header = Header(slot, LifeState.ACTIVE, t // 1000)
             node.put("left", encoding.frame([0.0] * 4, header), t * 1e-9)
         row = node.step()
@@ -208,7 +214,7 @@ def test_a_row_has_the_times_and_the_ages_of_its_slot(node):
         for k, inlet in enumerate(s.inlets[: s.n_inlets]):
             of = inlet.reception.contents
             held = inlet.held
-            sent = held * of.period_ns + of.offset_ns
+            sent = held * of.period_ns + offset
             found = row["inlets"][k]
             assert found["held"] == held and found["newest"] == inlet.newest
             assert found["transit_ns"] == of.transit_ns

@@ -271,10 +271,29 @@ def test_a_peer_that_stops_stops_those_who_require_it(state: LifeState, expected
         assert check(peer, 2 * MS) == (expected if required else 0)
 
 
+@pytest.mark.parametrize("state", list(LifeState))
+def test_only_a_fault_of_who_takes_torques_means_that_drives_are_off(state: LifeState) -> None:
+    peer = PeerSpec(2, "50 ms").build(0)
+    peer.takes = 1
+    beat(peer, state, MS)
+    assert bool(check(peer, 2 * MS) & Why.DRIVE) == (state == LifeState.FAULT)
+
+
 def test_a_peer_that_has_finished_may_be_silent() -> None:
     peer = PeerSpec(2, "50 ms").build(0)
     beat(peer, LifeState.FINISHED, MS)
     assert check(peer, 999 * MS) == 0
+
+
+@pytest.mark.parametrize("state", list(LifeState))
+@pytest.mark.parametrize("required", [True, False])
+def test_another_number_of_boots_is_a_restart_whatever_the_peer_did(
+    state: LifeState, required: bool
+) -> None:
+    """Also of one that had not yet left its first state, UNCONFIGURED."""
+    peer = PeerSpec(2, "50 ms", required=required).build(0)
+    assert beat(peer, state, MS, boots=7) == beat(peer, state, 2 * MS, boots=7) == 0
+    assert beat(peer, LifeState.ACTIVE, 3 * MS, boots=8) == (Why.PEER if required else 0)
 
 
 def test_a_restart_is_noticed_once() -> None:

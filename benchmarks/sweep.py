@@ -30,7 +30,8 @@ from cosim.base.clock import stopwatch
 from cosim.base.processes import processes
 from cosim.loading.files import load
 from cosim.scenario.assemble import assemble
-from cosim.study.execute import sweep
+from cosim.study.execute import Extent, sweep
+from cosim.study.runner import Observer
 from cosim.study.study import Study, load_study
 from cosim.study.workers import threads
 
@@ -45,7 +46,7 @@ def timed(study: Study, kind: str, jobs: int, runs: int) -> dict[str, Any]:
     with tempfile.TemporaryDirectory(prefix="sweep-") as folder:
         watch = stopwatch()
         opened = partial(WORKERS[kind], jobs)
-        table = sweep(study, Path(folder, "out"), opened, limit=runs)
+        table = sweep(study, Path(folder, "out"), opened, Extent(limit=runs))
         seconds = watch()
     failed = sum(bool(r["reason"]) for r in table.records)
     return {
@@ -69,7 +70,7 @@ def large(study: Study, runs: int) -> dict[str, Any]:
     with tempfile.TemporaryDirectory(prefix="sweep-") as folder:
         before, watch = _processor(), stopwatch()
         opened = partial(WORKERS["processes"], jobs)
-        table = sweep(study, Path(folder, "out"), opened, limit=runs, done=done)
+        table = sweep(study, Path(folder, "out"), opened, Extent(limit=runs), Observer(done=done))
         seconds, cpu = watch(), _processor() - before
     n = len(table.records)
     return {

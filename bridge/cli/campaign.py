@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections import Counter
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from bridge.cli.options import BusOptions, Interface, Realtime
-from cosim.cli.options import Json, Set, write_json
+from bridge.cli.options import ChangeOptions, Realtime
+from cosim.cli.options import ResultOptions
 from cosim.cli.supervise import announce_run_folder
 
 if TYPE_CHECKING:
@@ -23,40 +24,53 @@ if TYPE_CHECKING:
 KERNEL = ("bus-down", "bus-up", "babble")
 
 
-def campaign(
-    file: Annotated[Path, typer.Argument(help="Campaign file (.toml); see docs/faults.md.")],
+@dataclass(frozen=True, slots=True)
+class ScriptOptions(ChangeOptions):
+    """The scripts of a campaign that are run."""
+
     only: Annotated[
-        list[str] | None,
+        list[str],
         typer.Option("--only", metavar="SCRIPT", help="Run this script only; repeatable."),
-    ] = None,
-    set_: Set = None,
-    interface: Interface = None,
+    ] = field(default_factory=list)
+
+
+@dataclass(frozen=True, slots=True)
+class ManyOptions:
+    """The faults of a campaign that are drawn at random, and what all campaigns write."""
+
     out: Annotated[
         Path | None,
         typer.Option(help="Folder for the run folders. Default: a new folder in runs/."),
-    ] = None,
+    ] = None
     markdown: Annotated[
         Path | None, typer.Option(help="Write the table to this file, as Markdown.")
-    ] = None,
-    realtime: Realtime = True,
+    ] = None
+    realtime: Realtime = True
     faults: Annotated[
         int,
         typer.Option(min=0, help="Number of faults to draw from a file such as faults/many.toml."),
-    ] = 0,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the random faults.")] = 0,
-    parallel: Annotated[
-        int, typer.Option(min=1, help="Number of parallel runs, with --faults.")
-    ] = 2,
+    ] = 0
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the random faults.")] = 0
+    jobs: Annotated[
+        int,
+        typer.Option("--jobs", "--parallel", min=1, help="Number of parallel runs, with --faults."),
+    ] = 2
     retry: Annotated[
         bool, typer.Option("--retry", help="With --faults: repeat the runs that did not pass.")
-    ] = False,
+    ] = False
     blind: Annotated[
         bool,
         typer.Option(
             "--blind", help="Disable the checks of receivers; the campaign must then fail."
         ),
-    ] = False,
-    json: Json = None,
+    ] = False
+
+
+def campaign(
+    file: Annotated[Path, typer.Argument(help="Campaign file (.toml); see docs/faults.md.")],
+    scripts: ScriptOptions,
+    options: ManyOptions,
+    result: ResultOptions,
 ) -> None:
     """Run a rehearsal with each fault script of a campaign, and check each run.
 
@@ -64,8 +78,8 @@ def campaign(
     simulated and the others with real processes. The same command continues an interrupted
     campaign. Exit status 1 if a run failed or gave no result.
     """
-    if faults:
-        _run_many(file, faults, seed, parallel, out, markdown, retry, blind, realtime, json)
+    if options.faults:
+        _run_many(file, options, result)
         return
     from bridge.campaign import judgement, page
     from bridge.campaign.spec import load_campaign
@@ -74,83 +88,52 @@ def campaign(
     from cosim.cli.summary import this_command
 
     found = load_campaign(file)
-    folder = out or Path("runs") / f"{file.stem}-{stamp()}"
-    changes = [*found.settings, *(set_ or [])]
+    folder = options.out or Path("runs") / f"{file.stem}-{stamp()}"
     judged: list[tuple[str, JudgedRun]] = []
     times = Counter[str]()
     for spec, script in found.runs:
         name = Path(spec.script).stem
-        if only and name not in only:
+        if scripts.only and name not in scripts.only:
             continue
         times[name] += 1
         name += f"-{times[name]}" if times[name] > 1 else ""
-        one = _one(found, spec, script, changes, interface, folder / name, realtime)
+        one = _one(found, spec, script, scripts, folder / name, options.realtime)
         typer.echo(f"{name:<12} {_said(one)}", err=True)
         judged += [(name, one)] if one else []
     rows = judgement.table([one for _, one in judged])
-    typer.echo("\n".join(aligned(rows)))
-    if markdown:
-        markdown.write_text(judgement.markdown(rows), encoding="utf-8")
+    result.say("\n".join(aligned(rows)))
+    if options.markdown:
+        options.markdown.write_text(judgement.markdown(rows), encoding="utf-8")
     if judged:
         path = page.write_campaign(judged, found.title, folder, this_command())
-        if json is not None:
-            write_json(json, page.campaign_as_data(judged, folder))
-        typer.echo(f"{'report':<16} {path}")
+        result.save(page.campaign_as_data(judged, folder))
+        result.say(f"{'report':<16} {path}")
     if not judged or any(one.failures for _, one in judged):
         raise typer.Exit(1)
 
 
-def _run_many(
-    file: Path,
-    faults: int,
-    seed: int,
-    parallel: int,
-    out: Path | None,
-    markdown: Path | None,
-    retry: bool,
-    blind: bool,
-    realtime: bool,
-    json: Path | None,
-) -> None:
+def _run_many(file: Path, options: ManyOptions, result: ResultOptions) -> None:
     """A campaign of many faults, and its table."""
-    from bridge.campaign import driver, page, table
+    from bridge.campaign import driver, table
     from bridge.campaign.plan import load_many
+    from bridge.cli.soak import conclude
     from bridge.rehearsal import hosts
-    from cosim.cli.show import aligned
-    from cosim.cli.summary import this_command
-    from cosim.cli.sweep import interrupted, progress_of, stopping
-    from cosim.study.runner import Observer
+    from cosim.cli.sweep import watched
 
     why = hosts.missing()
-    if why and not blind:
+    if why and not options.blind:
         typer.echo(f"no run is rehearsed; all runs are simulated: {why}", err=True)
-    folder = out or Path("runs") / f"campaign-{file.stem}-{seed}"
-    job = driver.CampaignSetup(load_many(file), folder.resolve(), seed, not why, blind, realtime)
-    with progress_of(False) as progress:
-        try:
-            observer = Observer(
-                lambda b: progress.begin(b, job.many.spec.title, "runs"), progress.done, stopping
-            )
-            records = driver.campaign(job, faults, parallel, retry, observer)
-        except KeyboardInterrupt:
-            raise interrupted(progress, folder, "the same command") from None
-    kinds, title = table.kinds(records), f"{job.many.spec.title}, seed {seed}"
-    typer.echo("\n".join(aligned(kinds)))
-    text = table.markdown(records, title)
-    for path in (folder / "summary.md", *([markdown] if markdown else [])):
-        path.write_text(text, encoding="utf-8")
-    report = page.write_many(records, kinds, title, folder, this_command())
-    if json is not None:
-        write_json(json, page.many_as_data(records, folder))
-    for line in table.inconclusive(records):
-        typer.echo(f"inconclusive: {line}", err=True)
-    wrong = table.failures(records)
-    for line in wrong:
-        typer.echo(line, err=True)
-    typer.echo(f"{'report':<16} {report}")
-    typer.echo(f"{'folder':<16} {folder}")
-    if wrong:
-        raise typer.Exit(1)
+    folder = options.out or Path("runs") / f"campaign-{file.stem}-{options.seed}"
+    job = driver.CampaignSetup(
+        load_many(file), folder.resolve(), options.seed, not why, options.blind, options.realtime
+    )
+    title = job.many.spec.title
+    with watched(result.quiet, folder, title, "runs", "the same command") as observer:
+        records = driver.campaign(job, options.faults, options.jobs, options.retry, observer)
+    title += f", seed {options.seed}"
+    if options.markdown:
+        options.markdown.write_text(table.markdown(records, title), encoding="utf-8")
+    conclude(records, title, folder, result)
 
 
 def _said(one: JudgedRun | None) -> str:
@@ -163,8 +146,7 @@ def _one(
     campaign: Campaign,
     spec: CampaignRunSpec,
     script: FaultScript,
-    changes: list[str],
-    interface: str | None,
+    changes: ChangeOptions,
     folder: Path,
     realtime: bool,
 ) -> JudgedRun | None:
@@ -174,7 +156,7 @@ def _one(
     from bridge.rehearsal.supervisor import Settings
 
     path = deploy.find(campaign.scenario, campaign.deploy)
-    said = (*changes, *BusOptions(interface).settings(deploy.load(path)))
+    said = (*campaign.settings, *changes.settings(deploy.load(path)))
     system = load_system(campaign.scenario, str(path), said)
     kernel = any(e.action in KERNEL for e in script.events)
     if kernel and any(b.interface != "socketcan" for b in system.deployment.buses.values()):

@@ -88,6 +88,21 @@ class BusOptions:
 
 
 @dataclass(frozen=True, slots=True)
+class ChangeOptions:
+    """Changes of the scenario and the deployment of many rehearsals."""
+
+    set_: Annotated[
+        list[str],
+        typer.Option("--set", metavar="PATH=VALUE", help="Change a value; repeatable."),
+    ] = field(default_factory=list)
+    interface: Interface = None
+
+    def settings(self, deployment: Deployment) -> list[str]:
+        """The same as ``PATH=VALUE``. Raises ScenarioError."""
+        return [*BusOptions(self.interface).settings(deployment), *self.set_]
+
+
+@dataclass(frozen=True, slots=True)
 class DeployOptions(BusOptions):
     """A deployment, and changes of it and of the scenario."""
 

@@ -2,65 +2,75 @@
 
 from __future__ import annotations
 
-import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from bridge.cli.options import BusOptions, Interface, Realtime
-from cosim.cli.options import Json, Quiet, Set, finite, write_json
+from bridge.cli.options import ChangeOptions, Realtime
+from cosim.cli.options import PROCESSORS, ResultOptions, Retry, finite
 
 if TYPE_CHECKING:
     from bridge.campaign.soak import SoakSetup
     from bridge.deployment.spec import Deployment
 
 
-def soak(
-    scenario: Annotated[Path, typer.Argument(help="Scenario file (.toml).")],
+@dataclass(frozen=True, slots=True)
+class SoakOptions(ChangeOptions):
+    """The deployment of a soak test, its runs, and their faults."""
+
     deploy: Annotated[
         str, typer.Option(help="Deployment: a file, or a name in deploy/ next to the scenario.")
-    ] = "zenoh",
+    ] = "zenoh"
     hours: Annotated[
         float, typer.Option(callback=finite, min=0.0, help="Total time of all runs, h.")
-    ] = 1.0,
-    run: Annotated[str, typer.Option(help="Duration of one run.")] = "20 s",
-    parallel: Annotated[
+    ] = 1.0
+    run: Annotated[str, typer.Option(help="Duration of one run.")] = "20 s"
+    jobs: Annotated[
         int,
         typer.Option(
-            min=1, help="Number of parallel runs, if each has its own network namespaces."
+            "--jobs",
+            "--parallel",
+            min=1,
+            help="Number of parallel runs, if each has its own network namespaces.",
         ),
-    ] = 2 * (os.cpu_count() or 1),
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the random faults.")] = 0,
+    ] = 2 * PROCESSORS
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the random faults.")] = 0
     faults: Annotated[
         Path | None,
         typer.Option(
             help="File with the faults to draw from.",
             show_default="faults/soak.toml next to the scenario",
         ),
-    ] = None,
-    folder: Annotated[
+    ] = None
+    out: Annotated[
         Path | None,
         typer.Option(
+            "--out",
+            "--folder",
             help="Folder for the results; an unfinished soak test continues there.",
             show_default="runs/soak-SCENARIO-DEPLOYMENT",
         ),
-    ] = None,
+    ] = None
     network: Annotated[
         bool,
         typer.Option(
             "--network/--no-network", help="Emulate a network between hosts, with faults."
         ),
-    ] = True,
-    retry: Annotated[bool, typer.Option("--retry", help="Repeat the runs that failed.")] = False,
+    ] = True
+    retry: Retry = False
     keep: Annotated[
         bool, typer.Option("--keep", help="Keep the run folders of runs that passed, too.")
-    ] = False,
-    set_: Set = None,
-    interface: Interface = None,
-    realtime: Realtime = True,
-    json: Json = None,
-    quiet: Quiet = False,
+    ] = False
+    realtime: Realtime = True
+
+
+def soak(
+    scenario: Annotated[Path, typer.Argument(help="Scenario file (.toml).")],
+    options: SoakOptions,
+    result: ResultOptions,
 ) -> None:
     """Run a soak test: many rehearsals with random faults, several at once.
 
@@ -68,72 +78,79 @@ def soak(
     the replay equals the run, and the arms synchronized or stopped safely. The same command
     continues an interrupted soak test. Exit status 1 if any check failed.
     """
-    from bridge.campaign import page, table
-    from bridge.campaign.soak_driver import SUMMARY, count
+    from bridge.campaign import soak_driver
     from cosim.base.convert import number
+    from cosim.cli.sweep import watched
+
+    seconds = number(options.run, "s", "--run")
+    job, why = _fit_to_machine(_job(scenario, seconds, options))
+    if why:
+        typer.echo(f"the runs are sequential and have no network faults: {why}", err=True)
+    runs, jobs = soak_driver.count(options.hours, seconds), options.jobs if job.hosted else 1
+    title = job.soak.spec.title or "Soak"
+    with watched(result.quiet, job.folder, title, "runs", "the same command") as observer:
+        records = soak_driver.soak(job, runs, jobs, options.retry, observer)
+    conclude(records, title, job.folder, result)
+
+
+def conclude(
+    records: Sequence[Mapping[str, Any]], title: str, folder: Path, result: ResultOptions
+) -> None:
+    """Print and write the table of many runs with faults; ends the command if one did not pass."""
+    from bridge.campaign import page, table
+    from bridge.campaign.soak_driver import SUMMARY
     from cosim.cli.show import aligned
     from cosim.cli.summary import this_command
 
-    seconds = number(run, "s", "--run")
-    job = _job(scenario, deploy, seconds, seed, faults, folder, network, keep, set_, interface)
-    job, why = _fit_to_machine(job, realtime)
-    if why:
-        typer.echo(f"the runs are sequential and have no network faults: {why}", err=True)
-    records = _driven(job, count(hours, seconds), parallel if job.hosted else 1, retry, quiet)
-    kinds, title = table.kinds(records), job.soak.spec.title or "Soak"
-    if not quiet:
-        typer.echo("\n".join(aligned(kinds)))
-        typer.echo("\n" + "\n".join(aligned(table.facts(records))))
-    path = job.folder / SUMMARY
-    path.write_text(table.markdown(records, title), encoding="utf-8")
-    report = page.write_many(records, kinds, title, job.folder, this_command())
-    if json is not None:
-        write_json(json, page.many_as_data(records, job.folder))
+    kinds = table.kinds(records)
+    result.say("\n".join(aligned(kinds)))
+    result.say("\n" + "\n".join(aligned(table.facts(records))))
+    (folder / SUMMARY).write_text(table.markdown(records, title), encoding="utf-8")
+    report = page.write_many(records, kinds, title, folder, this_command())
+    result.save(page.many_as_data(records, folder))
+    for line in table.inconclusive(records):
+        typer.echo(f"inconclusive: {line}", err=True)
     wrong = table.failures(records)
     for line in wrong:
         typer.echo(f"not passed: {line}", err=True)
-    if not quiet:
-        typer.echo(f"{'report':<16} {report}")
-        typer.echo(f"{'folder':<16} {job.folder}")
+    result.say(f"{'report':<16} {report}")
+    result.say(f"{'folder':<16} {folder}")
     if wrong:
         raise typer.Exit(1)
 
 
-def _job(
-    scenario: Path,
-    deploy: str,
-    seconds: float,
-    seed: int,
-    faults: Path | None,
-    folder: Path | None,
-    network: bool,
-    keep: bool,
-    set_: list[str] | None,
-    interface: str | None,
-) -> SoakSetup:
+def _job(scenario: Path, seconds: float, options: SoakOptions) -> SoakSetup:
     """The soak test that was asked for. Raises ScenarioError."""
     from bridge.campaign.soak import SoakSetup
     from bridge.campaign.soak_spec import load_soak
     from bridge.deployment import spec as deployments
     from cosim.base.errors import ScenarioError
 
-    path = deployments.find(scenario, deploy)
-    drawn = load_soak(scenario, faults)
+    path = deployments.find(scenario, options.deploy)
+    drawn = load_soak(scenario, options.faults)
     if seconds <= drawn.last:
         raise ScenarioError(
             f"--run {seconds:g} s: faults may last until {drawn.last:g} s; expected more",
             str(drawn.path),
         )
-    said = BusOptions(interface).settings(deployments.load(path))
-    changes = (*drawn.spec.settings, *said, *(set_ or []), f"run.stop={seconds}")
-    name = f"soak-{scenario.stem}-{path.stem}"
+    said = options.settings(deployments.load(path))
+    changes = (*drawn.spec.settings, *said, f"run.stop={seconds}")
+    folder = options.out or Path("runs") / f"soak-{scenario.stem}-{path.stem}"
     return SoakSetup(
-        scenario.resolve(), path.resolve(), changes, drawn,
-        (folder or Path("runs") / name).resolve(), seed, True, network, keep=keep,
-    )  # fmt: skip
+        scenario=scenario.resolve(),
+        deployment=path.resolve(),
+        changes=changes,
+        soak=drawn,
+        folder=folder.resolve(),
+        seed=options.seed,
+        hosted=True,
+        network=options.network,
+        realtime=options.realtime,
+        keep=options.keep,
+    )
 
 
-def _fit_to_machine(job: SoakSetup, realtime: bool) -> tuple[SoakSetup, str]:
+def _fit_to_machine(job: SoakSetup) -> tuple[SoakSetup, str]:
     """The job as this machine can do it, and why that is less, if it is."""
     from dataclasses import replace
 
@@ -143,7 +160,7 @@ def _fit_to_machine(job: SoakSetup, realtime: bool) -> tuple[SoakSetup, str]:
     system = load_system(job.scenario, str(job.deployment), job.changes)
     why = _own_bus(system.deployment) or hosts.missing()
     network = job.network and not why and len(hosts.groups(system)) > 1
-    return replace(job, hosted=not why, network=network, realtime=realtime), why
+    return replace(job, hosted=not why, network=network), why
 
 
 def _own_bus(deployment: Deployment) -> str:
@@ -152,20 +169,3 @@ def _own_bus(deployment: Deployment) -> str:
         if bus.kind == "can" and bus.interface != "udp_multicast":
             return f"bus {name} is {bus.interface}; -i udp_multicast is there for each run anew"
     return ""
-
-
-def _driven(
-    job: SoakSetup, runs: int, parallel: int, retry: bool, quiet: bool
-) -> list[dict[str, object]]:
-    from bridge.campaign.soak_driver import soak as drive
-    from cosim.cli.sweep import interrupted, progress_of, stopping
-    from cosim.study.runner import Observer
-
-    with progress_of(quiet) as progress:
-        try:
-            observer = Observer(
-                lambda b: progress.begin(b, job.soak.spec.title, "runs"), progress.done, stopping
-            )
-            return drive(job, runs, parallel, retry, observer)
-        except KeyboardInterrupt:
-            raise interrupted(progress, job.folder, "the same command") from None

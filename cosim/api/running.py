@@ -117,12 +117,12 @@ def sweep(
 
     from cosim.base.processes import processes
     from cosim.study import execute
+    from cosim.study.runner import Observer
     from cosim.study.study import load_study
 
-    opened = partial(processes, jobs)
-    return execute.sweep(
-        load_study(Path(study)), out, opened, resume=resume, limit=limit, done=each
-    )
+    extent = execute.Extent(resume=resume, limit=limit)
+    opened, observer = partial(processes, jobs), Observer(done=each)
+    return execute.sweep(load_study(Path(study)), out, opened, extent, observer)
 
 
 def _loaded(scenario: Given, set_: Mapping[str, Any] | None, seed: int | None) -> Scenario:

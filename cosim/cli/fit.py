@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
 from math import ceil, isnan
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from cosim.cli.options import Json, Quiet, write_json
+from cosim.cli.options import ResultOptions
 
 if TYPE_CHECKING:
     from cosim.fitting.fit import Fit
@@ -16,6 +17,32 @@ if TYPE_CHECKING:
     from cosim.record.recording import Recording
     from cosim.scenario.spec import Scenario
     from cosim.schedule.plan import Plan
+
+
+@dataclass(frozen=True, slots=True)
+class FitOptions:
+    """The parameters of a fit, and what is compared."""
+
+    vary: Annotated[
+        list[str],
+        typer.Option(
+            "--vary",
+            metavar="NAME[=START]:LOW..HIGH",
+            help="Vary this parameter, e.g. m:0.5..2 or arm.theta[1]=1:0.1..5; repeatable.",
+        ),
+    ]
+    match: Annotated[
+        list[str],
+        typer.Option(
+            metavar="SIGNAL=COLUMN",
+            help="Compare a signal with a column of another name; repeatable.",
+        ),
+    ] = field(default_factory=list)
+    set_: Annotated[
+        list[str],
+        typer.Option("--set", metavar="PATH=VALUE", help="Change a value; repeatable."),
+    ] = field(default_factory=list)
+    runs: Annotated[int, typer.Option(min=1, help="Runs at the most.")] = 1000
 
 
 def fit(
@@ -29,28 +56,8 @@ def fit(
             "Columns that are inputs of a single FMU feed it."
         ),
     ],
-    vary: Annotated[
-        list[str],
-        typer.Option(
-            "--vary",
-            metavar="NAME[=START]:LOW..HIGH",
-            help="Vary this parameter, e.g. m:0.5..2 or arm.theta[1]=1:0.1..5; repeatable.",
-        ),
-    ],
-    match: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="SIGNAL=COLUMN",
-            help="Compare a signal with a column of another name; repeatable.",
-        ),
-    ] = None,
-    set_: Annotated[
-        list[str] | None,
-        typer.Option("--set", metavar="PATH=VALUE", help="Change a value; repeatable."),
-    ] = None,
-    runs: Annotated[int, typer.Option(min=1, help="Runs at the most.")] = 1000,
-    json: Json = None,
-    quiet: Quiet = False,
+    options: FitOptions,
+    result: ResultOptions,
 ) -> None:
     """Fit parameters of a scenario or an FMU to measured data, with confidence intervals."""
     from cosim.cli.summary import live_line
@@ -59,25 +66,22 @@ def fit(
     from cosim.record.recording import Recording
 
     recording = Recording.read(data, jumps=True)
-    loaded, plan = _plan(scenario, recording, set_ or [], data)
-    names = dict(_pair(text) for text in match or [])
+    loaded, plan = _plan(scenario, recording, options.set_, data)
+    names = dict(_pair(text) for text in options.match)
     signals = measured(plan, _outputs(plan), recording, names)
-    parameters = varied(plan, vary)
-    with live_line(quiet) as say:
-        fitting = Fitting(
-            plan, signals, recording.t, parameters,
+    parameters = varied(plan, options.vary)
+    with live_line(result.quiet) as say:
+        found = Fitting(
+            plan,
+            signals,
+            recording.t,
+            parameters,
             lambda n, rms: say(f"run {n}: differences {rms:.4g} standard deviations of the data"),
-        )  # fmt: skip
-        found = fitting.run(runs)
-    if json is not None:
-        _write(found, json)
-    if not quiet:
-        typer.echo(
-            f"{loaded.title}: {len(signals)} signals of {data}, {recording.t.size} times each"
-        )
-        for line in (*_parameters(found), *_differences(found)):
-            typer.echo(line)
-        typer.echo(_again(scenario, plan, found))
+        ).run(options.runs)
+    result.save(_as_data(found))
+    result.say(f"{loaded.title}: {len(signals)} signals of {data}, {recording.t.size} times each")
+    for line in (*_parameters(found), *_differences(found), _again(scenario, plan, found)):
+        result.say(line)
     if not found.converged:
         typer.echo(f"error: not converged after {found.runs} runs: {found.reason}", err=True)
         raise typer.Exit(1)
@@ -193,8 +197,8 @@ def _again(path: Path, plan: Plan, found: Fit) -> str:
     return f"\nwith these values: cosim run {path} {' '.join(settings)}"
 
 
-def _write(found: Fit, path: Path) -> None:
-    data = {
+def _as_data(found: Fit) -> dict[str, Any]:
+    return {
         "parameters": [
             {
                 "name": p.varied.name, "unit": p.varied.unit, "start": p.varied.start,
@@ -208,4 +212,3 @@ def _write(found: Fit, path: Path) -> None:
         "independent": dict(found.independent),
         "runs": found.runs, "converged": found.converged, "reason": found.reason,
     }  # fmt: skip
-    write_json(path, data)

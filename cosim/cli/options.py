@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from math import isfinite
@@ -26,6 +27,10 @@ Strict = Annotated[bool, typer.Option("--strict", help="Treat warnings before th
 Json = Annotated[
     Path | None, typer.Option("--json", metavar="FILE", help="Write the result as JSON.")
 ]
+Retry = Annotated[bool, typer.Option("--retry", help="Repeat the runs that failed.")]
+Jobs = Annotated[int, typer.Option("--jobs", "--parallel", min=1, help="Number of parallel runs.")]
+#: The number of processors, for :data:`Jobs`.
+PROCESSORS = os.cpu_count() or 1
 Verify = Annotated[
     bool, typer.Option("--verify/--no-verify", help="Check the SHA-256 sums of RUN first.")
 ]
@@ -69,6 +74,24 @@ class RunSettings:
         found = [f"run.{key}={value}" for key, value in own.items() if value is not None]
         signals = [f"run.record.signals={as_toml(self.record)}"] if self.record else []
         return [*self.set_, *found, *signals]
+
+
+@dataclass(frozen=True, slots=True)
+class ResultOptions:
+    """The result of a command: as a file, and as text."""
+
+    json: Json = None
+    quiet: Quiet = False
+
+    def say(self, text: str) -> None:
+        """Print `text`, unless the command is quiet."""
+        if not self.quiet:
+            typer.echo(text)
+
+    def save(self, data: Mapping[str, Any]) -> None:
+        """Write `data` where it is wanted. Raises RunError with the path."""
+        if self.json is not None:
+            write_json(self.json, data)
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,128 +2,148 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from cosim.cli.options import Json, Plot, Quiet, Strict, write_json
+from cosim.cli.options import PROCESSORS, Jobs, Plot, ResultOptions, Strict
 
 if TYPE_CHECKING:
     from cosim.base.processes import Opened
-    from cosim.study.run_point import StudyRow
-    from cosim.study.runner import PlannedRuns
+    from cosim.study.runner import Observer, PlannedRuns
+    from cosim.study.study import Study
+    from cosim.study.table import SweepTable
 
 #: Seconds between two lines of progress where there is no terminal.
 _EVERY = 10.0
 
 
-def sweep(
-    study: Annotated[Path, typer.Argument(help="Study file (.toml).")],
+@dataclass(frozen=True, slots=True)
+class SweepOptions:
+    """The runs that are made now, their workers, and what is made of the table."""
+
     out: Annotated[
         Path | None, typer.Option(help="Folder for the results.", show_default="runs/STUDY")
-    ] = None,
-    jobs: Annotated[int, typer.Option(min=1, help="Number of parallel runs.")] = os.cpu_count()
-    or 1,
-    workers: Annotated[
-        str, typer.Option(help="Kind of local workers: processes or threads.")
-    ] = "processes",
+    ] = None
+    jobs: Jobs = PROCESSORS
+    workers: Annotated[str, typer.Option(help="Kind of local workers: processes or threads.")] = (
+        "processes"
+    )
     scheduler: Annotated[
         str, typer.Option(metavar="ADDRESS", help="Use the workers of this Dask scheduler.")
-    ] = "",
-    resume: Annotated[
-        bool, typer.Option("--resume", help="Continue the study in the folder.")
-    ] = False,
-    retry: Annotated[bool, typer.Option("--retry", help="Resume and repeat failed runs.")] = False,
+    ] = ""
+    resume: Annotated[bool, typer.Option("--resume", help="Continue the study in the folder.")] = (
+        False
+    )
+    retry: Annotated[bool, typer.Option("--retry", help="Resume and repeat failed runs.")] = False
     force: Annotated[
         bool, typer.Option("--force", help="Resume even if the scenario has changed.")
-    ] = False,
+    ] = False
     limit: Annotated[
         int | None, typer.Option(min=0, help="Maximum number of runs for this call.")
-    ] = None,
-    plot: Plot = True,
-    strict: Strict = False,
-    json: Json = None,
-    quiet: Quiet = False,
+    ] = None
+    plot: Plot = True
+    strict: Strict = False
+
+    def opened(self) -> Opened:
+        """The workers. Raises ScenarioError for a kind that there is not."""
+        from functools import partial
+
+        from cosim.base.errors import ScenarioError
+        from cosim.base.processes import processes
+        from cosim.study import workers
+
+        if self.scheduler:
+            return partial(workers.cluster, self.scheduler)
+        if self.workers not in ("processes", "threads"):
+            raise ScenarioError(f"--workers {self.workers!r}: expected processes or threads")
+        return partial(processes if self.workers == "processes" else workers.threads, self.jobs)
+
+
+def sweep(
+    study: Annotated[Path, typer.Argument(help="Study file (.toml).")],
+    options: SweepOptions,
+    result: ResultOptions,
 ) -> None:
     """Run a parameter study: simulate every point; write a table and figures. Resumable."""
     from cosim.cli.check import report_unconnected_inputs
-    from cosim.cli.summary import this_command
     from cosim.record import seal
-    from cosim.study import boundary, boundary_figure, execute, figures, page, summary
+    from cosim.study import execute, summary
     from cosim.study.study import load_study
 
     loaded = load_study(study)
-    folder = out or Path("runs") / loaded.path.stem
-    opened = _workers(workers, jobs, scheduler)
-
-    def say(text: str) -> None:
-        if not quiet:
-            typer.echo(text)
-
-    with progress_of(quiet) as progress:
-        try:
-            table = execute.sweep(
-                loaded, folder, opened, resume=resume, retry=retry, force=force, limit=limit,
-                checked=lambda plan: report_unconnected_inputs([plan], strict=strict, quiet=quiet),
-                begun=lambda b: progress.begin(b, loaded.title), done=progress.done,
-                stopping=stopping,
-            )  # fmt: skip
-        except KeyboardInterrupt:
-            raise interrupted(progress, folder, "--resume") from None
-    for line in summary.lines(table):
-        say(line)
-    for line in boundary.lines(loaded, table):
-        say(line)
-    for path in summary.write(table, folder):
-        say(f"{'table':<16} {path}")
-    if (places := boundary.write(loaded, table, folder)) is not None:
-        say(f"{'boundary':<16} {places}")
-    if plot:
-        say(f"{'report':<16} {page.write(table, loaded, folder, this_command())}")
-        for path in [
-            *boundary_figure.draw_boundary(loaded, table, folder),
-            *figures.draw_all(loaded, table, folder),
-        ]:
-            say(f"{'figure':<16} {path}")
+    folder = options.out or Path("runs") / loaded.path.stem
+    opened, strict = options.opened(), options.strict
+    with watched(result.quiet, folder, loaded.title) as observer:
+        table = execute.sweep(
+            loaded,
+            folder,
+            opened,
+            execute.Extent(options.resume, options.retry, options.force, options.limit),
+            observer,
+            lambda p: report_unconnected_inputs([p], strict=strict, quiet=result.quiet),
+        )
+    for line in _written(loaded, table, folder, options.plot):
+        result.say(line)
     seal(folder, anew=True)
-    if json is not None:
-        write_json(json, {"folder": str(folder), **summary.as_data(table)})
+    result.save({"folder": str(folder), **summary.as_data(table)})
     summary.refuse_lost_runs(table)
 
 
-def stopping() -> None:
+def _written(study: Study, table: SweepTable, folder: Path, plot: bool) -> Iterator[str]:
+    """Write table, report and figures; the result in lines, with the path of each file."""
+    from cosim.cli.summary import this_command
+    from cosim.study import boundary, boundary_figure, figures, page, summary
+
+    yield from summary.lines(table)
+    yield from boundary.lines(study, table)
+    for path in summary.write(table, folder):
+        yield f"{'table':<16} {path}"
+    if (places := boundary.write(study, table, folder)) is not None:
+        yield f"{'boundary':<16} {places}"
+    if plot:
+        yield f"{'report':<16} {page.write(table, study, folder, this_command())}"
+        for path in (
+            *boundary_figure.draw_boundary(study, table, folder),
+            *figures.draw_all(study, table, folder),
+        ):
+            yield f"{'figure':<16} {path}"
+
+
+# ---- the progress of many runs ------------------------------------------------------------------
+
+
+@contextmanager
+def watched(
+    quiet: bool, folder: Path, title: str, noun: str = "points", again: str = "--resume"
+) -> Iterator[Observer]:
+    """An observer that shows how many runs in `folder` are done; `noun`: what they are called.
+
+    Where they are interrupted, the command ends with the number of the finished ones, and `again`:
+    how to continue.
+    """
+    from cosim.base.interrupts import exit_code
+    from cosim.study.runner import Observer
+
+    with _progress(quiet) as progress:
+        try:
+            yield Observer(lambda b: progress.begin(b, title, noun), progress.done, _stopping)
+        except KeyboardInterrupt:
+            done = f"{progress.count} more runs are in {folder}"
+            typer.echo(f"interrupted; {done}; continue with {again}", err=True)
+            raise typer.Exit(exit_code()) from None
+
+
+def _stopping() -> None:
     """Report that the first Ctrl-C was received."""
     typer.echo("stopping after the current runs (press Ctrl-C again to stop at once)", err=True)
 
 
-def interrupted(progress: Progress, folder: Path, how: str) -> typer.Exit:
-    """Report the finished runs and `how` to continue, at the end of the command."""
-    from cosim.base.interrupts import exit_code
-
-    done = f"{progress.count} more runs are in {folder}"
-    typer.echo(f"interrupted; {done}; continue with {how}", err=True)
-    return typer.Exit(exit_code())
-
-
-def _workers(kind: str, jobs: int, scheduler: str) -> Opened:
-    from functools import partial
-
-    from cosim.base.errors import ScenarioError
-    from cosim.base.processes import processes
-    from cosim.study import workers
-
-    if scheduler:
-        return partial(workers.cluster, scheduler)
-    if kind not in ("processes", "threads"):
-        raise ScenarioError(f"--workers {kind!r}: expected processes or threads")
-    return partial(processes if kind == "processes" else workers.threads, jobs)
-
-
-class Progress:
+class _Progress:
     """Counts rows, and passes (done, all, seconds since the start, failed) to `show`.
 
     `start` is called when the first row may arrive, after all other output before it.
@@ -140,7 +160,7 @@ class Progress:
         self.count, self._failed, self._all, self._quiet = 0, 0, 0, quiet
         self._show, self._watch, self._start = show, stopwatch(), start
 
-    def begin(self, begun: PlannedRuns, title: str, noun: str = "points") -> None:
+    def begin(self, begun: PlannedRuns, title: str, noun: str) -> None:
         """Print the planned work; `noun`: the name of its items."""
         from cosim.base.clock import stopwatch
 
@@ -160,7 +180,7 @@ class Progress:
             )
         self._start()
 
-    def done(self, row: StudyRow) -> None:
+    def done(self, row: Any) -> None:
         """Count a row."""
         self.count += 1
         self._failed += bool(row.reason)
@@ -168,15 +188,15 @@ class Progress:
 
 
 @contextmanager
-def progress_of(quiet: bool) -> Iterator[Progress]:
+def _progress(quiet: bool) -> Iterator[_Progress]:
     """A bar on a terminal's standard error; a line now and then elsewhere; nothing when quiet."""
     import sys
 
     if quiet:
-        yield Progress(lambda *_: None, quiet)
+        yield _Progress(lambda *_: None, quiet)
         return
     if not sys.stderr.isatty():
-        yield Progress(_Lines(), quiet)
+        yield _Progress(_Lines(), quiet)
         return
     from rich.console import Console
     from rich.progress import (
@@ -197,7 +217,7 @@ def progress_of(quiet: bool) -> Iterator[Progress]:
         bar.update(task, completed=n, total=all_, rate=_rate(n, seconds, failed))
 
     try:
-        yield Progress(show, quiet, bar.start)
+        yield _Progress(show, quiet, bar.start)
     finally:
         bar.stop()
 

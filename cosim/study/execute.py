@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import islice
 from pathlib import Path
@@ -23,7 +23,14 @@ from cosim.study.axes import Listed
 from cosim.study.batch import run_points
 from cosim.study.design import Point, count, points
 from cosim.study.run_point import StudyRow, StudySetup, job, preview
-from cosim.study.runner import PlannedRuns, fingerprint_of, interruptible, refuse_others
+from cosim.study.runner import (
+    UNOBSERVED,
+    Observer,
+    PlannedRuns,
+    fingerprint_of,
+    interruptible,
+    refuse_others,
+)
 from cosim.study.search import Search, record_side
 from cosim.study.store import Store
 from cosim.study.study import Study
@@ -33,29 +40,35 @@ from cosim.study.tasks import Tasks
 STUDY, RUNS = "study.toml", "runs"
 
 
+@dataclass(frozen=True, slots=True)
+class Extent:
+    """The runs of a study that are made now, at most `limit`.
+
+    `resume`: those that the folder does not contain; `retry`: also those that failed there;
+    `force`: even if the scenario has changed since.
+    """
+
+    resume: bool = False
+    retry: bool = False
+    force: bool = False
+    limit: int | None = None
+
+
 def sweep(
     study: Study,
     folder: str | Path,
     opened: Opened,
-    *,
-    resume: bool = False,
-    retry: bool = False,
-    force: bool = False,
-    limit: int | None = None,
-    begun: Callable[[PlannedRuns], None] = lambda begun: None,
-    done: Callable[[StudyRow], None] = lambda row: None,
-    stopping: Callable[[], None] = lambda: None,
+    extent: Extent = Extent(),
+    observer: Observer = UNOBSERVED,
     checked: Callable[[Plan], None] = lambda plan: None,
 ) -> SweepTable:
-    """Execute the runs that `folder` does not contain, at most `limit`; return the complete table.
+    """Execute the runs that `folder` does not contain; return the complete table.
 
-    With `retry`, which resumes like `resume`, failed runs are repeated. `opened` opens the workers
-    (see :mod:`cosim.base.processes`). `checked` is called with the plan of the first run before the
-    folder exists, and may raise CosimError. `begun` is called once, `done` with every row,
-    `stopping` at the first Ctrl-C; KeyboardInterrupt is raised when the active runs have ended
-    (after a second Ctrl-C, immediately). Raises CosimError for a study that cannot be run, and for
-    a folder that contains runs without `resume`, or whose scenario has changed without `force`;
-    never for a run that fails.
+    `opened` opens the workers (see :mod:`cosim.base.processes`). `checked` is called with the plan
+    of the first run before the folder exists, and may raise CosimError. After a first Ctrl-C,
+    KeyboardInterrupt is raised when the active runs have ended; after a second one, immediately.
+    Raises CosimError for a study that cannot be run, and for a folder that contains runs, or whose
+    scenario has changed, unless the extent says so; never for a run that fails.
     """
     folder = Path(folder)
     total = count(study)
@@ -66,25 +79,25 @@ def sweep(
     figures.check(study, [axis.name for axis in study.axes], units)
     fingerprint = fingerprint_of(study.scenario.read_bytes(), [plan])
     with stores.lock_folder(folder):
-        changed = _claim(study, folder, fingerprint, resume=resume or retry, force=force)
+        changed = _claim(study, folder, fingerprint, extent)
         with Store(folder, units) as store:
             choose = _searched if study.boundary else _planned
-            planned, tasks = choose(study, folder, fingerprint, store, retry=retry, limit=limit)
-            begun(replace(planned, changed=changed))
-            _run(opened, common, tasks, store, done, stopping)
+            planned, tasks = choose(study, folder, fingerprint, store, extent)
+            observer.begun(replace(planned, changed=changed))
+            _run(opened, common, tasks, store, observer)
         every = tasks.asked if isinstance(tasks, Search) else points(study, fingerprint)
         return _table(study, folder, every, units, total)
 
 
 def _planned(
-    study: Study, folder: Path, fingerprint: str, store: Store, *, retry: bool, limit: int | None
+    study: Study, folder: Path, fingerprint: str, store: Store, extent: Extent
 ) -> tuple[PlannedRuns, Tasks]:
     """The points that are missing."""
     wanted = {point.run for point in points(study, fingerprint)}
-    again = store.failed & wanted if retry else set[str]()
+    again = store.failed & wanted if extent.retry else set[str]()
     found = len(store.done & wanted)
     missing = wanted - (store.done - again)
-    todo = len(missing) if limit is None else min(limit, len(missing))
+    todo = len(missing) if extent.limit is None else min(extent.limit, len(missing))
     planned = PlannedRuns(
         count(study), len(wanted), found, todo, False, len(store.done) - found, len(again)
     )
@@ -92,18 +105,18 @@ def _planned(
 
 
 def _searched(
-    study: Study, folder: Path, fingerprint: str, store: Store, *, retry: bool, limit: int | None
+    study: Study, folder: Path, fingerprint: str, store: Store, extent: Extent
 ) -> tuple[PlannedRuns, Tasks]:
     """The points that follow from those that are there."""
     assert study.boundary is not None
     store.flush()
-    again = set(store.failed) if retry else set[str]()
+    again = set(store.failed) if extent.retry else set[str]()
     known = {
         run: record_side(study.boundary, row)
         for run, row in stores.rows(folder).items()
         if run not in again
     }
-    search = Search(study, fingerprint, known, limit)
+    search = Search(study, fingerprint, known, extent.limit)
     others = len(store.done) - search.found - len(again)
     found = search.found + len(again)
     todo = search.left
@@ -120,20 +133,15 @@ def _missing(study: Study, fingerprint: str, missing: set[str]) -> Iterator[Poin
 
 
 def _run(
-    opened: Opened,
-    common: StudySetup,
-    tasks: Tasks,
-    store: Store,
-    done: Callable[[StudyRow], None],
-    stopping: Callable[[], None],
+    opened: Opened, common: StudySetup, tasks: Tasks, store: Store, observer: Observer
 ) -> None:
     if not tasks.left:
         return
-    with interruptible(stopping) as stopped:
+    with interruptible(observer.stopping) as stopped:
         for row in _rows(opened, partial(run_points, common), tasks, stopped):
             store.append(row)
             tasks.note(row)
-            done(row)
+            observer.done(row)
 
 
 def _rows(
@@ -208,15 +216,15 @@ def _at(place: str) -> Iterator[None]:
         raise ScenarioError(str(error), place) from error
 
 
-def _claim(study: Study, folder: Path, fingerprint: str, *, resume: bool, force: bool) -> bool:
+def _claim(study: Study, folder: Path, fingerprint: str, extent: Extent) -> bool:
     """Take the folder: whether the study it was begun with was another. Raises ScenarioError."""
     state = stores.read_state(folder)
     refuse_others(folder, "sweep", state)
-    if state and not resume:
+    if state and not (extent.resume or extent.retry):
         raise ScenarioError(
             "the folder already contains a sweep; use --resume to continue it", str(folder)
         )
-    if state and state.get("fingerprint") != fingerprint and not force:
+    if state and state.get("fingerprint") != fingerprint and not extent.force:
         raise ScenarioError(
             f"{study.scenario}, or an FMU of it, has changed since the runs in this folder; "
             "choose another folder, or use --force to run it again (the old rows remain)",

@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Protocol, TypeVar
 
 from cosim.base.errors import ScenarioError
 from cosim.base.interrupts import stop_on_signal
@@ -20,11 +20,9 @@ from cosim.base.processes import Opened, spread
 from cosim.fmi import components
 from cosim.schedule.plan import Plan
 from cosim.study import store as stores
-from cosim.study.run_point import StudyRow
-from cosim.study.store import Store
 
 C = TypeVar("C")
-R = TypeVar("R")
+R = TypeVar("R", contravariant=True)
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,10 +45,13 @@ class PlannedRuns:
 
 @dataclass(frozen=True, slots=True)
 class Observer:
-    """Observer of many runs: `begun` once, `done` with every row, `stopping` after Ctrl-C."""
+    """Observer of many runs: `begun` once, `done` with every row, `stopping` after Ctrl-C.
+
+    A row is what a run returns; its `reason` says why it has no result, empty if it has.
+    """
 
     begun: Callable[[PlannedRuns], None] = lambda begun: None
-    done: Callable[[StudyRow], None] = lambda row: None
+    done: Callable[[Any], None] = lambda row: None
     stopping: Callable[[], None] = lambda: None
 
 
@@ -93,28 +94,38 @@ def perform(
         yield from spread(opened, function, cases, stopped)
 
 
+class Rows(Protocol[R]):
+    """The place where rows stay: names of runs that are `done`, and of those that `failed`."""
+
+    done: set[str]
+    failed: set[str]
+
+    def append(self, row: R, /) -> None:
+        """Take a row."""
+
+
 def run_named(
-    function: Callable[[C], StudyRow],
+    function: Callable[[C], R],
     cases: Mapping[str, C],
-    store: Store,
-    opened: Opened,
+    store: Rows[R],
+    opened: Opened | None,
     observer: Observer = UNOBSERVED,
     *,
     retry: bool = False,
-    died: Callable[[str, str], StudyRow],
+    died: Callable[[str, str], R],
 ) -> None:
     """Run the cases whose rows the store lacks; with `retry` also those whose newest row failed.
 
     `function` runs a case and returns the row of its name; `died` makes the row of a name whose
-    worker died, with the reason.
+    worker died, with the reason. `opened`: as :func:`perform` takes it.
     """
     again = store.failed & set(cases) if retry else set[str]()
-    names = {case: name for name, case in cases.items()}
+    names = {id(case): name for name, case in cases.items()}
     todo = [case for name, case in cases.items() if name not in store.done - again]
     there = len(store.done & set(cases))
     observer.begun(PlannedRuns(len(cases), len(cases), there, len(todo), retried=len(again)))
     for case, result in perform(function, todo, opened, observer.stopping):
-        row = died(names[case], result) if isinstance(result, str) else result
+        row = died(names[id(case)], result) if isinstance(result, str) else result
         store.append(row)
         observer.done(row)
 

@@ -2,129 +2,137 @@
 
 from __future__ import annotations
 
-import os
-import shlex
-import sys
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from cosim.cli.options import Json, Quiet, Strict, write_json
+from cosim.cli.options import PROCESSORS, Jobs, ResultOptions, Strict
 
 if TYPE_CHECKING:
     from cosim.comparison.comparison import Comparison
     from cosim.comparison.variants import ComparisonSelection, MetricColumn, Variants
 
 
-def compare(
-    scenario: Annotated[Path, typer.Argument(help="Scenario file (.toml or .ssp).")],
+@dataclass(frozen=True, slots=True)
+class Selection:
+    """The names that are compared, where they are defined, and changes of the scenario."""
+
     controllers: Annotated[
         str, typer.Option(metavar="LIST", help="Names of controllers, e.g. paper,pd; or all.")
-    ] = "",
-    operators: Annotated[
-        str, typer.Option(metavar="LIST", help="Names of operators; or all.")
-    ] = "",
-    links: Annotated[str, typer.Option(metavar="LIST", help="Names of link laws; or all.")] = "",
-    columns: Annotated[str, typer.Option(metavar="LIST", help="Names of columns; or all.")] = "",
+    ] = ""
+    operators: Annotated[str, typer.Option(metavar="LIST", help="Names of operators; or all.")] = ""
+    links: Annotated[str, typer.Option(metavar="LIST", help="Names of link laws; or all.")] = ""
+    columns: Annotated[str, typer.Option(metavar="LIST", help="Names of columns; or all.")] = ""
     variants: Annotated[
         Path | None,
         typer.Option(
             help="File with the variants to compare.",
             show_default="the file in compare/ next to the scenario",
         ),
-    ] = None,
-    seeds: Annotated[int, typer.Option(min=1, help="Number of seeds, starting at run.seed.")] = 1,
+    ] = None
+    seeds: Annotated[int, typer.Option(min=1, help="Number of seeds, starting at run.seed.")] = 1
     set_: Annotated[
-        list[str] | None,
+        list[str],
         typer.Option("--set", metavar="PATH=VALUE", help="Change the scenario; repeatable."),
-    ] = None,
+    ] = field(default_factory=list)
+
+
+@dataclass(frozen=True, slots=True)
+class ComparisonOptions:
+    """The folder of a comparison, and what is made of its runs."""
+
     out: Annotated[
         Path | None,
         typer.Option(
             help="Folder for the results.", show_default="runs/compare-SCENARIO-DATE-TIME"
         ),
-    ] = None,
-    force: Annotated[bool, typer.Option("--force", help="Replace an earlier comparison.")] = False,
+    ] = None
+    force: Annotated[bool, typer.Option("--force", help="Replace an earlier comparison.")] = False
     resume: Annotated[
         bool, typer.Option("--resume", help="Continue the unfinished comparison in the folder.")
-    ] = False,
-    keep: Annotated[bool, typer.Option("--keep", help="Keep the run folder of every run.")] = False,
-    jobs: Annotated[int, typer.Option(min=1, help="Number of processes.")] = os.cpu_count() or 1,
-    plot: Annotated[bool, typer.Option("--plot/--no-plot", help="Draw the figure.")] = True,
+    ] = False
+    keep: Annotated[bool, typer.Option("--keep", help="Keep the run folder of every run.")] = False
+    jobs: Jobs = PROCESSORS
+    plot: Annotated[bool, typer.Option("--plot/--no-plot", help="Draw the figure.")] = True
     list_: Annotated[
         bool, typer.Option("--list", help="List the variants, without running them.")
-    ] = False,
-    strict: Strict = False,
-    json: Json = None,
-    quiet: Quiet = False,
+    ] = False
+    strict: Strict = False
+
+
+def compare(
+    scenario: Annotated[Path, typer.Argument(help="Scenario file (.toml or .ssp).")],
+    selection: Selection,
+    options: ComparisonOptions,
+    result: ResultOptions,
 ) -> None:
     """Compare controllers: run each with every operator and link law, and print one table."""
     from cosim.base.clock import stamp, stopwatch
     from cosim.cli.check import report_unconnected_inputs
-    from cosim.cli.summary import progress_bar
-    from cosim.comparison import page, report
+    from cosim.cli.summary import this_command
+    from cosim.cli.sweep import watched
+    from cosim.comparison import report
     from cosim.comparison.comparison import compare as compare_all
     from cosim.comparison.documents import check, read_base
     from cosim.comparison.kept import KeptResults
     from cosim.comparison.variants_file import read, variants_path
     from cosim.engine.simulate import versions
-    from cosim.record import seal
     from cosim.study.runner import fingerprint_of
 
-    known = read(variants or variants_path(scenario))
-    if list_:
+    known = read(selection.variants or variants_path(scenario))
+    if options.list_:
         typer.echo("\n".join(_listing(known)))
         return
-    known = known.with_columns(_names(columns))
-    chosen = known.select(*(_names(text) for text in (controllers, operators, links)))
-    base = read_base(scenario, known, set_ or ())
-    folder = out or Path("runs") / f"compare-{scenario.stem}-{stamp()}"
+    known = known.with_columns(_names(selection.columns))
+    chosen = known.select(
+        _names(selection.controllers), _names(selection.operators), _names(selection.links)
+    )
+    base = read_base(scenario, known, selection.set_)
+    folder = options.out or Path("runs") / f"compare-{scenario.stem}-{stamp()}"
     plans = check(base, known, chosen)  # before there is a folder
-    report_unconnected_inputs(plans, strict=strict, quiet=quiet)
-    report.claim(folder, force=force, resume=resume)
+    report_unconnected_inputs(plans, strict=options.strict, quiet=result.quiet)
+    report.claim(folder, force=options.force, resume=options.resume)
     watch, same = stopwatch(), fingerprint_of(repr(versions()).encode(), plans)
-    runs = folder / report.RUNS if keep else None
-    with progress_bar(quiet) as progress, KeptResults(folder, same, runs) as kept:
+    runs, seeds = folder / report.RUNS if options.keep else None, selection.seeds
+    title, count = _title(known, chosen, scenario, seeds), range(base.seed, base.seed + seeds)
+    with (
+        watched(result.quiet, folder, title, "runs") as observer,
+        KeptResults(folder, same, runs) as kept,
+    ):
         found = compare_all(
-            base, known, chosen, range(base.seed, base.seed + seeds), jobs=jobs, kept=kept,
-            progress=progress,
-        )  # fmt: skip
-    paths = list(report.write(found, folder, _command()))
+            base, known, chosen, count, jobs=options.jobs, kept=kept, observer=observer
+        )
+    paths = _written(found, folder, options.plot)
+    result.save(report.as_data(found, this_command()))
+    result.say("\n".join(report.text(found)))
+    result.say(f"{len(found.outcomes)} runs in {watch():.1f} s; {', '.join(map(str, paths))}")
+
+
+def _written(found: Comparison, folder: Path, plot: bool) -> list[Path]:
+    """Write the results into the folder; the path of each, the page first."""
+    from cosim.cli.summary import this_command
+    from cosim.comparison import figure, page, report
+    from cosim.record import seal
+
+    paths = list(report.write(found, folder, this_command()))
     if plot:
-        paths.insert(0, _draw(found, folder / report.FIGURE))
-        paths.insert(0, page.write(found, folder, _command()))
+        drawn = figure.draw(found, folder / report.FIGURE)
+        paths = [page.write(found, folder, this_command()), drawn, *paths]
     seal(folder, anew=True)
-    if json is not None:
-        write_json(json, report.as_data(found, _command()))
-    if quiet:
-        return
-    typer.echo(_title(known, chosen, scenario, seeds, len(found.outcomes)))
-    typer.echo("\n".join(report.text(found)))
-    typer.echo(f"{len(found.outcomes)} runs in {watch():.1f} s; {', '.join(map(str, paths))}")
+    return paths
 
 
 def _names(text: str) -> list[str]:
     return [name.strip() for name in text.split(",") if name.strip()]
 
 
-def _draw(found: Comparison, path: Path) -> Path:
-    from cosim.comparison.figure import draw
-
-    return draw(found, path)
-
-
-def _command() -> str:
-    return shlex.join(["cosim", *sys.argv[1:]])
-
-
-def _title(
-    known: Variants, chosen: ComparisonSelection, scenario: Path, seeds: int, runs: int
-) -> str:
+def _title(known: Variants, chosen: ComparisonSelection, scenario: Path, seeds: int) -> str:
     return (
         f"{known.title}\n{scenario}, {known.path}: {len(chosen.controllers)} controllers x "
         f"{len(chosen.operators)} operators x {len(chosen.links)} link laws x {seeds} "
-        f"seed{'s' if seeds > 1 else ''}, {runs} runs"
+        f"seed{'s' if seeds > 1 else ''}"
     )
 
 

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import product
+from pathlib import Path
 
 from cosim.base.processes import processes
 from cosim.comparison.documents import Base, Case, scenario
-from cosim.comparison.kept import KeptResults
-from cosim.comparison.measure import CaseOutcome, Task, failed_case, run_case
-from cosim.comparison.port_columns import PortOutcome, PortTask, run_port
+from cosim.comparison.kept import KeptResults, OutcomeRow, run_task
+from cosim.comparison.measure import CaseOutcome, Task
+from cosim.comparison.port_columns import PortOutcome, PortTask
 from cosim.comparison.same_links import Tables
 from cosim.comparison.variants import ComparisonSelection, MetricColumn, PortMeasure, Variants
+from cosim.study.runner import UNOBSERVED, Observer, run_named
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,44 +56,43 @@ def compare(
     *,
     jobs: int = 1,
     kept: KeptResults | None = None,
-    progress: Callable[[int, int], None] = lambda done, all_: None,
+    observer: Observer = UNOBSERVED,
 ) -> Comparison:
     """Run every case of `chosen` with every seed, but for those whose results are `kept`.
 
     A failure is an outcome with its reason; :func:`cosim.comparison.documents.check` finds cases
-    that cannot be assembled beforehand. `progress` is called with (done, all) runs.
+    that cannot be assembled beforehand.
     """
     kept = kept or KeptResults()
+    runs = {kept.name(t): t for t in _tasks(base, variants, cases(chosen, seeds), kept.runs)}
+    ports = {kept.name(t): t for t in _port_tasks(base, variants, chosen, seeds)}
+    every: dict[str, tuple[str, Task | PortTask]] = {name: (name, t) for name, t in runs.items()}
+    every |= {name: (name, port) for name, port in ports.items()}
+    opened = None if jobs < 2 else partial(processes, jobs)
+    run_named(run_task, every, kept, opened, observer, died=lambda n, why: OutcomeRow(n, None, why))
+    tables, found = Tables(), dict[Case, CaseOutcome]()
+    for name, task in runs.items():
+        outcome = kept.case(name, task)
+        tables.add(outcome.case, outcome.tables)
+        found[outcome.case] = outcome.without_tables()
+    for name, port in ports.items():
+        _add(found, port, kept.port(name))
+    return Comparison(base, variants, chosen, tuple(seeds), tuple(found.values()), tables)
+
+
+def _tasks(
+    base: Base, variants: Variants, every: Sequence[Case], runs: Path | None
+) -> Iterator[Task]:
     of_runs = [c for c in variants.columns if not isinstance(c.metric, PortMeasure)]
-    tasks = [
-        Task(
+    for case in every:
+        yield Task(
             case,
             scenario(base, variants, case),
             tuple(c for c in of_runs if c.applies(variants.operators[case.operator])),
             variants.stability,
             variants.picture,
-            None if kept.runs is None else kept.runs / case.name,
+            None if runs is None else runs / case.name,
         )
-        for case in cases(chosen, seeds)
-    ]
-    ports = _port_tasks(base, variants, chosen, seeds)
-    tables, found, told = Tables(), dict[Case, CaseOutcome](), 0
-    total = len(tasks) + len(ports)
-    opened = None if jobs < 2 else partial(processes, jobs)
-    for task, result in kept.results(run_case, tasks, CaseOutcome, opened):
-        found[task.case] = failed_case(task.case, result) if isinstance(result, str) else result
-        while told < len(tasks) and tasks[told].case in found:  # in order, whoever was done first
-            outcome = found[tasks[told].case]
-            tables.add(outcome.case, outcome.tables)
-            found[outcome.case] = outcome.without_tables()
-            told += 1
-        progress(len(found), total)
-    measures = kept.results(run_port, ports, PortOutcome, opened)
-    for done, (port, measured) in enumerate(measures, len(found) + 1):
-        _add(found, port, PortOutcome(reason=measured) if isinstance(measured, str) else measured)
-        progress(done, total)
-    outcomes = tuple(found[task.case] for task in tasks)
-    return Comparison(base, variants, chosen, tuple(seeds), outcomes, tables)
 
 
 def _port_tasks(

@@ -7,8 +7,7 @@ is measured, the FMUs and versions. So a changed scenario is another result, and
 from __future__ import annotations
 
 from base64 import b64decode, b64encode
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from hashlib import sha256
 from pathlib import Path
 from types import TracebackType
@@ -18,34 +17,56 @@ import msgspec
 import numpy as np
 
 from cosim.base.errors import RunError
-from cosim.base.processes import Opened
-from cosim.comparison.measure import CaseOutcome, Task
-from cosim.comparison.port_columns import PortOutcome, PortTask
+from cosim.comparison.measure import CaseOutcome, Task, failed_case, run_case
+from cosim.comparison.port_columns import PortOutcome, PortTask, run_port
 from cosim.record.folder import reason
-from cosim.study.runner import perform
 from cosim.study.store import JOURNAL, ResultJournal
 
-T = TypeVar("T", Task, PortTask)
 R = TypeVar("R", CaseOutcome, PortOutcome)
+
+
+@dataclass(frozen=True, slots=True)
+class OutcomeRow:
+    """The `outcome` of the task with the name `run`; None: its process `died`, for this reason."""
+
+    run: str
+    outcome: CaseOutcome | PortOutcome | None
+    died: str = ""
+
+    @property
+    def reason(self) -> str:
+        """The reason why a run has not come to its end."""
+        if isinstance(self.outcome, CaseOutcome) and not self.outcome.verdict.ended:
+            return self.outcome.verdict.text
+        return self.died
+
+
+def run_task(named: tuple[str, Task | PortTask]) -> OutcomeRow:
+    """Run and measure a task with its name; a failure is an outcome with its reason."""
+    name, task = named
+    return OutcomeRow(name, run_case(task) if isinstance(task, Task) else run_port(task))
 
 
 @final
 class KeptResults:
-    """Results in the journal of a folder; a context manager.
+    """Outcomes in the journal of a folder; a context manager.
 
-    `folder`: None keeps no results; `same`: what all of them follow from besides their tasks;
-    `runs`: where run folders stay, None: nowhere. Raises RunError with the path.
+    `folder`: None keeps them in memory only; `same`: what all of them follow from besides their
+    tasks; `runs`: where run folders stay, None: nowhere. Raises RunError with the path.
     """
 
     def __init__(
         self, folder: Path | None = None, same: str = "", runs: Path | None = None
     ) -> None:
         self.runs, self._same, self._journal = runs, same, None
+        self._rows: dict[str, OutcomeRow] = {}
         try:
             if folder is not None:
                 self._journal = ResultJournal(folder / JOURNAL)
         except OSError as error:
             raise RunError(f"cannot use {folder}: {reason(error)}") from error
+        self.done = set(self._journal.rows) if self._journal else set[str]()
+        self.failed = set[str]()
 
     def __enter__(self) -> KeptResults:
         return self
@@ -59,27 +80,31 @@ class KeptResults:
         if self._journal is not None:
             self._journal.close()
 
-    def results(
-        self, function: Callable[[T], R], tasks: Sequence[T], kind: type[R], opened: Opened | None
-    ) -> Iterator[tuple[T, R | str]]:
-        """(task, result): first those that are kept, then others as they are done.
+    def append(self, row: OutcomeRow) -> None:
+        """Take an outcome; that of a process that died is not kept for another time."""
+        if self._journal is None or row.outcome is None:
+            self._rows[row.run] = row
+        else:
+            self._journal.append({"run": row.run, "result": _packed(row.outcome)})
 
-        A text instead of the result if the process of a task died, which is not kept.
-        """
-        rows, missing = self._journal.rows if self._journal else {}, dict[str, T]()
-        for task in tasks:
-            name = self._name(task)
-            if name in rows:
-                yield task, _unpacked(rows[name]["result"], kind)
-            else:
-                missing[name] = task
-        names = {id(task): name for name, task in missing.items()}
-        for task, result in perform(function, list(missing.values()), opened):
-            if self._journal is not None and not isinstance(result, str):
-                self._journal.append({"run": names[id(task)], "result": _packed(result)})
-            yield task, result
+    def case(self, name: str, task: Task) -> CaseOutcome:
+        """The outcome of a case."""
+        row = self._row(name, CaseOutcome)
+        found = row.outcome
+        return found if isinstance(found, CaseOutcome) else failed_case(task.case, row.died)
 
-    def _name(self, task: Task | PortTask) -> str:
+    def port(self, name: str) -> PortOutcome:
+        """The outcome of a test of a port."""
+        row = self._row(name, PortOutcome)
+        return row.outcome if isinstance(row.outcome, PortOutcome) else PortOutcome(reason=row.died)
+
+    def _row(self, name: str, kind: type[R]) -> OutcomeRow:
+        if name in self._rows or self._journal is None:
+            return self._rows[name]
+        return OutcomeRow(name, _unpacked(self._journal.rows[name]["result"], kind))
+
+    def name(self, task: Task | PortTask) -> str:
+        """The name of a task's outcome."""
         if isinstance(task, Task):
             task = replace(task, folder=None)
         return sha256(f"{self._same} {task!r}".encode()).hexdigest()[:16]

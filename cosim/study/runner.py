@@ -94,7 +94,7 @@ def perform(
         yield from spread(opened, function, cases, stopped)
 
 
-class Rows(Protocol[R]):
+class RowStore(Protocol[R]):
     """The place where rows stay: names of runs that are `done`, and of those that `failed`."""
 
     done: set[str]
@@ -107,7 +107,7 @@ class Rows(Protocol[R]):
 def run_named(
     function: Callable[[C], R],
     cases: Mapping[str, C],
-    store: Rows[R],
+    store: RowStore[R],
     opened: Opened | None,
     observer: Observer = UNOBSERVED,
     *,

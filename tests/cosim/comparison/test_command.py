@@ -10,6 +10,7 @@ import typer
 
 from cosim.base.errors import ScenarioError
 from cosim.cli.compare import compare
+from cosim.cli.groups import flat
 from tests.cli.command import Command
 from tests.cosim.comparison.parts import CONFIG, SMALL, VARIANTS, written
 
@@ -17,7 +18,7 @@ from tests.cosim.comparison.parts import CONFIG, SMALL, VARIANTS, written
 def call(*arguments: str | Path) -> None:
     """The command alone, without what turns errors into exit codes."""
     app = typer.Typer()
-    app.command()(compare)
+    app.command()(flat(compare))
     app([*map(str, arguments)], standalone_mode=False)
 
 
@@ -30,9 +31,9 @@ def test_it_prints_one_table_and_writes_it(
         "--set", "run.stop=2 s", "--jobs", "1", "--out", out, "--keep",
     )  # fmt: skip
     said = capsys.readouterr()
-    assert "2 controllers x 2 operators x 1 link laws x 1 seed, 4 runs" in said.out
+    assert "2 controllers x 2 operators x 1 link laws x 1 seed\n4 runs; 4 to run" in said.out
     assert "link tables: the same for every controller" in said.out
-    assert said.err == ""
+    assert said.err.startswith("4/4 runs in ")
     assert {p.name for p in out.iterdir()} == {
         "comparison.png", "report.html", "table.md", "table.csv", "table.json", "links", "runs",
         "SHA256SUMS",

@@ -9,7 +9,8 @@ import pytest
 from cosim.base.errors import ScenarioError
 from cosim.comparison import measure, report
 from cosim.comparison.comparison import compare
-from cosim.comparison.kept import KeptResults
+from cosim.comparison.kept import KeptResults, OutcomeRow
+from cosim.study.runner import UNOBSERVED, Observer
 from cosim.study.store import JOURNAL
 from tests.cosim.comparison.parts import SMALL, loaded, push, written
 
@@ -18,12 +19,15 @@ class Stopped(Exception):
     """The comparison ends after this many results."""
 
 
-def stop_after(count: int):
-    def progress(done: int, runs: int) -> None:
-        if done == count:
+def stop_after(count: int) -> Observer:
+    done: list[str] = []
+
+    def progress(row: OutcomeRow) -> None:
+        done.append(row.run)
+        if len(done) == count:
             raise Stopped
 
-    return progress
+    return Observer(done=progress)
 
 
 TEXT = SMALL + push("pushes") + push("fails", fail_at=0.5)
@@ -33,11 +37,11 @@ def files(folder: Path) -> dict[str, bytes]:
     return {str(p.relative_to(folder)): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
 
 
-def results(path: Path, folder: Path, progress=lambda done, runs: None, same: str = ""):
+def results(path: Path, folder: Path, observer=UNOBSERVED, same: str = ""):
     variants, base = loaded(path)
     chosen = variants.select(["all"], (), ())
     with KeptResults(folder, same) as kept:
-        found = compare(base, variants, chosen, [0, 1], kept=kept, progress=progress)
+        found = compare(base, variants, chosen, [0, 1], kept=kept, observer=observer)
     return list(report.write(found, folder, "cosim compare"))
 
 

@@ -63,12 +63,8 @@ def unanswered(
 
     `rows_of`: the rows (slots,) of each life; `nodes`: the folder with the logs of their buses.
     """
-    for report in reports:
-        rows, plan = rows_of[report.life], system.nodes[report.life.node]
-        active = rows[rows["state"] == LifeState.ACTIVE]
-        sent = list(_sent(system, report.life.node, active))
-        if not sent:
-            continue
+    for report, active, sent in _driving(system, rows_of, reports):
+        plan = system.nodes[report.life.node]
         yield from _off(report.life, active, sent, plan.h)
         found = {(m.law, m.entry): m for m in motions(system, plan, active)}
         limits = _limits(system, report.life.node)
@@ -89,18 +85,26 @@ def silent_ends(
     It is one only if the drive was silent for longer than ever before. `rows_of`: the rows (slots,)
     of each life.
     """
-    for report in reports:
-        if report.end is not LifeEnd.FINISHED:
-            continue  # its node has stopped, and says why
-        rows = rows_of[report.life]
-        active = rows[rows["state"] == LifeState.ACTIVE]
-        for one in _sent(system, report.life.node, active) if len(active) else ():
+    finished = [r for r in reports if r.end is LifeEnd.FINISHED]  # others say why they stopped
+    for report, active, sent in _driving(system, rows_of, finished):
+        for one in sent:
             silence = _silence(system, report.life.node, active, one)
             if silence:
                 yield (
                     f"{report.life}: {one.name} may have been off at the end: nothing came from it"
                     f" for {silence * 1e3:.0f} ms, and never for so long before"
                 )
+
+
+def _driving(
+    system: System, rows_of: Mapping[Life, Rows], reports: Sequence[NodeReport]
+) -> Iterator[tuple[NodeReport, Rows, list[JointTorque]]]:
+    """Each life that has driven something: its ACTIVE slots (slots,), and the torques sent then."""
+    for report in reports:
+        rows = rows_of[report.life]
+        active = rows[rows["state"] == LifeState.ACTIVE]
+        if len(active) and (sent := list(_sent(system, report.life.node, active))):
+            yield report, active, sent
 
 
 def _silence(system: System, node: str, rows: Rows, one: JointTorque) -> float:

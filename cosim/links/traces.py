@@ -298,19 +298,10 @@ class BusDelays:
 
         A test of `cosim analyze` that lasts longer than the run repeats them from the start.
         """
-        return _Simulated(self.delay)
+        rows = np.arange(self.delay.size, dtype=np.float64)
+        return _Looked(DelayTrace(rows, self.delay, lookup="index", repeat=True), period)
 
     def facts(self) -> dict[str, Any]:
         """Facts about the bus and the frame, and a digest of the delays."""
         digest = sha256(self.delay.astype("<f8").tobytes())
         return {"law": "bus", **self.known, "sha256": digest.hexdigest()}
-
-
-class _Simulated:
-    def __init__(self, delay: FloatArray) -> None:
-        self._delay, self._sample = delay, 0
-
-    def take(self, n: int) -> FloatArray:
-        index = np.arange(self._sample, self._sample + n) % self._delay.size
-        self._sample += n
-        return self._delay[index]

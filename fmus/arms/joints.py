@@ -142,8 +142,6 @@ def rate(name: str, start: float, description: str) -> Variable:
     return Variable(name, "parameter", (), "1/s", start, description, minimum=0.0)
 
 
-#: What one side sends and where the other takes it: (source, target).
-EXCHANGE = (("plant.q", "control.q_j"), ("plant.dq", "control.dq_j"))
 NETWORK = Terminal("network", ("q_j", "dq_j"), "Motion of the other arm")
 
 

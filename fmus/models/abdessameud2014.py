@@ -43,9 +43,6 @@ PRESETS: dict[str, dict[str, float]] = {
     "Abdessameud violating": {"K": 16.0, "Gamma": 1.0, "k_p": 4.0, "k_d": 0.5},
 }
 
-#: What one side sends and where the other takes it: (source, target).
-EXCHANGE = (("plant.q", "control.q_j"),)
-
 _ALL = ("q", "dq", "q_j")
 _START = ("theta_hat", "z", "K", "k_p", "k_d", "tau_max")
 

@@ -17,7 +17,6 @@ from __future__ import annotations
 from fmus.arms.robot import of_robot
 from fmus.build.reference import derive
 from fmus.models import abdessameud2014
-from fmus.models.abdessameud2014 import EXCHANGE as EXCHANGE
 from fmus.models.static_feedback import adaptive, serial_model
 
 model = serial_model(abdessameud2014.declare, __doc__)

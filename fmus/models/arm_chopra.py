@@ -16,7 +16,6 @@ from __future__ import annotations
 from fmus.arms.robot import of_robot
 from fmus.build.reference import derive
 from fmus.models import chopra
-from fmus.models.chopra import EXCHANGE as EXCHANGE
 from fmus.models.static_feedback import adaptive, serial_model
 
 model = serial_model(chopra.declare, __doc__)

@@ -16,7 +16,6 @@ from __future__ import annotations
 from fmus.arms.robot import of_robot
 from fmus.build.reference import derive
 from fmus.models import nuno_adaptive
-from fmus.models.nuno_adaptive import EXCHANGE as EXCHANGE
 from fmus.models.static_feedback import adaptive, serial_model
 
 model = serial_model(nuno_adaptive.declare, __doc__)

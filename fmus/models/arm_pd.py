@@ -23,7 +23,6 @@ from __future__ import annotations
 
 from fmus.arms import chain
 from fmus.arms.joints import DAMPING, RATE, STIFFNESS, TORQUE, Joints, controller
-from fmus.arms.joints import EXCHANGE as EXCHANGE
 from fmus.arms.robot import of_robot
 from fmus.build.reference import Values, derive
 from fmus.model import Model

@@ -17,7 +17,6 @@ from fmus.arms.robot import of_robot
 from fmus.build.reference import derive
 from fmus.models import wang2014
 from fmus.models.static_feedback import adaptive, serial_model
-from fmus.models.wang2014 import EXCHANGE as EXCHANGE
 
 model = serial_model(wang2014.declare, __doc__)
 fmu, kernel, ArmWang2014 = derive(model, *adaptive("s", wang2014.feedback, serial=True))

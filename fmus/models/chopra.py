@@ -29,9 +29,6 @@ PRESETS: dict[str, dict[str, float]] = {
     "Chopra": {"K": 16.0, "Gamma": 1.0, "lambda": 0.5},
 }
 
-#: What one side sends and where the other takes it: (source, target).
-EXCHANGE = (("control.r", "control.r_j"),)
-
 
 def model(neighbours: int = 1) -> Model:
     """Declare the controller for `neighbours` >= 1; defaults: ``Chopra``. Raises FmuError."""

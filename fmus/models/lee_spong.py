@@ -21,7 +21,6 @@ to ±tau_max.
 from __future__ import annotations
 
 from fmus.arms.joints import DAMPING, STIFFNESS, Joints, controller
-from fmus.arms.joints import EXCHANGE as EXCHANGE
 from fmus.build.reference import Values, derive
 from fmus.model import Model
 from fmus.model.numeric import Array, np

@@ -23,7 +23,6 @@ limited to ±tau_max; while any joint is at its limit theta_hat is not updated (
 from __future__ import annotations
 
 from fmus.arms.joints import DAMPING, RATE, rate
-from fmus.arms.joints import EXCHANGE as EXCHANGE
 from fmus.build.reference import Values, derive
 from fmus.model import Model
 from fmus.model.numeric import Array

@@ -34,9 +34,6 @@ PRESETS: dict[str, dict[str, float]] = {
     "P+d violating": {"K": 10.0, "B": 3.0},
 }
 
-#: What one side sends and where the other takes it: (source, target).
-EXCHANGE = (("plant.q", "control.q_j"),)
-
 
 def model(joints: int = 2) -> Model:
     """Declare the controller of an arm of `joints`; the defaults are ``P+d``."""

@@ -45,9 +45,6 @@ PRESETS: dict[str, dict[str, float]] = {
     "TDPA drift": {"K_p": 50.0, "K_d": 10.0, "E_0": 1e-3, "k_c": 1.0},
 }
 
-#: What this end sends and where the other takes it: (source, target).
-EXCHANGE = (("control.f", "control.f_j"), ("control.E", "control.E_j"))
-
 _ALL = ("q", "dq", "v_j", "E_j", "q_j")
 
 

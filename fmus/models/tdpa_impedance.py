@@ -34,13 +34,6 @@ from fmus.model.numeric import Array, np
 
 PRESETS: dict[str, dict[str, float]] = {"TDPA": {"a_max": 20.0}, "TDPA drift": {"a_max": 20.0}}
 
-#: What this end sends and where the other takes it: (source, target).
-EXCHANGE = (
-    ("control.v", "control.v_j"),
-    ("control.E", "control.E_j"),
-    ("plant.q", "control.q_j"),
-)
-
 
 def _inputs(arm: Joints) -> tuple[Variable, ...]:
     return (

@@ -30,9 +30,6 @@ PRESETS: dict[str, dict[str, float]] = {
     "scattering(n=3)": {"b": 9.0, "K_p": 50.0, "K_d": 9.0},
 }
 
-#: What this end sends and where the other takes it: (source, target).
-EXCHANGE = (("control.v", "control.v"),)
-
 _ALL = ("u", "q", "dq")
 
 

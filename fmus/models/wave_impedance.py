@@ -36,9 +36,6 @@ PRESETS: dict[str, dict[str, float]] = {
     "scattering(n=3)": {"b": 9.0},
 }
 
-#: What this end sends and where the other takes it: (source, target).
-EXCHANGE = (("control.u", "control.u"),)
-
 
 def model(joints: int = 2) -> Model:
     """Declare the end of the line for `joints`; the defaults are ``wave(b=10)``."""

@@ -26,9 +26,6 @@ PRESETS: dict[str, dict[str, float]] = {
     "wave integrals(b=10)": {"b": 10.0, "K_p": 50.0, "K_d": 10.0},
 }
 
-#: What this end sends and where the other takes it: (source, target).
-EXCHANGE = (("control.U", "control.U_j"), ("control.E", "control.E_j"))
-
 _ALL = ("q", "dq", "U_j", "E_j")
 
 

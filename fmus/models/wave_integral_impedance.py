@@ -42,9 +42,6 @@ IMPULSE = "N.m.s"
 
 PRESETS: dict[str, dict[str, float]] = {"wave integrals(b=10)": {"b": 10.0}}
 
-#: What this end sends and where the other takes it: (source, target).
-EXCHANGE = (("control.U", "control.U_j"), ("control.E", "control.E_j"))
-
 _ALL = ("dq", "U_j", "E_j")
 
 

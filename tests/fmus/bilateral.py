@@ -55,8 +55,27 @@ class Pair:
     constant_delay: bool = False
 
 
+#: What a side sends to the other one; the others send the motion of their arm.
+_MOTION = (("plant.q", "control.q_j"), ("plant.dq", "control.dq_j"))
+_SENDS: dict[ModuleType, Exchange] = {
+    abdessameud2014: (("plant.q", "control.q_j"),),
+    chopra: (("control.r", "control.r_j"),),
+    p_d: (("plant.q", "control.q_j"),),
+    tdpa_admittance: (("control.f", "control.f_j"), ("control.E", "control.E_j")),
+    tdpa_impedance: (
+        ("control.v", "control.v_j"),
+        ("control.E", "control.E_j"),
+        ("plant.q", "control.q_j"),
+    ),
+    wave_admittance: (("control.v", "control.v"),),
+    wave_impedance: (("control.u", "control.u"),),
+    wave_integral_admittance: (("control.U", "control.U_j"), ("control.E", "control.E_j")),
+    wave_integral_impedance: (("control.U", "control.U_j"), ("control.E", "control.E_j")),
+}
+
+
 def _side(model: ModuleType, preset: str) -> BilateralSide:
-    return BilateralSide(model.__name__, model.PRESETS[preset], model.EXCHANGE)
+    return BilateralSide(model.__name__, model.PRESETS[preset], _SENDS.get(model, _MOTION))
 
 
 def _paper(lambda_M: float) -> BilateralSide:

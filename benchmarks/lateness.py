@@ -4,7 +4,7 @@
                                   [--priority P] [--figure FILE.png]
 
 Each block is a process of its own; all variants run a block, then all the next. Needs the rights
-that docs/real-time.md describes, and Debian's rt-tests for cyclictest; what is not granted or not
+that docs/rehearsal.md describes, and Debian's rt-tests for cyclictest; what is not granted or not
 there is said. Nothing else should run meanwhile.
 """
 

@@ -1,4 +1,4 @@
-"""Write the table of five networks in ``docs/ping.md``: ``python docs/ping_cases.py``.
+"""Write the table of five networks in ``docs/network.md``: ``python docs/ping_cases.py``.
 
 Each network is drawn for a minute at 200 packets a second in both directions, as `cosim ping`
 would have measured it; what follows from it is computed as with ``--scenario --compare``.
@@ -15,7 +15,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 ROOT = Path(__file__).resolve().parents[1]
-PAGE = ROOT / "docs" / "ping.md"
+PAGE = ROOT / "docs" / "network.md"
 if str(ROOT) not in sys.path:
     sys.path.insert(0, str(ROOT))
 

@@ -31,10 +31,9 @@ COSIM = str(Path(sys.executable).with_name("cosim"))
 #: The pages by what a reader wants; every page of docs/ stands in one of them.
 GROUPS: Mapping[str, tuple[str, ...]] = {
     "Begin": ("tutorial", "running", "own-component", "your-own-arm"),
-    "Simulate": ("arm", "mujoco", "fmi", "ssp", "scale", "sweep", "analysis", "benchmark"),
-    "Rehearse": ("rehearsal", "can", "bus", "ls-bus", "hardware", "faults"),
-    "Networks": ("network", "ping"),
-    "Concepts": ("design", "algorithms", "real-time", "safety", "controllers", "paper", "glossary"),
+    "Simulate": ("arm", "controllers", "fmi", "algorithms", "scale", "sweep", "analysis"),
+    "Rehearse": ("rehearsal", "can", "bus", "network", "hardware", "safety", "faults"),
+    "Concepts": ("paper", "design", "glossary"),
     "Reference": ("commands", "keys", "api", "models"),
     "Evidence": (
         "evidence/controllers",

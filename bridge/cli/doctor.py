@@ -299,7 +299,7 @@ def _realtime() -> MachineCheck:
         "limited",
         text,
         "nodes that keep their time",
-        "see docs/real-time.md, Permissions",
+        "see docs/rehearsal.md, Permissions",
     )
 
 

@@ -77,7 +77,7 @@ def watchdog(line: DriveLine, drive: LineDrive) -> Iterator[StepFinding]:
     if not stays:
         if line.late >= timeout / 2:
             text = f"not checked: this machine stood still for {line.late:.3f} s"
-            yield StepFinding(name, "limited", text, "stop other work (docs/real-time.md)")
+            yield StepFinding(name, "limited", text, "stop other work (docs/rehearsal.md)")
             return
         text = f"tells {drive.says} although it was fed in time"
         yield StepFinding(name, "missing", text, "is its watchdog shorter than the profile's?")

@@ -4,7 +4,7 @@ The requests are independent, and the report has one row for each: granted or re
 `ask` a node continues without refused requests (rehearsal); with `enforce` it refuses to start
 (hardware). The kernel's throttling of real-time tasks is not changed, so that a node that never
 sleeps cannot block the machine. Threads and processes started later are not real-time. See
-``docs/real-time.md``.
+``docs/rehearsal.md``.
 """
 
 from __future__ import annotations

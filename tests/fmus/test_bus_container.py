@@ -58,7 +58,7 @@ def container(
 def test_the_first_node_of_a_container_hears_the_other_one(
     fmus: tuple[str, str], tmp_path: Path
 ) -> None:
-    """Without a bus. The second node sends too; version 2.0 hands it no frames (docs/ls-bus.md)."""
+    """Without a bus. The second node sends too; version 2.0 hands it no frames (docs/bus.md)."""
     second = fmus[1]
     links = [["a.fmu", "Powertrain", "b.fmu", "Powertrain"]]
     found = container(tmp_path, fmus, links, step=1e-3, baud=0.0, first_byte=FIRST_BYTE)
@@ -69,7 +69,7 @@ def test_the_first_node_of_a_container_hears_the_other_one(
 def test_the_bus_fmu_in_a_container_ticks_at_the_ends_of_frames(tmp_path: Path) -> None:
     """The bus gets the frames of both nodes, and its clocks tick when a frame has been sent.
 
-    Version 2.0 passes no data on from clocks that it ticks itself (docs/ls-bus.md).
+    Version 2.0 passes no data on from clocks that it ticks itself (docs/bus.md).
     """
     build_bus(2, BusTiming(500e3), tmp_path / "bus.fmu")
     links = [[f"{n}.fmu", "Powertrain", "bus.fmu", f"Node{i + 1}"] for i, n in enumerate("ab")]

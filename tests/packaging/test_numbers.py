@@ -85,9 +85,9 @@ NUMBERS: list[tuple[str, str, Callable[[], float]]] = [
     ("safety.md", r"\(every 5 to (\d+) ms\)", lambda: FEED_NS[1] / 1e6),
     ("rehearsal.md", r"at most (\d+) slots a second", lambda: LIVE_RATE),
     ("network.md", r"`options.wait` \((\d+) s\)", lambda: default(ZenohOptions, "wait")),
-    ("real-time.md", r"bins of 1 µs up to (\d+) µs", lambda: _LINEAR),
-    ("real-time.md", r"then (\d+) a factor of two", lambda: _PER_OCTAVE),
-    ("real-time.md", r"TIMERSLACK` (\d+) ns", lambda: default(Realtime, "timer_slack_ns")),
+    ("rehearsal.md", r"bins of 1 µs up to (\d+) µs", lambda: _LINEAR),
+    ("rehearsal.md", r"then (\d+) a factor of two", lambda: _PER_OCTAVE),
+    ("rehearsal.md", r"TIMERSLACK` (\d+) ns", lambda: default(Realtime, "timer_slack_ns")),
 ]
 
 

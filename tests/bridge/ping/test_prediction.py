@@ -78,6 +78,6 @@ def test_plain_pd_fails_on_a_path_on_which_the_paper_law_comes_to_rest(tmp_path:
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["LAN", "classic CAN at 90 %"])
 def test_the_page_has_the_numbers_of_its_networks(name: str, tmp_path: Path) -> None:
-    page = (CONFIGS.parent / "docs" / "ping.md").read_text(encoding="utf-8")
+    page = (CONFIGS.parent / "docs" / "network.md").read_text(encoding="utf-8")
     row = run_path(str(CONFIGS.parent / "docs" / "ping_cases.py"))["row"]
     assert row(name, tmp_path) in page.splitlines()

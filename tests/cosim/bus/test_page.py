@@ -18,6 +18,6 @@ def test_the_examples_of_the_page_run(
     scope: dict[str, object] = {}
     for example in examples:
         exec(example, scope)
-    assert len(examples) == 3
+    assert len(examples) == 4
     assert "0x100: 99 % within" in capsys.readouterr().out
     assert (tmp_path / "bus.png").stat().st_size > 10_000

@@ -1,4 +1,4 @@
-"""docs/benchmark.md: its examples run, and it lists every preset, study, person and column."""
+"""docs/controllers.md: its examples run, and it lists every preset, study, person and column."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from cosim.links.presets import PRESETS
 from tests.cosim.comparison.parts import CONFIG, ROOT, VARIANTS
 from tests.cosim.comparison.test_command import call
 
-PAGE = (ROOT / "docs" / "benchmark.md").read_text(encoding="utf-8")
+PAGE = (ROOT / "docs" / "controllers.md").read_text(encoding="utf-8")
 STUDIES = ROOT / "configs" / "compare" / "studies"
 
 

@@ -67,7 +67,8 @@ def _kept(
 
     Each copy appears complete: a process that has an older library mapped keeps it.
     """
-    digest = hashlib.sha256(repr((name, how.get("platform"), list(how.get("flags", ())))).encode())
+    said = {word: list(value or ()) for word, value in how.items() if word != "include"}
+    digest = hashlib.sha256(repr((name, sorted(said.items()))).encode())
     for text in made_from:
         digest.update(hashlib.sha256(text).digest())
     known = folder / digest.hexdigest()

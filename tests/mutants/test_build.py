@@ -53,6 +53,17 @@ def test_only_what_is_new_is_compiled_and_linked(
     assert first == third != second
 
 
+def test_the_same_objects_with_another_library_are_linked_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    keep(tmp_path / "objects", monkeypatch.setattr)
+    (tmp_path / "a.c").write_text("int a;\n")
+    part = toolchain.compile_object(tmp_path / "a.c", tmp_path / "a.o")
+    toolchain.link_shared([part], tmp_path / "x.so", libraries=["m"])
+    with pytest.raises(toolchain.ToolchainError, match="no_such_one"):
+        toolchain.link_shared([part], tmp_path / "x.so", libraries=["no_such_one"])
+
+
 @pytest.mark.parametrize(
     ("work", "limit", "code"),
     [

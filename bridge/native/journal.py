@@ -38,6 +38,12 @@ UNFINISHED = ".new"
 Rows = NDArray[np.void]
 
 
+#: What Python and NumPy raise for a text that describes no fields.
+_NO_DESCRIPTION = (
+    SyntaxError, ValueError, TypeError, LookupError, RecursionError, MemoryError, OverflowError,
+)  # fmt: skip
+
+
 class JournalError(CosimError, ValueError):
     """A file is not a journal, or a journal cannot be created."""
 
@@ -252,8 +258,10 @@ def row_of(path: Path, text: bytes, size: int) -> np.dtype[Any]:
     """The fields of a row, from the text behind the rows. Raises JournalError."""
     try:
         row = np.lib.format.descr_to_dtype(ast.literal_eval(text.decode()))
-    except (SyntaxError, ValueError, TypeError) as error:
+    except _NO_DESCRIPTION as error:
         raise JournalError(f"{path}: invalid description of its rows: {text!r}") from error
-    if row.itemsize != size:
+    if row.names is None or row.hasobject:
+        raise JournalError(f"{path}: rows of {row}; expected fields of numbers")
+    if row.itemsize != size or not size:
         raise JournalError(f"{path}: rows of {size} bytes, described as {row.itemsize}")
     return row

@@ -15,7 +15,7 @@ import pytest
 from bridge.native import journal as journals
 from bridge.native.bus import Bus, BusKind
 from bridge.native.frame import Frame, Ring, frame_dtype
-from bridge.native.journal import HEADER, Journal, JournalError, JournalStruct
+from bridge.native.journal import HEADER, Journal, JournalError, JournalStruct, row_of
 from bridge.recording.journal_tail import JournalTail
 from tests.footprint import open_files
 
@@ -210,6 +210,29 @@ def test_what_is_no_journal_is_refused(tmp_path: Path, damage, message: str):
     (tmp_path / "k").write_bytes(damage((tmp_path / "j").read_bytes()))
     with pytest.raises(JournalError, match=message):
         Journal.open(tmp_path / "k")
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("('<f8',)", "invalid description"),
+        ("{}", "rows of 8 bytes, described as 0"),
+        ("[" * 150, "invalid description"),
+        ("-" * 5000 + "1", "invalid description"),
+        ("[('a', '<f8', -1)]", "invalid description"),
+        ("'<f8'", "rows of float64; expected fields of numbers"),
+        ("[('a', 'O')]", "expected fields of numbers"),
+        ("[('a', '<f4')]", "rows of 8 bytes, described as 4"),
+    ],
+)
+def test_what_describes_no_rows_is_refused(text: str, message: str) -> None:
+    with pytest.raises(JournalError, match=message):
+        row_of(Path("j"), text.encode(), 8)
+
+
+def test_rows_of_no_bytes_are_refused() -> None:
+    with pytest.raises(JournalError, match="rows of 0 bytes"):
+        row_of(Path("j"), b"[('a', '|V0')]", 0)
 
 
 def test_nobody_finds_half_a_journal(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -67,20 +67,23 @@ def fuzz(name: str, seed: int, count: int = 0, seconds: float = 0.0) -> Fuzzed:
     random = np.random.default_rng(seed)
     found: list[Finding] = []
     tried, known = 0, set[str]()
+
+    def take(data: bytes, suffix: str) -> None:
+        error = attempt(target, data, suffix)
+        place = error.rpartition("File ")[2]
+        if error and place not in known:
+            known.add(place)
+            found.append(Finding(name, error, suffix, data))
+
     with _quiet():
         seeds = target.seeds()
         for suffix, data in seeds:  # what reading imports, and compiles once, does not count
-            attempt(target, data, suffix)
+            take(data, suffix)
         begin = time.monotonic()
         end = begin + seconds
         while len(found) < MOST and (time.monotonic() < end if seconds > 0 else tried < count):
             suffix, data = seeds[int(random.integers(0, len(seeds)))]
-            mutant = target.mutate(random, data, [d for s, d in seeds if s == suffix])
-            error = attempt(target, mutant, suffix)
-            place = error.rpartition("File ")[2]
-            if error and place not in known:
-                known.add(place)
-                found.append(Finding(name, error, suffix, mutant))
+            take(target.mutate(random, data, [d for s, d in seeds if s == suffix]), suffix)
             tried += 1
     return Fuzzed(tried, tuple(found), time.monotonic() - begin)
 

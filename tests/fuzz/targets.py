@@ -156,8 +156,8 @@ def _urdf(path: Path) -> None:
 
     robot = read(path)
     list(report.tree(robot))
-    first, last = robot.links[0], robot.links[-1]  # of one link: the same
-    chain.check(serial(path, first, last).table, str(path))
+    links = list(robot.links)
+    chain.check(serial(path, links[0], links[-1]).table, str(path))
 
 
 def _fmu(path: Path) -> None:

@@ -48,6 +48,14 @@ def test_what_is_no_cosim_error_is_a_finding(monkeypatch):
     assert b"\n\n" not in found[0].data
 
 
+def test_an_input_that_is_no_mutant_is_tried_as_well(monkeypatch):
+    def read(path):
+        raise KeyError(path)
+
+    monkeypatch.setitem(TARGETS, "faults", Target("faults", read, of_text, (".toml",)))
+    assert len(drive.fuzz("faults", seed=1, count=0).findings) == 1
+
+
 def test_a_reader_that_hangs_is_a_finding(monkeypatch):
     def read(path):
         while True:

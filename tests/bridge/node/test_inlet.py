@@ -56,7 +56,9 @@ def happens(arm, *faults):
         s.life.state, s.life.now = LifeState.ACTIVE, 0
         arm.step()
         raised = Why(s.life.now) & (Why.DRIVE | Why.WATCHDOG)
-        found.append((requests(inlet.requests), DriveState(inlet.drive.contents.state).name, raised))
+        found.append(
+            (requests(inlet.requests), DriveState(inlet.drive.contents.state).name, raised)
+        )
     assert inlet.happened == len(faults)
     return found
 

@@ -123,8 +123,10 @@ def test_a_lead_is_forgotten_from_the_last_frame_on_whatever_its_number(sequence
 @pytest.mark.parametrize("offset", [0, 2 * MS])
 def test_without_a_counter_the_arrival_gives_the_number_and_one_may_be_early(offset):
     r, period = receiver(5 * MS, NONE, offset), 5 * MS
-    times = [(-1, 0), (0, 1), (0, REPEATED), (period - 1, REPEATED), (period, 2), (period, REPEATED),
-             (3 * period - 1, 3), (3 * period, 4), (9 * period, 9)]  # fmt: skip
+    times = [
+        (-1, 0), (0, 1), (0, REPEATED), (period - 1, REPEATED), (period, 2), (period, REPEATED),
+        (3 * period - 1, 3), (3 * period, 4), (9 * period, 9),
+    ]  # fmt: skip
     assert [accept(r, 0, offset + t) for t, _ in times] == [k for _, k in times]
     assert (r.ok, r.repeated, r.lost) == (6, 3, 0)
 

@@ -100,11 +100,10 @@ class Model:
             if r.fits(sent):
                 self.apply(n, r, p, sent)
         if p.kinds:
-            after = binascii.crc32(p.data) if p.copies else 0
-            through = p.t - START if p.copies else -1
-            self.rows.append((sent.t_ns - START, through, sent.id, sent.sequence,
-                              binascii.crc32(sent.payload), after, p.first,
-                              sum(1 << k for k in set(p.kinds)), p.copies, sent.payload))  # fmt: skip
+            crc, kinds = binascii.crc32(sent.payload), sum(1 << k for k in set(p.kinds))
+            went = (p.t - START, binascii.crc32(p.data)) if p.copies else (-1, 0)
+            row = (sent.t_ns - START, went[0], sent.id, sent.sequence, crc, went[1])
+            self.rows.append((*row, p.first, kinds, p.copies, sent.payload))
         draws = SplitMix(p.again[2]) if p.again else None
         for copy in range(p.copies):
             later = draws.between(*p.again[:2]) if copy else 0

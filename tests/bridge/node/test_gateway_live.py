@@ -78,7 +78,9 @@ def test_what_is_refused_does_not_go_on(gate):
     assert gate.heard("XI_4", 0) == []
     assert (link.repeated, link.crc, link.reordered) == (1, 1, 1)
     assert link.invalid == xi.invalid == xi.stale == 1
-    assert gate.wired.forwards["xi_master"].sent - sent == link.ok - accepted == 2
+    forward = gate.wired.forwards["xi_master"]
+    assert forward.sent - sent == link.ok - accepted == 2
+    assert forward.transit.count == forward.sent and 0 < forward.transit.maximum < 10**10
 
 
 def test_senders_that_do_not_run_yet_are_seen_behind_it(gate):

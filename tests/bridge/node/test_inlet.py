@@ -42,9 +42,9 @@ def requests(packed):
 
 
 def happens(arm, *faults):
-    """(requests, state of the drive, DRIVE or WATCHDOG raised) of 8 slots; faults: (slot, what, code).
+    """(requests, state of the drive, DRIVE or WATCHDOG raised) of 8 slots, ACTIVE in each.
 
-    The life cycle stays as it is.
+    `faults`: (slot, what, code).
     """
     s, inlet, found = arm.struct, driven(arm), []
     table = (MotorFault * (len(faults) + 1))()

@@ -242,3 +242,29 @@ def test_a_counter_is_turned_back_by_three_frames_whatever_their_numbers(first):
         k = first + n
         found = accept(r, k, k * 5 * MS, k * 5000)
     assert (r.shift, r.unturned, found) == (0, 0, first + 2)
+
+
+@pytest.mark.parametrize("sequence", [0, 1, 50])
+def test_a_count_that_begins_anew_is_counted_whatever_the_last_number_was(sequence):
+    r, period = receiver(5 * MS, P04), 5 * MS
+    assert accept(r, sequence, sequence * period) == sequence
+    found = [accept(r, 30_000 + n, (sequence + 1 + n) * period) for n in range(3)]
+    assert [k >= 0 for k in found] == [False, False, True] and r.resyncs == 1
+
+
+def test_the_first_count_that_is_believed_has_not_begun_anew():
+    r, period = receiver(5 * MS, P04), 5 * MS
+    found = [accept(r, 30_000 + n, n * period) for n in range(3)]
+    assert [k >= 0 for k in found] == [False, False, True] and r.resyncs == 0
+
+
+@pytest.mark.parametrize("ahead", [-3, 0, 3])
+def test_a_counter_without_a_stamp_that_begins_anew_goes_on_with_the_clock_of_its_sender(ahead):
+    """Which is some periods ahead of this one by the fastest frame, or behind."""
+    r, period = receiver(5 * MS, P04), 5 * MS
+    for k in range(1000, 1200):
+        r.lead_ns = ahead * period
+        assert accept(r, k, (k - ahead) * period) == k
+    found = [accept(r, n, (1200 + n - ahead) * period) for n in range(3)]
+    assert [k >= 0 for k in found] == [False, False, True]
+    assert found[2] == 1202

@@ -143,6 +143,24 @@ def test_floats_of_32_and_64_bits(wide, narrow, limited):
         assert Fraction("-0.1") <= Fraction(low) and Fraction(high) <= Fraction("0.3")
 
 
+@pytest.mark.parametrize(("bits", "form"), [(32, "<f"), (64, "<d")])
+@pytest.mark.parametrize(
+    ("value", "inside"),
+    [(-0.5, True), (0.0, True), (0.25, True), (-0.5000001, False), (0.2500001, False),
+     (-1e30, False), (1e30, False)],
+)  # fmt: skip
+def test_a_float_outside_its_range_is_saturated_by_its_sender_and_refused(
+    bits, form, value, inside
+):
+    signal = Signal("x", 0, bits, FieldKind.FLOAT, motorola=False, low=-0.5, high=0.25)
+    codec = Codec(MessageLayout("M", 1, bits // 8, (signal,)))
+    assert codec.decode(struct.pack(form, value))[0] is (Decoded.OK if inside else Decoded.RANGE)
+    header = Header()
+    result, values, _ = codec.decode(codec.frame([value], header).payload)
+    assert result is Decoded.OK and values[0] == min(max(value, -0.5), 0.25)
+    assert header.saturated == (not inside)
+
+
 def test_signals_that_carry_nothing_are_sent_as_they_start():
     rpdo = layout("drives.dbc", "CIA402_RPDO1_1")
     codec = Codec(rpdo, ["tau1"])

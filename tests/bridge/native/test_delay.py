@@ -101,6 +101,15 @@ def test_the_lead_is_the_least_delay_in_whole_ticks():
     assert line(native.LAST, grid, [np.inf]).lead_ns == 10**9 * MS
 
 
+def test_a_lead_of_so_many_ticks_that_the_tolerance_is_lost_is_exact():
+    """2e8 ticks and a little are a tick more."""
+    grid = Grid(1, 1, 0.001)
+    assert line(native.LAST, grid, [2e5]).lead_ns == 200_000_000 * MS
+    assert line(native.LAST, grid, [2e5 + 1e-4]).lead_ns == 200_000_001 * MS
+    assert line(native.PLAYOUT, grid, [0.0], buffer=2e5).lead_ns == 200_000_000 * MS
+    assert line(native.SIGNAL, Grid(2, 1, 0.001), [2e5]).lead_ns == 200_000_000 * MS
+
+
 # ---- with a network ----
 
 networks = st.lists(st.integers(0, 40_000_000), min_size=1, max_size=25).map(lambda d: (d * N)[:N])

@@ -92,6 +92,15 @@ def test_a_stop_before_it_starts_ends_it() -> None:
     assert pace.run(before, SECOND, 3600, 0, stop).shape == (0,)
 
 
+def test_a_wait_that_was_stopped_is_none_of_those_that_ended() -> None:
+    """Two deadlines have passed; the third is an hour away."""
+    stop = c.c_int32(0)
+    threading.Timer(0.02, lambda: setattr(stop, "value", 1)).start()
+    start = pace.now() - 3600 * SECOND
+    woke = pace.run(start, 3600 * SECOND, 5, 7200 * SECOND, stop)
+    assert woke.shape == (2,) and np.all(woke >= start + 3600 * SECOND * np.arange(2))
+
+
 def test_a_stop_in_the_spin_ends_it() -> None:
     stop = c.c_int32(0)
     deadline = pace.now() + 3600 * SECOND

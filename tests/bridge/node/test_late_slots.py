@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import ctypes as c
 from concurrent.futures import ThreadPoolExecutor
+from itertools import pairwise
 
 import pytest
 
 from bridge.native import node as native
 from bridge.native.bus import Bus
-from bridge.native.frame import Ring
+from bridge.native.frame import Frame, Ring
 from bridge.native.message import Header
-from bridge.native.safety import Why
+from bridge.native.safety import LifeState, Why
 from bridge.node.control import Control
 from bridge.wiring.wiring import WiredNode
 from cosim.base.clock import monotonic_ns, sleep
@@ -95,6 +96,29 @@ def test_a_late_slot_hears_what_it_would_have_heard_in_time(tmp_path, after, slo
     node.live()
     assert node.result == native.FINISHED
     assert node.heard == [0] * slot + [1] * (node.struct.slots - slot)
+
+
+def test_times_of_a_slot_lie_between_its_deadline_and_its_end(tmp_path):
+    """Those of the journal, and the stamp of what it sends."""
+    node = Live(tmp_path, lambda _: None)
+    rows, s = node.live(), node.struct
+    order = [rows[name] for name in ("deadline_ns", "woke_ns", "received_ns", "done_ns")]
+    assert all((a <= b).all() for a, b in pairwise(order))
+    assert (rows["deadline_ns"] == rows["slot"] * s.h_ns + s.phase_ns).all()
+    assert (order[3] < monotonic_ns() - s.start_ns).all()
+    assert (rows["send_ns"] > 0).all() and (rows["send_ns"] < order[3] - order[2]).all()
+    frame, number = Frame(), 0
+    codec = node.system.messages["LINK_2"].encoding
+    while node.sent["left"].get(frame):
+        header = codec.decode(frame.payload)[2] if frame.id == codec.message.id else None
+        if header is None or header.status & 7 == LifeState.INACTIVE:
+            continue  # another message, or a preview
+        k = header.counter
+        assert k == number
+        if k < len(rows):  # behind it comes the last one of all
+            assert order[2][k] < frame.t_ns - s.start_ns < order[3][k]
+        number += 1
+    assert number == len(rows) + 1 == 21
 
 
 @pytest.mark.parametrize("overrun", [0, 12_000_000, 20_000_000_000])

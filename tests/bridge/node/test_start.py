@@ -13,6 +13,7 @@ from bridge.native.safety import LifeState, Why
 from cosim.base.clock import monotonic_ns
 from tests.bridge.bench import Bench, until
 from tests.bridge.deployments import named
+from tests.bridge.gates import Gate
 from tests.bridge.slots import Slots
 
 APART = 'deploy.nodes.master_control.apart={of="master.q",other="slave.q",within="5 rad"}'
@@ -89,3 +90,43 @@ def test_a_peer_behind_the_table_is_none(tmp_path):
         bench.control.start(monotonic_ns() + 200_000_000)
         until(lambda: bench.struct.begun or bench.struct.refusals)
         assert bench.struct.life.state == LifeState.ACTIVE
+
+
+def test_a_message_behind_the_table_is_not_awaited(tmp_path):
+    with Bench(tmp_path) as bench:
+        bench.heard()
+        last = bench.struct.receptions[bench.struct.n_receptions - 1]
+        bench.struct.n_receptions -= 1
+        last.awaited, last.previewed_ns, last.newest, last.of_fault = 1, -1, -1, 0
+        bench.control.start(monotonic_ns() + 200_000_000)
+        until(lambda: bench.struct.begun or bench.struct.refusals)
+        assert bench.struct.life.state == LifeState.ACTIVE
+
+
+@pytest.mark.parametrize(("timeout", "begins"), [(0, False), (1, True), (100_000_000, True)])
+def test_a_drive_without_a_watchdog_is_not_started(tmp_path, timeout, begins):
+    """``master`` of can.toml, which needs nobody else here."""
+    with Gate(named("can", "run.stop=60"), "master", tmp_path, start=False) as node:
+        s = node.struct
+        s.n_peers = 0
+        for reception in s.receptions[: s.n_receptions]:
+            reception.awaited = 0
+        node.wired.drives[0].struct.watchdog.timeout_ns = timeout
+        node.control.start(monotonic_ns() + 100_000_000)
+        until(lambda: s.begun or s.refusals)
+        assert bool(s.begun) is begins
+        assert Why(s.refused) == (0 if begins else Why.WATCHDOG)
+
+
+def test_a_drive_behind_the_table_of_inlets_needs_no_watchdog(tmp_path):
+    with Gate(named("can", "run.stop=60"), "master", tmp_path, start=False) as node:
+        s = node.struct
+        s.n_peers = 0
+        for reception in s.receptions[: s.n_receptions]:
+            reception.awaited = 0
+        (place,) = (k for k, inlet in enumerate(s.inlets[: s.n_inlets]) if inlet.drive)
+        node.wired.drives[0].struct.watchdog.timeout_ns = 0
+        s.n_inlets = place
+        node.control.start(monotonic_ns() + 100_000_000)
+        until(lambda: s.begun or s.refusals)
+        assert s.begun

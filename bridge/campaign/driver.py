@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
-from hashlib import sha256
 from itertools import count, permutations
 from pathlib import Path
 from typing import Any
@@ -13,7 +12,7 @@ from typing import Any
 from bridge.campaign import compressed, judgement, soak
 from bridge.campaign.drive_judge import judge_drives
 from bridge.campaign.plan import Many, document
-from bridge.campaign.soak_driver import Record, drive
+from bridge.campaign.soak_driver import Record, RunsFolder, drive, fingerprint, numbered
 from bridge.campaign.soak_judgement import RunDone
 from bridge.campaign.soak_spec import Table
 from bridge.campaign.spec import CampaignRunSpec
@@ -64,16 +63,23 @@ def run_and_judge(job: CampaignSetup, k: int) -> StudyRow:
     channel, rehearsed = job.kind_of_run(k)
     many, system = job.many, _system(job.many, channel, rehearsed)
     one = soak.SoakSetup(
-        many.scenario, many.deployment(channel), many.changes(channel, rehearsed), many.soak(),
-        job.folder, job.seed, True, len(groups(system)) > 1, job.realtime,
-    )  # fmt: skip
+        scenario=many.scenario,
+        deployment=many.deployment(channel),
+        changes=many.changes(channel, rehearsed),
+        folder=job.folder,
+        hosted=True,
+        network=len(groups(system)) > 1,
+        realtime=job.realtime,
+        soak=many.soak(),
+        seed=job.seed,
+    )
 
     def drawn(system: System, links: tuple[str, ...]) -> Table:
         return document(many, system, links, rehearsed, job.seed, k)
 
     def run(folder: Path) -> RunDone:
         if rehearsed:
-            return soak.rehearse_run(one, k, folder, drawn)
+            return soak.rehearse_drawn(one, k, folder, drawn)
         return _simulated(system, drawn(system, ()), folder, one.changes, job.blind)
 
     row = soak.judge_row(one, k, run)
@@ -115,20 +121,23 @@ def campaign(
     retry: bool = False,
     observer: Observer = UNOBSERVED,
 ) -> list[Record]:
-    """Make the runs that the folder does not have yet; rows of all, as :func:`soak_drive.drive`."""
+    """Make the runs that the folder does not have yet; rows of all, as :func:`drive`."""
     return drive(
-        job.folder, "campaign", facts(job), partial(run_and_judge, job),
-        runs_for(job, faults), parallel, retry=retry, observer=observer,
-    )  # fmt: skip
+        RunsFolder(job.folder, "campaign", facts(job)),
+        partial(run_and_judge, job),
+        numbered(runs_for(job, faults)),
+        parallel,
+        retry=retry,
+        observer=observer,
+    )
 
 
 def facts(job: CampaignSetup) -> Mapping[str, Any]:
     """Facts that distinguish this folder from that of another campaign."""
     many = job.many
     files = (many.path, many.scenario, *(many.deployment(c) for c in many.spec.channels))
-    digest = sha256(b"\0".join(f.read_bytes() for f in files)).hexdigest()
     return {
         "title": many.spec.title,
         "campaign": str(many.path.resolve()), "seed": job.seed, "blind": job.blind,
-        "hosted": job.hosted, "fingerprint": digest,
+        "hosted": job.hosted, "fingerprint": fingerprint(*files),
     }  # fmt: skip

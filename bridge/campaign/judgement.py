@@ -48,7 +48,7 @@ class JudgedRun:
     """
 
     script: str
-    ended: Mapping[Life, str]
+    ended: Mapping[str, str]
     seen: Mapping[str, int]
     corrupted: int
     undetected: int
@@ -104,7 +104,7 @@ def _expected(
         stopped = [
             report
             for report in outcome.reports
-            if report.life in judged.ended and spec.node in ("", report.life.node)
+            if str(report.life) in judged.ended and spec.node in ("", report.life.node)
         ]
         if not stopped:
             yield f"expected {spec.node or 'a node'} to stop; {_said(judged.ended)}"
@@ -136,7 +136,7 @@ def _broken_invariants(
         yield f"not in the run folder: {', '.join(sorted(missing))}"
 
 
-def _said(ended: Mapping[Life, str]) -> str:
+def _said(ended: Mapping[str, str]) -> str:
     return "; ".join(f"{life}: {why}" for life, why in ended.items()) or "all finished"
 
 
@@ -145,12 +145,12 @@ def reasons(outcome: RehearsalOutcome, report: NodeReport) -> set[str]:
     return set(names(Why(int(outcome.rows[report.life]["reasons"][-1]))))
 
 
-def _unfinished_lives(system: System, outcome: RehearsalOutcome) -> Iterator[tuple[Life, str]]:
+def _unfinished_lives(system: System, outcome: RehearsalOutcome) -> Iterator[tuple[str, str]]:
     """Each life that did not finish, and why in one word or two."""
     for report in outcome.reports:
         if report.end is not LifeEnd.FINISHED:
             why = ", ".join(sorted(reasons(outcome, report)))
-            yield report.life, f"{report.end} ({why})" if why else str(report.end)
+            yield str(report.life), f"{report.end} ({why})" if why else str(report.end)
 
 
 def _seen(outcome: RehearsalOutcome) -> dict[str, int]:

@@ -75,7 +75,7 @@ def campaign_as_data(judged: Sequence[tuple[str, JudgedRun]], folder: Path) -> d
         {
             "name": name, "passed": not run.failures, "failures": list(run.failures),
             "corrupted": run.corrupted, "accepted": run.undetected, "torque": run.torque,
-            "replay_exact": run.exact, "ended": {str(x): why for x, why in run.ended.items()},
+            "replay_exact": run.exact, "ended": dict(run.ended),
         }
         for name, run in judged
     ]  # fmt: skip

@@ -6,7 +6,7 @@ Input and output are plain data; the run has its own process (:mod:`cosim.base.p
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -21,11 +21,13 @@ from bridge.campaign.spec import CampaignRunSpec
 from bridge.deployment.system import System, load_system
 from bridge.faults.load import build
 from bridge.faults.script import FaultScript
+from bridge.node.handle import NodeHandle
 from bridge.rehearsal import injector
 from bridge.rehearsal.hosts import Hosts, groups, settings
 from bridge.rehearsal.supervisor import Rehearsal, Settings
 from bridge.results import detection_links
 from bridge.results.outcome import begin, complete
+from bridge.results.rehearsal_outcome import RehearsalOutcome
 from bridge.results.verdict import Verdict, Word
 from cosim.base.clock import stopwatch
 from cosim.base.errors import CosimError
@@ -38,37 +40,48 @@ from cosim.study.run_point import StudyRow
 RUNS, SCRIPT = "runs", "script.toml"
 
 
-@dataclass(frozen=True, slots=True)
-class SoakSetup:
-    """Settings common to all runs of a soak test; `changes`: of scenario and deployment.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RunSetup:
+    """Settings common to many runs in a folder; `changes`: of scenario and deployment.
 
     `hosted`: each run in separate network namespaces, `network`: with faults of the network between
-    them. `keep`: also keep the run folders of runs that passed.
+    them. `formats`: of the bus logs that are kept; `command`: that has made the runs.
     """
 
     scenario: Path
     deployment: Path
     changes: tuple[str, ...]
-    soak: Soak
     folder: Path
-    seed: int
-    hosted: bool
-    network: bool
+    hosted: bool = False
+    network: bool = False
     realtime: bool = True
+    warm_up: float = 0.0
+    formats: tuple[str, ...] = ()
+    command: str = ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SoakSetup(RunSetup):
+    """Settings common to all runs of a soak test; `keep`: also run folders of runs that passed."""
+
+    soak: Soak
+    seed: int
     keep: bool = False
 
 
-#: What a run's faults are drawn by: from the system and the links between its hosts.
-Drawn = Callable[[System, tuple[str, ...]], Table]
+#: The script of a run, by its system and the links between its hosts.
+Scripted = Callable[[System, tuple[str, ...]], FaultScript]
 
 
 def run_soak(job: SoakSetup, k: int) -> StudyRow:
     """Run `k`; what goes wrong becomes the reason of its row."""
 
-    def drawn(system: System, links: tuple[str, ...]) -> Table:
-        return draw(job.soak, system, links, job.seed, k)
+    def run(folder: Path) -> RunDone:
+        return rehearse_drawn(
+            job, k, folder, lambda system, links: draw(job.soak, system, links, job.seed, k)
+        )
 
-    return judge_row(job, k, lambda folder: rehearse_run(job, k, folder, drawn))
+    return judge_row(job, k, run)
 
 
 def judge_row(job: SoakSetup, k: int, run: Callable[[Path], RunDone]) -> StudyRow:
@@ -113,21 +126,41 @@ def _write_checksums(folder: Path, found: Verdict) -> Verdict:
     return found
 
 
-def rehearse_run(job: SoakSetup, k: int, folder: Path, drawn: Drawn) -> RunDone:
-    """Rehearse with what is drawn for this run, and make its folder."""
+def rehearse_drawn(
+    job: SoakSetup, k: int, folder: Path, drawn: Callable[[System, tuple[str, ...]], Table]
+) -> RunDone:
+    """Rehearse run `k` with what is `drawn` for it, and make its folder."""
+    seed, zenoh = job.seed * 100_003 + k, job.soak.zenoh(job.seed, k)
+    return rehearse_run(job, folder, seed, lambda *of: script_of(drawn(*of), folder), zenoh=zenoh)
+
+
+def rehearse_run(
+    job: RunSetup,
+    folder: Path,
+    seed: int,
+    scripted: Scripted,
+    *,
+    expected: CampaignRunSpec | None = None,
+    zenoh: str = "",
+) -> RunDone:
+    """Rehearse with a script, and make the folder of the run.
+
+    `seed`: of the network between hosts, `zenoh`: its configuration; `expected`: of the run.
+    """
     system = load_system(job.scenario, str(job.deployment), job.changes)
     with ExitStack() as stack:
         changes, hosts = job.changes, None
         if job.hosted:
             parts = groups(system) if job.network else {next(iter(system.nodes)): [*system.nodes]}
-            hosts = Hosts(parts, folder / "packets", job.seed * 100_003 + k)
+            hosts = Hosts(parts, folder / "packets", seed)
             if hosts.network is not None:
-                zenoh = job.soak.zenoh(job.seed, k)
                 changes += tuple(settings(system, parts, hosts.addresses, zenoh))
             stack.enter_context(hosts)
             system = load_system(job.scenario, str(job.deployment), changes)
-        script = script_of(drawn(system, _links(hosts)), folder)
-        return _rehearsed(job, system, changes, script, folder, hosts)
+        script = scripted(system, _links(hosts))
+        outcome, lives = _rehearsed(replace(job, changes=changes), system, script, folder, hosts)
+    spec = expected or CampaignRunSpec(script=str(script.path))
+    return RunDone(system, script, outcome, judgement.judge(system, spec, outcome), lives)
 
 
 def _links(hosts: Hosts | None) -> tuple[str, ...]:
@@ -142,21 +175,23 @@ def script_of(document: Table, folder: Path) -> FaultScript:
 
 
 def _rehearsed(
-    job: SoakSetup,
-    system: System,
-    changes: tuple[str, ...],
-    script: FaultScript,
-    folder: Path,
-    hosts: Hosts | None,
-) -> RunDone:
+    job: RunSetup, system: System, script: FaultScript, folder: Path, hosts: Hosts | None
+) -> tuple[RehearsalOutcome, Sequence[NodeHandle]]:
+    """The outcome of a run, and the processes of its nodes."""
     network = hosts.network if hosts else None
     given = Settings(
-        job.scenario, job.deployment, changes, warm_up=0.0, realtime=job.realtime,
-        script=str(script.path), events=injector.events(script, system, network),
-    )  # fmt: skip
+        job.scenario,
+        job.deployment,
+        job.changes,
+        warm_up=job.warm_up,
+        realtime=job.realtime,
+        script=str(script.path),
+        events=injector.events(script, system, network),
+    )
     if hosts is not None:
         given = replace(given, on_host=hosts.on_host)
-    facts = {"settings": list(changes), "faults": str(script.path), "real": False}
+    facts = {"settings": list(job.changes), "faults": str(script.path), "real": False}
+    facts |= {"command": job.command} if job.command else {}
     begin(system, folder, facts)
     with Rehearsal(system, given, folder) as rehearsal:
         rehearsal.run()
@@ -164,7 +199,13 @@ def _rehearsed(
         ended = rehearsal.ended
         there = network and detection_links.RecordedNetwork(network, hosts.hosts, ended.start_ns)  # type: ignore[union-attr]
         outcome = complete(
-            system, folder, ended, facts, with_twin=False, formats=(), script=script, network=there
+            system,
+            folder,
+            ended,
+            facts,
+            with_twin=False,
+            formats=job.formats,
+            script=script,
+            network=there,
         )
-    spec = CampaignRunSpec(script=str(script.path))
-    return RunDone(system, script, outcome, judgement.judge(system, spec, outcome), ended.lives)
+    return outcome, ended.lives

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from functools import partial
 from hashlib import sha256
 from math import ceil
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from bridge.campaign.soak import RUNS, SoakSetup, run_soak
 from bridge.relay import namespaces
@@ -25,11 +26,21 @@ from cosim.study.store import Store
 UNITS: Mapping[str, str] = {"s": "s", "torque": "N.m", "late_p99_ms": "ms", "together": "rad"}
 TABLE, SUMMARY = "soak.parquet", "summary.md"
 Record = dict[str, Any]
+C = TypeVar("C")
 
 
 def count(hours: float, seconds: float) -> int:
     """Runs of so many seconds that make so many hours."""
     return max(1, ceil(hours * 3600.0 / seconds))
+
+
+@dataclass(frozen=True, slots=True)
+class RunsFolder:
+    """The folder of many runs: what it is for, in messages, and facts that tell it from others."""
+
+    path: Path
+    what: str
+    facts: Mapping[str, Any]
 
 
 def soak(
@@ -40,43 +51,45 @@ def soak(
     observer: Observer = UNOBSERVED,
 ) -> list[Record]:
     """All runs of a soak; see :func:`drive`."""
+    place = RunsFolder(job.folder, "soak test", _facts(job))
     return drive(
-        job.folder, "soak test", _facts(job), partial(run_soak, job), runs, parallel,
-        retry=retry, observer=observer,
-    )  # fmt: skip
+        place, partial(run_soak, job), numbered(runs), parallel, retry=retry, observer=observer
+    )
+
+
+def numbered(runs: int) -> dict[str, int]:
+    """The numbers of so many runs, by the name of each."""
+    return {f"{k:05d}": k for k in range(runs)}
 
 
 def drive(
-    folder: Path,
-    what: str,
-    facts: Mapping[str, Any],
-    perform: Callable[[int], StudyRow],
-    runs: int,
+    place: RunsFolder,
+    perform: Callable[[C], StudyRow],
+    cases: Mapping[str, C],
     parallel: int,
     *,
     retry: bool = False,
     observer: Observer = UNOBSERVED,
 ) -> list[Record]:
-    """Execute the runs that are missing in the folder; return the rows of all runs in their order.
+    """Execute the runs that are missing in the folder; return the rows of all runs by name.
 
-    `what` the folder is for, in messages; `facts`: distinguish this folder from others. `perform`:
-    executes and evaluates run k in a separate process. `retry`: also repeat runs that did not pass.
+    `perform`: executes and evaluates a case in a separate process. `retry`: also repeat runs that
+    did not pass.
 
     After a first Ctrl-C, KeyboardInterrupt is raised when the active runs have ended; after a
     second one, immediately. Raises ScenarioError if the folder was created with other facts, never
     for a run that fails.
     """
+    folder = place.path
     with stores.lock_folder(folder):
-        if claim(folder, what, facts):
+        if claim(folder, place.what, place.facts):
             shutil.rmtree(folder / RUNS, ignore_errors=True)
-        stores.write_state(folder, {**facts, "versions": versions()})
+        stores.write_state(folder, {**place.facts, "versions": versions()})
         namespaces.sweep()
         with Store(folder, UNITS) as store:
             try:
-                run_named(
-                    perform, {f"{k:05d}": k for k in range(runs)}, store,
-                    partial(processes, parallel), observer, retry=retry, died=_died,
-                )  # fmt: skip
+                opened = partial(processes, parallel)
+                run_named(perform, cases, store, opened, observer, retry=retry, died=_died)
             finally:
                 with stop_on_signal(lambda: None):
                     namespaces.sweep()  # of workers that were killed
@@ -86,6 +99,11 @@ def drive(
     return records
 
 
+def fingerprint(*files: Path) -> str:
+    """A hash of what is in these files."""
+    return sha256(b"\0".join(f.read_bytes() for f in files)).hexdigest()
+
+
 def _died(name: str, why: str) -> StudyRow:
     """The row of a run whose process died."""
     return StudyRow(name, {"faults": "", "verdict": str(Word.ERROR)}, (), False, why)
@@ -93,7 +111,6 @@ def _died(name: str, why: str) -> StudyRow:
 
 def _facts(job: SoakSetup) -> dict[str, Any]:
     """Facts that distinguish this folder from that of another soak test."""
-    files = (job.scenario, job.deployment, job.soak.path)
     return {
         "title": job.soak.spec.title,
         "scenario": str(job.scenario),
@@ -101,5 +118,5 @@ def _facts(job: SoakSetup) -> dict[str, Any]:
         "settings": list(job.changes),
         "seed": job.seed,
         "network": job.network,
-        "fingerprint": sha256(b"\0".join(f.read_bytes() for f in files)).hexdigest(),
+        "fingerprint": fingerprint(job.scenario, job.deployment, job.soak.path),
     }

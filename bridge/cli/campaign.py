@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -10,18 +9,12 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from bridge.cli.options import ChangeOptions, Realtime
-from cosim.cli.options import ResultOptions
-from cosim.cli.supervise import announce_run_folder
+from cosim.cli.options import ResultOptions, Retry
 
 if TYPE_CHECKING:
-    from bridge.campaign.judgement import JudgedRun
-    from bridge.campaign.spec import Campaign, CampaignRunSpec
+    from bridge.campaign.soak import RunSetup
+    from bridge.campaign.spec import Campaign
     from bridge.deployment.system import System
-    from bridge.faults.script import FaultScript
-    from bridge.rehearsal.supervisor import Settings
-
-#: Actions for a kernel's CAN interface only: others cannot be set down, nor take such a load.
-KERNEL = ("bus-down", "bus-up", "babble")
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,8 +28,8 @@ class ScriptOptions(ChangeOptions):
 
 
 @dataclass(frozen=True, slots=True)
-class ManyOptions:
-    """The faults of a campaign that are drawn at random, and what all campaigns write."""
+class CampaignOptions:
+    """The folder and the processes of a campaign, and faults that are drawn at random."""
 
     out: Annotated[
         Path | None,
@@ -52,12 +45,16 @@ class ManyOptions:
     ] = 0
     seed: Annotated[int, typer.Option(min=0, help="Seed of the random faults.")] = 0
     jobs: Annotated[
-        int,
-        typer.Option("--jobs", "--parallel", min=1, help="Number of parallel runs, with --faults."),
-    ] = 2
-    retry: Annotated[
-        bool, typer.Option("--retry", help="With --faults: repeat the runs that did not pass.")
-    ] = False
+        int | None,
+        typer.Option(
+            "--jobs",
+            "--parallel",
+            min=1,
+            help="Number of parallel runs, if each has its own network namespaces.",
+            show_default="1, with --faults 2",
+        ),
+    ] = None
+    retry: Retry = False
     blind: Annotated[
         bool,
         typer.Option(
@@ -69,50 +66,85 @@ class ManyOptions:
 def campaign(
     file: Annotated[Path, typer.Argument(help="Campaign file (.toml); see docs/faults.md.")],
     scripts: ScriptOptions,
-    options: ManyOptions,
+    options: CampaignOptions,
     result: ResultOptions,
 ) -> None:
     """Run a rehearsal with each fault script of a campaign, and check each run.
 
     With --faults, that many faults are drawn at random and spread over many runs, most of them
-    simulated and the others with real processes. The same command continues an interrupted
-    campaign. Exit status 1 if a run failed or gave no result.
+    simulated and the others with real processes. The same command, with the same --out, continues
+    an interrupted campaign. Exit status 1 if a run failed or gave no result.
     """
     if options.faults:
         _run_many(file, options, result)
         return
-    from bridge.campaign import judgement, page
+    from bridge.campaign import judgement, page, scripted
     from bridge.campaign.spec import load_campaign
-    from cosim.base.clock import stamp
     from cosim.cli.show import aligned
     from cosim.cli.summary import this_command
+    from cosim.cli.sweep import watched
 
     found = load_campaign(file)
-    folder = options.out or Path("runs") / f"{file.stem}-{stamp()}"
-    judged: list[tuple[str, JudgedRun]] = []
-    times = Counter[str]()
-    for spec, script in found.runs:
-        name = Path(spec.script).stem
-        if scripts.only and name not in scripts.only:
-            continue
-        times[name] += 1
-        name += f"-{times[name]}" if times[name] > 1 else ""
-        one = _one(found, spec, script, scripts, folder / name, options.realtime)
-        typer.echo(f"{name:<12} {_said(one)}", err=True)
-        judged += [(name, one)] if one else []
+    job, system = _setup(found, scripts, options)
+    runs = []
+    for run in scripted.runs_of(found, scripts.only):
+        if scripted.needs_kernel(system, run):
+            typer.echo(f"{run.name:<12} left out: needs socketcan", err=True)
+        else:
+            runs.append(run)
+    again = f"the same command and --out {job.folder}"
+    parallel = options.jobs if options.jobs and job.hosted else 1
+    with watched(result.quiet, job.folder, found.title, "runs", again) as observer:
+        judged = scripted.campaign(
+            job, found, runs, parallel, retry=options.retry, observer=observer
+        )
     rows = judgement.table([one for _, one in judged])
     result.say("\n".join(aligned(rows)))
     if options.markdown:
         options.markdown.write_text(judgement.markdown(rows), encoding="utf-8")
     if judged:
-        path = page.write_campaign(judged, found.title, folder, this_command())
-        result.save(page.campaign_as_data(judged, folder))
+        path = page.write_campaign(judged, found.title, job.folder, this_command())
+        result.save(page.campaign_as_data(judged, job.folder))
         result.say(f"{'report':<16} {path}")
     if not judged or any(one.failures for _, one in judged):
         raise typer.Exit(1)
 
 
-def _run_many(file: Path, options: ManyOptions, result: ResultOptions) -> None:
+def _setup(
+    found: Campaign, scripts: ScriptOptions, options: CampaignOptions
+) -> tuple[RunSetup, System]:
+    """What the runs have in common; runs at the same time have a bus of their own each."""
+    from bridge.campaign.soak import RunSetup
+    from bridge.cli.soak import own_bus
+    from bridge.deployment import spec as deploy
+    from bridge.deployment.system import load_system
+    from bridge.rehearsal import hosts
+    from cosim.base.clock import stamp
+    from cosim.cli.summary import this_command
+
+    path = deploy.find(found.scenario, found.deploy)
+    changes = (*found.settings, *scripts.settings(deploy.load(path)))
+    system = load_system(found.scenario, str(path), changes)
+    several = (options.jobs or 1) > 1
+    why = (own_bus(system.deployment) or hosts.missing()) if several else ""
+    if why:
+        typer.echo(f"the runs are sequential: {why}", err=True)
+    folder = options.out or Path("runs") / f"{found.path.stem}-{stamp()}"
+    setup = RunSetup(
+        scenario=found.scenario,
+        deployment=path,
+        changes=changes,
+        folder=folder,
+        hosted=several and not why,
+        realtime=options.realtime,
+        warm_up=0.2,
+        formats=("log",),
+        command=this_command(),
+    )
+    return setup, system
+
+
+def _run_many(file: Path, options: CampaignOptions, result: ResultOptions) -> None:
     """A campaign of many faults, and its table."""
     from bridge.campaign import driver, table
     from bridge.campaign.plan import load_many
@@ -129,74 +161,8 @@ def _run_many(file: Path, options: ManyOptions, result: ResultOptions) -> None:
     )
     title = job.many.spec.title
     with watched(result.quiet, folder, title, "runs", "the same command") as observer:
-        records = driver.campaign(job, options.faults, options.jobs, options.retry, observer)
+        records = driver.campaign(job, options.faults, options.jobs or 2, options.retry, observer)
     title += f", seed {options.seed}"
     if options.markdown:
         options.markdown.write_text(table.markdown(records, title), encoding="utf-8")
     conclude(records, title, folder, result)
-
-
-def _said(one: JudgedRun | None) -> str:
-    if one is None:
-        return "left out: needs socketcan"
-    return "; ".join(one.failures) or "as expected"
-
-
-def _one(
-    campaign: Campaign,
-    spec: CampaignRunSpec,
-    script: FaultScript,
-    changes: ChangeOptions,
-    folder: Path,
-    realtime: bool,
-) -> JudgedRun | None:
-    """Rehearse with one script; None: this interface cannot."""
-    from bridge.deployment import spec as deploy
-    from bridge.deployment.system import load_system
-    from bridge.rehearsal.supervisor import Settings
-
-    path = deploy.find(campaign.scenario, campaign.deploy)
-    said = (*campaign.settings, *changes.settings(deploy.load(path)))
-    system = load_system(campaign.scenario, str(path), said)
-    kernel = any(e.action in KERNEL for e in script.events)
-    if kernel and any(b.interface != "socketcan" for b in system.deployment.buses.values()):
-        return None
-    settings = Settings(campaign.scenario, path, said, realtime=realtime, script=str(script.path))
-    return _rehearsed(system, spec, script, settings, folder)
-
-
-def _rehearsed(
-    system: System, spec: CampaignRunSpec, script: FaultScript, settings: Settings, folder: Path
-) -> JudgedRun:
-    """Execute and evaluate one run."""
-    from dataclasses import replace
-
-    from bridge.campaign import judgement
-    from bridge.rehearsal import injector
-    from bridge.rehearsal.supervisor import Rehearsal
-    from bridge.results.outcome import begin, complete
-    from bridge.results.page import describe
-    from cosim.base.errors import RunError
-    from cosim.cli.summary import this_command
-    from cosim.record import claim_folder, seal
-
-    announce_run_folder(folder)
-    claim_folder(folder, force=False)
-    facts = {
-        "settings": list(settings.changes), "faults": settings.script, "real": False,
-        "command": this_command(),
-    }  # fmt: skip
-    begin(system, folder, facts)
-    settings = replace(settings, events=injector.events(script, system))
-    with Rehearsal(system, settings, folder) as rehearsal:
-        try:
-            rehearsal.run()
-            rehearsal.end()
-            outcome = complete(
-                system, folder, rehearsal.ended, facts, with_twin=False, script=script
-            )
-            describe(system, outcome)
-            seal(folder)
-        except RunError as error:
-            return judgement.failed_run(spec.script, error)
-    return judgement.judge(system, spec, outcome)

@@ -158,12 +158,12 @@ def _fit_to_machine(job: SoakSetup) -> tuple[SoakSetup, str]:
     from bridge.rehearsal import hosts
 
     system = load_system(job.scenario, str(job.deployment), job.changes)
-    why = _own_bus(system.deployment) or hosts.missing()
+    why = own_bus(system.deployment) or hosts.missing()
     network = job.network and not why and len(hosts.groups(system)) > 1
     return replace(job, hosted=not why, network=network), why
 
 
-def _own_bus(deployment: Deployment) -> str:
+def own_bus(deployment: Deployment) -> str:
     """The CAN bus that is this machine's and no other's, as a reason; "": none."""
     for name, bus in deployment.buses.items():
         if bus.kind == "can" and bus.interface != "udp_multicast":

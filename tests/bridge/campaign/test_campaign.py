@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import subprocess
+from dataclasses import replace
 from types import SimpleNamespace
 from zlib import crc32
 
 import numpy as np
 import pytest
 
-from bridge.campaign import judgement
+from bridge.campaign import judgement, scripted
+from bridge.campaign.soak import RunSetup
 from bridge.campaign.spec import CampaignRunSpec, load_campaign
 from bridge.deployment.system import load_system
 from bridge.native.faults import CORRUPT, INJECTED
@@ -19,6 +21,10 @@ from bridge.records.node_lives import ByLife, Life
 from bridge.replay.replay import ReplayReport
 from bridge.results.findings import Evidence, Place, Sign
 from bridge.wiring.wiring import heard_dtype, row_dtype
+from cosim.base.errors import ScenarioError
+from cosim.study.run_point import StudyRow
+from cosim.study.runner import Observer
+from cosim.study.store import Store
 from tests.bridge.faulty import report
 from tests.bridge.rehearsing import COSIM, NAMESPACE, ROOT, environment, possible
 
@@ -171,6 +177,39 @@ def test_the_campaign_of_the_project_has_every_script():
     assert scripts == {p.name for p in FILE.parent.glob("*.toml")} - others
 
 
+def test_runs_of_scripts_that_are_there_are_not_made_again(tmp_path):
+    found = load_campaign(FILE)
+    runs = scripted.runs_of(found, ["corrupt", "kill"])
+    assert [run.name for run in runs] == ["corrupt", "kill"]
+    deployment = ROOT / "configs" / "deploy" / "can.toml"
+    job = RunSetup(
+        scenario=found.scenario, deployment=deployment, changes=found.settings, folder=tmp_path
+    )
+    assert scripted.campaign(job, found, [], 1) == []
+    good = judgement.JudgedRun(
+        "corrupt", {"slave@2": "fault (peer)"}, {"crc": 3}, 3, 0, np.inf, True, "0", ()
+    )
+    with Store(tmp_path, {}) as store:
+        store.append(scripted.row_of("corrupt", good, job.changes, 1.0))
+        store.append(StudyRow("kill", {}, (), False, "the process died"))
+    begun = []
+    judged = scripted.campaign(job, found, runs, 1, observer=Observer(begun=begun.append))
+    assert [(b.found, b.to_run) for b in begun] == [(2, 0)]
+    assert judged[0] == ("corrupt", good)
+    assert judged[1][1].failures == ("no run: the process died",)
+    with pytest.raises(ScenarioError, match="was started with another settings"):
+        scripted.campaign(replace(job, changes=()), found, runs, 1)
+
+
+def test_a_script_for_a_kernels_bus_is_left_out_elsewhere(system):
+    runs = scripted.runs_of(load_campaign(FILE), ["bus-down", "kill"])
+    others = load_system(
+        system.scenario.path, "can", ["run.stop=0.1", 'deploy.buses.left.interface="udp_multicast"']
+    )
+    for one, expected in ((system, [False, False]), (others, [True, False])):
+        assert sorted(scripted.needs_kernel(one, run) for run in runs) == sorted(expected)
+
+
 @pytest.mark.slow
 def test_three_scripts_with_processes(tmp_path):
     possible()
@@ -182,7 +221,7 @@ def test_three_scripts_with_processes(tmp_path):
         capture_output=True, text=True, cwd=ROOT, env=environment(), timeout=200,
     )  # fmt: skip
     assert done.returncode == 0, done.stdout + done.stderr
-    assert "bus-down     left out" in done.stderr
+    assert "bus-down     left out" in done.stderr and "2 runs; 2 to run" in done.stdout
     table = (tmp_path / "table.md").read_text().splitlines()
     assert [line.split("|")[1].strip() for line in table[2:]] == ["corrupt", "kill"]
     assert int(table[2].split("|")[4]) > 20  # corrupted

@@ -248,7 +248,7 @@ def job(folder, seed=0):
     deployment = ROOT / "configs" / "deploy" / "zenoh.toml"
     given = load_soak(SCENARIO, None)
     return soak.SoakSetup(
-        SCENARIO, deployment, (), given, folder, seed, hosted=False, network=False
+        scenario=SCENARIO, deployment=deployment, changes=(), folder=folder, soak=given, seed=seed
     )
 
 

@@ -10,8 +10,6 @@ from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
 
-import msgspec
-
 from bridge.campaign import judgement
 from bridge.campaign.judgement import JudgedRun
 from bridge.campaign.soak import RunSetup, rehearse_run
@@ -21,6 +19,7 @@ from bridge.deployment.system import System
 from bridge.faults.load import load
 from bridge.results.page import describe
 from cosim.base.clock import stopwatch
+from cosim.base.convert import convert
 from cosim.base.errors import RunError
 from cosim.base.interrupts import signals_as_interrupt
 from cosim.record import seal
@@ -113,5 +112,5 @@ def campaign(
 def _judged(record: Mapping[str, object]) -> JudgedRun:
     """The judgement in a row; a process that died has left none."""
     if text := record.get("judged"):
-        return msgspec.convert(json.loads(str(text)), JudgedRun)
+        return convert(json.loads(str(text)), JudgedRun, Path(str(record["run"])))
     return judgement.failed_run(str(record["run"]), RunError(str(record["reason"])))

@@ -113,7 +113,7 @@ def campaign(
 def _setup(
     found: Campaign, scripts: ScriptOptions, options: CampaignOptions
 ) -> tuple[RunSetup, System]:
-    """What the runs have in common; runs at the same time have a bus of their own each."""
+    """The setup of all runs, and their system; runs at the same time have a bus each."""
     from bridge.campaign.soak import RunSetup
     from bridge.cli.soak import own_bus
     from bridge.deployment import spec as deploy

@@ -10,6 +10,8 @@ from fmus.model import Variable
 _TORQUE, _RATE, _FEEDBACK = "N.m", "rad/s", "N.m.s/rad"
 #: A bound of theta_hat, a limit of the torque or an age that is none.
 UNLIMITED = 1e9
+#: Values of the parameter `gravity`.
+NONE, COMPENSATED, ADAPTED = 0, 1, 2
 
 
 def variables(neighbours: int, gravity: bool) -> tuple[Variable, ...]:

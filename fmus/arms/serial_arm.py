@@ -13,12 +13,12 @@ The parameter `gravity` says whether there is none (0), g(q) is known by the ine
 from __future__ import annotations
 
 from fmus.arms import chain
+from fmus.arms.adaptive_variables import ADAPTED, COMPENSATED
 from fmus.arms.chain_law import regressor
 from fmus.arms.joints import Joints
 from fmus.build.reference import Values
 from fmus.model import Variable
 from fmus.model.numeric import Array, np
-from fmus.models.teleoperation import ADAPTED, COMPENSATED
 
 #: The C files of an arm with a table, besides those of a law.
 SOURCES: tuple[str, ...] = ("chain.h", "chain_check.h", "chain_law.h", "limit.h", "trig.c")

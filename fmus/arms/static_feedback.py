@@ -21,7 +21,7 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple, final
 
 from cosim.base.errors import FmuError
-from fmus.arms import chain
+from fmus.arms import chain, serial_arm
 from fmus.arms.dynamics import regressor
 from fmus.arms.joints import (
     GAMMA,
@@ -35,7 +35,6 @@ from fmus.arms.joints import (
 from fmus.build.reference import Law, Values
 from fmus.model import Model, Terminal, Variable
 from fmus.model.numeric import Array, np
-from fmus.models import serial_arm
 
 _SOURCES: tuple[str, ...] = ("trig.c", "regressor.h", "limit.h")
 

@@ -1,5 +1,5 @@
 /* environment.h - parts that all plants of arms share: the operator's grip, the wall, and the state at the
- * end of a step. Equations in fmus/models/environment.py.
+ * end of a step. Equations in fmus/arms/environment.py.
  */
 #ifndef ENVIRONMENT_H
 #define ENVIRONMENT_H

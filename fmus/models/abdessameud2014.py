@@ -33,10 +33,10 @@ torque is limited to ±tau_max; while any joint is at its limit z and theta_hat 
 from __future__ import annotations
 
 from fmus.arms.joints import DAMPING, RATE, rate
+from fmus.arms.static_feedback import Feedback, LawSize, adaptive, mean_disagreement
 from fmus.build.reference import Values, derive
 from fmus.model import Model, Terminal, Variable
 from fmus.model.numeric import Array
-from fmus.models.static_feedback import Feedback, LawSize, adaptive, mean_disagreement
 
 PRESETS: dict[str, dict[str, float]] = {
     "Abdessameud": {"K": 16.0, "Gamma": 1.0, "k_p": 1.0, "k_d": 2.0},

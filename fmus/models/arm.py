@@ -50,15 +50,14 @@ from typing import Any
 
 from cosim.base.component import Drawing
 from cosim.base.errors import RunError, ScenarioError
-from fmus.arms import chain
+from fmus.arms import chain, environment
+from fmus.arms.environment import grip_torque, wall_torque
 from fmus.arms.joints import DAMPING, RATE, STIFFNESS, TORQUE, Joints
 from fmus.arms.robot import of_robot
 from fmus.arms.stiff import steps_in
 from fmus.build.reference import Values, derive
 from fmus.model import Model, Variable
 from fmus.model.numeric import Array, np
-from fmus.models import environment
-from fmus.models.environment import grip_torque, wall_torque
 
 #: Where a joint has no limit, rad.
 FREE = 1e6

@@ -15,9 +15,9 @@ Source: that of ``abdessameud2014``.
 from __future__ import annotations
 
 from fmus.arms.robot import of_robot
+from fmus.arms.static_feedback import adaptive, serial_model
 from fmus.build.reference import derive
 from fmus.models import abdessameud2014
-from fmus.models.static_feedback import adaptive, serial_model
 
 model = serial_model(abdessameud2014.declare, __doc__)
 fmu, kernel, ArmAbdessameud2014 = derive(

@@ -14,9 +14,9 @@ Source: that of ``chopra``.
 from __future__ import annotations
 
 from fmus.arms.robot import of_robot
+from fmus.arms.static_feedback import adaptive, serial_model
 from fmus.build.reference import derive
 from fmus.models import chopra
-from fmus.models.static_feedback import adaptive, serial_model
 
 model = serial_model(chopra.declare, __doc__)
 fmu, kernel, ArmChopra = derive(model, *adaptive("r", chopra.feedback, serial=True))

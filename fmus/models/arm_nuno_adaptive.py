@@ -14,9 +14,9 @@ Source: that of ``nuno_adaptive``.
 from __future__ import annotations
 
 from fmus.arms.robot import of_robot
+from fmus.arms.static_feedback import adaptive, serial_model
 from fmus.build.reference import derive
 from fmus.models import nuno_adaptive
-from fmus.models.static_feedback import adaptive, serial_model
 
 model = serial_model(nuno_adaptive.declare, __doc__)
 fmu, kernel, ArmNunoAdaptive = derive(

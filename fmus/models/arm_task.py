@@ -62,14 +62,13 @@ manipulator control", Int. J. Robotics Research 10(2), 1991.
 from __future__ import annotations
 
 from cosim.base.errors import FmuError, ScenarioError
-from fmus.arms import chain, task_space
+from fmus.arms import chain, serial_arm, task_space
+from fmus.arms.adaptive_variables import coupling_gains, network_inputs
 from fmus.arms.joints import RATE, Joints
 from fmus.arms.robot import of_robot
 from fmus.build.reference import Values, derive
 from fmus.model import Model, Terminal, Variable
 from fmus.model.numeric import Array, np
-from fmus.models import serial_arm
-from fmus.models.adaptive_variables import coupling_gains, network_inputs
 from fmus.models.arm_teleoperation import Wanted, checked, controlled, gains
 from fmus.models.teleoperation import coupling
 

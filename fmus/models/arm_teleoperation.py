@@ -50,15 +50,14 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from cosim.base.errors import ScenarioError
-from fmus.arms import chain
+from fmus.arms import chain, serial_arm
+from fmus.arms.adaptive_variables import UNLIMITED, coupling_gains, network_inputs
 from fmus.arms.joints import DAMPING, RATE, TORQUE, Joints, rate
 from fmus.arms.natural import adapted
 from fmus.arms.robot import of_robot
 from fmus.build.reference import Values, derive
 from fmus.model import Model, Terminal, Variable
 from fmus.model.numeric import Array, np
-from fmus.models import serial_arm
-from fmus.models.adaptive_variables import UNLIMITED, coupling_gains, network_inputs
 from fmus.models.teleoperation import coupling
 
 _NATURAL = "Rate of natural adaptation in place of Gamma, 0 = off"

@@ -40,18 +40,18 @@ from __future__ import annotations
 from dataclasses import replace
 
 from cosim.base.errors import ScenarioError
-from fmus.arms import chain
+from fmus.arms import chain, serial_arm
+from fmus.arms.adaptive_variables import ADAPTED, coupling_gains, network_inputs
 from fmus.arms.chain_law import regressor
 from fmus.arms.joints import RATE, Joints, rate
 from fmus.arms.robot import of_robot
 from fmus.build.reference import Values, derive
 from fmus.model import Model, Terminal, Variable
 from fmus.model.numeric import Array, np
-from fmus.models import serial_arm, servo
-from fmus.models.adaptive_variables import coupling_gains, network_inputs
+from fmus.models import servo
 from fmus.models.kinematic import advanced, commands
 from fmus.models.servo import UNLIMITED
-from fmus.models.teleoperation import ADAPTED, coupling
+from fmus.models.teleoperation import coupling
 
 _GRAVITY = "Gravity: 0 none, or compensated by the robot's controller; 2 adapted in theta_hat"
 _OWN = "Estimate of the rotor's inertia over K_v (s), and of the viscous friction over K_v"

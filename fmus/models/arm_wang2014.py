@@ -14,9 +14,9 @@ Source: that of ``wang2014``.
 from __future__ import annotations
 
 from fmus.arms.robot import of_robot
+from fmus.arms.static_feedback import adaptive, serial_model
 from fmus.build.reference import derive
 from fmus.models import wang2014
-from fmus.models.static_feedback import adaptive, serial_model
 
 model = serial_model(wang2014.declare, __doc__)
 fmu, kernel, ArmWang2014 = derive(model, *adaptive("s", wang2014.feedback, serial=True))

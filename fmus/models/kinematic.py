@@ -33,12 +33,12 @@ from __future__ import annotations
 from dataclasses import replace
 
 from cosim.base.errors import ScenarioError
+from fmus.arms.adaptive_variables import coupling_gains, network_inputs
 from fmus.arms.joints import RATE, TORQUE, Joints, rate
 from fmus.build.reference import Values, derive
 from fmus.model import Model, Terminal, Variable
 from fmus.model.numeric import Array, np
 from fmus.models import servo
-from fmus.models.adaptive_variables import coupling_gains, network_inputs
 from fmus.models.servo import UNLIMITED
 from fmus.models.teleoperation import coupling
 

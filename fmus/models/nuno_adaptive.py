@@ -23,10 +23,10 @@ limited to ±tau_max; while any joint is at its limit theta_hat is not updated (
 from __future__ import annotations
 
 from fmus.arms.joints import DAMPING, RATE, rate
+from fmus.arms.static_feedback import Feedback, LawSize, adaptive, mean_disagreement
 from fmus.build.reference import Values, derive
 from fmus.model import Model
 from fmus.model.numeric import Array
-from fmus.models.static_feedback import Feedback, LawSize, adaptive, mean_disagreement
 
 PRESETS: dict[str, dict[str, float]] = {
     "Nuno": {"K": 16.0, "B": 4.0, "Gamma": 1.0, "lambda": 1.0},

@@ -44,13 +44,13 @@ from __future__ import annotations
 
 from cosim.base.component import Drawing
 from cosim.base.errors import ScenarioError
+from fmus.arms import environment
 from fmus.arms.dynamics import coriolis, gravity, inertia
+from fmus.arms.environment import grip_torque, wall_torque
 from fmus.arms.joints import PLANAR, TORQUE
 from fmus.build.reference import Values, derive
 from fmus.model import Model, Variable
 from fmus.model.numeric import Array, np
-from fmus.models import environment
-from fmus.models.environment import grip_torque, wall_torque
 
 #: Lumped parameters theta, kg.m2, and theta_g, N.m. ``SL91``: Slotine and Li, Applied Nonlinear
 #: Control (1991), two-link example of chapter 9 with δe = 0; ``IMI``: direct-drive arm; ``unit``:

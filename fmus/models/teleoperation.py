@@ -65,14 +65,11 @@ that a teleoperator reflects decays. (The paper's bounds "<= ∞" remain true; S
 from __future__ import annotations
 
 from cosim.base.errors import ScenarioError
+from fmus.arms.adaptive_variables import ADAPTED, COMPENSATED, UNLIMITED, variables
 from fmus.arms.dynamics import gravity_regressor, regressor
 from fmus.build.reference import Values, derive
 from fmus.model import Model, Terminal
 from fmus.model.numeric import Array, np
-from fmus.models.adaptive_variables import UNLIMITED, variables
-
-#: Values of the parameter `gravity`.
-NONE, COMPENSATED, ADAPTED = 0, 1, 2
 
 
 def model(neighbours: int = 1, gravity: bool = False) -> Model:

@@ -1,9 +1,9 @@
-"""Inputs of the experiments that :mod:`fmus.models` does not provide, as Python components.
+"""Inputs and agents of the experiments that :mod:`fmus.models` does not provide, in Python.
 
 A scenario names the function and gives its values as options::
 
     [components.hand]
-    model = "fmus.paper.signals:sine"
+    model = "fmus.paper.components:sine"
     options = { amplitude = [1.0, 0.0], rate = 20.0 }
 
 Source: own construction.
@@ -106,3 +106,57 @@ def square(low: float, high: float, half: float) -> Waveform:
 
 def _torque() -> Port:
     return Port("tau_h", (2,), "N.m", "Torque on an arm")
+
+
+@final
+class LinearAgent:
+    """A scalar agent of a linear network with delays, the subject of Lemmas 1 and 3 of the paper.
+
+    dx/dt = F + u with F = -rate (x - x_in), x_in the neighbour's x as received; `rate` in 1/s,
+    `start` is x at t = 0, m. Outputs as of t_k; exact for inputs that are held over the step.
+
+    Outputs x (m), its derivative dx and the part F of it, m/s.
+    """
+
+    kind: Kind = "sampled"
+    inputs: tuple[Port, ...] = (
+        Port("x_in", (), "m", "x of the neighbour, as received"),
+        Port("u", (), "m/s", "External input", optional=True),
+    )
+    outputs: tuple[Port, ...] = (
+        Port("x", (), "m", "State"),
+        Port("dx", (), "m/s", "Derivative of x"),
+        Port("F", (), "m/s", "What the network makes of x"),
+    )
+    parameters: tuple[Parameter, ...] = ()
+
+    def __init__(self, rate: float = 1.0, start: float = 0.0) -> None:
+        self._rate, self._start, self._x = rate, start, start
+
+    def initialize(self, values: Values) -> None:
+        """Go to the start; nothing can be set."""
+        self._x = self._start
+
+    def initial(self, u: Values) -> Outputs:
+        """Outputs at t = 0, scalars."""
+        return self._outputs(u)
+
+    def step(self, t: float, h: float, u: Values) -> Outputs:
+        """Outputs at `t` (s), scalars; x advances by `h` (s)."""
+        found = self._outputs(u)
+        decay = exp(-self._rate * h)
+        far, input_ = float(np.asarray(u["x_in"])), float(np.asarray(u["u"]))
+        self._x = far + (self._x - far) * decay + input_ * (1.0 - decay) / self._rate
+        return found
+
+    def _outputs(self, u: Values) -> Outputs:
+        F = -self._rate * (self._x - float(np.asarray(u["x_in"])))
+        return {"x": self._x, "dx": F + float(np.asarray(u["u"])), "F": F}
+
+    def get_state(self) -> object:
+        """The state x, m."""
+        return self._x
+
+    def set_state(self, state: object) -> None:
+        """Continue from what :meth:`get_state` gave."""
+        self._x = float(state)  # type: ignore[arg-type]

@@ -1,22 +1,29 @@
 """Figs 1-15 in the paper's layout: one diagram per figure, as a PNG, and the numbers as CSV.
 
 The paper's own pictures are not available. The figures show what the captions describe, until the
-motion has settled. Figs 4 and 5 are the graphs chosen here.
+motion has settled. Figs 4 and 5 are graphs of this project, for
+the same reason.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from math import cos, pi, sin
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from cosim.base.errors import RunError
+from cosim.links.graphs import PRESETS, Graph, union
 from cosim.record import Run
-from cosim.reporting.figures import Figure, Panel, draw
+from cosim.reporting.figures import DPI, Figure, Panel, draw, load
 from fmus.paper.experiments import Q_H
 from fmus.paper.measure import Array, row
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 SIZE = (4.6, 3.1)  # inches: a column of the paper is 3.2 wide; the legend stands beside
 LAMBDA_M = r"$\lambda_{\mathcal{M}}$"
@@ -136,3 +143,57 @@ def write_csv(figure: PaperFigure, window: Window, path: Path) -> None:
         np.savetxt(path, table, fmt="%.7g", delimiter=",", header=header, comments="")
     except OSError as error:
         raise RunError(f"cannot write {path}: {error.strerror}") from error
+
+
+# ---- graphs -------------------------------------------------------------------------------------
+
+
+def draw_graphs(preset: str, folder: Path) -> tuple[Path, Path]:
+    """Draw the graphs of a preset (``fig04.png``) and their union (``fig05.png``)."""
+    graphs = PRESETS[preset]
+    titles = [f"$G_{k}$" for k in range(1, len(graphs) + 1)]
+    together = union(graphs)
+    roots = ", ".join(map(str, sorted(together.roots)))
+    return (
+        _sheet(graphs, titles, f"Fig. 4: interaction graphs, {preset}", folder / "fig04.png"),
+        _sheet([together], [f"roots: {roots}"], "Fig. 5: their union", folder / "fig05.png"),
+    )
+
+
+def _sheet(graphs: Sequence[Graph], titles: Sequence[str], title: str, path: Path) -> Path:
+    load()
+    import matplotlib
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    n = len(graphs)
+    with matplotlib.rc_context():
+        matplotlib.rcdefaults()
+        matplotlib.rcParams["font.size"] = 8.5
+        figure = Figure(figsize=(max(2.6, 2.1 * n), 2.7), dpi=DPI)
+        canvas: Any = FigureCanvasAgg(figure)  # partly untyped
+        for k, (graph, text) in enumerate(zip(graphs, titles, strict=True)):
+            ax = figure.add_axes((k / n, 0.02, 1 / n, 0.78))
+            _graph(ax, graph)
+            ax.set_title(text, size=9, pad=2)
+        figure.text(0.5, 0.95, title, ha="center", va="center", size=10)
+        canvas.print_png(str(path), metadata={"Software": None})
+    return path
+
+
+def _graph(ax: Axes, graph: Graph) -> None:
+    """Robots on a circle, clockwise from the top; an arrow from who sends to who receives."""
+    place = {
+        i: (sin(2 * pi * (i - 1) / graph.n), cos(2 * pi * (i - 1) / graph.n))
+        for i in range(1, graph.n + 1)
+    }
+    for i, j in graph.edges:
+        arrow = {
+            "arrowstyle": "-|>", "shrinkA": 9, "shrinkB": 9, "color": "#0072B2", "linewidth": 1.2,
+        }  # fmt: skip
+        ax.annotate("", xy=place[i], xytext=place[j], arrowprops=arrow)
+    for i, (x, y) in place.items():
+        ax.scatter([x], [y], s=190, facecolor="white", edgecolor="0.25", linewidth=0.9, zorder=3)
+        ax.text(x, y, str(i), ha="center", va="center", zorder=4)
+    ax.set(xlim=(-1.35, 1.35), ylim=(-1.3, 1.3), aspect="equal")
+    ax.axis("off")

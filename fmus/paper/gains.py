@@ -54,7 +54,7 @@ def cases(seed: int) -> dict[str, Document]:
 def _sine(rate: float) -> Document:
     """The arm, theta known, under a sine of 1 N.m on its first joint."""
     hand = {
-        "model": "fmus.paper.signals:sine",
+        "model": "fmus.paper.components:sine",
         "options": {"amplitude": [1.0, 0.0], "rate": rate},
     }
     return held_by(single(30.0, period=H, grip={}, every=2, **KNOWN), "robot", hand)
@@ -68,7 +68,7 @@ _HEAVY, _DIRECTION = float(_values[-1]), _vectors[:, -1]
 def _worst() -> Document:
     """The arm, theta known, under the push that stores the most energy of s for its effort."""
     hand = {
-        "model": "fmus.paper.signals:swelling",
+        "model": "fmus.paper.components:swelling",
         "options": {
             "amplitude": [0.1 * float(x) for x in _DIRECTION],
             "rate": 16.0 / _HEAVY,

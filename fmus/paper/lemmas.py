@@ -45,7 +45,7 @@ def cases(seed: int) -> dict[str, Document]:
 
 
 def _wave(name: str, **options: Any) -> Document:
-    return {"model": f"fmus.paper.signals:{name}", "options": options}
+    return {"model": f"fmus.paper.components:{name}", "options": options}
 
 
 def _mass(stop: float, b: float | None, hand: Document) -> Document:
@@ -72,7 +72,7 @@ def _agents(hand: Document, delay: Any, seed: int) -> Document:
     """Two agents that hear each other over links with `delay`; the first has an input."""
     options: dict[str, Any] = {"rate": RATE}
     step = 0.005 if "chirp" in hand["model"] else 0.05
-    agent = {"model": "fmus.paper.agents:LinearAgent", "period": step, "options": options}
+    agent = {"model": "fmus.paper.components:LinearAgent", "period": step, "options": options}
     unit = {**hand["options"], "unit": "m/s"}
     components: Document = {
         "one": {**agent, "inputs": {"u": "hand.u"}},

@@ -11,9 +11,10 @@ from hypothesis import strategies as st
 
 from cosim.base.component import Component
 from cosim.base.errors import CosimError
+from fmus.arms.adaptive_variables import ADAPTED, COMPENSATED, NONE
 from fmus.arms.dynamics import coriolis, gravity, gravity_regressor, inertia, regressor
 from fmus.models import adaptive, teleoperation
-from fmus.models.teleoperation import ADAPTED, COMPENSATED, NONE, Teleoperation
+from fmus.models.teleoperation import Teleoperation
 from tests.fmus.loops import Values, arrays
 
 Make = Callable[..., Component]

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from fmus.arms.adaptive_variables import ADAPTED, COMPENSATED
 from fmus.arms.dynamics import gravity
 from fmus.models import adaptive, planar2r
-from fmus.models.teleoperation import ADAPTED, COMPENSATED
 from tests.fmus.loops import SL91, Push, Values, arrays, closed, lyapunov, norm
 
 seed = st.integers(0, 2**32 - 1)

@@ -180,8 +180,8 @@ LAW_MODULES = [
     *("cosim/bus/arbitration.py", "cosim/bus/response.py", "cosim/bus/simulation.py"),
     *("cosim/bus/stuffing.py", "cosim/bus/timing.py", "cosim/links/frozen.py"),
     *("cosim/links/graphs.py", "cosim/links/presets.py", "cosim/links/semantics.py"),
-    *("fmus/arms/dynamics.py", "fmus/models/replay.py", "fmus/models/static_feedback.py"),
-    *("fmus/paper/agents.py", "fmus/paper/oracles.py", "fmus/paper/signals.py"),
+    *("fmus/arms/dynamics.py", "fmus/models/replay.py", "fmus/arms/static_feedback.py"),
+    *("fmus/paper/components.py", "fmus/paper/oracles.py"),
 ]
 #: A paragraph that names an equation, a publication, a clause of a standard or our own work.
 SOURCE = re.compile(

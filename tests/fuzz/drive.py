@@ -24,6 +24,8 @@ from tests.fuzz.targets import TARGETS, Target
 HANG = 20.0
 #: Findings after which a target is left.
 MOST = 5
+#: The folder for mutants: on a busy disk, writing them takes most of the time. None: the usual one.
+IN_MEMORY = "/dev/shm" if os.access("/dev/shm", os.W_OK) else None
 
 
 class Hang(BaseException):
@@ -92,7 +94,8 @@ def attempt(target: Target, data: bytes, suffix: str) -> str:
     """Read one input: "" where it was read or refused, else the traceback."""
     # models that a text names are compiled once, into the cache of the user
     cache = _cache_in if target.fills_cache else nullcontext
-    with tempfile.TemporaryDirectory(prefix="fuzz-") as scratch, cache(scratch):
+    place = tempfile.TemporaryDirectory(prefix="fuzz-", dir=IN_MEMORY)
+    with place as scratch, cache(scratch):
         try:
             with _limited(), target.written(data, suffix, Path(scratch)) as path:
                 target.read(path)

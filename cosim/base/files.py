@@ -74,6 +74,16 @@ def working_folder() -> str:
     return ""
 
 
+@contextmanager
+def same_working_folder() -> Iterator[None]:
+    """After the block the working directory is the one before, whatever user code has done."""
+    before = working_folder()
+    try:
+        yield
+    finally:
+        return_to(before)
+
+
 def return_to(folder: str) -> None:
     """Make a folder the working directory again, if it is another; not where it is gone or ""."""
     if folder and working_folder() != folder:

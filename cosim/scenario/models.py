@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, get_args
 from cosim.base.component import Component, Kind, Parameter, Port, Preparation
 from cosim.base.convert import number
 from cosim.base.errors import CosimError, FmuError, MujocoError, ScenarioError
+from cosim.base.files import same_working_folder
 from cosim.base.names import hint
 from cosim.fmi import FmuComponent, FmuOptions, structural_sizes
 from cosim.fmi.components import stepped_fmu
@@ -43,6 +44,12 @@ def load_component(name: str, spec: ComponentSpec, folder: Path, place: str) -> 
 
     Raises ScenarioError at `place` for a model that cannot be found or made.
     """
+    with same_working_folder():
+        return _loaded(name, spec, folder, place)
+
+
+def _loaded(name: str, spec: ComponentSpec, folder: Path, place: str) -> LoadedComponent:
+    """The same, by user code that may change the working directory."""
     if spec.model.endswith(".fmu"):
         if spec.options:
             raise ScenarioError(

@@ -55,3 +55,42 @@ def test_as_a_module_of_python(crowded: Path) -> None:
     call = [sys.executable, "-P", "-m", "cosim", "--version"]
     done = subprocess.run(call, cwd=crowded, capture_output=True, text=True, timeout=60)
     assert done.stdout.startswith("cosim "), done.stderr
+
+
+WANDERS = """
+import os
+from tests.cosim.blocks import Gain
+
+WHERE = "{where}"
+if WHERE == "import":
+    os.chdir("/")
+
+class Own(Gain):
+    def __init__(self, **words):
+        super().__init__(**words)
+        if WHERE == "made":
+            os.chdir("/")
+
+    def step(self, t, h, u):
+        if WHERE == "step":
+            os.chdir("/")
+        return super().step(t, h, u)
+"""
+
+
+@pytest.mark.parametrize("where", ["import", "made", "step"])
+def test_a_component_that_changes_the_directory_does_not_move_results(
+    crowded: Path, where: str
+) -> None:
+    (crowded / "own.py").write_text(WANDERS.format(where=where))
+    program = (
+        "import os, sys; sys.path.append('.'); import cosim; cosim.run('own.toml', out='here');"
+        "print(os.getcwd())"
+    )
+    done = subprocess.run(
+        [sys.executable, "-P", "-c", program],
+        cwd=crowded, env=os.environ | {"PYTHONPATH": str(ROOT)}, capture_output=True, text=True,
+        timeout=120,
+    )  # fmt: skip
+    assert done.stdout.strip() == str(crowded), done.stderr
+    assert (crowded / "here" / "trajectories.parquet").is_file()

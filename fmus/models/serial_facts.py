@@ -96,7 +96,7 @@ def arm(values: Values) -> Arm:
         h_max=1.0 / values["substeps"][0],
         lower=_limits(values, "q_min", -inf),
         upper=_limits(values, "q_max", inf),
-        doubts=tuple(_doubts(table)),
+        doubts=tuple(doubts(table)),
     )
 
 
@@ -106,7 +106,7 @@ def _limits(values: Values, name: str, none: float) -> Vector:
     return tuple(none if k_s > 0.0 or abs(limit) >= FREE else limit for limit, k_s in pairs)
 
 
-def _doubts(table: Table) -> Iterator[str]:
+def doubts(table: Table) -> Iterator[str]:
     """Links with the inertia of a body that is much greater than the arm, a sentence each.
 
     The radius of gyration sqrt(I / m), m, of what has the mass and the greatest principal moment.

@@ -10,6 +10,7 @@ from fmus.arms import chain
 from fmus.arms.serial import Robot
 from fmus.arms.urdf import Urdf
 from fmus.model.numeric import Array
+from fmus.models.serial_facts import doubts
 
 #: Positions at which torques and inertias are computed.
 POSITIONS = 300
@@ -57,6 +58,7 @@ def joints(robot: Robot) -> Iterator[str]:
     widths = [max(len(row[k]) for row in rows) for k in range(len(columns))]
     for row in rows:
         yield "  ".join(text.ljust(width) for text, width in zip(row, widths, strict=True)).rstrip()
+    yield from doubts(robot.table)
     yield from robot.unread
 
 

@@ -57,3 +57,16 @@ def test_options_that_cannot_be_are_refused(
 ) -> None:
     with pytest.raises(ScenarioError, match=message):
         said(files.openarm(tmp_path), *options)
+
+
+def test_an_inertia_that_no_link_of_the_arm_can_have_is_named(tmp_path: Path) -> None:
+    """As in a file with g.mm2 for kg.m2."""
+    path = files.openarm(tmp_path)
+    text = path.read_text(encoding="utf-8")
+    first = text.index("<inertia ")
+    end = text.index("/>", first)
+    heavy = '<inertia ixx="2661" ixy="0" ixz="0" iyy="2661" iyz="0" izz="2661"'
+    assert not said(path, "--base", "body", "--tip", "tcp")[-1].startswith("link")
+    path.write_text(text[:first] + heavy + text[end:], encoding="utf-8")
+    last = said(path, "--base", "body", "--tip", "tcp")[-1]
+    assert last.startswith("link 0 has 1.142 kg, 2661 kg.m2 (a radius of gyration of 48.3 m)")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import cache
 from pathlib import Path
 
@@ -67,13 +67,10 @@ response times that may exceed their deadline, of identifiers in CANopen's range
 than their field, of watchdogs below 2 or above 50 periods (and 100 ms), and of nodes without
 heartbeat.
 """
-LOAD_TEXT = {
-    5e-3: """\
-Worst-case load in %, by number of nodes, with a SYNC of 1 byte every tick and a heartbeat of 8
-bytes every 50 ms from each node; "–": above 100 %.
-""",
-    1e-3: "The same table at 1 kHz.\n",
-}
+LOAD_TEXT = """\
+Worst-case load in %, by rate and number of nodes, with a SYNC of 1 byte every tick and a heartbeat
+of 8 bytes every 50 ms from each node; "–": above 100 %.
+"""
 RESPONSE_TEXT = """\
 Worst-case response time of the slowest message that is sent every tick, in ms; "–": no bound.
 **Bold**: longer than one tick.
@@ -82,9 +79,7 @@ Worst-case response time of the slowest message that is sent every tick, in ms; 
 
 def page() -> str:
     """The whole page."""
-    parts = [HEAD, "## Frame times\n", frame_table()]
-    for period in (5e-3, 1e-3):
-        parts += [f"## Load at {1 / period:g} Hz\n", LOAD_TEXT[period], load_table(period)]
+    parts = [HEAD, "## Frame times\n", frame_table(), "## Load\n", LOAD_TEXT, load_table()]
     return "\n".join([*parts, "## Response times\n", RESPONSE_TEXT, response_table()])
 
 
@@ -107,26 +102,32 @@ def frame_table() -> str:
     return "\n".join([*lines, ""])
 
 
-def load_table(period: float) -> str:
-    """Worst-case load of every set, by number of nodes."""
-    lines = [f"| bus | every node sends | {' | '.join(map(str, NODES))} |", "|---" * 6 + "|"]
-    for text, file, timing, names in SETS:
-        shares = [bus_share(messages(file, names, n, period), timing).worst for n in NODES]
-        cells = " | ".join("–" if share > 1 else f"{share * 100:.0f}" for share in shares)
-        lines.append(f"| {rates(timing)} | {text} | {cells} |")
-    return "\n".join([*lines, ""])
+def load_table() -> str:
+    """Worst-case load of every set, by rate and number of nodes."""
+
+    def cell(file: str, timing: BusTiming, names: tuple[str, ...], n: int, period: float) -> str:
+        share = bus_share(messages(file, names, n, period), timing).worst
+        return "–" if share > 1 else f"{share * 100:.0f}"
+
+    return _table(cell)
 
 
 def response_table() -> str:
-    """Worst response of a message that is sent every tick, for some numbers of nodes."""
-    heads = [f"{1 / period:g} Hz, {n}" for period in (5e-3, 1e-3) for n in NODES]
+    """Worst response of a message that is sent every tick, by rate and number of nodes."""
+
+    def cell(file: str, timing: BusTiming, names: tuple[str, ...], n: int, period: float) -> str:
+        return slowest(messages(file, names, n, period), timing, period)
+
+    return _table(cell)
+
+
+def _table(cell: Callable[[str, BusTiming, tuple[str, ...], int, float], str]) -> str:
+    """A row for each set, a column for each rate and number of nodes."""
+    columns = [(n, period) for period in (5e-3, 1e-3) for n in NODES]
+    heads = [f"{1 / period:g} Hz, {n}" for n, period in columns]
     lines = [f"| bus | every node sends | {' | '.join(heads)} |", "|---" * 10 + "|"]
     for text, file, timing, names in SETS:
-        cells = [
-            slowest(messages(file, names, n, period), timing, period)
-            for period in (5e-3, 1e-3)
-            for n in NODES
-        ]
+        cells = [cell(file, timing, names, n, period) for n, period in columns]
         lines.append(f"| {rates(timing)} | {text} | {' | '.join(cells)} |")
     return "\n".join([*lines, ""])
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from importlib import import_module
 from importlib.util import find_spec
+from pathlib import Path
 from typing import Annotated, Any, final
 
 import typer
@@ -17,6 +18,7 @@ from cosim.base.python import add_working_directory
 from cosim.cli.ending import ProgramGroup, run_program
 from cosim.cli.groups import flat
 from cosim.cli.overview import ALIASES, COMMANDS, overview
+from cosim.loading import file_kinds
 
 #: Options of commands that are no longer there, as they were typed, and what serves instead.
 REMOVED = {
@@ -69,6 +71,8 @@ class _Commands(ProgramGroup):
         """The command of that name, or None."""
         known = self.list_commands(ctx) if cmd_name not in COMMANDS else COMMANDS
         if cmd_name not in known:
+            if kind := file_kinds.use(Path(cmd_name)):
+                ctx.fail(f"no command: {cmd_name} {kind}")
             if found := hint(cmd_name, known):
                 ctx.fail(f"no command {cmd_name!r}{found}")
             return None

@@ -14,7 +14,7 @@ from typing import Any, NoReturn, TextIO
 import typer
 from typer.core import TyperGroup
 
-from cosim.base.errors import CosimError, FolderWarning, RunError, shortage
+from cosim.base.errors import CosimError, FolderWarning, RunError, ScenarioError, shortage
 from cosim.base.interrupts import exit_code, has_come, hear_of_children, signals_as_interrupt
 from cosim.base.streams import complete_output
 
@@ -49,7 +49,7 @@ def _code(app: Callable[[], object]) -> int:
             warnings.showwarning = _warn
             app()
     except CosimError as error:
-        typer.echo(f"error: {error}", err=True)
+        typer.echo(f"error: {_for_another_command(error) or error}", err=True)
         saved = vars(error).get("saved")
         if saved:
             typer.echo(
@@ -67,6 +67,13 @@ def _code(app: Callable[[], object]) -> int:
         typer.echo(f"error: {lacking}", err=True)
         return 1
     return 0
+
+
+def _for_another_command(error: CosimError) -> str:
+    """The sentence that a file is for another command, where bad input is of that kind; or ""."""
+    from cosim.loading.file_kinds import misplaced
+
+    return misplaced(sys.argv[1:]) if error.exit_code == ScenarioError.exit_code else ""
 
 
 def _warn(

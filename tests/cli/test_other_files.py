@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from cosim.cli.overview import COMMANDS
-from tests.cli.command import ROOT, Command
+from tests.cli.command import CONFIG, ROOT, Command
 from tests.cli.conftest import cosim as cosim  # the command as a fixture
 
 
@@ -31,6 +31,41 @@ from tests.cli.conftest import cosim as cosim  # the command as a fixture
 def test_a_file_for_another_command(cosim: Command, file: str, said: str) -> None:
     done = cosim("run", ROOT / "configs" / file)
     assert done.code == 2 and f"configs/{file}: {said}" in done.err
+
+
+@pytest.mark.parametrize(
+    ("command", "file", "said"),
+    [
+        ("sweep", "teleoperation.toml", "is a scenario, not a study; it is for `cosim run "),
+        ("campaign", "teleoperation.toml", "is a scenario, not a campaign; it is for `cosim run "),
+        ("report", "teleoperation.toml", "is a scenario, not the folder of a run; it is for `cosi"),
+        ("diff", "teleoperation.toml", "is a scenario, not the folder of a run; it is for `cosim "),
+        ("replay", "teleoperation.toml", "is a scenario, not the folder of a run; it is for `cos"),
+        ("rehearse", "studies/delay.toml", "is a study, not a scenario; it is for `cosim sweep "),
+        ("compare", "studies/delay.toml", "is a study, not a scenario; it is for `cosim sweep "),
+        ("check", "deploy/can.toml", "is a deployment, not a scenario; it is for `cosim rehearse "),
+        ("export", "deploy/can.toml", "is a deployment, not a scenario; it is for `cosim rehear"),
+        ("info", "teleoperation.toml", "is a scenario, not an FMU; it is for `cosim run "),
+    ],
+)
+def test_every_command_names_the_right_one(
+    cosim: Command, command: str, file: str, said: str
+) -> None:
+    path = ROOT / "configs" / file
+    done = cosim(command, path, *([path] if command == "diff" else []))
+    assert done.code == 2 and f"{path}: {said}" in done.err
+
+
+def test_a_file_in_place_of_a_command(cosim: Command) -> None:
+    done = cosim(CONFIG)
+    assert done.code == 2 and f"is a scenario; it is for `cosim run {CONFIG}`" in done.err
+
+
+def test_a_wrong_scenario_keeps_its_own_message(cosim: Command, tmp_path: Path) -> None:
+    """The file is of the right kind: what is wrong inside of it is said."""
+    (tmp_path / "a.toml").write_text('[components.a]\nmodel = "fmus.models.nothing"\n')
+    done = cosim("run", tmp_path / "a.toml")
+    assert done.code == 2 and "it is for" not in done.err
 
 
 def test_the_folder_of_a_run(cosim: Command, tmp_path: Path) -> None:

@@ -20,8 +20,9 @@ from bridge.faults.load import load
 from bridge.results.page import describe
 from cosim.base.clock import stopwatch
 from cosim.base.convert import convert
-from cosim.base.errors import RunError
+from cosim.base.errors import RunError, ScenarioError
 from cosim.base.interrupts import signals_as_interrupt
+from cosim.base.names import unknown
 from cosim.record import seal
 from cosim.study.run_point import StudyRow
 from cosim.study.runner import UNOBSERVED, Observer
@@ -40,8 +41,15 @@ class ScriptedRun:
 
 
 def runs_of(campaign: Campaign, only: Sequence[str] = ()) -> list[ScriptedRun]:
-    """The runs in the order of the file, or those of some scripts `only`; a repeated one has -2."""
+    """The runs in the order of the file, or those of some scripts `only`; a repeated one has -2.
+
+    `only`: names or files. Raises ScenarioError for a script that the campaign does not have.
+    """
     times, found = Counter[str](), []
+    known = [Path(spec.script).stem for spec, _ in campaign.runs]
+    only = [text.removesuffix(".toml") for text in only]
+    if strange := sorted({*only} - {*known}):
+        raise ScenarioError(unknown(strange[0], known, "script"), f"{campaign.path}: --only")
     for spec, script in campaign.runs:
         name = Path(spec.script).stem
         if only and name not in only:

@@ -212,7 +212,8 @@ def find(scenario: str | Path, given: str) -> Path:
     found = folder / f"{given}.toml"
     if not found.is_file():
         known = [p.stem for p in folder.glob("*.toml")]
-        raise ScenarioError(unknown(given, known, "deployment"), str(folder))
+        cure = "" if known else "; --deploy takes the path of a file, and `cosim new` writes one"
+        raise ScenarioError(unknown(given, known, "deployment") + cure, str(folder))
     return found
 
 

@@ -112,7 +112,14 @@ def _symbol(name: str, text: str) -> Unit:
     if prefix in _PREFIXES and rest in _SYMBOLS and rest not in _NOT_PREFIXED:
         unit = _SYMBOLS[rest]
         return Unit(unit.exponents, unit.factor * _PREFIXES[prefix])
-    raise UnitError(f"unknown unit {name!r} in {text!r}")
+    raise UnitError(f"unknown unit {name!r} in {text!r}{_with_dot(name)}")
+
+
+def _with_dot(name: str) -> str:
+    """A suggestion for two units that are written together: "Nm" is N.m."""
+    parts = ((name[:i], name[i:]) for i in range(1, len(name)))
+    found = next((f"{a}.{b}" for a, b in parts if is_unit(a) and is_unit(b)), None)
+    return f"; did you mean {found!r}?" if found else ""
 
 
 def conversion(source: str | Unit, target: str | Unit) -> tuple[float, float]:

@@ -304,15 +304,19 @@ def part(signals: Vector, slot: Slot) -> Vector:
     return signals[slot.start : slot.start + slot.size]
 
 
-def store(views: Views, outputs: Mapping[str, Any]) -> None:
-    """Write what a component returned.
+def store(views: Views, outputs: Any) -> None:
+    """Write what a component returned: a mapping of the name of each port to its value.
 
-    Raises RunError if an output is missing or does not have its shape.
+    Raises RunError if it is no dict, or if an output is missing or does not have its shape.
     """
     for port, view in views.items():
         try:
             view[...] = outputs[port]
         except KeyError:
             raise RunError(f"returned no {port!r}") from None
-        except (TypeError, ValueError) as error:
+        except (TypeError, ValueError, IndexError) as error:
+            if not isinstance(outputs, Mapping):
+                names = ", ".join(f"{name!r}: ..." for name in views)
+                given = type(outputs).__name__
+                raise RunError(f"returned a {given}, expected a dict {{{names}}}") from None
             raise RunError(f"returned {port!r}: {error}") from None

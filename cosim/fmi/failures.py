@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sysconfig
 import traceback
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -21,23 +22,27 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+#: Folders of installed packages and of Python's own modules.
+_LIBRARIES = {"site-packages", "dist-packages", Path(sysconfig.get_path("stdlib")).name}
+
 
 def sentence(error: BaseException, name: str = "") -> str:
-    """An exception of component `name` as text, with the line that raised it.
+    """An exception of component `name` as text, with the user's line that led to it.
 
     ``ZeroDivisionError: division by zero (controller.py, line 12)``; a CosimError needs no
-    addition.
+    addition. The last line of a library says little: "Singular matrix (_linalg.py, line 144)".
     """
     if isinstance(error, CosimError):
         return str(error).removeprefix(f"{name}: ")
     text = f"{type(error).__name__}: {error}".removesuffix(": ")
     if isinstance(error, SystemExit):
         text = f"sys.exit({error.code!r})"
-    frames = traceback.extract_tb(error.__traceback__)
-    file = Path(frames[-1].filename) if frames else Path("<unknown>")
-    if file.name.startswith("<") or file.parent.parent == Path(__file__).parents[1]:
-        return text
-    return f"{text} ({file.name}, line {frames[-1].lineno})"
+    ours = Path(__file__).parents[1]
+    frames = [(Path(x.filename), x.lineno) for x in traceback.extract_tb(error.__traceback__)]
+    last = [i for i, (file, _) in enumerate(frames) if file.parent.parent == ours][-1:]
+    given = [x for x in frames[last[0] + 1 if last else 0 :] if not x[0].name.startswith("<")]
+    users = [x for x in given if not _LIBRARIES & {*x[0].parts}] or given
+    return f"{text} ({users[-1][0].name}, line {users[-1][1]})" if users else text
 
 
 @contextmanager

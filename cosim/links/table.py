@@ -167,7 +167,10 @@ class TableStream:
 def check_indices(grid: Grid, length: int) -> None:
     """Refuse a run whose rows or samples exceed int32. Raises ScenarioError."""
     if max(length, grid.sent(length)) > INDEX_MAXIMUM:
-        raise ScenarioError(f"{length} rows; more than {INDEX_MAXIMUM} samples are sent or read")
+        raise ScenarioError(
+            f"found {length} samples that are sent or read until run.stop, expected at most "
+            f"{INDEX_MAXIMUM}; stop the run earlier, or give the link a longer period"
+        )
 
 
 AGES = np.dtype(structs.AgesStruct)

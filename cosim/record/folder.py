@@ -51,7 +51,7 @@ def claim_folder(folder: str | Path, *, force: bool = False) -> Path:
         if present and not force:
             raise ScenarioError(
                 f"the folder is not empty (it contains {_some(present)}); "
-                "choose another one or force overwriting",
+                "choose another one, or replace an earlier run with --force",
                 str(folder),
             )
         if present and not {*_SINGLE, LINKS} & set(present):

@@ -167,6 +167,16 @@ def test_a_component_that_exits_in_a_step_does_not_end_the_command(
             "class Own(Gain):\n    def initial(self, u): return {'y': [1, 2]}",
             "own does not start: returned 'y': ",
         ),
+        (
+            "from tests.cosim.blocks import Gain\n"
+            "class Own(Gain):\n    def initial(self, u): return u['u']",
+            "own does not start: returned a ndarray, expected a dict {'y': ...}",
+        ),
+        (
+            "import numpy as np\nfrom tests.cosim.blocks import Gain\n"
+            "class Own(Gain):\n    def initial(self, u): return np.linalg.inv(np.zeros((2, 2)))",
+            "own does not start: LinAlgError: Singular matrix (own.py, line 4)",
+        ),
     ],
 )
 def test_a_component_that_cannot_be_made_is_a_sentence(

@@ -177,6 +177,13 @@ def test_the_campaign_of_the_project_has_every_script():
     assert scripts == {p.name for p in FILE.parent.glob("*.toml")} - others
 
 
+def test_scripts_are_chosen_by_name_or_file_and_strange_ones_refused():
+    found = load_campaign(FILE)
+    assert [run.name for run in scripted.runs_of(found, ["drop.toml"])] == ["drop"]
+    with pytest.raises(ScenarioError, match="no script 'drap'; did you mean 'drop'"):
+        scripted.runs_of(found, ["drap"])
+
+
 def test_runs_of_scripts_that_are_there_are_not_made_again(tmp_path):
     found = load_campaign(FILE)
     runs = scripted.runs_of(found, ["corrupt", "kill"])

@@ -78,7 +78,7 @@ def test_one_that_is_not_there_is_answered_with_those_that_are():
         match=r"no deployment 'cna'; did you mean 'can'.*can-classic, ",
     ):
         find(TELEOPERATION, "cna")
-    with pytest.raises(ScenarioError, match="there are: none"):
+    with pytest.raises(ScenarioError, match=r"there are: none.*cosim new"):
         find(TELEOPERATION.parent / "deploy" / "x.toml", "can")
 
 

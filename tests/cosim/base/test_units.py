@@ -55,6 +55,7 @@ def test_quantities_with_units_are_converted(text, unit, value):
         ("5", "has no unit"),
         ("five ms", "not a number with a unit"),
         ("5 xs", "unknown unit 'xs'"),
+        ("5 Nm", "unknown unit 'Nm' in 'Nm'; did you mean 'N.m'?"),
         ("5 m//s", "cannot be read"),
         ("5 m/(s", "lacks a closing parenthesis"),
         ("5 m/s)", "cannot be read"),

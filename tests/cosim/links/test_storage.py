@@ -164,7 +164,7 @@ def test_what_was_written_before_an_error_is_kept(tmp_path):
 def test_runs_that_do_not_count_in_int32_are_refused():
     for grid, length in [(Grid(1, 1, 0.005), 2**31), (Grid(1, 4, 0.005), 2**30)]:
         table = DrawnTable("x", grid, Constant(0.1), SignalSemantics(), 0)
-        with pytest.raises(ScenarioError, match="more than 2147483647 samples"):
+        with pytest.raises(ScenarioError, match="expected at most 2147483647; stop the run"):
             table.stream(length)
     with pytest.raises(ScenarioError, match="a delay of 1e\\+12 s is more than 2147483647 ticks"):
         DrawnTable("x", GRID, Constant(1e12), SignalSemantics(), 0)

@@ -381,3 +381,98 @@ def test_a_position_or_velocity_that_is_older_than_it_may_be_is_silence(tmp_path
                 host.call("watch", 1000 * MS)
                 assert Failure(host.drives[0].failure) is failure, which
             assert Failure(host.drives[1].failure) is Failure.NOT
+
+
+@pytest.mark.parametrize(
+    ("within", "stop", "limit"),
+    [(100, 200, 100), (300, 200, 200), (300, 20, 50), (10, 20, 50), (300, 0, 50), (90, 1000, 90)],
+)
+def test_a_position_may_be_as_old_as_a_state_and_as_an_input_may_be(host, within, stop, limit):
+    """And 50 ms in any case; of the inputs those of other messages do not count (ms)."""
+    host.serve(1000 * MS)
+    t, n = 5000 * MS, host.n
+    for drive in host.drives:
+        drive.within_ns, drive.up_ns = within * MS, t
+    for inlet in n.inlets[: n.n_inlets]:
+        mine = inlet.reception.contents.drive == 0
+        inlet.stop_ns = stop * MS if mine else 1
+    for reception in n.receptions[: n.n_receptions]:
+        reception.previewed_ns = t - limit * MS if reception.drive == 0 else t
+    assert host.call("ready", t)
+    assert not host.call("ready", t + 1)
+
+
+@pytest.mark.parametrize(
+    ("newest", "arrival", "previewed", "ready"),
+    [
+        (-1, 9 * MS, -1, False), (-1, 9 * MS, 0, True), (0, 0, -1, True), (5, 0, -1, True),
+        (0, -50 * MS, -1, True), (0, -50 * MS - 1, -1, False),
+        (0, -50 * MS - 1, -50 * MS, True), (0, -50 * MS, -60 * MS, True),
+    ],
+)  # fmt: skip
+def test_a_position_is_that_of_the_last_frame_of_the_run_or_before_it(
+    host, newest, arrival, previewed, ready
+):
+    """Arrivals count from t = 0, previews are on the clock; both as if `ready` were asked at 0."""
+    start = 700_000 * MS
+    host.serve(start)
+    host.n.start_ns = start
+    for drive in host.drives:
+        drive.up_ns = start - 100 * MS
+    for reception in host.n.receptions[: host.n.n_receptions]:
+        reception.newest, reception.arrival_ns = newest, arrival
+        reception.previewed_ns = -1 if previewed == -1 else start + previewed
+    assert bool(host.call("ready", start)) is ready
+
+
+@pytest.mark.parametrize(("dq", "counts"), [(0.1, True), (0.0999, False), (-0.1, True),
+                                            (-0.0999, False)])  # fmt: skip
+def test_a_joint_rests_below_a_tenth_of_a_radian_a_second(host, dq, counts):
+    host.serve(0)
+    found = [moved(host, newest, 0.3, dq) for newest in range(0, 400, 10)]
+    assert (Failure.STILL in found) is counts
+
+
+def test_a_way_is_unseen_up_to_the_limit_itself(host):
+    """At 1 rad/s and 50 ms it is exactly the way of a period."""
+    host.serve(0)
+    reception = host.n.receptions[host.drives[0].q_of]
+    reception.period_ns = 50 * MS  # 1 rad/s for one period is the limit
+    assert [moved(host, k, 0.3, 1.0) for k in range(3)] == [Failure.NOT, Failure.NOT, Failure.STILL]
+
+
+def test_a_drive_without_a_position_or_that_tells_no_state_never_stands_still(host):
+    host.serve(0)
+    host.drives[0].q_of = -1
+    reception = host.n.receptions[host.drives[0].dq_of]
+    for newest in range(0, 400, 100):
+        reception.newest = newest
+        host.drives[0].told_ns = host.drives[1].told_ns = 0
+        host.call("watch", 0)
+    assert host.phases() == [Phase.SERVING] * 2
+
+
+def test_a_drive_whose_states_have_no_time_limit_may_be_silent(host):
+    host.serve(MS)
+    for drive in host.drives:
+        drive.within_ns = 0
+    host.call("watch", 10**6 * MS)
+    assert host.phases() == [Phase.SERVING] * 2
+    host.drives[1].within_ns = 1
+    host.call("watch", 10**6 * MS)
+    assert host.phases() == [Phase.SERVING, Phase.FAILED]
+
+
+def test_drives_behind_the_table_are_not_looked_at(host):
+    host.serve(MS)
+    host.n.n_commanded = 1
+    host.call("watch", 10**6 * MS)
+    assert host.phases() == [Phase.FAILED, Phase.SERVING]
+    host.call("excuse", 77)
+    assert host.drives[1].told_ns == MS
+    assert host.tell(2, HOT, 2 * MS) == NOT
+    host.sent()
+    host.n.life.state, host.n.life.armed = LifeState.FAULT, 0
+    host.step(2 * MS)
+    assert host.sent() == [(1, DISABLE)] and host.phases() == [Phase.RESTING, Phase.SERVING]
+    assert host.step(3 * MS) == 0  # all of its drives rest

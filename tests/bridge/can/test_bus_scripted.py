@@ -69,7 +69,7 @@ API int recvmmsg(int fd, struct mmsghdr *m, unsigned n, int flags, struct timesp
 }
 """
 
-#: All frames of each case from a bus in a given state; its state then, and how often clocks were read.
+#: All frames of each case from a bus in a given state; its state then, and the clocks read.
 CASES = """
 import ctypes as c, json, socket, sys
 from bridge.native.bus import Bus
@@ -121,7 +121,7 @@ def case(readings, stamps, times, *, more=(), before=None, lost=None, **after):
 
 
 def reading(late, within, set_by=0):
-    """Both clocks `late` ns after NOW, the wall clock set by so much: its offset is OFFSET - set_by."""
+    """Both clocks `late` ns after NOW, the wall clock set by so much: OFFSET - set_by apart."""
     return NOW + late, DATE + late + within // 2 + set_by, NOW + late + within
 
 

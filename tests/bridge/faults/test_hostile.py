@@ -129,3 +129,16 @@ def test_frames_that_are_not_valid_are_left_alone(codec):
 def test_other_messages_are_left_alone(codec):
     out = through(Injector([hostile(codec, native.FORGE, a=1.0, b=1.0)]), [frame(1)])
     assert len(out) == 1
+
+
+@pytest.mark.parametrize("kind", [native.FORGE, native.ABSURD, native.FLOOD])
+def test_of_a_frame_that_is_not_valid_nothing_is_made_and_nothing_counted(codec, kind):
+    """The flood has its first frame before it."""
+    injector = Injector([hostile(codec, kind, a=0.001, b=0.001, t0_ns=7 * MS)], 64)
+    broken = sent(codec, 2)
+    broken.data[5] ^= 1
+    injector.put(sent(codec, 1), START)
+    injector.rules[0].last_ns = 5 * MS
+    assert [data for _, _, data in through(injector, [broken])][-1] == broken.payload
+    assert injector.hits() == (0,) and injector.struct.injected == 0
+    assert injector.struct.n_waiting == 0

@@ -256,3 +256,29 @@ def test_a_jump_before_the_start_is_more_than_the_limit_if_there_is_one(tmp_path
     system = system_of(found, tmp_path)
     for values in ([0.25, 0.75], [0.75, 0.25]):
         assert jumps(system, tmp_path, "STATE_1", values) == (limit == 0.4375)
+
+
+@pytest.mark.parametrize("state", [state for state in LifeState if state > LifeState.INACTIVE])
+def test_a_sample_of_a_node_in_fault_is_one_unless_it_is_a_torque(tmp_path, node, state):
+    """A drive that hears nothing but torques of a FAULT brakes: they feed nothing."""
+    status = state | Status.SIMULATED
+    say(node, node.system.messages["STATE_1"].encoding, [0.0] * 4, status)
+    reception = node.wired.inlet_bindings.receptions["STATE_1"]
+    assert (reception.newest, reception.of_fault) == (0, 0)
+    (tmp_path / "arm").mkdir()
+    with Slots(named("can", "run.stop=1"), "master", tmp_path / "arm") as arm:
+        arm.struct.n_peers = 0
+        arm.begin()
+        say(arm, arm.system.messages["LINK_2"].encoding, [0.0] * 4, status)
+        torque = arm.wired.inlet_bindings.receptions["LINK_2"]
+        fault = state is LifeState.FAULT
+        assert (torque.newest, torque.of_fault) == ((-1, 1) if fault else (0, 0))
+        assert arm.wired.receivers["LINK_2"].ok == 1
+
+
+@pytest.mark.parametrize("begun", [0, 1])
+@pytest.mark.parametrize("command", [1, STOP, ARM, RESET, 77])
+def test_a_start_is_late_in_a_run_and_no_other_command_is(node, begun, command):
+    node.struct.begun = begun
+    say(node, node.system.services["left"].nmt, [command, 0])
+    assert node.struct.late_starts == (command == 1 and begun)

@@ -6,6 +6,7 @@ import ctypes as c
 
 import pytest
 
+from bridge.native import node as native
 from bridge.native.commanded import Phase
 from bridge.native.message import Header
 from bridge.native.node import MotorFault
@@ -232,3 +233,21 @@ def test_a_drive_that_is_not_up_may_tell_no_position(tmp_path, phase):
         s.life.ramp, s.life.ramp_ticks = 99, 100
         slots.step()
         assert bool(s.life.now & Why.STALE) == (phase is Phase.SERVING)
+
+
+@pytest.mark.parametrize(("name", "age"), [("age", 0.0), ("link_age", 1e-3)])
+def test_the_first_signal_of_all_may_be_an_age(node, name, age):
+    inlet, _ = first_of_state(node)
+    signals = (c.c_double * 1).from_address(node.struct.signals)
+    inlet.age = inlet.link_age = -1
+    setattr(inlet, name, 0)
+    node.struct.phase_ns = MS
+    for k in range(3):
+        signals[0] = -7.0
+        inlet_pass(inlet, k, node)
+        assert signals[0] == pytest.approx(age)
+
+
+def inlet_pass(inlet, k, node):
+    """Its pass of tick `k` alone, without the components behind it."""
+    assert native.functions().inlet_pass(c.byref(inlet), k, node.struct.signals) == 0

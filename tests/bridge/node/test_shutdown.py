@@ -6,6 +6,7 @@ import pytest
 
 from bridge.native import node as native
 from bridge.native.safety import LifeState, Why
+from tests.bridge.deployments import document
 from tests.bridge.node.test_last_torque import frames
 from tests.bridge.node.test_late_slots import Live
 
@@ -82,6 +83,28 @@ def test_a_failure_lets_the_torque_down_in_equal_steps(tmp_path, every):
     assert not any(said[-1][1]) and said[-1][2].status & LIFE == LifeState.FAULT
     assert node.struct.slot == FAILS + 9
     assert heartbeats(node)[-1] == (LifeState.FAULT, Why.COMPONENT)
+
+
+@pytest.mark.parametrize("first", ["master_control", "slave_control"])
+def test_a_failure_lets_the_torques_of_all_arms_down(tmp_path, first):
+    """Two controllers in a node, one behind the other, each with an outlet of its own."""
+    found = document("can-classic")
+    del found["nodes"]["slave_control"]
+    second = {"master_control": "slave_control", "slave_control": "master_control"}[first]
+    found["nodes"]["master_control"]["components"] = [first, second]
+
+    def each(node):
+        node.struct.life.ramp_ticks = 8
+
+    node = Failing(tmp_path, each, found=found)
+    node.live()
+    for outlet in (0, 1):
+        said = [tau for _, tau, _ in torques(node, outlet)]
+        assert len(said) == FAILS + 1 + 8 + 1
+        given, ramp = said[FAILS], said[FAILS + 1 : -1]
+        assert any(given) and not any(said[-1])
+        for part, tau in zip(range(7, -1, -1), ramp, strict=True):
+            assert list(tau) == pytest.approx([x * part / 8 for x in given], abs=2e-2)
 
 
 def test_a_ramp_that_is_left_ends_at_once(tmp_path):

@@ -1,5 +1,6 @@
 """Files made of C, in place: ``cosim/_engine.so``, ``cosim/_bus.so``, ``bridge/_bridge.so``,
-``fmus/_built/*.fmu``, and ``enums.py`` and ``structs.py`` of the packages that call the libraries.
+``fmus/_built/*.fmu``, and ``enums.py`` and ``structs.py`` of the packages that call the libraries;
+and the two files of uPlot that reports contain.
 
 ``python build_backend/compiled.py`` makes them for work from a checkout; installing does the
 same. What is up to date, by the contents of everything it is made from, is left alone.
@@ -14,6 +15,7 @@ import hashlib
 import json
 import sys
 from collections.abc import Iterable
+from importlib.util import find_spec
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -29,7 +31,25 @@ def build() -> list[Path]:
             sys.path.insert(0, str(folder))
     import c_structs
 
-    return [*c_structs.write(), *_engine(), *_bus(), *_bridge(), *_models()]
+    return [*c_structs.write(), *_engine(), *_bus(), *_bridge(), *_models(), *_plots()]
+
+
+def _plots() -> list[Path]:
+    """Files of uPlot (MIT licence), as ``uplot-python`` has them; that package is not imported."""
+    spec, output = find_spec("uplot"), ROOT / "cosim" / "reporting" / "assets"
+    wanted = {name: output / name for name in ("uPlot.iife.js", "uPlot.min.css")}
+    if spec is None or spec.origin is None:
+        lacking = [name for name, path in wanted.items() if not path.is_file()]
+        if lacking:
+            raise ModuleNotFoundError(f"no {', '.join(lacking)}: pip install uplot-python")
+        return []
+    static, made = Path(spec.origin).parent / "static", []
+    for name, path in wanted.items():
+        content = (static / name).read_bytes()
+        if not path.is_file() or path.read_bytes() != content:
+            path.write_bytes(content)
+            made.append(path)
+    return made
 
 
 def _engine() -> list[Path]:

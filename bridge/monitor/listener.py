@@ -7,13 +7,12 @@ and on Zenoh tokens give the nodes that are present.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import ExitStack
 from typing import TYPE_CHECKING, Protocol, Self, final
 
 from bridge.can import interface
 from bridge.can.interface import Attachment
-from bridge.can.socket import BusError
 from bridge.deployment.spec import BusSpec, Deployment
 from bridge.deployment.system import System
 from bridge.monitor.messages import Beat, ReceivedMessage
@@ -178,11 +177,6 @@ def _selected_buses(d: Deployment, only: Sequence[str]) -> dict[str, BusSpec]:
 
 
 def _zenoh(system: System, bus: str, connect: Sequence[str], who: str) -> ZenohEar:
-    open_listener: Callable[..., ZenohEar]
-    try:
-        from bridge.zenoh.listener import open_listener
-    except ImportError as error:
-        raise BusError(
-            f"bus {bus}: Zenoh is not available ({error}); install cosim-bridge[zenoh]"
-        ) from error
+    from bridge.zenoh.listener import open_listener
+
     return open_listener(system, bus, connect, who)

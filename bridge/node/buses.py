@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING
 
 from bridge.can import interface
 from bridge.can.interface import Attachment
-from bridge.can.socket import BusError
 from bridge.deployment.spec import BusSpec, Deployment
 from bridge.deployment.system import System
 from bridge.native.frame import DATA, frame_dtype
@@ -97,13 +96,9 @@ def _bell(end: Attachment) -> Callable[[], None]:
 
 
 def _zenoh(system: System, bus: str, node: str, number: int, log: Journal) -> Attachment:
-    """A Zenoh bus, all peers there. Raises ScenarioError, BusError, also without Zenoh."""
-    try:
-        from bridge.zenoh.node_channel import open_bus
-    except ImportError as error:
-        raise BusError(
-            f"bus {bus}: Zenoh is not available ({error}); install cosim-bridge[zenoh]"
-        ) from error
+    """A Zenoh bus, all peers there. Raises ScenarioError, BusError."""
+    from bridge.zenoh.node_channel import open_bus
+
     opened = open_bus(system, bus, node, number=number, log=log)
     try:
         opened.wait_for_peers()

@@ -1,7 +1,7 @@
 """One self-contained HTML page: no request leaves it, and its pictures move in any browser.
 
-The plots are drawn by uPlot (MIT licence), whose released files are read from the installed package
-``uplot-python`` and copied into the page; that package itself is never imported.
+The plots are drawn by uPlot (MIT licence), whose released files the build puts into ``assets/``;
+they are copied into the page.
 """
 
 from __future__ import annotations
@@ -13,14 +13,13 @@ from dataclasses import dataclass, field
 from functools import cache
 from html import escape
 from importlib.resources import files
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.base.errors import CosimError, RunError
+from cosim.base.errors import RunError
 from cosim.base.files import write_file
 from cosim.reporting.thinning import thin
 
@@ -268,18 +267,18 @@ def page_text(
 {f'<aside class="aside">{arm}{names}</aside>' if moving else ""}</div>
 {_CHOOSER if data.panels else ""}{rest}
 {_FOOT if data.signals else ""}</main>"""
-    script = f"<script>{_own('common.js')}</script>"
+    script = f"<script>{_asset('common.js')}</script>"
     if data.signals:
         script += (
             f'<script type="application/json" id="data">{data.text()}</script>'
-            f"<script>{_library('uPlot.iife.js')}</script><script>{_own('report.js')}</script>"
+            f"<script>{_asset('uPlot.iife.js')}</script><script>{_asset('report.js')}</script>"
         )
     if points:
         script += (
             f'<script type="application/json" id="points">{points}</script>'
-            f"<script>{_own('points.js')}</script>"
+            f"<script>{_asset('points.js')}</script>"
         )
-    style = (_library("uPlot.min.css") if data.signals else "") + _own("report.css")
+    style = (_asset("uPlot.min.css") if data.signals else "") + _asset("report.css")
     policy = _POLICY + ("; connect-src 'self'" if data.live else "")
     return f"""<!doctype html>
 <html lang="en"><head><meta charset="utf-8"><title>{escape(title)}</title>
@@ -322,14 +321,6 @@ _CHOOSER = """<details id="chooser"><summary>All signals</summary>
 
 
 @cache
-def _own(name: str) -> str:
-    return (files("cosim.reporting") / "assets" / name).read_text(encoding="utf-8")
-
-
-@cache
-def _library(name: str) -> str:
-    spec = find_spec("uplot")
-    if spec is None or spec.origin is None:
-        raise CosimError("the report needs uPlot: pip install uplot-python")
-    text = (Path(spec.origin).parent / "static" / name).read_text(encoding="utf-8")
+def _asset(name: str) -> str:
+    text = (files("cosim.reporting") / "assets" / name).read_text(encoding="utf-8")
     return text.replace("</script", "<\\/script")

@@ -33,6 +33,7 @@ ENDINGS = (
     ".css",
     ".js",
     "/init.sh",
+    "uPlot-LICENSE.txt",
     ENGINE,
     BUS,
     BRIDGE,

@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cosim.base.errors import CosimError
 from cosim.measure.metric_result import MetricResult
 from cosim.record import Run
 from cosim.reporting import diagnostics, html
@@ -60,7 +59,7 @@ def decoded(signal: Any) -> tuple[np.ndarray, np.ndarray]:
 
 def test_the_page_needs_nothing_from_elsewhere(page: tuple[Run, str]) -> None:
     _, text = page
-    own = text.replace(html._library("uPlot.iife.js"), "")
+    own = text.replace(html._asset("uPlot.iife.js"), "")
     assert not re.findall(r"""(?:src|href)\s*=|url\(|@import|https?://(?!www\.w3\.org)""", own)
     assert "default-src 'none'" in text
     assert len(text.encode()) < 600_000
@@ -218,14 +217,6 @@ def test_events_diagrams_and_distributions() -> None:
     assert sum(int(n) for n in re.findall(r": (\d+)</title>", drawn)) == values.size
     assert histogram("x", "m", np.array([np.nan]), {}) == ""
     assert "p50 0" in drawn
-
-
-def test_a_missing_library_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(html, "find_spec", lambda name: None)
-    html._library.cache_clear()
-    with pytest.raises(CosimError, match="pip install uplot-python"):
-        html._library("uPlot.iife.js")
-    html._library.cache_clear()
 
 
 def test_the_command_writes_it_again(cosim: Command) -> None:

@@ -30,7 +30,7 @@ COSIM = str(Path(sys.executable).with_name("cosim"))
 
 #: The pages by what a reader wants; every page of docs/ stands in one of them.
 GROUPS: Mapping[str, tuple[str, ...]] = {
-    "Begin": ("tutorial", "running", "own-component", "your-own-arm"),
+    "Begin": ("tutorial", "running", "own-component", "your-own-arm", "testing"),
     "Simulate": ("arm", "controllers", "fmi", "algorithms", "scale", "sweep", "analysis"),
     "Rehearse": ("rehearsal", "can", "bus", "network", "hardware", "safety", "faults"),
     "Concepts": ("paper", "design", "glossary"),

@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     import xarray
     from numpy.typing import NDArray
 
+    from cosim.api.answers import Answer, Target
+    from cosim.base.convert import Number
     from cosim.measure.metrics import MetricResult
     from cosim.reporting.figures import Figure
     from cosim.scenario.spec import Scenario
@@ -26,7 +28,7 @@ if TYPE_CHECKING:
 
 @final
 class RunResult:
-    """A recorded run: signals by name, metrics, tables for other libraries, a picture.
+    """A recorded run: signals by name, metrics, answers, tables for other libraries, a picture.
 
     ``result["master.q"]`` is (n, m) in the unit ``result.unit("master.q")``; one entry,
     ``result["master.q[0]"]``, and a scalar signal are (n,). ``result.t`` (n,) is in s. Unknown
@@ -92,6 +94,71 @@ class RunResult:
         found = evaluate(declared_metrics.metrics(self._scenario()), self._run)
         return {result.name: result for result in found}
 
+    # ---- questions ---------------------------------------------------------------------------
+
+    def settles(self, signal: str, to: Target, *, band: Number, within: Number) -> Answer:
+        """True if `signal` comes as near to `to` as `band`, `within` a time, s, and stays there.
+
+        `to`: another signal, or a number, or one for each entry; the nearness is that of the entry
+        that is furthest away, in the unit of the signal, or a text with a unit. Raises
+        ScenarioError for a signal that was not recorded, and for units that do not fit.
+        """
+        from cosim.api import answers
+
+        return answers.settles(self._run, signal, to, band, within)
+
+    def stays_below(self, signal: str, bound: Number) -> Answer:
+        """True if no entry of a signal has a magnitude of `bound` (in its unit) or more."""
+        from cosim.api import answers
+
+        return answers.stays_below(self._run, signal, bound)
+
+    def overshoot_stays_below(self, signal: str, bound: Number, *, to: Target) -> Answer:
+        """True if no entry goes beyond its target `to`, seen from its start, by `bound` or more.
+
+        `bound` and `to` are in the unit of the signal, or texts with a unit; `to` may be a signal,
+        whose last value then says in which direction the target lies. Raises ScenarioError.
+        """
+        from cosim.api import answers
+
+        return answers.overshoot(self._run, signal, to, bound)
+
+    def age_stays_below(self, link: str, bound: Number) -> Answer:
+        """True if the receiver of a link never holds a sample of the age `bound`, s, or more.
+
+        Until its first sample comes, it waits since the start. Raises ScenarioError for an unknown
+        link.
+        """
+        from cosim.api import answers
+
+        return answers.age(self._run, link, bound)
+
+    def passes(self, *names: str) -> Answer:
+        """True if metrics of the scenario with the key ``within`` stay in their bands at the end.
+
+        Without `names` all of them have to. Raises ScenarioError where there is none.
+        """
+        from cosim.api import answers
+
+        return answers.passes(self.metrics, names, str(self.folder))
+
+    def has_no_faults(self) -> Answer:
+        """True if the run came to its end, and a rehearsal passed with no node in a fault state."""
+        from cosim.api import answers
+
+        return answers.no_faults(self.metadata)
+
+    def is_identical_to(self, other: RunResult | str | Path) -> Answer:
+        """True if every signal of another run, or of its folder, is the same to the bit.
+
+        Raises ScenarioError for a folder that is no run.
+        """
+        from cosim.api import answers
+
+        return answers.identical(
+            self._run, other.folder if isinstance(other, RunResult) else Path(other)
+        )
+
     # ---- other libraries ---------------------------------------------------------------------
 
     def to_pandas(self) -> pandas.DataFrame:
@@ -154,6 +221,12 @@ class RunResult:
             return name, figure
         shown = self.signals[:6]
         return "signals", Figure(tuple(Panel((x,), title=x) for x in shown), self.title)
+
+    def report(self) -> Path:
+        """Write ``report.html`` into the run folder, and return its path. Raises CosimError."""
+        from cosim.reporting.rewritten import rewrite
+
+        return rewrite(self._run)
 
     def _repr_html_(self) -> str:
         """The top of a report: title, status, metrics; without scripts."""

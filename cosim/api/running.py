@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import re
+import shlex
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
-from cosim.api.given import name_of
+from cosim.api import given
 from cosim.api.results import RunResult
 from cosim.base.settings import as_toml, change
 from cosim.record import Run
@@ -33,6 +34,7 @@ def run(
     *,
     set: Mapping[str, Any] | None = None,
     seed: int | None = None,
+    stop: float | str | None = None,
     out: str | Path | None = None,
     progress: Callable[[int, int], None] = lambda done, all_: None,
 ) -> RunResult:
@@ -40,16 +42,18 @@ def run(
 
     `scenario`: a file (.toml, .ssp), or a mapping with the same keys, where ``model`` of a
     component may be a Python class or function. `set`: values by dotted path, as
-    ``{"run.stop": "10 s"}`` or ``{"links[0].delay.high": "1 s"}``. `out`: the run folder, which
-    must be empty; by default a temporary one. `progress` is called with (ticks done, ticks in all).
-    Raises CosimError as the command does; an FMU that crashes takes this process with it.
+    ``{"links[0].delay.high": "1 s"}``; `seed`, and `stop`, s, instead of those of the scenario.
+    `out`: the run folder, which must be empty; by default a temporary one. `progress` is called
+    with (ticks done, ticks in all). Raises CosimError as the command does; an FMU that crashes
+    takes this process with it.
     """
     from cosim.engine.simulate import simulate
 
-    loaded = _loaded(scenario, set, seed)
+    changes = {**({} if stop is None else {"run.stop": stop}), **(set or {})}
+    loaded = _loaded(scenario, changes, seed)
     kept = TemporaryDirectory(prefix="cosim-") if out is None else None
     folder = Path(kept.name, "run") if kept else Path(str(out))
-    simulate(loaded, folder, progress)
+    simulate(loaded, folder, progress, further={"command": _command(scenario, changes, seed)})
     return RunResult(Run.open(folder), kept)
 
 
@@ -125,8 +129,21 @@ def sweep(
     return execute.sweep(load_study(Path(study)), out, opened, extent, observer)
 
 
+def _command(scenario: Given, changes: Mapping[str, Any], seed: int | None) -> str:
+    """The command that does the same as :func:`run`; "": none does, it needs this program."""
+    settings = _all_settings(changes, seed)
+    if isinstance(scenario, Mapping) or any(given.__name__ in setting for setting in settings):
+        return ""
+    sets = [word for setting in settings for word in ("--set", setting)]
+    return shlex.join(["cosim", "run", str(Path(scenario).absolute()), *sets])
+
+
+def _all_settings(changes: Mapping[str, Any] | None, seed: int | None) -> list[str]:
+    return _settings(changes) + ([f"run.seed={seed}"] if seed is not None else [])
+
+
 def _loaded(scenario: Given, set_: Mapping[str, Any] | None, seed: int | None) -> Scenario:
-    settings = _settings(set_) + ([f"run.seed={seed}"] if seed is not None else [])
+    settings = _all_settings(set_, seed)
     if not isinstance(scenario, Mapping):
         from cosim.loading.files import load
 
@@ -143,7 +160,7 @@ def _document(value: Any) -> Any:
         return {key: _document(x) for key, x in value.items()}
     if isinstance(value, list | tuple):
         return [_document(x) for x in value]
-    return name_of(value) if callable(value) else value
+    return given.name_of(value) if callable(value) else value
 
 
 def _settings(values: Mapping[str, Any] | None) -> list[str]:

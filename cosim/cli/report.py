@@ -7,7 +7,6 @@ from typing import Annotated
 
 import typer
 
-from cosim.base.parts import part
 from cosim.cli.options import Pdf, Png, Quiet
 
 #: How wide figures may be, m.
@@ -50,17 +49,14 @@ def report(
     from cosim.record import Run, seal
     from cosim.record.folder import SUMS
     from cosim.reporting.recorded import recorded_scenario
-    from cosim.reporting.run_report import write_report
+    from cosim.reporting.rewritten import rewrite
 
     wide = None if width is None else number(width, "m", "--width")
     if wide is not None and not LEAST <= wide <= MOST:
         raise ScenarioError(f"found {wide:g} m, expected {LEAST:g} m to {MOST:g} m", "--width")
     result = Run.open(run)
     folder = result.path.parent
-    if "rehearsal" in result.metadata:
-        found = [("report", part("rehearsals").rewrite_report(folder))]
-    else:
-        found = [("report", write_report(result))]
+    found = [("report", rewrite(result))]
     if png or pdf:
         found += draw_figures(recorded_scenario(result), result, png=png, pdf=pdf, width=wide)
     if (folder / SUMS).exists():

@@ -1,7 +1,8 @@
-"""The scenario that a run folder holds."""
+"""The scenario that a run folder holds, and the command that repeats the run."""
 
 from __future__ import annotations
 
+import shlex
 from typing import Any
 
 from cosim.base.errors import ScenarioError
@@ -25,3 +26,17 @@ def _given(value: Any) -> Any:
     if isinstance(value, dict):
         return {key: _given(x) for key, x in value.items() if x is not None}
     return [_given(x) for x in value] if isinstance(value, list) else value
+
+
+def repeating_command(run: Run) -> str:
+    """The command that repeats a run: as it was typed, or one that gives the same result.
+
+    "": there is none, as for a scenario that a program made.
+    """
+    facts = run.metadata
+    if "command" in facts:
+        return str(facts["command"])
+    if "deployment" in facts:
+        return shlex.join(["cosim", "replay", str(run.path.parent)])
+    path = facts.get("scenario", {}).get("path")
+    return shlex.join(["cosim", "run", path, "--seed", str(facts.get("seed"))]) if path else ""

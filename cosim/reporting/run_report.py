@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import shlex
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from heapq import nsmallest
 from itertools import islice
-from math import isfinite, nan
+from math import isfinite
 from pathlib import Path
 from typing import Any
 
@@ -14,8 +13,8 @@ import numpy as np
 
 from cosim.base.errors import CosimError
 from cosim.base.names import counted, listed, signal_of
-from cosim.links.storage import read_facts, table_groups
 from cosim.measure import declared_metrics
+from cosim.measure.link_ages import link_ages
 from cosim.measure.metric_result import MetricResult
 from cosim.measure.metrics import evaluate
 from cosim.record import Run
@@ -38,7 +37,7 @@ from cosim.reporting.html import (
 )
 from cosim.reporting.macro_steps import macro_section
 from cosim.reporting.marks import failure, marks
-from cosim.reporting.recorded import recorded_scenario
+from cosim.reporting.recorded import recorded_scenario, repeating_command
 from cosim.scenario.spec import PanelSpec, Scenario
 
 #: Points of a signal in a declared diagram, and of one that can be chosen.
@@ -215,7 +214,8 @@ def _links(run: Run, facts: Mapping[str, Any], data: PageData) -> str:
     tables = run.link_tables
     drawn = many.LINKS if len(tables) <= many.LINKS else many.AGES
     for name in nsmallest(many.LINKS, tables, key=counted):
-        age, dt, sent = _ages(tables[name])
+        found = link_ages(tables[name])
+        age, dt, sent = found.age, found.period, found.sent
         held = age[np.isfinite(age)]
         if not held.size:
             continue
@@ -255,15 +255,6 @@ def _links(run: Run, facts: Mapping[str, Any], data: PageData) -> str:
     )
 
 
-def _ages(path: Path) -> tuple[Array, float, np.ndarray[Any, Any]]:
-    """(ages (n,), s, NaN: nothing yet; s between two; the samples held (n,)) of a link table."""
-    facts, _ = read_facts(path)
-    sent = np.concatenate([np.empty(0, np.int32), *table_groups(path)]).astype(np.int64)
-    ticks = np.arange(sent.size) * facts["receiver_period"] - sent * facts["sender_period"]
-    ages = np.where(sent >= 0, ticks * facts["h"], nan)
-    return ages, facts["receiver_period"] * facts["h"], sent
-
-
 # ---- details ----------------------------------------------------------------------------------
 
 
@@ -279,19 +270,9 @@ def _details(run: Run, facts: Mapping[str, Any], results: tuple[MetricResult, ..
         folded("Components", table(head, components) + below),
         folded("Versions, seed, files", table(["", ""], list(islice(_origin(facts), many.ROWS)))),
     ]  # fmt: skip
-    again = _again(run, facts)
+    again = repeating_command(run)
     repeat = f"<h2>Repeat it</h2>{command('repeat', again)}" if again else ""
     return f"{repeat}<h2>Details</h2>{''.join(parts)}"
-
-
-def _again(run: Run, facts: Mapping[str, Any]) -> str:
-    """The command that repeats a run: as it was typed, or one that gives the same result."""
-    if facts.get("command"):
-        return str(facts["command"])
-    if "deployment" in facts:
-        return shlex.join(["cosim", "replay", str(run.path.parent)])
-    path = facts.get("scenario", {}).get("path")
-    return shlex.join(["cosim", "run", path, "--seed", str(facts.get("seed"))]) if path else ""
 
 
 def _components(

@@ -1,0 +1,87 @@
+"""Options, fixtures and hooks of pytest; docs/testing.md shows them in use.
+
+Every fixture is for one test: it works in the folder of the test's file, writes below ``tmp_path``,
+and takes its random numbers from the name of the test.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+if TYPE_CHECKING:
+    from bridge.testing.case import Case
+    from bridge.testing.references import References
+    from bridge.testing.runs import ScenarioRuns
+
+_CASE: pytest.StashKey[Case] = pytest.StashKey()
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Add the options of this plug-in."""
+    group = parser.getgroup("cosim", "co-simulation (cosim-bridge)")
+    group.addoption(
+        "--cosim-out",
+        metavar="DIR",
+        help="Keep the runs of every failed test in DIR, with reports and the commands that "
+        "repeat them. Default: in the temporary folder of the test.",
+    )
+    group.addoption(
+        "--cosim-update",
+        action="store_true",
+        help="Write reference runs anew, instead of comparing with them.",
+    )
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(
+    item: pytest.Item, call: pytest.CallInfo[None]
+) -> Generator[None, pytest.TestReport, pytest.TestReport]:
+    """Attach what a failed test has run."""
+    report = yield
+    if report.failed and _CASE in item.stash:
+        case = item.stash[_CASE]
+        del item.stash[_CASE]
+        properties, text = case.kept()
+        item.user_properties += properties
+        report.user_properties += properties
+        report.sections.append(("cosim", text))
+    return report
+
+
+@pytest.fixture
+def cosim_case(request: pytest.FixtureRequest, tmp_path: Path) -> Case:
+    """The test as the other fixtures know it: its seed, its folder, and what it has run."""
+    from bridge.testing.case import Case, name_of
+
+    config, node = request.config, request.node
+    given = config.getoption("cosim_out")
+    case = Case(
+        name=name_of(node),
+        root=config.rootpath,
+        file=Path(request.path),
+        folder=tmp_path / "cosim",
+        out=None if given is None else config.invocation_params.dir / given,
+    )
+    node.stash[_CASE] = case
+    node.user_properties.append(("cosim.seed", case.seed))
+    return case
+
+
+@pytest.fixture
+def cosim_run(cosim_case: Case) -> ScenarioRuns:
+    """Run scenarios offline: ``cosim_run("law.toml", set={...})`` returns a cosim.RunResult."""
+    from bridge.testing.runs import ScenarioRuns
+
+    return ScenarioRuns(cosim_case)
+
+
+@pytest.fixture
+def reference(cosim_case: Case, request: pytest.FixtureRequest) -> References:
+    """The kept run of a test: ``assert run.is_identical_to(reference(run))``."""
+    from bridge.testing.references import References
+
+    return References(cosim_case, update=bool(request.config.getoption("cosim_update")))

@@ -38,7 +38,7 @@ def name_of(node: pytest.Item) -> str:
 
 @final
 @dataclass
-class Case:
+class PytestCase:
     """A test `name` of `file`, in a project whose names of tests count from `root`.
 
     Its runs are written into `folder`; `out`: where they are kept if it fails, None: there.

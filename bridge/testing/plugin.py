@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING
 import pytest
 
 if TYPE_CHECKING:
-    from bridge.testing.case import Case
+    from bridge.testing.case import PytestCase
     from bridge.testing.references import References
     from bridge.testing.runs import ScenarioRuns
 
-_CASE: pytest.StashKey[Case] = pytest.StashKey()
+_CASE: pytest.StashKey[PytestCase] = pytest.StashKey()
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -53,13 +53,13 @@ def pytest_runtest_makereport(
 
 
 @pytest.fixture
-def cosim_case(request: pytest.FixtureRequest, tmp_path: Path) -> Case:
+def cosim_case(request: pytest.FixtureRequest, tmp_path: Path) -> PytestCase:
     """The test as the other fixtures know it: its seed, its folder, and what it has run."""
-    from bridge.testing.case import Case, name_of
+    from bridge.testing.case import PytestCase, name_of
 
     config, node = request.config, request.node
     given = config.getoption("cosim_out")
-    case = Case(
+    case = PytestCase(
         name=name_of(node),
         root=config.rootpath,
         file=Path(request.path),
@@ -72,7 +72,7 @@ def cosim_case(request: pytest.FixtureRequest, tmp_path: Path) -> Case:
 
 
 @pytest.fixture
-def cosim_run(cosim_case: Case) -> ScenarioRuns:
+def cosim_run(cosim_case: PytestCase) -> ScenarioRuns:
     """Run scenarios offline: ``cosim_run("law.toml", set={...})`` returns a cosim.RunResult."""
     from bridge.testing.runs import ScenarioRuns
 
@@ -80,7 +80,7 @@ def cosim_run(cosim_case: Case) -> ScenarioRuns:
 
 
 @pytest.fixture
-def reference(cosim_case: Case, request: pytest.FixtureRequest) -> References:
+def reference(cosim_case: PytestCase, request: pytest.FixtureRequest) -> References:
     """The kept run of a test: ``assert run.is_identical_to(reference(run))``."""
     from bridge.testing.references import References
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import final
 
 import cosim
-from bridge.testing.case import Case
+from bridge.testing.case import PytestCase
 from cosim.base.errors import ScenarioError
 from cosim.record.folder import TRAJECTORIES
 
@@ -20,7 +20,7 @@ FOLDER = "references"
 class References:
     """The references of a test; `update`: they are written anew."""
 
-    def __init__(self, case: Case, *, update: bool) -> None:
+    def __init__(self, case: PytestCase, *, update: bool) -> None:
         self._case, self._update = case, update
 
     def __call__(self, run: cosim.RunResult, name: str = "") -> Path:

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, final
 
 import cosim
-from bridge.testing.case import Case
+from bridge.testing.case import PytestCase
 from bridge.testing.limit import time_limit
 from cosim.base.convert import Number
 
@@ -19,7 +19,7 @@ LIMIT = "60 s"
 class ScenarioRuns:
     """Offline runs of a test."""
 
-    def __init__(self, case: Case) -> None:
+    def __init__(self, case: PytestCase) -> None:
         self._case = case
 
     def __call__(

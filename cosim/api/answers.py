@@ -41,7 +41,7 @@ class Answer:
 
 
 def settles(run: Run, signal: str, to: Target, band: Number, within: Number) -> Answer:
-    """Answer :meth:`cosim.RunResult.settles`."""
+    """Answer :meth:`cosim.RunResult.settles`. Raises ScenarioError."""
     unit, seconds = run.unit(signal), number(within, "s", "within")
     width = number(band, unit, "band")
     if not width > 0:
@@ -93,7 +93,7 @@ def overshoot(run: Run, signal: str, to: Target, bound: Number) -> Answer:
 
 
 def age(run: Run, link: str, bound: Number) -> Answer:
-    """Answer :meth:`cosim.RunResult.age_stays_below`."""
+    """Answer :meth:`cosim.RunResult.age_stays_below`. Raises ScenarioError."""
     tables, most = run.link_tables, number(bound, "s", "bound")
     if link not in tables:
         raise ScenarioError(unknown(link, tables, "link"), str(run.path.parent))

@@ -239,12 +239,13 @@ class Channel:
             self._wire.reset(port.node)
             self.lock.notify_all()
 
-    def schedule(self, item: Scheduled) -> None:
-        """Fire `item` now, and again when it says."""
+    def schedule(self, item: Scheduled) -> int:
+        """Fire `item` now, and again when it says; the time that is now, ps."""
         with self.lock:
             self._catch_up()
             self._push(self.now_ps, item)
             self.lock.notify_all()
+            return self.now_ps
 
     def next_ps(self) -> int | None:
         """The next time at which something may happen, ps; None: nothing will by itself. Needs the

@@ -58,7 +58,8 @@ class PeriodicTask(
         """Send the first message now; does nothing to a task that runs."""
         if self._run is None:
             self._run = _PeriodicRun(self)
-            self._channel.schedule(self._run)
+            began = self._channel.stamp(self._channel.schedule(self._run))
+            self.end_time = began + self.duration if self.duration else None
 
     def stop(self) -> None:
         """Send no more."""
@@ -71,8 +72,6 @@ class PeriodicTask(
         if run.over(due_ps, self.duration):
             self._run = None
             return None
-        if self.duration and run.count == 0:
-            self.end_time = self._channel.stamp(due_ps) + self.duration
         message = self.messages[run.count % len(self.messages)]
         if self._modifier is not None:
             self._modifier(message)

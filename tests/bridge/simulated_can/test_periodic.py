@@ -34,6 +34,19 @@ def test_messages_keep_their_period_whether_anybody_listens_or_not(
     assert task.end_time == pytest.approx(times[0] + 0.2, abs=1e-3)  # type: ignore[attr-defined]
 
 
+def test_a_task_says_when_it_ends_as_soon_as_it_is_started(bench: Bench) -> None:
+    """As python-can's own tasks do; again after a new start."""
+    sender = bench.bus(speed=1.0)
+    task: Any = sender.send_periodic(message(0x123), 0.01, 0.2)
+    first = task.end_time
+    assert first is not None
+    task.stop()
+    time.sleep(0.01)
+    task.start()
+    assert task.end_time >= first + 0.01
+    assert sender.send_periodic(message(0x124), 0.01).end_time is None  # type: ignore[attr-defined]
+
+
 def test_many_tasks_are_sent_in_turn(bench: Bench) -> None:
     """150 of them once met in a call of a call."""
     sender, listener = bench.bus(speed=1.0), bench.bus(speed=1.0)

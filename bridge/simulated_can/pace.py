@@ -87,7 +87,12 @@ class WallPace:
     def wait(
         self, channel: Paced, ready: Callable[[], bool], timeout: float | None, quit_ps: int | None
     ) -> bool:
-        """`timeout` is in seconds of the channel. What is awaited until `quit_ps` is time."""
+        """`timeout` is in seconds of the channel. What is awaited until `quit_ps` is time.
+
+        What is there already needs no catching up, which may take longer than the time it makes up.
+        """
+        if quit_ps is None and ready():
+            return True
         end_ns = None if timeout is None else monotonic_ns() + int(timeout * 1e9 / self._speed)
         while True:
             self.catch_up(channel)

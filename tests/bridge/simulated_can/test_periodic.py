@@ -10,6 +10,7 @@ import can
 import pytest
 
 from bridge.simulated_can.bus import CosimBus
+from bridge.simulated_can.pace import WallPace
 from tests.bridge.simulated_can.benches import Bench, bench, message
 
 __all__ = ["bench"]
@@ -61,6 +62,23 @@ def test_many_tasks_are_sent_in_turn(bench: Bench) -> None:
     for task in tasks:
         task.stop()
     assert all(task.stopped for task in tasks)
+
+
+def test_what_has_come_is_received_without_catching_up(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A slow machine may never catch up with many tasks: it received nothing at all then."""
+    sender, listener = bench.bus(speed=1.0), bench.bus(speed=1.0)
+    for k in range(2):
+        sender.send(message(0x100 + k))
+    time.sleep(0.02)
+    assert listener.time  # asking for the time catches up: both have arrived
+
+    def late(*_: object) -> None:
+        raise AssertionError("caught up")
+
+    monkeypatch.setattr(WallPace, "catch_up", late)
+    assert len(received(listener, 2)) == 2
 
 
 def test_a_time_out_is_of_the_channel(bench: Bench) -> None:

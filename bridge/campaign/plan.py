@@ -46,7 +46,7 @@ from bridge.deployment import spec as deploy
 from bridge.deployment.system import System
 from bridge.faults.script import HOSTILE
 from cosim.base import toml
-from cosim.base.convert import Number, convert, number
+from cosim.base.convert import Quantity, convert, in_units
 from cosim.base.errors import ScenarioError
 
 #: s at the start and at the end of a run without faults, so that what they do still shows.
@@ -72,25 +72,27 @@ class ChannelSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
 
 
 class ManySpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """A campaign of many faults as read; see the module."""
+    """A campaign of many faults as read; see the module. `run`: s, `torque_max`: N.m."""
 
     title: str = ""
     scenario: str
-    run: Number
-    torque_max: Number
+    run: Quantity
+    torque_max: Quantity
     rehearsed: float = 0.2
     zenoh: str | tuple[str, ...] = ()
     channels: dict[str, ChannelSpec]
     kinds: dict[str, dict[str, Any]]
 
+    def __post_init__(self) -> None:
+        """Convert what has a unit. Raises ScenarioError."""
+        in_units(self, run="s", torque_max="N.m")
+
 
 class Many(msgspec.Struct, frozen=True):
-    """A campaign with numbers; `run`: s, `kinds`: what is drawn for each, by key."""
+    """A campaign and its file; `kinds`: what is drawn for each, by key."""
 
     path: Path
     spec: ManySpec
-    run: float
-    torque_max: float
     kinds: dict[str, dict[str, Value]]
 
     @property
@@ -105,15 +107,15 @@ class Many(msgspec.Struct, frozen=True):
     def changes(self, channel: str, rehearsed: bool) -> tuple[str, ...]:
         """Changes of scenario and deployment."""
         spec = self.spec.channels[channel]
-        return (*spec.settings, *(spec.rehearsal if rehearsed else ()), f"run.stop={self.run}")
+        return (*spec.settings, *(spec.rehearsal if rehearsed else ()), f"run.stop={self.spec.run}")
 
     def soak(self) -> Soak:
         """The criteria by which the runs of a soak test and of a campaign are evaluated."""
         spec = SoakSpec(
-            title=self.spec.title, zenoh=self.spec.zenoh, first=FIRST, last=self.run - LAST,
-            torque_max=self.torque_max, kinds={},
+            title=self.spec.title, zenoh=self.spec.zenoh, first=FIRST, last=self.spec.run - LAST,
+            torque_max=self.spec.torque_max, kinds={},
         )  # fmt: skip
-        return Soak(self.path, spec, FIRST, self.run - LAST, 0.0, 0.0, self.torque_max, self.kinds)
+        return Soak(self.path, spec, self.kinds)
 
     def kind_of_run(self, k: int) -> tuple[str, bool]:
         """(channel, rehearsed) of run `k`: turns through the channels, some of them rehearsed."""
@@ -132,10 +134,11 @@ def load_many(path: Path) -> Many:
     kinds = {kind: kind_of(kind, table, path) for kind, table in spec.kinds.items()}
     if not kinds or not spec.channels:
         raise ScenarioError("expected one [kinds.NAME] and one [channels.NAME] at least", str(path))
-    run = number(spec.run, "s", f"{path} at run")
-    if run < RESTART[1] + 2.0:
-        raise ScenarioError(f"is {run:g} s; expected {RESTART[1] + 2.0:g} s or more", str(path))
-    return Many(path, spec, run, number(spec.torque_max, "N.m", f"{path} at torque_max"), kinds)
+    if spec.run < RESTART[1] + 2.0:
+        raise ScenarioError(
+            f"is {spec.run:g} s; expected {RESTART[1] + 2.0:g} s or more", str(path)
+        )
+    return Many(path, spec, kinds)
 
 
 # ---- one run --------------------------------------------------------------------------------
@@ -155,7 +158,7 @@ def document(
     tables += _of_frames(many, system, random, away, WINDOWS_REHEARSED if rehearsed else WINDOWS)
     drives = drives_of(system) if DRIVE in many.kinds and not rehearsed else []
     if drives:  # behind all others: it may stop nodes
-        end = many.run - LAST
+        end = many.spec.run - LAST
         tables.append(draw_drive_fault(drives, random, end, end + LAST / 2))
     return {"title": f"run {k} of seed {seed}", "seed": seed * 100_003 + k, "fault": tables}
 
@@ -165,7 +168,7 @@ def _of_frames(
 ) -> Iterator[Table]:
     hostile = [kind for kind in HOSTILE if kind in many.kinds]
     plain = [kind for kind in FRAMES if kind in many.kinds]
-    length = (many.run - FIRST - LAST) / windows
+    length = (many.spec.run - FIRST - LAST) / windows
     own = {name for name, spec in system.deployment.messages.items() if not spec.profile}
     heard = [(n, m) for n in system.nodes if n not in away for m in system.received_by(n)]
     # frames of vendors have neither counter nor CRC: nothing would show what was done to them
@@ -182,7 +185,7 @@ def _of_frames(
             yield _framed(many, kind, t0, t0 + length, random, node=node, message=message)
     if "sync-loss" in many.kinds:
         for node in [n for n in _hearing_sync(system) if n not in away][:1]:
-            yield _framed(many, "sync-loss", FIRST, many.run - LAST, random, node=node)
+            yield _framed(many, "sync-loss", FIRST, many.spec.run - LAST, random, node=node)
 
 
 def _hearing_sync(system: System) -> list[str]:
@@ -230,7 +233,7 @@ def _of_processes(many: Many, system: System, random: np.random.Generator) -> It
         ("restart", again, RESTART),
         ("freeze", killed, FREEZE),
         ("clock-jump", (others or [killed])[0], JUMP),
-        ("kill", killed, (many.run - KILL, many.run - KILL)),
+        ("kill", killed, (many.spec.run - KILL, many.spec.run - KILL)),
     ):
         if kind in many.kinds and kind != without:
             said = _drawn(many.kinds[kind], random)

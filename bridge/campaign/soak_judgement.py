@@ -135,7 +135,7 @@ def _broken_invariants(soak: Soak, done: RunDone, measures: Mapping[str, float])
     yield from _crashes(done)
     yield from _unsent_samples(done)
     yield from _stops(done, of_time=False)
-    if not measures["torque"] <= soak.torque_max:
+    if not measures["torque"] <= soak.spec.torque_max:
         yield f"a torque of {measures['torque']:.3g} N.m"
     for life, recorded in done.outcome.rows.items():
         if not np.isfinite(recorded["signals"][-1]).all():
@@ -212,5 +212,9 @@ def _separated_arms(soak: Soak, done: RunDone, measures: Mapping[str, float]) ->
     since = [f.t1 for f in done.outcome.faults]
     since += [float(rows[r.life]["slot"][0]) * done.system.nodes[n].h for n, r in last.items()]
     rest = plan.ticks * plan.h - max(since)
-    if working and rest >= soak.settle and not measures.get("together", 0.0) <= soak.within:
+    if (
+        working
+        and rest >= soak.spec.settle
+        and not measures.get("together", 0.0) <= soak.spec.together.within
+    ):
         yield f"{measures['together']:.3g} apart, {rest:.1f} s after the last fault"

@@ -31,7 +31,7 @@ from bridge.deployment.system import System
 from bridge.faults.script import HOSTILE
 from bridge.faults.spec import SPECS
 from cosim.base import toml
-from cosim.base.convert import Number, convert, number
+from cosim.base.convert import Quantity, convert, in_units, number
 from cosim.base.errors import ScenarioError
 
 #: Kinds a soak can draw, and what it says itself of each.
@@ -54,11 +54,15 @@ class TogetherSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """A metric of the scenario (kind ``error``), and its limit at the end of a run."""
 
     metric: str
-    within: Number
+    within: Quantity
+
+    def __post_init__(self) -> None:
+        """Convert what has a unit. Raises ScenarioError."""
+        in_units(self, within="1")
 
 
 class SoakSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """A soak test as read from its file; see the module.
+    """A soak test as read from its file; see the module. Times in s, torques in N.m.
 
     `zenoh`: configurations between hosts, paths relative to the file.
     """
@@ -67,24 +71,23 @@ class SoakSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     settings: tuple[str, ...] = ()
     zenoh: str | tuple[str, ...] = ()
     faults: tuple[int, int] = (1, 3)
-    first: Number
-    last: Number
-    settle: Number = 0.0
+    first: Quantity
+    last: Quantity
+    settle: Quantity = 0.0
     together: TogetherSpec | None = None
-    torque_max: Number
+    torque_max: Quantity
     kinds: dict[str, dict[str, Any]]
+
+    def __post_init__(self) -> None:
+        """Convert what has a unit. Raises ScenarioError."""
+        in_units(self, first="s", last="s", settle="s", torque_max="N.m")
 
 
 class Soak(msgspec.Struct, frozen=True):
-    """A soak with numbers, s; `kinds`: what is drawn for each, by key."""
+    """A soak test and its file; `kinds`: what is drawn for each, by key."""
 
     path: Path
     spec: SoakSpec
-    first: float
-    last: float
-    settle: float
-    within: float
-    torque_max: float
     kinds: dict[str, dict[str, Value]]
 
     def zenoh(self, seed: int, k: int) -> str:
@@ -105,18 +108,7 @@ def load_soak(scenario: str | Path, given: str | Path | None) -> Soak:
     kinds = {kind: kind_of(kind, table, path) for kind, table in spec.kinds.items()}
     if not kinds:
         raise ScenarioError("no [kinds.NAME] table", f"{path}")
-    place = f"{path} at "
-    within = number(spec.together.within, "1", f"{place}together.within") if spec.together else 0.0
-    return Soak(
-        path,
-        spec,
-        number(spec.first, "s", f"{place}first"),
-        number(spec.last, "s", f"{place}last"),
-        number(spec.settle, "s", f"{place}settle"),
-        within,
-        number(spec.torque_max, "N.m", f"{place}torque_max"),
-        kinds,
-    )
+    return Soak(path, spec, kinds)
 
 
 def kind_of(kind: str, table: dict[str, Any], path: Path) -> dict[str, Value]:
@@ -182,7 +174,7 @@ def draw(soak: Soak, system: System, links: tuple[str, ...], seed: int, k: int) 
             break
         kind = kinds[int(random.choice(len(kinds), p=weights / weights.sum()))]
         if kind == DRIVE:
-            table = draw_drive_fault(drives, random, soak.first, soak.last)
+            table = draw_drive_fault(drives, random, soak.spec.first, soak.spec.last)
         else:
             table = _table(soak, kind, system, links, random)
         if all(_agree(table, other) and _agree(other, table) for other in tables):
@@ -206,8 +198,8 @@ def _table(
             drawn[key] = random.uniform(*value) if isinstance(value, tuple) else value
     if "count" in drawn:
         drawn["count"] = round(drawn["count"])
-    lasts = round_duration(min(drawn.pop("for"), soak.last - soak.first))
-    t = round_duration(random.uniform(soak.first, soak.last - lasts))
+    lasts = round_duration(min(drawn.pop("for"), soak.spec.last - soak.spec.first))
+    t = round_duration(random.uniform(soak.spec.first, soak.spec.last - lasts))
     whom = {"link": str(random.choice(["*", *links]))} if kind in LINKS else {}
     if not whom:
         whom["node"] = str(random.choice([n for n in system.nodes if system.received_by(n)]))

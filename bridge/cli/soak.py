@@ -128,9 +128,9 @@ def _job(scenario: Path, seconds: float, options: SoakOptions) -> SoakSetup:
 
     path = deployments.find(scenario, options.deploy)
     drawn = load_soak(scenario, options.faults)
-    if seconds <= drawn.last:
+    if seconds <= drawn.spec.last:
         raise ScenarioError(
-            f"--run {seconds:g} s: faults may last until {drawn.last:g} s; expected more",
+            f"--run {seconds:g} s: faults may last until {drawn.spec.last:g} s; expected more",
             str(drawn.path),
         )
     said = options.settings(deployments.load(path))

@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from math import prod
 from pathlib import Path
-from typing import Any, Literal, TypeVar, get_args, get_origin
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypeVar, get_args, get_origin
 
 import msgspec
 
@@ -15,6 +15,11 @@ from cosim.base.names import unknown
 from cosim.base.units import Unit, quantity, unit_text
 
 Number = int | float | str
+if TYPE_CHECKING:
+    Quantity: TypeAlias = float
+else:
+    #: A field of a struct that a file gives as Number, and :func:`in_units` makes a float.
+    Quantity = Number
 Value = Any  # number, boolean, text with a unit, or nested lists of these
 T = TypeVar("T")
 #: Types as msgspec calls them, in the words of TOML.
@@ -57,6 +62,9 @@ def convert(value: Any, kind: type[T], path: Path, place: str = "") -> T:
         return msgspec.convert(value, kind)
     except msgspec.ValidationError as error:
         message, inside = sentence(error, kind, value)
+        if isinstance(cause := error.__cause__, ScenarioError):  # of :func:`in_units`
+            message = str(cause).removeprefix(f"{cause.place}: ")
+            inside += f".{cause.place}"
         at = f"{place}{_with_key(error, kind, value, inside)}".lstrip(".")
         raise ScenarioError(message, f"{path} at {at}" if at else str(path)) from None
 
@@ -173,6 +181,16 @@ def number(value: Number, unit: str | Unit, place: str) -> float:
         except UnitError as error:
             raise ScenarioError(f"{error} (expected [{unit_text(unit)}])", place) from None
     return float(value)
+
+
+def in_units(struct: msgspec.Struct, **units: str) -> None:
+    """Make these quantities of a struct floats in their units, in its ``__post_init__``.
+
+    Raises ScenarioError at the key, to which :func:`convert` adds the file and the place.
+    """
+    for key, unit in units.items():
+        value = number(getattr(struct, key), unit, key)
+        msgspec.structs.force_setattr(struct, key, value)
 
 
 def numbers(

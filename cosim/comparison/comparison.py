@@ -14,7 +14,8 @@ from cosim.comparison.kept import KeptResults, OutcomeRow, run_task
 from cosim.comparison.measure import CaseOutcome, Task
 from cosim.comparison.port_columns import PortOutcome, PortTask
 from cosim.comparison.same_links import Tables
-from cosim.comparison.variants import ComparisonSelection, MetricColumn, PortMeasure, Variants
+from cosim.comparison.spec import PortMeasure
+from cosim.comparison.variants import ComparisonSelection, MetricColumn, Variants
 from cosim.study.runner import UNOBSERVED, Observer, run_named
 
 

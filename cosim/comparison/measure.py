@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from cosim.base.errors import FmuError, PlanError, RunError, ScenarioError
 from cosim.comparison.aligned import AlignedError
 from cosim.comparison.documents import Case
-from cosim.comparison.variants import MetricColumn, Picture, PortMeasure, Stability
+from cosim.comparison.spec import Picture, PortMeasure, Stability
+from cosim.comparison.variants import MetricColumn
 from cosim.comparison.verdict import RunVerdict, judge
 from cosim.engine.simulate import simulate
 from cosim.links.semantics import Grid

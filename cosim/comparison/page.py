@@ -13,7 +13,8 @@ import numpy as np
 
 from cosim.comparison.comparison import Comparison
 from cosim.comparison.rows import ComparisonRow, columns, header, notes, rows
-from cosim.comparison.variants import MetricColumn, PortMeasure
+from cosim.comparison.spec import PortMeasure
+from cosim.comparison.variants import MetricColumn
 from cosim.measure.contact_metrics import PortEnergy
 from cosim.reporting.html import Badge, PageData, command, folded, table, write_page
 

@@ -25,12 +25,12 @@ from pathlib import Path
 
 from cosim.analysis.experiments import FORCE, Bench
 from cosim.analysis.force_tests import UNSTABLE
-from cosim.base.convert import number
+from cosim.base import struct
 from cosim.base.errors import CosimError, RunError, ScenarioError
 from cosim.base.names import unknown
 from cosim.comparison.documents import Case
-from cosim.comparison.spec import Environment, PortColumnSpec, PortKind, PortSpec
-from cosim.comparison.variants import MetricColumn, PortBench, PortMeasure
+from cosim.comparison.spec import Environment, PortBench, PortKind, PortMeasure
+from cosim.comparison.variants import MetricColumn
 from cosim.predict.frequency import MultiSine, PortGain
 from cosim.predict.port import port_of
 from cosim.predict.system import system
@@ -121,14 +121,15 @@ class _Port:
         match measure.kind:
             case "transparency":
                 gain = self._gain("spring")
-                k, b = self._spec.spring
-                return transparency_error(gain, spring_impedance(gain.omega, k, b))
+                spring = self._spec.spring
+                wanted = spring_impedance(gain.omega, spring.stiffness, spring.damping)
+                return transparency_error(gain, wanted)
             case "z_width":
                 return z_width(self._gain("free"), self._gain("rigid"))
             case "free_impedance":
                 return free_impedance(self._gain("free"))
             case "passivity":
-                return passivity_margin(self._gain(measure.environment))
+                return passivity_margin(self._gain(measure.environment or "free"))
 
     def _gain(self, environment: Environment) -> PortGain:
         if environment not in self._gains:
@@ -138,9 +139,9 @@ class _Port:
     def _swept(self, environment: Environment) -> PortGain:
         bench, spec = self._bench, self._spec
         if environment != "free":
-            stiffness, damping = spec.spring if environment == "spring" else spec.rigid
+            spring = spec.spring if environment == "spring" else spec.rigid
             names = bench.system.arms[spec.environment].grip.names
-            held = dict(zip(names, ((stiffness,), (damping,), spec.q), strict=True))
+            held = dict(zip(names, ((spring.stiffness,), (spring.damping,), spec.q), strict=True))
             bench = replace(bench, held={spec.environment: held})
         sines = MultiSine.spread(*spec.band, bench.h, FREQUENCIES, FORCE)
         gain = bench.gain(sines, PERIODS)
@@ -158,8 +159,8 @@ class _Port:
 # ---- the file -----------------------------------------------------------------------------------
 
 
-def port_bench(spec: PortSpec, arms: Mapping[str, str], path: Path) -> PortBench:
-    """The bench that a table ``[port]`` declares; `arms` by role. Raises ScenarioError."""
+def port_bench(spec: PortBench, arms: Mapping[str, str], path: Path) -> PortBench:
+    """The bench with arms for its roles; `arms` by role. Raises ScenarioError."""
     place = f"{path} at port"
     for key, role in (("operator", spec.operator), ("environment", spec.environment)):
         if role not in arms:
@@ -169,18 +170,4 @@ def port_bench(spec: PortSpec, arms: Mapping[str, str], path: Path) -> PortBench
             f"found {list(spec.band)}; expected two frequencies in rad/s, the lower first",
             f"{place}.band",
         )
-    spring, rigid = (
-        (
-            number(x.stiffness, "N.m/rad", f"{place}.{key}.stiffness"),
-            number(x.damping, "N.m.s/rad", f"{place}.{key}.damping"),
-        )
-        for key, x in (("spring", spec.spring), ("rigid", spec.rigid))
-    )
-    return PortBench(arms[spec.operator], arms[spec.environment], spec.q, spec.band, spring, rigid)
-
-
-def port_measure(spec: PortColumnSpec, place: str) -> PortMeasure:
-    """The measure of a column. Raises ScenarioError."""
-    if spec.environment is not None and spec.kind != "passivity":
-        raise ScenarioError("the key 'environment' is of kind 'passivity'", f"{place}.environment")
-    return PortMeasure(spec.kind, spec.environment or "free")
+    return struct.replace(spec, operator=arms[spec.operator], environment=arms[spec.environment])

@@ -14,7 +14,8 @@ from typing import Any
 
 from cosim.comparison.comparison import Comparison
 from cosim.comparison.measure import CaseOutcome
-from cosim.comparison.variants import MetricColumn, PortMeasure
+from cosim.comparison.spec import PortMeasure
+from cosim.comparison.variants import MetricColumn
 
 #: What stands where there is no number.
 NOTHING = "–"

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal, TypeVar, cast
 
 import msgspec
 
-from cosim.base.convert import Number
+from cosim.base.convert import Number, Quantity, in_units
 from cosim.measure.metrics import Distance
 
 PortKind = Literal["transparency", "z_width", "free_impedance", "passivity"]
@@ -142,23 +142,39 @@ class AlignedSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     part: str = ""
 
 
-class PortColumnSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """A column of :mod:`cosim.comparison.port_columns`."""
+class PortMeasure(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """A column of :mod:`cosim.comparison.port_columns`: a number of the operator's port.
+
+    `environment`: at the other side; free by default.
+    """
 
     kind: PortKind
     environment: Environment | None = None
     label: str = ""
 
+    @property
+    def signals(self) -> tuple[str, ...]:
+        """It reads no recorded signals."""
+        return ()
+
 
 class SpringSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """A spring (N.m/rad) with a damper (N.m.s/rad)."""
 
-    stiffness: Number
-    damping: Number
+    stiffness: Quantity
+    damping: Quantity
+
+    def __post_init__(self) -> None:
+        """Convert what has a unit. Raises ScenarioError."""
+        in_units(self, stiffness="N.m/rad", damping="N.m.s/rad")
 
 
-class PortSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """The table ``[port]``, see :mod:`cosim.comparison.port_columns`."""
+class PortBench(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """The table ``[port]``, see :mod:`cosim.comparison.port_columns`: the test bench of ports.
+
+    `operator`, `environment`: roles, of whose arms one is pushed and one meets the environment; `q`
+    (m,) rad; `band` (lowest, highest) rad/s.
+    """
 
     operator: str
     environment: str
@@ -168,23 +184,31 @@ class PortSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     rigid: SpringSpec
 
 
-class StableSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """The table ``[stable]``, see :mod:`cosim.comparison.verdict`."""
+class Stability(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """The table ``[stable]``: the criteria of :func:`cosim.comparison.verdict.judge`, SI."""
 
     position: Names
     velocity: Names
-    position_limit: Number
-    velocity_limit: Number
-    rest: Number
-    window: Number
+    position_limit: Quantity
+    velocity_limit: Quantity
+    rest: Quantity
+    window: Quantity
+
+    def __post_init__(self) -> None:
+        """Convert what has a unit. Raises ScenarioError."""
+        in_units(self, position_limit="rad", velocity_limit="rad/s", rest="rad/s", window="s")
 
 
-class PictureSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """The table ``[figure]``, see :mod:`cosim.comparison.figure`."""
+class Picture(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """The table ``[figure]``: signals `y` of each run, and where they should be; `until`: s."""
 
     y: Names
     reference: tuple[float, ...] = ()
-    until: Number = float("inf")
+    until: Quantity = float("inf")
+
+    def __post_init__(self) -> None:
+        """Convert what has a unit. Raises ScenarioError."""
+        in_units(self, until="s")
 
 
 class DefaultSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -207,7 +231,7 @@ class VariantsSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
     operators: Named
     links: Named
     columns: Named
-    stable: StableSpec
-    figure: PictureSpec
-    port: PortSpec | None = None
+    stable: Stability
+    figure: Picture
+    port: PortBench | None = None
     default: DefaultSpec = DefaultSpec()

@@ -9,7 +9,7 @@ from typing import Any
 
 from cosim.base.errors import ScenarioError
 from cosim.comparison.aligned import AlignedError
-from cosim.comparison.spec import Environment, PortKind
+from cosim.comparison.spec import Picture, PortBench, PortMeasure, Stability
 from cosim.measure.metrics import Metric
 from cosim.scenario.connect import unknown
 
@@ -102,34 +102,6 @@ class LinkLaw:
 
 
 @dataclass(frozen=True, slots=True)
-class PortBench:
-    """The test bench of ports: arms of `operator` and `environment`, SI; see ``port_columns``.
-
-    `q` (m,) rad; `band` (lowest, highest) rad/s; `spring` and `rigid`: stiffness and damping.
-    """
-
-    operator: str
-    environment: str
-    q: tuple[float, ...]
-    band: tuple[float, float]
-    spring: tuple[float, float]
-    rigid: tuple[float, float]
-
-
-@dataclass(frozen=True, slots=True)
-class PortMeasure:
-    """A number of the operator's port, with an `environment` at the other side."""
-
-    kind: PortKind
-    environment: Environment = "free"
-
-    @property
-    def signals(self) -> tuple[str, ...]:
-        """It reads no recorded signals."""
-        return ()
-
-
-@dataclass(frozen=True, slots=True)
 class MetricColumn:
     """A metric, or the number `part` of it, or a measure of the port; `only` for some operators.
 
@@ -145,27 +117,6 @@ class MetricColumn:
     def applies(self, operator: Operator) -> bool:
         """True if the column applies with an operator."""
         return self.name not in operator.without and (not self.only or operator.name in self.only)
-
-
-@dataclass(frozen=True, slots=True)
-class Stability:
-    """The criteria of :func:`cosim.comparison.verdict.judge`, in SI units."""
-
-    position: tuple[str, ...]
-    velocity: tuple[str, ...]
-    position_limit: float
-    velocity_limit: float
-    rest: float
-    window: float
-
-
-@dataclass(frozen=True, slots=True)
-class Picture:
-    """The figure of each run: signals `y`, and where they should be; `until`: s."""
-
-    y: tuple[str, ...]
-    reference: tuple[float, ...]
-    until: float
 
 
 @dataclass(frozen=True, slots=True)

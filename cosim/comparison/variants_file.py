@@ -58,19 +58,17 @@ from cosim.base.convert import convert, convert_each, number
 from cosim.base.errors import ScenarioError
 from cosim.comparison.aligned import KIND, aligned_error
 from cosim.comparison.extends import document
-from cosim.comparison.port_columns import port_bench, port_measure
+from cosim.comparison.port_columns import port_bench
 from cosim.comparison.spec import (
     AlignedSpec,
     ColumnSpec,
     ControllerSpec,
     OperatorSpec,
     PartSpec,
-    PictureSpec,
-    PortColumnSpec,
     PortKind,
+    PortMeasure,
     RoleSpec,
     SideSpec,
-    StableSpec,
     Table,
     VariantLinkSpec,
     VariantsSpec,
@@ -86,10 +84,7 @@ from cosim.comparison.variants import (
     LinkLaw,
     MetricColumn,
     Operator,
-    Picture,
-    PortMeasure,
     Role,
-    Stability,
     Variants,
     choose,
 )
@@ -152,7 +147,7 @@ def read(path: str | Path) -> Variants:
         )
     return Variants(
         path, spec.title or path.stem, spec.set, roles, controllers, operators, links,
-        tuple(columns.values()), _stability(spec.stable, path), _picture(spec.figure, path),
+        tuple(columns.values()), spec.stable, spec.figure,
         default, _known(given.columns, columns, "column", f"{place}.columns"), bench,
     )  # fmt: skip
 
@@ -308,10 +303,11 @@ def _column(
         error = aligned_error(name, aligned, arms, f"{path} at {key}")
         return MetricColumn(name, aligned.label or name, aligned.part, error, ())
     if kind in get_args(PortKind):
-        port = convert(table, PortColumnSpec, path, key)
-        return MetricColumn(
-            name, port.label or name, "", port_measure(port, f"{path} at {key}"), ()
-        )
+        port = convert(table, PortMeasure, path, key)
+        if port.environment is not None and port.kind != "passivity":
+            what = "the key 'environment' is of kind 'passivity'"
+            raise ScenarioError(what, f"{path} at {key}.environment")
+        return MetricColumn(name, port.label or name, "", port, ())
     spec, place = convert(table, ColumnSpec, path, key), f"{path} at {key}"
     measured = metric(
         name,
@@ -327,19 +323,6 @@ def _column(
     )
     only = _known(spec.only, operators, "operator", f"{place}.only") if "only" in table else ()
     return MetricColumn(name, spec.label or name, spec.part, measured, only)
-
-
-def _stability(spec: StableSpec, path: Path) -> Stability:
-    units = {"position_limit": "rad", "velocity_limit": "rad/s", "rest": "rad/s", "window": "s"}
-    values = {
-        key: number(getattr(spec, key), unit, f"{path} at stable.{key}")
-        for key, unit in units.items()
-    }
-    return Stability(spec.position, spec.velocity, **values)
-
-
-def _picture(spec: PictureSpec, path: Path) -> Picture:
-    return Picture(spec.y, spec.reference, number(spec.until, "s", f"{path} at figure.until"))
 
 
 def _known(

@@ -27,7 +27,7 @@ from typing import Literal
 import numpy as np
 
 from cosim.base.errors import RunError
-from cosim.comparison.variants import Stability
+from cosim.comparison.spec import Stability
 from cosim.record.signals import Array, Signals, stack
 
 Kind = Literal["diverged", "stopped", "at rest", "settling", "moving", "growing"]

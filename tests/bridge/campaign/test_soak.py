@@ -56,8 +56,8 @@ def test_every_kind_is_drawn_and_is_a_script_that_ends_in_time(system, tmp_path)
         script.check(list(system.nodes), ["net"], ["xi_master", "xi_slave"])
         assert script == build(document, path)
         kinds |= {table["kind"] for table in document["fault"]}
-        assert all(given.first <= e.t <= given.last + 1e-3 for e in script.events)
-        assert all(given.first <= f.t0 < f.t1 <= given.last + 1e-3 for f in script.frames)
+        assert all(given.spec.first <= e.t <= given.spec.last + 1e-3 for e in script.events)
+        assert all(given.spec.first <= f.t0 < f.t1 <= given.spec.last + 1e-3 for f in script.frames)
     assert kinds == {*FRAMES, *PROCESSES, *LINKS} == set(given.kinds)
 
 

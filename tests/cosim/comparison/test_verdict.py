@@ -11,10 +11,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cosim.base.errors import RunError
-from cosim.comparison.variants import Stability
+from cosim.comparison.spec import Stability
 from cosim.comparison.verdict import judge
 
-HOW = Stability(("q",), ("dq",), position_limit=50.0, velocity_limit=100.0, rest=0.01, window=5.0)
+HOW = Stability(
+    position=("q",), velocity=("dq",), position_limit=50.0, velocity_limit=100.0, rest=0.01,
+    window=5.0,
+)  # fmt: skip
 T = np.arange(0.0, 60.0, 0.01)
 
 

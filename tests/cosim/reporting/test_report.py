@@ -242,7 +242,8 @@ def test_a_comparison_marks_the_best_and_the_worst_cells() -> None:
 
     from cosim.comparison.page import _marks
     from cosim.comparison.rows import ComparisonRow
-    from cosim.comparison.variants import MetricColumn, PortMeasure
+    from cosim.comparison.spec import PortMeasure
+    from cosim.comparison.variants import MetricColumn
     from cosim.measure.metrics import Measure
 
     def row(value: float, stable: bool = True) -> ComparisonRow:
@@ -259,7 +260,7 @@ def test_a_comparison_marks_the_best_and_the_worst_cells() -> None:
         1: " worst", 2: " best", 3: " worst",
     }  # fmt: skip
     assert _marks([row(1.0), row(1.0)], column) == _marks([row(1.0)], column) == {}
-    port = MetricColumn("x", "x", "", PortMeasure("damping"), ())
+    port = MetricColumn("x", "x", "", PortMeasure(kind="damping"), ())
     assert _marks([row(1.0), row(2.0)], port) == {}
 
 

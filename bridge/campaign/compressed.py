@@ -45,9 +45,11 @@ def run(
     nodes = folder / NODES
     nodes.mkdir(parents=True, exist_ok=True)
     facts = {
-        "settings": list(settings), "faults": str(script.path), "real": False,
+        "settings": list(settings),
+        "faults": str(script.path),
+        "real": False,
         "clock": "simulated",
-    }  # fmt: skip
+    }
     begin(system, folder, facts)
     faults: dict[str, NodeFaults | None] = {}
     kept: list[Message] = []

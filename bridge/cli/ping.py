@@ -144,6 +144,7 @@ def _nodes(scenario: Path, deploy: str, target: list[str], settings: list[str]) 
     if len(target) > 2:
         raise ScenarioError(
             f"found {' '.join(target)!r}; expected at most two nodes, the one that asks and the "
-            "one that answers", "cosim ping",
-        )  # fmt: skip
+            "one that answers",
+            "cosim ping",
+        )
     return pinged_nodes(load_system(scenario, deploy, settings), *target)

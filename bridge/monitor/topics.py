@@ -127,8 +127,10 @@ class TopicSource:
             signals = [v if isfinite(v) else None for v in row["signals"].tolist()]
             for topic in self.components:
                 ports = self._slots[topic.name[1:]]
-                content = {p: _shaped(signals[s.start : s.start + s.size], s.shape)
-                           for p, s in ports.items()}  # fmt: skip
+                content = {
+                    p: _shaped(signals[s.start : s.start + s.size], s.shape)
+                    for p, s in ports.items()
+                }
                 found.append(TopicMessage(topic, t_ns, content))
             found.append(TopicMessage(self.node, t_ns, self._of_slot(row)))
         return found

@@ -46,9 +46,10 @@ def tables(s: Snapshot) -> list[TextTable]:
     """A snapshot as tables; empty ones are left out."""
     nodes = [_node_row(n) for n in s.nodes]
     bad = frozenset(
-        i for i, n in enumerate(s.nodes)
+        i
+        for i, n in enumerate(s.nodes)
         if n.state not in ("active", "finished") or n.missed or n.quiet > 0.5
-    )  # fmt: skip
+    )
     lost = frozenset(i for i, x in enumerate(s.inlets) if x.lost)
     found = [
         TextTable(

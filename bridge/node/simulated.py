@@ -36,8 +36,9 @@ def is_simulated(system: System) -> bool:
             found = bus.interface if bus.kind == "can" else bus.kind
             raise ScenarioError(
                 f"found {found} with the simulated clock, expected CAN with interface ="
-                f' "{SIMULATED}"', d.place("buses", name)
-            )  # fmt: skip
+                f' "{SIMULATED}"',
+                d.place("buses", name),
+            )
     if found_gateways := sorted(gateways(d)):
         text = "found a gateway, which the simulated clock does not support; expected components"
         raise ScenarioError(text, d.place("nodes", found_gateways[0]))

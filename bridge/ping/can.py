@@ -109,9 +109,11 @@ def frame_ns(frame: Frame, timing: BusTiming) -> int:
     flags = frame.flags
     fd = bool(flags & Flags.FD)
     kind = FrameFormat(
-        extended=bool(flags & Flags.EXTENDED), fd=fd, brs=fd and bool(flags & Flags.BRS),
+        extended=bool(flags & Flags.EXTENDED),
+        fd=fd,
+        brs=fd and bool(flags & Flags.BRS),
         remote=bool(flags & Flags.REMOTE),
-    )  # fmt: skip
+    )
     data = b"" if kind.remote else frame.payload
     return timing.time_ns(frame_bits(frame.id, data, kind, frame.length if kind.remote else 0))
 

@@ -114,12 +114,13 @@ def _rest(result: PathResult, figures: Mapping[str, WayFigures], notes: PingNote
     rows = [[name, *(_ms(x) for x in cells(f))] for name, f in figures.items()]
     pictures = "".join(
         histogram(
-            f"How often: {name}, without the slowest 1 %", "ms",
+            f"How often: {name}, without the slowest 1 %",
+            "ms",
             1e3 * delay[delay <= f.quantiles[2]],
             {"50 %": 1e3 * f.quantiles[0], "95 %": 1e3 * f.quantiles[1]},
         )
         for (name, delay), f in zip(result.ways.items(), figures.values(), strict=True)
-    )  # fmt: skip
+    )
     parts = [[name, f"{1e6 * t:.1f}"] for name, t in result.parts.items()]
     return "".join(
         [

@@ -45,12 +45,13 @@ def _counts(result: PathResult) -> list[str]:
     odd = [
         f"{n} {what}"
         for n, what in (
-            (record.reordered, "answers overtaken"), (record.duplicates, "duplicates"),
+            (record.reordered, "answers overtaken"),
+            (record.duplicates, "duplicates"),
             (record.strange, "packets that were no answer"),
             (record.refused, "questions refused by this system"),
         )
         if n
-    ]  # fmt: skip
+    ]
     return [*lines, *([", ".join(odd)] if odd else [])]
 
 

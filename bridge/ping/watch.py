@@ -148,9 +148,11 @@ class PingWatch:
         return self
 
     def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None,
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
         trace: TracebackType | None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self._pool.shutdown(cancel_futures=True)
 
     def show(self, record: Exchanges) -> None:

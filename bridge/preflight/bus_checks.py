@@ -227,8 +227,9 @@ def _late_messages(
     if tightest is not None:
         share, m, takes = tightest
         reason = f"{m.place} has least room: {takes * 1e3:.3g} ms, {share:.0%} of its deadline"
-        yield Finding(rule="response-time", severity="note", where=name, number=takes, unit="s",
-                      reason=reason)  # fmt: skip
+        yield Finding(
+            rule="response-time", severity="note", where=name, number=takes, unit="s", reason=reason
+        )
 
 
 def _watchdogs(

@@ -34,8 +34,9 @@ def check(system: System, nodes: Sequence[str] = ()) -> None:
             except (OSError, BusError) as error:
                 raise ScenarioError(
                     f"this host does not support it: {error}; expected the network interface lo up "
-                    "(ip link set lo up)", system.deployment.place("buses", name)
-                ) from error  # fmt: skip
+                    "(ip link set lo up)",
+                    system.deployment.place("buses", name),
+                ) from error
 
 
 def _needs(bus: BusSpec) -> Callable[[], None] | None:

@@ -55,9 +55,7 @@ class Spread:
         if not len(x):
             raise CosimError(f"{what}: found no values, expected one or more")
         p50, p99, p999 = (int(x[max(0, -(-len(x) * q // 1000) - 1)]) for q in (500, 990, 999))
-        return cls(
-            len(x), int(x[0]), float(x.mean()), float(x.std()), p50, p99, p999, int(x[-1])
-        )  # fmt: skip
+        return cls(len(x), int(x[0]), float(x.mean()), float(x.std()), p50, p99, p999, int(x[-1]))
 
     def row(self) -> list[str]:
         """min, avg, p50, p99, p99.9, max, std as texts, us."""

@@ -37,7 +37,7 @@ __all__ = [
     "enter",
     "warm_up",
     "warm_up_warning",
-]  # fmt: skip
+]
 
 
 class RealtimeError(CosimError, RuntimeError):

@@ -145,8 +145,10 @@ class Babbler:
         """Start it. What is returned waits until it has its bus, and raises RunError if it ends."""
         self._process = process = subprocess.Popen(
             [*self._command, "--hold"],
-            stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-        )  # fmt: skip
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+        )
         r.closing(self.stop)
 
         def wait() -> None:

@@ -24,7 +24,8 @@ def as_data(system: System, outcome: RehearsalOutcome) -> dict[str, Any]:
         "reasons": list(verdict.reasons),
         "metrics": {
             r.name: {"label": r.label, "value": r.value, "unit": r.unit, "parts": dict(r.parts)}
-            for _, r in metrics(system, outcome, run) if r is not None
+            for _, r in metrics(system, outcome, run)
+            if r is not None
         },
         "nodes": {str(report.life): _node(report) for report in outcome.reports},
         "buses": {name: {"load": bus.load.mean()} for name, bus in outcome.buses.items()},
@@ -38,7 +39,7 @@ def as_data(system: System, outcome: RehearsalOutcome) -> dict[str, Any]:
             "greatest": replayed.greatest if replayed is not None else None,
             "first": str(first) if first is not None else outcome.replay_error or None,
         },
-    }  # fmt: skip
+    }
 
 
 def _node(report: NodeReport) -> dict[str, Any]:
@@ -50,7 +51,9 @@ def _node(report: NodeReport) -> dict[str, Any]:
         "state": report.state,
         "reasons": list(report.reasons),
         "late_us": {
-            "p50": late.p50 * 1e-3, "p99": late.p99 * 1e-3, "p99.9": late.p999 * 1e-3,
+            "p50": late.p50 * 1e-3,
+            "p99": late.p99 * 1e-3,
+            "p99.9": late.p999 * 1e-3,
             "max": late.maximum * 1e-3,
         },
-    }  # fmt: skip
+    }

@@ -69,9 +69,10 @@ class Verdict:
 def judge(system: System, outcome: RehearsalOutcome) -> Verdict:
     """Evaluate a finished run by its journals and reports."""
     timed = [
-        *_timing_reasons(outcome), *_old_torques(system, outcome),
+        *_timing_reasons(outcome),
+        *_old_torques(system, outcome),
         *silent_ends(system, outcome.rows, outcome.reports),
-    ]  # fmt: skip
+    ]
     found, off = list(_always(system, outcome)), outcome.unanswered
     drives = list(_detected_drives(outcome))
     if timed and off and not found:  # a machine that stands still starves drives, too

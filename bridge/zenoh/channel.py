@@ -85,9 +85,11 @@ class ZenohAttachment:
         self._oversized: dict[str, int] = {}  # by key
         self._fault = self._refusal = ""  # of the session, of a frame: the first one explains more
         self._silence = LostPeers(
-            names.senders(traffic.steady), lease_time(self._config), period=traffic.period,
+            names.senders(traffic.steady),
+            lease_time(self._config),
+            period=traffic.period,
             udp=any(e.startswith("udp/") for e in listens_on(self._config)),
-        )  # fmt: skip
+        )
         self._opening, self._ready = threading.Lock(), False
         self._declaring: list[Callable[[zenoh.Session], None]] = []
         self._stop = threading.Event()

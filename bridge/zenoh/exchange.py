@@ -112,9 +112,11 @@ def asking(
 
 @contextmanager
 def answering(
-    session: zenoh.Session, heard: Callable[[bytes, int, str], None],
-    keys: PingKeys = KEYS, reliability: str = "best-effort",
-) -> Iterator[Callable[[bytes, str], None]]:  # fmt: skip
+    session: zenoh.Session,
+    heard: Callable[[bytes, int, str], None],
+    keys: PingKeys = KEYS,
+    reliability: str = "best-effort",
+) -> Iterator[Callable[[bytes, str], None]]:
     """A function that answers a sender; `heard(data, t_ns, sender)` gets its questions."""
     publishers: dict[str, zenoh.Publisher] = {}
 

@@ -36,8 +36,10 @@ def _unmet_conditions(system: AnalyzedSystem, net: RobotNetwork) -> Iterator[str
         yield "dq(0) = z(0) = 0"
     if not all(_known(arm, law) for arm, law in zip(net.arms, net.laws, strict=True)):
         yield "θ known, found theta_hat that is not θ or adapts"
-    if any(any(arm.gravity) and law.gravity != "compensated"
-           for arm, law in zip(net.arms, net.laws, strict=True)):  # fmt: skip
+    if any(
+        any(arm.gravity) and law.gravity != "compensated"
+        for arm, law in zip(net.arms, net.laws, strict=True)
+    ):
         yield "no gravity, or gravity compensated"
     others = [name for i, name in enumerate(names) if i != net.port and _pushed(system, name)]
     if others:

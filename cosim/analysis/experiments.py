@@ -80,8 +80,10 @@ class Bench:
         force, length = slots[self.port.inject].unit, slots[self.port.response].unit
         inertia = "kg" if (force, length) == ("N", "m") else "kg.m2"
         return {
-            "inertia": inertia, "damping": f"{force}.s/{length}", "stiffness": f"{force}/{length}",
-        }  # fmt: skip
+            "inertia": inertia,
+            "damping": f"{force}.s/{length}",
+            "stiffness": f"{force}/{length}",
+        }
 
     @property
     def every(self) -> int:

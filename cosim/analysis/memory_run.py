@@ -201,5 +201,6 @@ def _scalar(slot: Slot, i: int) -> Slot:
 
 
 def _hits(target: Slot, taken: Sequence[Slot]) -> bool:
-    return any(t.start < target.start + target.size and target.start < t.start + t.size
-               for t in taken)  # fmt: skip
+    return any(
+        t.start < target.start + target.size and target.start < t.start + t.size for t in taken
+    )

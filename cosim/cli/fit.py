@@ -115,8 +115,9 @@ def _plan(path: Path, data: Recording, settings: list[str], file: Path) -> tuple
     if data.t[0] < every.start - 1e-9 * every.h:
         raise ScenarioError(
             f"begins at {data.t[0]:g} s, before the run, at {every.start:g} s; expected --set "
-            f"run.start={data.t[0]:g}", str(file)
-        )  # fmt: skip
+            f"run.start={data.t[0]:g}",
+            str(file),
+        )
     ticks = max(1, ceil((float(data.t[-1]) - every.start) / every.h - 1e-9))
     stop = every.start + ticks * every.h
     settings = [f"run.stop={stop!r}", f"run.step={every.h!r}", *settings]

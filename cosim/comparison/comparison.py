@@ -34,9 +34,8 @@ class Comparison:
         """The outcomes of one row of the table, a seed each."""
         wanted = (link, operator, controller)
         return tuple(
-            o for o in self.outcomes
-            if (o.case.link, o.case.operator, o.case.controller) == wanted
-        )  # fmt: skip
+            o for o in self.outcomes if (o.case.link, o.case.operator, o.case.controller) == wanted
+        )
 
 
 def cases(chosen: ComparisonSelection, seeds: Sequence[int]) -> list[Case]:

@@ -37,8 +37,10 @@ def text(comparison: Comparison) -> list[str]:
     """The table for a terminal: a block a link law and operator, a line a controller."""
     v, shown = comparison.variants, columns(comparison)
     heads = ["controller", *(header(c, unit) for c, unit in shown), "stable?"]
-    table = [[row.label, *(row.cell(c, unit) for c, unit in shown), row.stable]
-             for row in rows(comparison)]  # fmt: skip
+    table = [
+        [row.label, *(row.cell(c, unit) for c, unit in shown), row.stable]
+        for row in rows(comparison)
+    ]
     widths = [max(len(line[i]) for line in [heads, *table]) for i in range(len(heads))]
     lines: list[str] = []
     before = ""
@@ -146,8 +148,9 @@ def claim(folder: Path, *, force: bool = False, resume: bool = False) -> None:
     if unfinished and not (force or resume):
         raise ScenarioError(
             "the folder holds an unfinished comparison; use --resume to continue it, or --force to "
-            "begin again", str(folder)
-        )  # fmt: skip
+            "begin again",
+            str(folder),
+        )
     ours = (unfinished or (force and RESULT in present)) and present <= _OWN
     if present and not ours:
         expected = "an empty one, or --force to replace a comparison"

@@ -344,9 +344,11 @@ class Engine:
             self._team = None
         saved = {} if self._macros is None else self._macros.saved()
         components.close(
-            [s.component for s in self.plan.components], state.failed_index, state.failed_status,
+            [s.component for s in self.plan.components],
+            state.failed_index,
+            state.failed_status,
             saved,
-        )  # fmt: skip
+        )
         return_to(self._place)
 
 

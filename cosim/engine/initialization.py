@@ -87,9 +87,10 @@ class _PlanStart:
         for step in self._plan.components:
             first, size = extent(step.inputs)
             self._signals[first : first + size] = [
-                v for port in step.component.inputs
+                v
+                for port in step.component.inputs
                 for v in step.start.get(port.name) or port.default or (0.0,) * port.size
-            ]  # fmt: skip
+            ]
 
     def settle(self) -> None:
         """Pass values on until none changes, or solve the loops that do not come to rest."""
@@ -162,9 +163,10 @@ def _input_sources(plan: Plan, edges: Sequence[Wire | Link]) -> InputSources:
     bringing["gain"] = [e.gain for e in edges]
     bringing["offset"] = [e.offset for e in edges]
     initial = {
-        i: np.array(e.initial) for i, e in enumerate(edges)
+        i: np.array(e.initial)
+        for i, e in enumerate(edges)
         if isinstance(e, Link) and e.initial is not None
-    }  # fmt: skip
+    }
     for i, values in initial.items():
         bringing["initial"][i], bringing["count"][i] = values.ctypes.data, len(values)
     by_sender = np.argsort(senders, kind="stable")

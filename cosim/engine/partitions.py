@@ -62,9 +62,10 @@ def shared_senders(plan: Plan, parts: PlanParts) -> tuple[Numbers, PlanParts]:
         for i, x in enumerate(plan.links)
     ], np.int64)  # fmt: skip
     again = [
-        i for i, op in enumerate(plan.operations)
+        i
+        for i, op in enumerate(plan.operations)
         if op.code == Code.PUSH and found[op.index] != op.index
-    ]  # fmt: skip
+    ]
     owners = parts.owners.copy()
     owners[again] = NONE
     return found, replace(parts, owners=owners)

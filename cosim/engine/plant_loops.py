@@ -164,6 +164,7 @@ def late_outputs(plan: Plan, inputs: Sequence[Views]) -> list[str]:
             if mask[at : at + slot.size].any():
                 found.add(slot.name)
             at += slot.size
-    plants = {w.source.name for w in carried
-              if plan.component(w.target.component).kind == "continuous"}  # fmt: skip
+    plants = {
+        w.source.name for w in carried if plan.component(w.target.component).kind == "continuous"
+    }
     return sorted(found & plants)

@@ -85,8 +85,9 @@ class Fit:
     values: int
 
 
-def measured(plan: Plan, columns: Sequence[Column], data: Recording,
-             names: Mapping[str, str]) -> tuple[MeasuredSignal, ...]:  # fmt: skip
+def measured(
+    plan: Plan, columns: Sequence[Column], data: Recording, names: Mapping[str, str]
+) -> tuple[MeasuredSignal, ...]:
     """The scalars of the plan that are in the data, by the same name or as `names` says.
 
     A column may be named ``component.signal``, or ``signal`` where one component has it. Raises

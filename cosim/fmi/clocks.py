@@ -112,10 +112,11 @@ def intervals_from_fmu(description: Description) -> dict[int, bool]:
     whether as a fraction.
     """
     return {
-        v.reference: has_fractions(v) for v in _inputs(description)
+        v.reference: has_fractions(v)
+        for v in _inputs(description)
         if _variability(v) in ("fixed", "tunable")
         and not {"intervalDecimal", "intervalCounter"} & v.attributes.keys()
-    }  # fmt: skip
+    }
 
 
 def _inputs(description: Description) -> list[FmuVariable]:

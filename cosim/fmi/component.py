@@ -333,13 +333,15 @@ class FmuComponent(FmuInterface):
         """
         ticked, self._ticked = self._ticked, {}
         free = tuple(
-            g.name for g in self.carried("output")
+            g.name
+            for g in self.carried("output")
             if g.first.type != "Clock" and not (self.clocked and g.first.clocks)
-        )  # fmt: skip
+        )
         ticked |= {
             name: [self.numbered.number(t) for t in texts]
-            for name, texts in self.instance.clocked_texts().items() if name in self._wired
-        }  # fmt: skip
+            for name, texts in self.instance.clocked_texts().items()
+            if name in self._wired
+        }
         shaped = {name: self._shaped(name, values) for name, values in ticked.items()}
         return self._outputs(free) | shaped
 

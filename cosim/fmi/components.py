@@ -242,9 +242,10 @@ def output_derivatives(
         return None
     known = fmu.groups[port]
     outputs = [
-        g for g in fmu.carried("output")
+        g
+        for g in fmu.carried("output")
         if g.first.type in REAL and g.first.initial != "exact" and g.first.causality == "output"
-    ]  # fmt: skip
+    ]
     if known.first.type not in REAL or not outputs:
         return None
     if len(known.references) == known.size:
@@ -261,9 +262,10 @@ def jumping_outputs(component: Component) -> frozenset[str]:
     fmu = fmu_of(component)
     outputs = () if fmu is None else fmu.carried("output")
     return frozenset(
-        g.name for g in outputs
+        g.name
+        for g in outputs
         if g.first.type not in REAL or any(v.variability != "continuous" for v in g.variables)
-    )  # fmt: skip
+    )
 
 
 # ---- while it runs --------------------------------------------------------------------------

@@ -92,9 +92,10 @@ def step_failure(result: EngineResult, status: int, said: str, call: str = "doSt
 
 #: What computes a step, by the interface of an FMU.
 _CALLS = {
-    "CoSimulation": "doStep", "ModelExchange": "a call of the solver",
+    "CoSimulation": "doStep",
+    "ModelExchange": "a call of the solver",
     "ScheduledExecution": "fmi3ActivateModelPartition",
-}  # fmt: skip
+}
 
 
 def refusal(result: EngineResult, status: int, said: str, value: str, call: str = "doStep") -> str:

@@ -39,8 +39,10 @@ class Instance1(Instance2):
 
     #: Functions that make, end and free an instance, without prefix.
     LIFE: ClassVar[tuple[str, str, str]] = (
-        "InstantiateSlave", "TerminateSlave", "FreeSlaveInstance"
-    )  # fmt: skip
+        "InstantiateSlave",
+        "TerminateSlave",
+        "FreeSlaveInstance",
+    )
 
     def __init__(self, setup: Setup, log: fmu_log.Log) -> None:
         self._calls = calls = Calls(setup, f"{setup.path.stem}_fmi", log)
@@ -110,8 +112,9 @@ class ModelInstance1(Instance1):
     def _arguments(self, setup: Setup, callbacks: Sequence[int]) -> list[Any]:
         return [
             *(c.c_char_p(text.encode()) for text in (setup.name, setup.token)),
-            _ModelCallbacks1(*callbacks), c.c_bool(setup.logging),
-        ]  # fmt: skip
+            _ModelCallbacks1(*callbacks),
+            c.c_bool(setup.logging),
+        ]
 
     def enter_initialization(self, t0: float) -> None:
         """``fmiSetTime`` and ``fmiInitialize`` at `t0`, s."""

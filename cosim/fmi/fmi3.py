@@ -56,8 +56,9 @@ class Instance3(CommonInstance):
         engine, what = shared.library(), f"Instantiate{setup.interface}"
         settings: list[Any] = [c.c_bool(False), c.c_bool(setup.logging)]
         after: list[Any] = [
-            c.c_void_p(c.addressof(self.log)), c.c_void_p(shared.address(engine.engine_log3))
-        ]  # fmt: skip
+            c.c_void_p(c.addressof(self.log)),
+            c.c_void_p(shared.address(engine.engine_log3)),
+        ]
         if setup.interface == "CoSimulation":
             settings += [c.c_bool(setup.event_mode), c.c_bool(setup.early_return)]
             asked = setup.intermediate or ()

@@ -71,11 +71,13 @@ class FmuInterface:
             frozenset(n for n in observed if n in groups and self._readable(n)),
             frozenset(n for n in driven if n in groups and tunable(groups[n].first)),
             frozenset(
-                n for n in wired
-                if n in groups and groups[n].first.type in TEXTS
+                n
+                for n in wired
+                if n in groups
+                and groups[n].first.type in TEXTS
                 and groups[n].first.causality in ("input", "output")
             ),
-        )  # fmt: skip
+        )
 
     def _ports(self) -> tuple[tuple[Port, ...], tuple[Port, ...], tuple[Parameter, ...]]:
         optional = self.description.optional
@@ -83,10 +85,11 @@ class FmuInterface:
             tuple(port(g, fed=True, optional=g.name in optional) for g in self.carried("input")),
             tuple(port(g) for g in self.carried("output")),
             tuple(
-                parameter(g) for g in self.groups.values()
+                parameter(g)
+                for g in self.groups.values()
                 if settable(g) and g.name not in self._driven
             ),
-        )  # fmt: skip
+        )
 
     def _derived(self, what: str, compute: Callable[[], T]) -> T:
         """A value that follows from the description and the exposed variables: computed once."""

@@ -178,7 +178,7 @@ def bind_alike(
 def _typed(instance: Instance, x: StepLayout, alive: list[Any]) -> structs.TypedStruct:
     typed = structs.TypedStruct(
         fmi=_signatures(x.fmi), variable=x.variable, next_event=instance.next_event
-    )  # fmt: skip
+    )
     for name, verb in (("inputs", "Set"), ("outputs", "Get"), ("discrete", "Set")):
         _move(typed, name, instance, verb, getattr(x, name), x.fmi, alive)
     if x.slopes is not None:

@@ -136,9 +136,11 @@ class StartKind:
         if native is None:
             return StartCallStruct(form=Form.OTHER)
         found = StartCallStruct(
-            form=native.form, function=x.address(native.suffix) if native.suffix else None,
-            tolerance=self._tolerance or 0.0, has_tolerance=self._tolerance is not None,
-        )  # fmt: skip
+            form=native.form,
+            function=x.address(native.suffix) if native.suffix else None,
+            tolerance=self._tolerance or 0.0,
+            has_tolerance=self._tolerance is not None,
+        )
         if not call.groups:
             return found
         references = uint32([r for g in call.groups for r in g.references])

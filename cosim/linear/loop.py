@@ -123,9 +123,7 @@ def linear_loop(
             if step.name not in plan.order:
                 end = at.signals[step.period]
             seen = (at.signals[0], at.signals[1], end)
-            models[i] = step_derivatives(
-                step, seen, plan.time(at.tick), step.period * plan.h, size
-            )  # fmt: skip
+            models[i] = step_derivatives(step, seen, plan.time(at.tick), step.period * plan.h, size)
     return _Period(plan, at, models, inputs, only).run(inputs, outputs)
 
 

@@ -93,9 +93,11 @@ def _inputs(plan: Plan, component: str) -> list[Slot]:
 def _outputs(plan: Plan, component: str) -> list[Slot]:
     steps = [plan.component(component)] if component else plan.components
     return [
-        s for c in steps for s in c.outputs
+        s
+        for c in steps
+        for s in c.outputs
         if (component or c.kind == "continuous") and s.port not in _locals(c)
-    ]  # fmt: skip
+    ]
 
 
 def _named(slots: Sequence[Slot]) -> list[tuple[str, str]]:

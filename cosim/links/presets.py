@@ -84,9 +84,11 @@ def _gilbert(share: float, burst: float) -> Table:
 def _pareto(good: tuple[float, float], bad: tuple[float, float]) -> Table:
     """NetFI's bursts by (shape, scale) in the good and in the bad state."""
     return {
-        "law": "pareto-bursts", "stay": [0.95, 0.90], "shape": [good[0], bad[0]],
+        "law": "pareto-bursts",
+        "stay": [0.95, 0.90],
+        "shape": [good[0], bad[0]],
         "scale": [good[1], bad[1]],
-    }  # fmt: skip
+    }
 
 
 def _outages(longest: str, pause: str) -> Table:

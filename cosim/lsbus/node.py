@@ -45,11 +45,15 @@ class NodeFmu:
         self.fmu, self.name = fmu, fmu.name
         name = fmu.name
         flag = "canHandleVariableCommunicationStepSize"
-        for found, what in ((self.fmu.events, "hasEventMode"),
-                            (self.fmu.description.flags.get(flag), flag)):  # fmt: skip
+        for found, what in (
+            (self.fmu.events, "hasEventMode"),
+            (self.fmu.description.flags.get(flag), flag),
+        ):
             if not found:
-                raise FmuError(f"{name}: found an FMU without {what}, expected one with it: bus"
-                               " operations are exchanged in events at any time")  # fmt: skip
+                raise FmuError(
+                    f"{name}: found an FMU without {what}, expected one with it: bus"
+                    " operations are exchanged in events at any time"
+                )
         if self.fmu.options.isolate:
             raise FmuError(f"{name}: found isolate = true, expected an FMU on a bus without it")
         self.terminal = terminal_of(self.fmu, terminal)

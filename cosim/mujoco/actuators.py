@@ -40,9 +40,9 @@ def _actuator(scene: Scene, i: int, name: str) -> Actuator:
     if joint < 0 or gear == 0.0 or float(gain[0]) == 0.0:
         return Actuator(i, name, kind if joint >= 0 else "other", "1", -1, 1.0)
     slides = int(model.jnt_type[joint]) == SLIDE
-    units = {
-        "torque": ("N", "N.m"), "position": ("m", "rad"), "velocity": ("m/s", "rad/s")
-    }.get(kind, ("1", "1"))  # fmt: skip
+    units = {"torque": ("N", "N.m"), "position": ("m", "rad"), "velocity": ("m/s", "rad/s")}.get(
+        kind, ("1", "1")
+    )
     factor = float(gain[0]) * gear if kind == "torque" else gear
     return Actuator(i, name, kind, units[0 if slides else 1], joint, factor)
 

@@ -88,11 +88,13 @@ def _torque(scene: Scene, group: JointGroup, motors: list[Actuator | None], data
         for motor, joint in zip(motors, group.joints, strict=True)
     ]
     port = Port(
-        group.port("tau"), (len(places),), group.force_unit,
+        group.port("tau"),
+        (len(places),),
+        group.force_unit,
         "Torque of the motors" if all(motors) else "Torque on the joints, motors where there are",
         _held(data, [(motor.index, motor.gain) if motor else None for motor in motors]),
         not any(motors) and scene.model.nu > 0,
-    )  # fmt: skip
+    )
     return InputPort(port, tuple(a for a, _ in places), tuple(g for _, g in places))
 
 
@@ -107,10 +109,12 @@ def _external(scene: Scene, group: JointGroup, data: Any) -> InputPort:
 
 def _reference(group: JointGroup, name: str, servos: list[Actuator], data: Any) -> InputPort:
     port = Port(
-        group.port(name), (len(servos),), servos[0].unit,
+        group.port(name),
+        (len(servos),),
+        servos[0].unit,
         f"Reference of the {servos[0].kind} servos",
         _held(data, [(servo.index, servo.gain) for servo in servos]),
-    )  # fmt: skip
+    )
     places = tuple(address(data.ctrl, servo.index) for servo in servos)
     return InputPort(port, places, tuple(servo.gain for servo in servos))
 
@@ -163,12 +167,14 @@ def _joint_outputs(scene: Scene, group: JointGroup, data: Any) -> Iterator[Outpu
     yield OutputPort(Port(group.port("dq"), shape, group.velocity_unit, "Velocity"), dq, False)
     yield OutputPort(
         Port(
-            group.port("tau_e"), shape, group.force_unit,
+            group.port("tau_e"),
+            shape,
+            group.force_unit,
             "Torque of the robot on contacts, joint limits and dry friction",
         ),
         tau_e,
         scale=-1.0,
-    )  # fmt: skip
+    )
 
 
 def _objects(scene: Scene, data: Any) -> Iterator[OutputPort]:

@@ -24,8 +24,10 @@ JOINT_UNITS = {
 }  # fmt: skip
 #: The same of an actuator that moves one joint.
 ACTUATOR_UNITS = {
-    "ACTUATORPOS": ("m", "rad"), "ACTUATORVEL": ("m/s", "rad/s"), "ACTUATORFRC": ("N", "N.m")
-}  # fmt: skip
+    "ACTUATORPOS": ("m", "rad"),
+    "ACTUATORVEL": ("m/s", "rad/s"),
+    "ACTUATORFRC": ("N", "N.m"),
+}
 
 #: The data of a contact sensor, where it has one of them.
 CONTACT_UNITS = {

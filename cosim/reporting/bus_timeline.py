@@ -88,8 +88,10 @@ def _lanes(
         ax.broken_barh([(start / size, (end - start) / size)], (node - 0.14, 0.28), color=_WAITING)
     lane = np.where(rows["node"] < 0, len(lanes) - 1, rows["node"])
     for outcome, colour in (
-        (Outcome.SENT, _SENT), (Outcome.FAILED, _FAILED), (Outcome.UNDER_WAY, _UNDER_WAY)
-    ):  # fmt: skip
+        (Outcome.SENT, _SENT),
+        (Outcome.FAILED, _FAILED),
+        (Outcome.UNDER_WAY, _UNDER_WAY),
+    ):
         for place in range(len(lanes)):
             mine = rows[(rows["outcome"] == outcome) & (lane == place)]
             spans = [(a / size, (b - a) / size) for a, b in mine[["start", "end"]].tolist()]

@@ -173,9 +173,11 @@ def _topic(run: Run, component: str, ports: Mapping[str, list[str]], sdk: Any, c
     }
     schema = json.dumps({"type": "object", "properties": fields}).encode()
     channel = sdk.Channel(
-        f"/{component}", message_encoding="json", context=context,
+        f"/{component}",
+        message_encoding="json",
+        context=context,
         schema=sdk.Schema(name=component, encoding="jsonschema", data=schema),
-    )  # fmt: skip
+    )
 
     def log(k: int, at: int) -> None:
         row = {port: _plain(x[k]) for port, x in values.items()}
@@ -227,11 +229,13 @@ def _transforms(name: str, drawing: Drawing, q: Array, stamp: Any) -> list[Any]:
         child = f"{name}/{i + 1}"
         found.append(
             messages.FrameTransform(
-                timestamp=stamp, parent_frame_id=parent, child_frame_id=child,
+                timestamp=stamp,
+                parent_frame_id=parent,
+                child_frame_id=child,
                 translation=messages.Vector3(x=float(r[0]), y=float(r[1]), z=float(r[2])),
                 rotation=messages.Quaternion(x=x, y=y, z=z, w=w),
             )
-        )  # fmt: skip
+        )
         parent = child
     return found
 
@@ -260,10 +264,12 @@ def _lines(arm: DrawnArm, stamp: Any) -> list[Any]:
     for i, end in enumerate(ends):
         x, y, z = end
         line = messages.LinePrimitive(
-            type=messages.LinePrimitiveLineType.LineStrip, thickness=4.0, scale_invariant=True,
+            type=messages.LinePrimitiveLineType.LineStrip,
+            thickness=4.0,
+            scale_invariant=True,
             points=[messages.Point3(), messages.Point3(x=x, y=y, z=z)],
             color=messages.Color(r=0.13, g=0.4, b=0.73, a=1.0),
-        )  # fmt: skip
+        )
         frame = f"{arm.name}/{i}" if i else arm.name
         found.append(
             messages.SceneEntity(

@@ -120,8 +120,10 @@ def draw(spec: Figure, run: Signals, path: str | Path) -> Path:
     """
     if not spec.panels:
         raise ScenarioError("a figure needs at least one panel", f"figure {spec.title!r}")
-    content = [_lines(panel, run, f"figure {spec.title!r}, panel {i + 1}")
-               for i, panel in enumerate(spec.panels)]  # fmt: skip
+    content = [
+        _lines(panel, run, f"figure {spec.title!r}, panel {i + 1}")
+        for i, panel in enumerate(spec.panels)
+    ]
     form = pdf if Path(path).suffix == ".pdf" else png
     return draw_styled(lambda: form(_render(spec, run, content)), path)
 

@@ -21,10 +21,12 @@ def macro_lines(groups: Sequence[Mapping[str, Any]]) -> list[tuple[str, str]]:
         span = (
             f"{min(sizes):.3g} s" if len(sizes) == 1 else f"{min(sizes):.3g} to {max(sizes):.3g} s"
         )
-        found.append((
-            "macro steps",
-            f"{group['accepted']} of {span}, {group['rejected']} repeated  {_names(group)}",
-        ))  # fmt: skip
+        found.append(
+            (
+                "macro steps",
+                f"{group['accepted']} of {span}, {group['rejected']} repeated  {_names(group)}",
+            )
+        )
         if group["forced"]:
             found.append(("", _forced(group)))
         found += [

@@ -169,9 +169,11 @@ def _declared(run: Run, spec: PanelSpec, data: PageData, dt: float) -> PlottedPa
         series += [(n, spec.reference_label or n) for n in run.entries(name)]
     title = " ".join(x for x in (spec.title, f"({spec.ylabel})" if spec.ylabel else "") if x)
     return PlottedPanel(
-        title or listed(spec.y), run.units[run.entries(spec.y[0])[0]], tuple(series),
+        title or listed(spec.y),
+        run.units[run.entries(spec.y[0])[0]],
+        tuple(series),
         tuple(float(r) for r in spec.reference if not isinstance(r, str)),
-    )  # fmt: skip
+    )
 
 
 def _quantiles(

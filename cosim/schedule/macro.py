@@ -103,10 +103,11 @@ def macro_groups(
             raise PlanError(f"run.adaptive.fixed: there is no component {name!r}")
     free = {s.name for s in steps if s.name not in sampled and s.name not in settings.fixed}
     inner = [
-        w for w in wires
+        w
+        for w in wires
         if {w.source.component, w.target.component} <= free
         and steps[number[w.source.component]].period == steps[number[w.target.component]].period
-    ]  # fmt: skip
+    ]
     groups = []
     bonds = dict.fromkeys(settings.bonds)
     for names in _connected(inner):
@@ -202,8 +203,10 @@ def _bond(bond: PowerBond, wires: Sequence[Wire], residual: Slot) -> BondWires:
                 "components of its period; expected one"
             )
     effort, flow = found[bond.effort][0], found[bond.flow][0]
-    ends = {(effort.source.component, flow.target.component),
-            (flow.source.component, effort.target.component)}  # fmt: skip
+    ends = {
+        (effort.source.component, flow.target.component),
+        (flow.source.component, effort.target.component),
+    }
     if any(a != b for a, b in ends) or effort.target.size != flow.target.size:
         raise PlanError(
             f"run.adaptive.bonds: {effort.source.name} -> {bond.effort} and {flow.source.name} -> "

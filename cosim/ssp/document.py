@@ -20,9 +20,11 @@ from cosim.ssp.wires import feed
 #: Where an SSP says how long a step of the master is: local names of elements, and an attribute.
 #: The first are of OMSimulator and early OSP, the last of the Open Simulation Platform.
 _STEPS = {
-    "FixedStepMaster": "stepSize", "FixedStepSolver": "stepSize", "DefaultExperiment": "stepSize",
+    "FixedStepMaster": "stepSize",
+    "FixedStepSolver": "stepSize",
+    "DefaultExperiment": "stepSize",
     "FixedStepAlgorithm": "baseStepSize",
-}  # fmt: skip
+}
 
 
 def load(path: str | Path, settings: Sequence[str] = ()) -> Scenario:

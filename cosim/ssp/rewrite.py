@@ -118,8 +118,9 @@ def _values(scenario: Scenario, plan: Plan) -> Changed:
     found = {}
     for step in plan.components:
         spec = scenario.components[step.name]
-        texts = {k: v for k, v in {**spec.parameters, **spec.start}.items()
-                 if is_text(step.component, k)}  # fmt: skip
+        texts = {
+            k: v for k, v in {**spec.parameters, **spec.start}.items() if is_text(step.component, k)
+        }
         found[step.name] = {**step.values, **step.start, **texts}
     return found
 

@@ -82,8 +82,9 @@ def _space(ax: Axes, found: Sequence[SearchedRegion], said: str) -> None:
     third = found[0].axes[2]
     for region, marker in zip(found, "osD^v<>p*hXd" * len(found), strict=False):
         x, y, z = region.values(region.crossings()[0]).T
-        drawn = ax.scatter(x, y, c=z, s=12, marker=marker, label=_label(region, said),
-                           vmin=third.a, vmax=third.b)  # fmt: skip
+        drawn = ax.scatter(
+            x, y, c=z, s=12, marker=marker, label=_label(region, said), vmin=third.a, vmax=third.b
+        )
     ax.figure.colorbar(drawn, ax=ax).set_label(f"{third.name} on the boundary")
     if len(found) > 1:
         ax.legend()

@@ -40,11 +40,13 @@ def write(found: SweepTable, study: Study, folder: Path, repeat: str) -> Path:
         said += f"; the page shows {len(records)} of them, evenly spaced in the table"
     kept = study.keep == "trajectories"
     drawn = points(
-        list(_columns(found, records)), list(_views(study, found)), entries(records, "reason"),
+        list(_columns(found, records)),
+        list(_views(study, found)),
+        entries(records, "reason"),
         folders=entries(records, "run") if kept else (),
         repeat=f"cosim run {shlex.quote(os.path.relpath(study.scenario))}",
         settings=[json.loads(text) for text in entries(records, "settings")],
-    )  # fmt: skip
+    )
     points_too = "" if repeats_the_table(found) else ", summary.csv every point"
     files = f"<p>table.parquet has every run with its settings{points_too}.</p>"
     text = escape("\n".join(lines(found)))

@@ -82,10 +82,11 @@ def _ranges(table: SweepTable) -> list[str]:
             rows.append((name, least, median, largest, unit))
     widths = [max(len(row[i]) for row in rows) for i in range(4)]
     return [
-        "  ".join((row[0].ljust(widths[0]), *(row[i].rjust(widths[i]) for i in (1, 2, 3)), row[4]))
-        .rstrip()
+        "  ".join(
+            (row[0].ljust(widths[0]), *(row[i].rjust(widths[i]) for i in (1, 2, 3)), row[4])
+        ).rstrip()
         for row in rows
-    ]  # fmt: skip
+    ]
 
 
 def as_data(table: SweepTable) -> dict[str, Any]:

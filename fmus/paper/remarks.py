@@ -101,9 +101,7 @@ def _arrival(gain: int, name: str, band: Expected, source: str) -> Claim:
 def _rate(gain: int, name: str, share: float) -> Claim:
     """The error of the master decays as the slow pole of eqs (80), (81) in the hand."""
     delay = DELAYS[name]
-    pole = oracles.delayed_pole(
-        K, 0.5, gain, K_P, K_D, 2.0, (delay["low"], delay["high"])
-    )  # fmt: skip
+    pole = oracles.delayed_pole(K, 0.5, gain, K_P, K_D, 2.0, (delay["low"], delay["high"]))
 
     def measured(r: Run) -> float:
         start = _settling(r)

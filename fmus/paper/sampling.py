@@ -40,11 +40,13 @@ def cases(seed: int) -> dict[str, Document]:
         "sampled-decay": single(
             0.5, grip={}, lambda_M=ALPHA, Gamma=0.0, arm_values={"dq": list(SMALL)}
         ),
-        "first-motion": _every(teleoperator(
-            0.2, link=link, grip={}, master={**same, "tau_ext": [1.0, 0.0]}, slave=same
-        )),
+        "first-motion": _every(
+            teleoperator(
+                0.2, link=link, grip={}, master={**same, "tau_ext": [1.0, 0.0]}, slave=same
+            )
+        ),
         "net-0-mean": on_mean_graph(network(200.0, **third, **KNOWN)),
-    }  # fmt: skip
+    }
 
 
 def _every(document: Document) -> Document:

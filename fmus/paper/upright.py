@@ -113,9 +113,7 @@ def _stored(r: Run) -> m.Array:
 
 # ---- claims --------------------------------------------------------------------------------------
 
-_ONE, _PAIR, _SIX, _HELD = (
-    (f"upright-{name}",) for name in ("one", "pair", "six", "held")
-)  # fmt: skip
+_ONE, _PAIR, _SIX, _HELD = ((f"upright-{name}",) for name in ("one", "pair", "six", "held"))
 _FREE = (
     Claim("upright-one-rest", ("upright", "thm2"), "one arm, gravity adapted from 0, let go: |dq| "
           "at 60 s", "rad/s", at_most(1e-4), "Theorem 2: dq -> 0 if tau_h = 0", _ONE,

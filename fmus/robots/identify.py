@@ -162,8 +162,9 @@ def report(found: Identified, component: str) -> list[str]:
     quality = "exciting" if good else f"not exciting: expected {_EXCITING:g} or less"
     rows = [["parameter", "found", "95 %", "scenario", "unit"]]
     for p in found.parameters:
-        rows.append([_expression(p), f"{p.value:.5g}", f"± {p.interval:.2g}", f"{p.before:.5g}",
-                     p.unit])  # fmt: skip
+        rows.append(
+            [_expression(p), f"{p.value:.5g}", f"± {p.interval:.2g}", f"{p.before:.5g}", p.unit]
+        )
     residuals = ", ".join(
         f"{100.0 * a / max(b, 1e-300):.2g}%"
         for a, b in zip(found.residuals, found.torques, strict=True)

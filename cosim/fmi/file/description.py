@@ -68,9 +68,10 @@ class Description:
 
 #: Interfaces that a run uses, in the order of preference, and what they are called.
 INTERFACES = {
-    "CoSimulation": "co-simulation", "ModelExchange": "model exchange",
+    "CoSimulation": "co-simulation",
+    "ModelExchange": "model exchange",
     "ScheduledExecution": "scheduled execution",
-}  # fmt: skip
+}
 
 
 def read(

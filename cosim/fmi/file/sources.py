@@ -152,10 +152,11 @@ def _listed(
         ) from None
     offered = list(root.iterfind("BuildConfiguration"))
     fitting = [
-        x for x in offered
+        x
+        for x in offered
         if x.get("modelIdentifier", identifier) == identifier
         and x.get("platform", platform) == platform
-    ]  # fmt: skip
+    ]
     if offered and not fitting:
         found = ", ".join(
             f"{x.get('modelIdentifier')} ({x.get('platform', 'any platform')})" for x in offered

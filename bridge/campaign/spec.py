@@ -21,10 +21,9 @@ Whatever a script says, no frame that was corrupted may have been accepted (docs
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import msgspec
 
@@ -56,6 +55,16 @@ class CampaignRunSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, k
     times: Annotated[int, msgspec.Meta(ge=1)] = 1
 
 
+class CampaignSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """The whole file, as read; see the module."""
+
+    title: str = ""
+    scenario: str
+    deploy: str
+    settings: tuple[str, ...] = ()
+    run: tuple[CampaignRunSpec, ...]
+
+
 @dataclass(frozen=True, slots=True)
 class Campaign:
     """A campaign, as read: runs and their scripts, in the order of the file."""
@@ -71,31 +80,19 @@ class Campaign:
 def load_campaign(path: str | Path) -> Campaign:
     """Read a campaign and its scripts. Raises ScenarioError that names the file and the place."""
     path = Path(path)
-    document = toml.read(Path(path))
-    known = ("title", "scenario", "deploy", "settings", "run")
-    for key in document:
-        if key not in known:
-            raise ScenarioError(
-                f"unknown key {key!r}; expected one of {', '.join(known)}", f"{path}"
-            )
-    for key in ("scenario", "deploy", "run"):
-        if key not in document:
-            raise ScenarioError(f"no {key}", f"{path}")
-    runs = convert(document["run"], tuple[CampaignRunSpec, ...], path, "run")
-    for index, run in enumerate(runs):
+    spec = convert(toml.read(path), CampaignSpec, path)
+    for index, run in enumerate(spec.run):
         _check(run, f"{path} at run.{index}")
     return Campaign(
         path=path,
-        title=_text(document, "title", path) or path.stem,
-        scenario=path.parent / _text(document, "scenario", path),
-        deploy=_text(document, "deploy", path),
-        settings=convert(document.get("settings", []), tuple[str, ...], path, "settings"),
-        runs=tuple((run, load(path.parent / run.script)) for run in runs for _ in range(run.times)),
+        title=spec.title or path.stem,
+        scenario=path.parent / spec.scenario,
+        deploy=spec.deploy,
+        settings=spec.settings,
+        runs=tuple(
+            (run, load(path.parent / run.script)) for run in spec.run for _ in range(run.times)
+        ),
     )
-
-
-def _text(document: Mapping[str, Any], key: str, path: Path) -> str:
-    return convert(document.get(key, ""), str, path, key)
 
 
 def _check(run: CampaignRunSpec, place: str) -> None:

@@ -25,10 +25,12 @@ def freeze_tests() -> None:
 
 
 #: How much more memory, MiB, and how many more open files since the last time are cleaned up.
-MEMORY, FILES = 48, 16
+MEMORY, FILES = 24, 16
 #: How much more memory, MiB, after any test makes a search for garbage. Garbage that waits for the
 #: end of its file leaves holes when it goes, between what stays, and the process remains large.
 GARBAGE = 16
+#: Packages whose functions may cache; with fewer results than MANY it may be a library that is loaded.
+OURS, MANY = ("bridge", "cosim", "fmus", "tests"), 6
 
 
 class Tidier:
@@ -39,23 +41,24 @@ class Tidier:
     """
 
     def __init__(self) -> None:
-        self._modules: set[ModuleType] = set()
         self._memory, self._files = _used()
         self._least = self._memory
 
     def after(self, module: ModuleType, following: ModuleType | None) -> bool:
-        """After a test, before one of a `following` file: whether caches were cleared, too."""
-        self._modules.add(module)
+        """After a test of `module`, before one of `following`: whether all caches were cleared."""
+        if module is not following:
+            forget(module)
         memory, files = _used()
         if memory >= self._least + GARBAGE:
             gc.collect()
             self._least = memory = _used()[0]
         self._least = min(self._least, memory)
-        if module is following or (memory < self._memory + MEMORY and files < self._files + FILES):
+        small = memory < self._memory + MEMORY and files < self._files + FILES
+        if following is not None and (module is following or small):
             return False
-        for seen in self._modules - {following}:
-            forget(seen)
-        self._modules.clear()
+        for name, loaded in list(sys.modules.items()):
+            if name.partition(".")[0] in OURS:
+                forget(loaded, least=MANY)
         gc.collect()
         if sys.platform == "linux":
             ctypes.CDLL(None).malloc_trim(0)
@@ -64,10 +67,12 @@ class Tidier:
         return True
 
 
-def forget(module: ModuleType) -> None:
-    """Clear what the functions of a file of tests have cached."""
+def forget(module: ModuleType, least: int = 1) -> None:
+    """Clear what functions of a module have cached, where there are at least so many results."""
     for value in list(vars(module).values()):
-        if getattr(value, "__module__", "") == module.__name__ and hasattr(value, "cache_clear"):
+        if getattr(value, "__module__", "") != module.__name__ or not hasattr(value, "cache_clear"):
+            continue
+        if value.cache_info().currsize >= least:
             value.cache_clear()
 
 

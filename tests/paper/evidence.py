@@ -20,12 +20,9 @@ class Evidence:
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         self._documents = cases(0)
-        self._found: dict[str, Run | Stop] = {}
 
     def __getitem__(self, name: str) -> Run | Stop:
-        if name not in self._found:
-            self._found[name] = open_case(name, self.folder, self._ended(name))
-        return self._found[name]
+        return open_case(name, self.folder, self._ended(name))
 
     def _ended(self, name: str) -> Stop | None:
         """The end of the case; it is run unless another process of these tests has done so."""

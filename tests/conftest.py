@@ -57,7 +57,7 @@ def pytest_runtest_protocol(item: pytest.Item, nextitem: pytest.Item | None) -> 
     _LAST[:] = [item]
     reporter = item.config.pluginmanager.getplugin("terminalreporter")
     if reporter is not None and "PYTEST_XDIST_WORKER" in os.environ:
-        reporter.stats.clear()  # three reports a test, which only the process that prints them needs
+        reporter.stats.clear()  # three reports a test, which no one here prints
     modules = [x.module if isinstance(x, pytest.Function) else None for x in (item, nextitem)]
     if modules[0] is not None and _TIDIER:
         _TIDIER[0].after(modules[0], modules[1])

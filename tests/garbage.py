@@ -29,7 +29,7 @@ MEMORY, FILES = 24, 16
 #: How much more memory, MiB, after any test makes a search for garbage. Garbage that waits for the
 #: end of its file leaves holes when it goes, between what stays, and the process remains large.
 GARBAGE = 16
-#: Packages whose functions may cache; with fewer results than MANY it may be a library that is loaded.
+#: Packages whose functions may cache; one with fewer results than MANY may hold a loaded library.
 OURS, MANY = ("bridge", "cosim", "fmus", "tests"), 6
 
 

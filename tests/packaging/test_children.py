@@ -76,20 +76,42 @@ def test_a_child_does_not_outlive_its_parent() -> None:
     assert done.returncode == 0
 
 
-def test_a_process_of_tests_forgets_what_the_tests_of_a_file_have_left(monkeypatch) -> None:
-    made, other = ModuleType("made"), ModuleType("other")
-    exec(
-        "from functools import cache\n@cache\ndef runs():\n    return bytearray(1 << 26)",
-        vars(made),
-    )
-    monkeypatch.setattr(garbage, "MEMORY", 32)
-    tidier = garbage.Tidier()
+CACHING = "from functools import cache\n@cache\ndef runs(n=0):\n    return bytearray(1 << 23)"
+
+
+def module(name: str) -> ModuleType:
+    """A module with a function that caches results of 8 MiB."""
+    made = ModuleType(name)
+    exec(CACHING, vars(made))
+    return made
+
+
+def results(made: ModuleType) -> int:
+    """The number of results that are cached."""
+    return int(vars(made)["runs"].cache_info().currsize)
+
+
+def test_what_the_tests_of_a_file_have_cached_goes_with_the_file() -> None:
+    made, other, tidier = module("made"), ModuleType("other"), garbage.Tidier()
     vars(made)["runs"]()
-    assert not tidier.after(made, made)
-    assert vars(made)["runs"].cache_info().currsize == 1
-    assert tidier.after(made, other)
-    assert vars(made)["runs"].cache_info().currsize == 0
-    assert not tidier.after(other, made)
+    tidier.after(made, made)
+    assert results(made) == 1
+    tidier.after(made, other)
+    assert results(made) == 0
+
+
+def test_many_results_of_helpers_go_where_a_process_has_grown(monkeypatch) -> None:
+    helper, library = module("tests.made"), module("cosim.made")
+    for made in (helper, library):
+        monkeypatch.setitem(sys.modules, made.__name__, made)
+    vars(library)["runs"]()
+    tidier, files = garbage.Tidier(), (ModuleType("made"), ModuleType("other"))
+    assert not tidier.after(*files)
+    for n in range(garbage.MANY):
+        vars(helper)["runs"](n)
+    assert tidier.after(*files)
+    assert (results(helper), results(library)) == (0, 1)
+    assert not tidier.after(*files)
 
 
 class Left:

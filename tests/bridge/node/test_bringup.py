@@ -143,7 +143,7 @@ def test_a_drive_that_is_not_there_is_named_with_what_was_expected(tmp_path):
 
 
 def test_a_drive_that_refuses_its_enabling_is_named_with_its_error(tmp_path):
-    with gate("can-damiao", tmp_path) as node, Motors(node) as motors:
+    with gate("can-damiao", tmp_path) as node, Motors(node, timeout=5.0) as motors:
         motors.fault(1, VendorFault.HOT, 2)
         node.control.arm()
         until(lambda: node.struct.life.state == LifeState.FAULT)

@@ -89,12 +89,14 @@ def test_a_drive_that_answers_a_refresh_is_measured_without_anything_else(
     bits = sum(transmission(parse_question(end.ask, end.answer), TIMING))
     rest = 2 * table[:, 1] - np.array(turns) * 1e-9
     # What is left without the drive's own time are the frames, and neither rises with it: the
-    # least of each, for a busy machine adds to some.
-    assert rest.min() >= bits - 6 / RATE - 5e-6
+    # least of each, for a busy machine adds to some. An answer that it delays too long is lost.
+    assert np.nanmin(rest) >= bits - 6 / RATE - 5e-6
     later = np.median(turns[1::2]) - np.median(turns[::2])
-    assert abs(rest[1::2].min() - rest[::2].min()) < 0.2 * later * 1e-9
+    assert abs(np.nanmin(rest[1::2]) - np.nanmin(rest[::2])) < 0.2 * later * 1e-9
     found = json.loads(capsys.readouterr().out)
-    assert found["answered"] == 20 and list(found["delays"]) == ["round trip"]
+    assert found["answered"] == np.isfinite(rest).sum() >= 10 and list(found["delays"]) == [
+        "round trip"
+    ]
     assert found["uncertainty"] is None and list(found["links"]) == ["half"]
 
 

@@ -11,7 +11,7 @@ import pytest
 
 from bridge.native.bus import Bus
 from bridge.native.enums import BUS_BATCH as BATCH
-from bridge.native.frame import Frame
+from bridge.native.frame import Flags, Frame
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="sockets of the tick are Linux's")
 
@@ -44,6 +44,48 @@ def test_a_drain_gives_all_there_is_in_order(pair, n):
         pair.send(*range(n))
         assert pair.drain() == list(range(n))
     assert pair.bus.struct.received == 2 * n
+
+
+EFF, RTR, ERR = 1 << 31, 1 << 30, 1 << 29  # linux/can.h: flags of an identifier,
+BRS, ESI, FDF = 1, 2, 4  # and of a CAN FD frame
+KINDS = [  # our flags, identifier -> identifier and flags of the kernel
+    (0, 0x7FF, 0x7FF, 0), (Flags.EXTENDED, 0x1FFFFFFF, 0x1FFFFFFF | EFF, 0),
+    (Flags.REMOTE, 0x123, 0x123 | RTR, 0), (Flags.REMOTE | Flags.EXTENDED, 5, 5 | EFF | RTR, 0),
+    (Flags.FD, 0x123, 0x123, 0), (Flags.FD | Flags.BRS, 0x123, 0x123, BRS),
+    (Flags.FD | Flags.ESI, 0x123, 0x123, ESI),
+    (Flags.FD | Flags.BRS | Flags.ESI | Flags.EXTENDED, 9, 9 | EFF, BRS | ESI),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("flags", "identifier", "raw", "fd"), KINDS)
+@pytest.mark.parametrize("length", [0, 3, 8])
+def test_a_frame_is_the_struct_of_the_kernel_both_ways(pair, flags, identifier, raw, fd, length):
+    """72 bytes for CAN FD, else 16; a remote frame has a length, but no data."""
+    data, size = bytes(range(1, 9)), 64 if flags & Flags.FD else 8
+    there = struct.pack(f"=IBBxx{size}s", raw, length, fd, data[:length])
+    assert pair.bus.send(Frame.of(identifier, data[:length], int(flags))) == 0
+    got = pair.there.recv(100)
+    assert len(got) == size + 8 and (got[0:5], got[5] & ~FDF) == (there[0:5], fd)
+    if not flags & Flags.REMOTE:
+        assert got[8 : 8 + length] == data[:length]
+    pair.there.send(struct.pack(f"=IBBxx{size}s", raw, length, fd, data))
+    (frame,) = pair.bus.drain()
+    assert (frame.id, frame.flags, frame.length) == (identifier, int(flags), length)
+    kept = bytes(8) if flags & Flags.REMOTE else data[:length].ljust(8, b"\0")
+    assert bytes(frame.data[:8]) == kept
+
+
+@pytest.mark.parametrize("length", range(70))
+@pytest.mark.parametrize("flags", [0, Flags.FD])
+def test_lengths_that_no_frame_has_are_refused(pair, length, flags):
+    possible = [*range(9), *((12, 16, 20, 24, 32, 48, 64) if flags else ())]
+    result = pair.bus.send(Frame.of(1, bytes(length), int(flags)))
+    assert result == (0 if length in possible else errno.EINVAL)
+
+
+def test_a_frame_with_errors_keeps_its_class(pair):
+    pair.there.send(struct.pack("=IBBxx8s", 0x144 | ERR, 8, 0, bytes(8)))
+    assert pair.drain() == [] and pair.bus.struct.error_frames == 1
 
 
 def test_what_is_no_frame_is_passed_over(pair):

@@ -165,6 +165,10 @@ CASES_OF = {
         [reading(S + k * MS, TIGHT + 2, 60) for k in range(3)], [DATE + S], [NOW + S],
         before=KNOWN, wall_ns=DATE, offset_ns=OFFSET, clock_steps=0,
     ),
+    "one that is just tight does": case(
+        [reading(S, TIGHT, 60)], [DATE + S + 60], [NOW + S], before=KNOWN,
+        wall_ns=DATE + S + TIGHT // 2 + 60, offset_ns=OFFSET - 60,
+    ),
     "less than a step": case(
         [reading(S, 100, MS - 1)], [DATE + S], [NOW + S - MS + 1], before=KNOWN,
         offset_ns=OFFSET - MS + 1, clock_steps=0, stepped=0,

@@ -102,7 +102,10 @@ class Reporter:
 def run(
     tests: Sequence[str], selection: Selection, log: Path, limit: float, *, to_the_end: bool = False
 ) -> Outcome:
-    """Run the tests until one fails, or `to_the_end`; at most `limit` s, or they have failed."""
+    """Run the tests until one fails, or `to_the_end`; at most `limit` s, or they have failed.
+
+    Raises SystemExit where pytest refuses to begin, which is no test's doing.
+    """
 
     def child(pipe: int) -> int:
         words = ["-q", "-p", "no:cacheprovider", "--hypothesis-profile=mutants", *tests]
@@ -111,6 +114,8 @@ def run(
         return int(pytest.main(words, plugins=[Reporter(pipe, selection)]))
 
     code, lines = forked(child, log, limit)
+    if code == pytest.ExitCode.USAGE_ERROR:
+        raise SystemExit(f"pytest does not begin:\n{log.read_text(errors='replace')[-2000:]}")
     outcome, current = Outcome(), "collection"
     for event, test, *numbers in map(json.loads, lines):
         if event == "begins":

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from bridge.deployment.changes import interface_settings
 from cosim.base.errors import ScenarioError
 
 if TYPE_CHECKING:
@@ -64,13 +65,9 @@ class BusOptions:
         names = [name for name, bus in deployment.buses.items() if bus.kind == "can"]
         fd = None if self.fd is None else str(self.fd).lower()
         changed = {"bitrate": self.bitrate, "data_bitrate": self.data_bitrate, "fd": fd}
-        found: list[str] = []
+        found = interface_settings(deployment, self.interface, channels=not self.channel)
         for name in names:
             at = f"deploy.buses.{name}"
-            if self.interface is not None:
-                found.append(f'{at}.interface="{self.interface}"')
-                if self.interface != deployment.buses[name].interface and not self.channel:
-                    found.append(f'{at}.channel="{name}"')
             found += [f"{at}.{key}={value}" for key, value in changed.items() if value is not None]
         return [*found, *(self._channel(text, names) for text in self.channel)]
 
@@ -137,24 +134,6 @@ class HardwareOptions:
         if self.hardware and not self.yes:
             with allow_terminal_input():
                 typer.confirm(f"Frames of this {what} may move real drives. Go on?", abort=True)
-
-
-def clock_settings(deployment: Deployment, clock: str) -> list[str]:
-    """The changes of a deployment for a clock other than the wall's. Raises ScenarioError."""
-    if clock == "wall":
-        return []
-    if clock == "simulated":
-        return ['deploy.clock="simulated"']
-    if clock != "lockstep":
-        raise ScenarioError(f"--clock {clock}: expected wall, simulated or lockstep")
-    can = [name for name, bus in deployment.buses.items() if bus.kind == "can"]
-    if can:
-        raise ScenarioError(
-            f"--clock lockstep: {', '.join(can)} is CAN, which may lose frames; expected a "
-            "deployment over Zenoh alone",
-            str(deployment.path),
-        )
-    return [f"deploy.buses.{name}.options.lockstep=true" for name in deployment.buses]
 
 
 def refuse_in_simulated_time(deployment: Deployment, **given: bool) -> None:

@@ -71,8 +71,9 @@ def rehearse(
     were received that were not sent, or an injected fault is not in the report. Exit status 3 if
     the result is inconclusive because this machine was too slow.
     """
-    from bridge.cli.options import clock_settings, refuse_in_simulated_time
+    from bridge.cli.options import refuse_in_simulated_time
     from bridge.deployment import spec as deployments
+    from bridge.deployment.changes import clock_settings
     from bridge.deployment.system import load_system
     from bridge.rehearsal.supervisor import Settings
 

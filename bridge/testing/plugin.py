@@ -6,16 +6,17 @@ and takes its random numbers from the name of the test.
 
 from __future__ import annotations
 
-from collections.abc import Generator
+from collections.abc import Generator, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
 
 if TYPE_CHECKING:
+    from bridge.testing.buses import CanBuses
     from bridge.testing.case import PytestCase
     from bridge.testing.references import References
-    from bridge.testing.runs import ScenarioRuns
+    from bridge.testing.runs import ScenarioRuns, TwinRuns
 
 _CASE: pytest.StashKey[PytestCase] = pytest.StashKey()
 
@@ -77,6 +78,25 @@ def cosim_run(cosim_case: PytestCase) -> ScenarioRuns:
     from bridge.testing.runs import ScenarioRuns
 
     return ScenarioRuns(cosim_case)
+
+
+@pytest.fixture
+def twin(cosim_case: PytestCase) -> TwinRuns:
+    """Run twins of deployments: ``twin("law.toml", set={...})`` returns a cosim.RunResult."""
+    from bridge.testing.runs import TwinRuns
+
+    return TwinRuns(cosim_case)
+
+
+@pytest.fixture
+def can_bus(cosim_case: PytestCase) -> Iterator[CanBuses]:
+    """Open simulated buses: ``can_bus(2, bitrate=500_000)`` returns two nodes of one."""
+    from contextlib import ExitStack
+
+    from bridge.testing.buses import CanBuses
+
+    with ExitStack() as closing:
+        yield CanBuses(cosim_case, closing)
 
 
 @pytest.fixture

@@ -98,7 +98,7 @@ def compare(
 
     known = read(variants or variants_path(scenario))
     chosen = known.select(list(controllers), list(operators), list(links))
-    base = read_base(scenario, known, _settings(set))
+    base = read_base(scenario, known, as_settings(set))
     refuse(base, known, chosen)
     return compare_all(base, known, chosen, range(base.seed, base.seed + seeds), jobs=jobs)
 
@@ -139,7 +139,7 @@ def _command(scenario: Given, changes: Mapping[str, Any], seed: int | None) -> s
 
 
 def _all_settings(changes: Mapping[str, Any] | None, seed: int | None) -> list[str]:
-    return _settings(changes) + ([f"run.seed={seed}"] if seed is not None else [])
+    return as_settings(changes) + ([f"run.seed={seed}"] if seed is not None else [])
 
 
 def _loaded(scenario: Given, set_: Mapping[str, Any] | None, seed: int | None) -> Scenario:
@@ -163,8 +163,8 @@ def _document(value: Any) -> Any:
     return given.name_of(value) if callable(value) else value
 
 
-def _settings(values: Mapping[str, Any] | None) -> list[str]:
-    """``path=value`` texts, as the command line has them."""
+def as_settings(values: Mapping[str, Any] | None) -> list[str]:
+    """``path=value`` texts, as the command line has them, of values by dotted path."""
     paths = {
         path if _OF_VARIABLES.match(path) else _INDEX.sub(r".\1", path): value
         for path, value in (values or {}).items()

@@ -7,5 +7,7 @@ def all_that_runs_use() -> None:
     """Import them before."""
     for module in ("cosim.api.running", "cosim.reporting.rewritten", "bridge.replay.diff"):
         import_module(module)
-    for module in ("case", "limit", "references", "runs"):
+    for module in ("bridge.results.outcome", "bridge.rehearsal.supervisor", "bridge.faults.load"):
+        import_module(module)
+    for module in ("buses", "case", "limit", "references", "runs"):
         import_module(f"bridge.testing.{module}")

@@ -12,21 +12,20 @@ from tests.bridge.testing import loaded
 
 pytest_plugins = ["pytester"]
 PAGE = Path(__file__).resolve().parents[3] / "docs" / "testing.md"
+_PROGRAM = re.compile(r"<!-- file (\S+) -->\n```python\n(.*?)```", re.DOTALL)
 loaded.all_that_runs_use()
 
 
-def test_the_program_of_the_page_passes(
+def test_the_programs_of_the_page_pass(
     pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("PYTEST_ADDOPTS", "-p no:cacheprovider")
     write_controller("my_law", pytester.path)
-    program = re.search(
-        r"<!-- file (\S+) -->\n```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL
-    )
-    assert program
-    (pytester.path / program[1]).write_text(program[2], encoding="utf-8")
-    tests = program[2].count("def test_")
-    pytester.runpytest("--cosim-update", program[1]).assert_outcomes(passed=tests)
-    pytester.runpytest(program[1], "-k", "nothing_has_changed").assert_outcomes(
-        passed=1, deselected=tests - 1
-    )
+    programs = dict(_PROGRAM.findall(PAGE.read_text(encoding="utf-8")))
+    assert {"test_arm.py", "test_frames.py"} <= programs.keys()
+    for name, text in programs.items():
+        (pytester.path / name).write_text(text, encoding="utf-8")
+    tests = sum(text.count("def test_") for text in programs.values())
+    pytester.runpytest("--cosim-update", *programs).assert_outcomes(passed=tests)
+    again = pytester.runpytest("test_arm.py", "-k", "nothing_has_changed")
+    again.assert_outcomes(passed=1, deselected=programs["test_arm.py"].count("def test_") - 1)

@@ -8,8 +8,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from cosim.base.clock import sleep, stopwatch
+from cosim.mujoco import read_options
 from cosim.mujoco.component import MujocoComponent
-from cosim.mujoco.options import read_options
 from cosim.record import Run
 
 

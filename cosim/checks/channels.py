@@ -1,20 +1,23 @@
-"""Links: what their laws bound, lose and reorder."""
+"""Links: what their laws bound, lose and reorder; springs over them, and the buses they are on."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from math import inf, isinf
+from collections.abc import Iterator, Mapping
+from math import inf, isinf, sqrt
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cosim.checks.couplings import is_constant, longest_delay
 from cosim.checks.finding import Finding, Severity
-from cosim.links.losses import GilbertElliott, Independent, Lossy, ParetoBursts
 from cosim.links.semantics import PacketSemantics, PlayoutSemantics, SignalSemantics
 from cosim.links.table import DrawnTable
 from cosim.predict.ages import age_bound
+from cosim.predict.facts import SpringDamper
 from cosim.predict.system import AnalyzedSystem
 from cosim.schedule.parts import Link
+
+if TYPE_CHECKING:
+    from cosim.links.traces import BusDelays
 
 #: Gaps in what arrives that are shorter than this on average are no more than a note, s.
 GAP = 0.5
@@ -54,6 +57,8 @@ def _gap(link: Link) -> float:
     assert isinstance(table, DrawnTable)
     if not table.law.loses_packets:
         return 0.0
+    from cosim.links.losses import GilbertElliott, Independent, Lossy, ParetoBursts
+
     loss = table.law.loss if isinstance(table.law, Lossy) else None
     if isinstance(loss, Independent | GilbertElliott | ParetoBursts):
         return loss.burst * table.grid.n_s * table.grid.h
@@ -119,3 +124,143 @@ def zero_minimum_delay(system: AnalyzedSystem) -> Iterator[Finding]:
                 unit="s",
                 reason="its minimum delay is 0: sender and receiver are ordered as for a wire",
             )
+
+
+def ground_damping(system: AnalyzedSystem) -> Iterator[Finding]:
+    """2 ground >= T_rt stiffness (means over the two sides): the delayed spring makes energy.
+
+    T_rt, the longest delay there and back. Lee and Spong (2006): K_d >= T_rt K_p/2; Nuño et al.
+    (2009): 4 B_l B_r > (T_l + T_r)² K_l K_r.
+    """
+    springs = system.with_facts(SpringDamper)
+    for (a, b), (there, back) in sorted(_pairs(system).items()):
+        one, other = springs[a], springs[b]
+        if not (one.needs_ground or other.needs_ground) or not (
+            min(one.stiffness) and min(other.stiffness)
+        ):
+            continue
+        T = there + back
+        needs = T * sqrt(max(one.stiffness) * max(other.stiffness)) / 2
+        has = sqrt(min(one.ground) * min(other.ground))
+        if needs <= has:
+            continue
+        yield Finding(
+            rule="damping",
+            severity="warning",
+            where=f"{a}, {b}",
+            number=has,
+            unit="N.m.s/rad",
+            reason=f"{one.law}: the damping to ground is {has:.3g} N.m.s/rad; a round-trip delay"
+            f" of up to {T:.3g} s needs T_rt K/2 = {needs:.3g}",
+            advice="raise the damping, lower the stiffness, or shorten the delay",
+        )
+
+
+def _pairs(system: AnalyzedSystem) -> Mapping[tuple[str, str], tuple[float, float]]:
+    """Longest delay each way of every two coupled controllers, s."""
+    springs = system.with_facts(SpringDamper)
+    longest: dict[tuple[str, str], float] = {}
+    for link in system.plan.links:
+        source = system.controls.get(link.source.component, link.source.component)
+        target = link.target.component
+        if source in springs and target in springs:
+            ends = (source, target)
+            longest[ends] = max(longest.get(ends, 0.0), longest_delay(link))
+    return {
+        (a, b): (T, longest.get((b, a), 0.0))
+        for (a, b), T in longest.items()
+        if a < b or (b, a) not in longest
+    }
+
+
+def longest_delay(link: Link) -> float:
+    """No sample that newly is held was sent longer ago, s, apart from losses."""
+    table = link.table
+    if not isinstance(table, DrawnTable):
+        return table.history * table.grid.n_s * table.grid.h
+    return table.rule.buffer if isinstance(table.rule, PlayoutSemantics) else table.law.maximum
+
+
+def is_constant(link: Link) -> bool:
+    """True if the sample that a link holds always has the same age."""
+    table = link.table
+    if not isinstance(table, DrawnTable):
+        return False
+    law = table.law
+    if law.loses_packets:
+        return False
+    if isinstance(table.rule, PlayoutSemantics):
+        return law.maximum <= table.rule.buffer
+    return law.minimum == law.maximum
+
+
+def constant_delay(system: AnalyzedSystem) -> Iterator[Finding]:
+    """Laws that are proved for a constant delay only, on links with a varying delay."""
+    springs = system.with_facts(SpringDamper)
+    for link in system.plan.links:
+        law = springs.get(link.target.component)
+        if law is None or not law.constant_delay or is_constant(link):
+            continue
+        longest = longest_delay(link)
+        yield Finding(
+            rule="constant-delay",
+            severity="warning",
+            where=link.target.component,
+            number=longest,
+            unit="s",
+            reason=f"{law.law} is proved for a constant delay, but this delay varies, up to"
+            f" {longest:.3g} s",
+            advice=f'semantics = "playout" with playout = {longest:.3g} makes it constant',
+        )
+
+
+def lost_frames(system: AnalyzedSystem) -> Iterator[Finding]:
+    """Frames that did not arrive within the run."""
+    for name, law in _on_buses(system):
+        lost = int(law.known["lost"])
+        if lost:
+            yield Finding(
+                rule="bus-loss",
+                severity="warning",
+                where=f"links.{name}",
+                number=float(lost),
+                unit="1",
+                reason=f"{lost} of {law.known['frames']} frames {law.known['identifier']} on bus"
+                f" {law.known['bus']} do not arrive before the run ends",
+                advice="lower the load, raise the bit rate, or lengthen the transmit queue",
+            )
+
+
+def simulated_response(system: AnalyzedSystem) -> Iterator[Finding]:
+    """The worst response time that was simulated, and the worst case of the analysis."""
+    for name, law in _on_buses(system):
+        known, bound = law.known, law.known["analysed_worst"]
+        said = (
+            f"at most {bound * 1e3:.4g} ms by analysis"
+            if bound is not None
+            else "without a bound by analysis (other traffic, errors, other queues, or overload)"
+        )
+        yield Finding(
+            rule="bus-response",
+            severity="note",
+            where=f"links.{name}",
+            number=law.maximum,
+            unit="s",
+            reason=f"frame {known['identifier']} on bus {known['bus']}, simulated ahead of the run"
+            f" with {_data(known)} data: at most {law.maximum * 1e3:.4g} ms, {said}",
+        )
+
+
+def _data(known: Mapping[str, Any]) -> str:
+    """The data of the frames: random also where the run has the values of signals instead."""
+    return "zero" if known["data"] == "zeros" else "random"
+
+
+def _on_buses(system: AnalyzedSystem) -> Iterator[tuple[str, BusDelays]]:
+    if not system.scenario.buses:
+        return
+    from cosim.links.traces import BusDelays
+
+    for link in system.plan.links:
+        if isinstance(link.table, DrawnTable) and isinstance(link.table.law, BusDelays):
+            yield link.name, link.table.law

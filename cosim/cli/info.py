@@ -59,8 +59,8 @@ def info(
 def _component(model: str) -> Component:
     """The component that a scenario would make of a model. Raises CosimError."""
     from cosim.fmi import FmuComponent
+    from cosim.mujoco import PREFIX, scene_path
     from cosim.mujoco.component import MujocoComponent
-    from cosim.mujoco.options import PREFIX, scene_path
     from cosim.scenario.models import load_component
     from cosim.scenario.spec import ComponentSpec
 

@@ -26,7 +26,7 @@ from cosim.comparison.variants import (
     Variants,
 )
 from cosim.loading.files import read_document
-from cosim.mujoco.options import PREFIX, scene_path
+from cosim.mujoco import PREFIX, scene_path
 from cosim.scenario.assemble import assemble
 from cosim.scenario.connect import unknown
 from cosim.scenario.spec import Scenario, build

@@ -18,7 +18,6 @@ import numpy as np
 
 from cosim.base.errors import ScenarioError
 from cosim.engine.binding import Vector, Views
-from cosim.engine.feedthrough import direct_outputs
 from cosim.fmi import components
 from cosim.schedule.order import strongly_connected
 from cosim.schedule.parts import Step, Wire
@@ -158,6 +157,8 @@ def late_outputs(plan: Plan, inputs: Sequence[Views]) -> list[str]:
         into = {w.target.port for w in carried if w.target.component == step.name} - held
         if not step.extrapolate or not into:
             continue
+        from cosim.engine.feedthrough import direct_outputs
+
         mask = np.any([*direct_outputs(step, inputs[number], into).values()], axis=0)
         at = 0
         for slot in step.outputs:

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from cosim.base.component import Kind, Outputs, Parameter, Port, Values
 from cosim.base.errors import MujocoError, RunError, ScenarioError
 from cosim.base.names import unknown
+from cosim.mujoco import MujocoOptions
 from cosim.mujoco.joints import joint_groups
 from cosim.mujoco.library import functions, package
-from cosim.mujoco.options import MujocoOptions
 from cosim.mujoco.ports import input_ports, output_ports, refuse_duplicates, start_ports
 from cosim.mujoco.remarks import scene_remarks, start_remarks
 from cosim.mujoco.scene import JOINT, KEY, Scene, read_scene

@@ -8,7 +8,7 @@ from fnmatch import fnmatchcase
 
 from cosim.base.errors import MujocoError
 from cosim.base.names import unknown
-from cosim.mujoco.options import MujocoOptions
+from cosim.mujoco import MujocoOptions
 from cosim.mujoco.scene import JOINT, Scene
 
 FREE, BALL, SLIDE, HINGE = range(4)  # mjtJoint

@@ -10,9 +10,9 @@ from typing import Any
 from cosim.base.component import Parameter, Port
 from cosim.base.errors import MujocoError
 from cosim.base.names import unknown
+from cosim.mujoco import MujocoOptions
 from cosim.mujoco.actuators import Actuator, actuators
 from cosim.mujoco.joints import FREE, JointGroup
-from cosim.mujoco.options import MujocoOptions
 from cosim.mujoco.scene import BODY, SENSOR, SITE, Scene
 from cosim.mujoco.sensor_units import sensor_unit
 

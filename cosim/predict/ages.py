@@ -14,7 +14,6 @@ import numpy as np
 
 from cosim.base.errors import ScenarioError
 from cosim.links.laws import Law
-from cosim.links.losses import Lossy
 from cosim.links.semantics import PlayoutSemantics, SignalSemantics
 from cosim.links.table import DrawnTable, TableSpec
 from cosim.predict.facts import Array
@@ -89,8 +88,11 @@ def age_bound(table: TableSpec) -> float:
         return table.history * grid.n_s * grid.h + slack
     law: Law = table.law
     longest = 0.0
-    if isinstance(law, Lossy):
-        longest, law = law.loss.longest, law.delay
+    if law.loses_packets:
+        from cosim.links.losses import Lossy
+
+        if isinstance(law, Lossy):
+            longest, law = law.loss.longest, law.delay
     oldest = law.maximum
     if isinstance(table.rule, PlayoutSemantics):
         if law.maximum > table.rule.buffer:

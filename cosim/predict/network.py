@@ -27,7 +27,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from cosim.predict.ages import Age
-from cosim.predict.elimination import column
 from cosim.predict.facts import Arm, Array, DynamicFeedback, Vector
 from cosim.predict.system import AnalyzedSystem
 
@@ -156,6 +155,8 @@ class RobotNetwork:
 
     def _column(self, p: complex, feedback: complex = 1.0, own: complex = 0.0) -> Complex:
         """The column at the port of (`feedback` L(p) + `own`)⁻¹, (n,)."""
+        from cosim.predict.elimination import column
+
         edges = self.couplings
         diagonal = feedback * (p + self.around) + own
         heard = -feedback * edges.heard(np.asarray(p, dtype=np.complex128))
@@ -231,6 +232,8 @@ class Linear:
 
     def _sparse_column(self, p: Complex) -> Complex:
         """The same for one p, by elimination."""
+        from cosim.predict.elimination import column
+
         edges, feedback = self.net.couplings, self._feedback(p)
         own = feedback * (p + self.net.around)[:, None, None] + sum(self._alone(p))
         heard = -feedback[edges.receivers] * edges.heard(p)[:, None, None]

@@ -22,10 +22,10 @@ from cosim.predict.facts import (
     Servo,
     ServoCommand,
     SpringDamper,
+    combined_hand,
     facts_function,
 )
 from cosim.predict.inputs import feeders, is_driven, start_value
-from cosim.predict.operators import combined_hand
 from cosim.scenario.connect import EdgeWeight
 from cosim.scenario.spec import Scenario
 from cosim.schedule.parts import Link, Player, Slot, Step, Wire

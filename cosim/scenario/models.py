@@ -22,7 +22,7 @@ from cosim.fmi import FmuComponent, FmuOptions, structural_sizes
 from cosim.fmi.components import stepped_fmu
 from cosim.fmi.failures import sentence
 from cosim.fmi.options import PATIENCE
-from cosim.mujoco.options import PREFIX, read_options, scene_path
+from cosim.mujoco import PREFIX, read_options, scene_path
 from cosim.scenario.spec import ComponentSpec
 
 if TYPE_CHECKING:

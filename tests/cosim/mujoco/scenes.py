@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
+from cosim.mujoco import MujocoOptions
 from cosim.mujoco.component import MujocoComponent
-from cosim.mujoco.options import MujocoOptions
 
 pytest.importorskip("mujoco", reason="the extra `mujoco` is not installed")
 

@@ -8,8 +8,8 @@ import numpy as np
 
 from cosim.engine.simulate import simulate
 from cosim.loading.files import load
+from cosim.mujoco import MujocoOptions
 from cosim.mujoco.component import MujocoComponent
-from cosim.mujoco.options import MujocoOptions
 from cosim.record import Run
 from fmus.models import arm
 from tests.cosim.mujoco.scenes import CONFIGS

@@ -11,8 +11,8 @@ import pytest
 
 from cosim.base.errors import RunError, ScenarioError
 from cosim.engine.engine import Engine
+from cosim.mujoco import MujocoOptions
 from cosim.mujoco.component import MujocoComponent
-from cosim.mujoco.options import MujocoOptions
 from fmus.models import planar2r
 from tests.cosim.mujoco.scenes import ARM, HINGE, SMALL_MEMORY, WALL, scene
 from tests.cosim.scenarios import plan

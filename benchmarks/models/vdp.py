@@ -18,7 +18,7 @@ from cosim.base.component import Kind, Parameter, Port
 from fmus.build.archive import Version, find
 from fmus.build.kernel import Kernel
 from fmus.model import Model, Variable
-from fmus.model.start import checked_outputs, copy_state, received, start_values
+from fmus.model.numeric import checked_outputs, copy_state, received, start_values
 
 if TYPE_CHECKING:
     from cosim.base.component import Outputs, Values

@@ -22,7 +22,7 @@ from cosim.base.errors import FmuError, RunError, ScenarioError
 from fmus.build import toolchain
 from fmus.build.archive import cache, find
 from fmus.model import Model
-from fmus.model.start import initial_input, start_values
+from fmus.model.numeric import initial_input, start_values
 
 if TYPE_CHECKING:
     from cosim.base.component import Outputs, Values

@@ -16,8 +16,14 @@ import os
 from collections.abc import Callable, Hashable
 from typing import TYPE_CHECKING, NamedTuple, TypeAlias, final
 
-from fmus.model.numeric import Array
-from fmus.model.start import checked_outputs, copy_state, initial_input, received, start_values
+from fmus.model.numeric import (
+    Array,
+    checked_outputs,
+    copy_state,
+    initial_input,
+    received,
+    start_values,
+)
 
 if TYPE_CHECKING:
     from pathlib import Path

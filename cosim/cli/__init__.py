@@ -10,12 +10,17 @@ _COLLECTED = 200_000
 
 
 def main() -> None:
-    """Entry point of the console script. Every command is supervised, because nearly all load FMUs.
+    """Entry point of the console script. All but the overview are supervised: nearly all load FMUs.
 
     NumPy's linear algebra (OpenBLAS) uses one thread unless the environment sets another number.
     The matrices are small here, and a second thread polls from the import of NumPy on, which takes
     0.1 s of processor time per command and disturbs nodes on the wall clock.
     """
+    if sys.argv[1:] in ([], ["-h"], ["--help"]):
+        from cosim.cli.overview import overview
+
+        print(overview(), end="")
+        sys.exit(0 if sys.argv[1:] else 2)
     gc.set_threshold(_COLLECTED)
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from cosim.base.streams import open_standard_streams
@@ -26,11 +31,6 @@ def main() -> None:
 
 
 def _command() -> None:
-    if sys.argv[1:] in ([], ["-h"], ["--help"]):
-        from cosim.cli.overview import overview
-
-        print(overview(), end="")
-        sys.exit(0 if sys.argv[1:] else 2)
     from cosim.cli.commands import command
 
     command()

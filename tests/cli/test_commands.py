@@ -23,9 +23,9 @@ TELEOPERATION = ROOT / "configs" / "teleoperation.toml"
 SAYS = """
 import sys
 before = set(sys.modules)
-from cosim.cli import _command
+from cosim.cli import _command, main
 try:
-    _command()
+    main() if "--help" in sys.argv else _command()  # others have a process of their own
 finally:
     print(*(set(sys.modules) - before), file=sys.stderr)
 """

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from benchmarks.cases import Case, Document, delayed, vdp_ring, wide_ring
 from benchmarks.ours import Ours
 from benchmarks.race import Contestant, Session, race
-from cosim.base import struct
+from cosim.base.convert import replace as replace_struct
 from cosim.links.semantics import Grid
 from cosim.links.table import TableSpec, TableStream
 from cosim.schedule.plan import Plan
@@ -76,7 +76,7 @@ def prepared(plan: Plan) -> Plan:
     links = []
     for link in plan.links:
         rows = link.table.stream(plan.ticks).rows(plan.ticks)
-        links.append(struct.replace(link, table=Prepared(link.table, rows)))
+        links.append(replace_struct(link, table=Prepared(link.table, rows)))
     return replace(plan, links=tuple(links))
 
 

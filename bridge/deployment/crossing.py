@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from bridge.deployment.gateways import Forward, carried_signals, entries, gateways
 from bridge.deployment.spec import Deployment
-from cosim.base import struct
+from cosim.base.convert import replace
 from cosim.base.errors import ScenarioError
 from cosim.schedule.parts import Link, Slot, Wire
 from cosim.schedule.plan import Plan
@@ -135,7 +135,7 @@ def _split(edge: Edge, by_place: Carriers, d: Deployment, buses: set[str]) -> li
     found = []
     for source, target in zip(entries(edge.source), entries(edge.target), strict=True):
         message, first = _chosen(by_place[source.start], d, buses)
-        found.append(Crossing(struct.replace(edge, source=source, target=target), message, first))
+        found.append(Crossing(replace(edge, source=source, target=target), message, first))
     message, first = found[0].message, found[0].first
     together = [(message, first + i) for i in range(len(found))]
     if [(x.message, x.first) for x in found] == together:

@@ -11,7 +11,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from bridge.deployment.spec import Deployment, MessageSpec
-from cosim.base import struct
+from cosim.base.convert import replace
 from cosim.base.errors import ScenarioError
 from cosim.schedule.parts import Slot
 from cosim.schedule.plan import Plan
@@ -68,16 +68,16 @@ def numbered(d: Deployment, plan: Plan) -> Deployment:
     messages = {
         name: m
         if m.joint is None
-        else struct.replace(m, carries=tuple(own(x, m.joint) for x in m.carries))
+        else replace(m, carries=tuple(own(x, m.joint) for x in m.carries))
         for name, m in d.messages.items()
     }
-    return struct.replace(d, messages=messages)
+    return replace(d, messages=messages)
 
 
 def entries(slot: Slot) -> Iterator[Slot]:
     """The scalars of a slot, as slots."""
     for i, name in enumerate(slot.scalars()):
-        yield struct.replace(slot, name=name, start=slot.start + i, shape=())
+        yield replace(slot, name=name, start=slot.start + i, shape=())
 
 
 def gateways(d: Deployment) -> frozenset[str]:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from bridge.ping.clocks import Floats
 from bridge.ping.figures import PathResult, autocorrelation
 from bridge.ping.losses import lost_ways, runs
-from cosim.base import struct
+from cosim.base.convert import replace
 from cosim.base.errors import ScenarioError
 from cosim.base.random_numbers import generator
 from cosim.links.distributions import Gamma, Lognormal
@@ -97,7 +97,7 @@ def _lognormal(T: Floats, hold: float | None) -> Lognormal:
 
 def _quantiles(law: Gamma | Lognormal) -> Floats:
     """Quantiles of 20000 draws, (200,), s."""
-    free = struct.replace(law, hold=None)
+    free = replace(law, hold=None)
     drawn = free.stream(Fraction(1, 100), generator(0, "ping")).take(20_000)
     return np.asarray(np.quantile(drawn, _SHARES))
 

@@ -25,7 +25,7 @@ from bridge.recording.run_folder import at_hits, places
 from bridge.records.node_lives import Life
 from bridge.wiring.wiring import Rows
 from cosim.analysis.memory_run import RepeatedValues
-from cosim.base import struct
+from cosim.base.convert import replace as replace_struct
 from cosim.base.errors import PlanError
 from cosim.base.names import signal_of
 from cosim.engine.simulate import simulate
@@ -85,7 +85,7 @@ def _players(
         for name, place, column in _entries(system, node, slot):
             values = _received_signal(system, rows, node, inlet, column)
             yield Player(
-                struct.replace(slot, name=name, start=place, shape=()), RepeatedValues(values)
+                replace_struct(slot, name=name, start=place, shape=()), RepeatedValues(values)
             )
 
 
@@ -176,5 +176,5 @@ def _silence(
     def told(found: Rows) -> NDArray[Any]:
         return np.asarray(found["signals"][:, at])
 
-    target = struct.replace(whole, name=whole.scalars()[k], start=whole.start + k, shape=())
+    target = replace_struct(whole, name=whole.scalars()[k], start=whole.start + k, shape=())
     return Player(target, RepeatedValues(at_hits(system, rows, node, inlet.ticks, told, 0.0)))

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from cosim.base import struct
+from cosim.base.convert import replace as replace_struct
 from cosim.base.errors import RunError, ScenarioError
 from cosim.engine.engine import Engine
 from cosim.predict.facts import Array
@@ -193,11 +193,11 @@ def _step(step: Step, given: Mapping[str, Sequence[float]]) -> Step:
             raise ScenarioError(unknown(name, [*parameters, *inputs], what))
         where, size = (values, parameters) if name in parameters else (start, inputs)
         where[name] = tuple(float(x) for x in np.broadcast_to(value, (size[name],)))
-    return struct.replace(step, values=values, start=start)
+    return replace_struct(step, values=values, start=start)
 
 
 def _scalar(slot: Slot, i: int) -> Slot:
-    return struct.replace(slot, name=slot.scalars()[i], start=slot.start + i, shape=())
+    return replace_struct(slot, name=slot.scalars()[i], start=slot.start + i, shape=())
 
 
 def _hits(target: Slot, taken: Sequence[Slot]) -> bool:

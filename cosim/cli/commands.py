@@ -16,7 +16,7 @@ from cosim.base.names import hint, unknown
 from cosim.base.parts import commands
 from cosim.base.python import add_working_directory
 from cosim.cli.ending import ProgramGroup, run_program
-from cosim.cli.groups import flat
+from cosim.cli.options import flat
 from cosim.cli.overview import ALIASES, COMMANDS, overview
 from cosim.loading import file_kinds
 

@@ -96,7 +96,6 @@ def _read(scenario: Path, settings: RunSettings, options: RunOptions) -> tuple[S
     from cosim.cli.summary import announced
     from cosim.loading.files import load
     from cosim.scenario.assemble import assemble
-    from cosim.scenario.recorded import with_recorded_links
     from cosim.scenario.spec import logging
 
     with announced(options.quiet, f"reading {scenario}"):
@@ -104,7 +103,11 @@ def _read(scenario: Path, settings: RunSettings, options: RunOptions) -> tuple[S
         if options.fmu_log:
             loaded = logging(loaded)
         plan = assemble(loaded)
-        return loaded, plan if options.links is None else with_recorded_links(plan, options.links)
+        if options.links is not None:
+            from cosim.scenario.recorded import with_recorded_links
+
+            plan = with_recorded_links(plan, options.links)
+        return loaded, plan
 
 
 def _simulated(

@@ -106,8 +106,8 @@ def check(scenario: Scenario, recorded: Sequence[Column]) -> None:
     Raises ScenarioError with the place: an unknown signal, sizes or units that do not match.
     """
     from cosim.measure import declared_metrics
+    from cosim.measure.declared_metrics import Preview
     from cosim.measure.metrics import evaluate
-    from cosim.measure.preview import Preview
 
     preview = Preview({c.name: c.unit for c in recorded})
     for metric in declared_metrics.metrics(scenario):

@@ -25,7 +25,7 @@ from pathlib import Path
 
 from cosim.analysis.experiments import FORCE, Bench
 from cosim.analysis.force_tests import UNSTABLE
-from cosim.base import struct
+from cosim.base.convert import replace as replace_struct
 from cosim.base.errors import CosimError, RunError, ScenarioError
 from cosim.base.names import unknown
 from cosim.comparison.documents import Case
@@ -170,4 +170,4 @@ def port_bench(spec: PortBench, arms: Mapping[str, str], path: Path) -> PortBenc
             f"found {list(spec.band)}; expected two frequencies in rad/s, the lower first",
             f"{place}.band",
         )
-    return struct.replace(spec, operator=arms[spec.operator], environment=arms[spec.environment])
+    return replace_struct(spec, operator=arms[spec.operator], environment=arms[spec.environment])

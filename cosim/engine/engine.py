@@ -16,8 +16,8 @@ import numpy as np
 from cosim.base.component import NativeComponent
 from cosim.base.errors import RunError
 from cosim.base.files import return_to, working_folder
-from cosim.base.garbage import without_collections
 from cosim.base.interrupts import stop_on_signal
+from cosim.base.python import without_collections
 from cosim.engine.arrays import rows_of
 from cosim.engine.binding import Binding, Termination, Vector, Views, part
 from cosim.engine.initialization import initialize

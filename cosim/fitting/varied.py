@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cosim.base import struct
 from cosim.base.component import Parameter
+from cosim.base.convert import replace
 from cosim.base.errors import ScenarioError
 from cosim.base.names import unknown
 from cosim.schedule.parts import Step
@@ -64,7 +64,7 @@ def with_values(plan: Plan, parameters: Sequence[Varied], values: Sequence[float
 
 
 def _replaced(step: Step, values: dict[str, tuple[float, ...]]) -> Step:
-    return struct.replace(step, values=values)
+    return replace(step, values=values)
 
 
 def _varied(plan: Plan, text: str) -> Varied:

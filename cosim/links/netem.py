@@ -19,7 +19,7 @@ from math import ceil, exp
 
 import numpy as np
 
-from cosim.base import struct
+from cosim.base.convert import replace
 from cosim.base.errors import ScenarioError
 from cosim.base.random_numbers import generator
 from cosim.links.distributions import Gamma, Hyperexponential, Lognormal, Normal
@@ -91,7 +91,7 @@ def _quantiles(law: Law, share: FloatArray) -> FloatArray:
         levels: FloatArray = np.array(law.levels)[order][np.searchsorted(reached, share)]
         return levels
     if isinstance(law, _HELD):
-        law = struct.replace(law, hold=None)
+        law = replace(law, hold=None)
     limit = law.limit(PERIOD)
     T = law.stream(PERIOD, generator(0, "netem")).take(DRAWS if limit is None else limit)
     quantiles: FloatArray = np.quantile(T[np.isfinite(T)], share, method="inverted_cdf")

@@ -20,8 +20,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from cosim.base.closing import Closing
 from cosim.base.errors import RunError, ScenarioError
+from cosim.base.files import Closing
 from cosim.links.laws import IntArray
 from cosim.links.semantics import Grid
 from cosim.links.table import TableStream, check_indices

@@ -14,9 +14,9 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from cosim.base.convert import Struct
 from cosim.base.errors import RunError, ScenarioError
 from cosim.base.random_numbers import generator
-from cosim.base.struct import Struct
 from cosim.links.laws import Delays, IntArray, Law
 from cosim.links.semantics import Grid, Rule
 from cosim.native import shared, structs

@@ -7,7 +7,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from typing import final
 
-from cosim.base.closing import Closing
+from cosim.base.files import Closing
 from cosim.bus.settings import BusNodeSettings, Disturbance
 from cosim.bus.timing import BusTiming
 from cosim.lsbus.codec import Malformed, encode, split

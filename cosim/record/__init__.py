@@ -14,8 +14,7 @@
 This package handles columns and rows, whatever the signals mean.
 """
 
-from cosim.record.folder import claim_folder, link_file, read_metadata, write_metadata
-from cosim.record.held import held_folder
+from cosim.record.folder import claim_folder, held_folder, link_file, read_metadata, write_metadata
 from cosim.record.recorder import Column, Recorder
 from cosim.record.run import Run
 from cosim.record.sums import seal, verify

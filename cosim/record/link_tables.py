@@ -18,8 +18,8 @@ from urllib.parse import quote, unquote
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.base.closing import Closing
 from cosim.base.errors import RunError, ScenarioError
+from cosim.base.files import Closing
 from cosim.record.arrow import arrow, numpy
 from cosim.record.folder import TABLE_ROWS, TABLES, read_metadata, reason
 

@@ -20,8 +20,8 @@ from pathlib import Path
 
 import numpy as np
 
-from cosim.base.closing import Closing
 from cosim.base.errors import RunError, ScenarioError
+from cosim.base.files import Closing
 from cosim.record.folder import LIVE, PART, TRAJECTORIES, reason
 from cosim.record.groups import GroupWriter, group_rows
 from cosim.record.live import Column, Live, RecordLayout, Rows

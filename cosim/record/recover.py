@@ -23,7 +23,6 @@ from cosim.record.folder import JOURNAL, LAST, LIVE, NODES, PART, TRAJECTORIES, 
 from cosim.record.groups import SETTINGS, batch, schema
 from cosim.record.link_tables import table_paths
 from cosim.record.live import Column, Live, Rows, in_use
-from cosim.record.pages import groups
 
 #: What is collected of the journals of a run that was cut short.
 SCRATCH = ".recovered"
@@ -149,6 +148,8 @@ def _groups(folder: Path, live: Live) -> Iterator[NDArray[np.float64]]:
 
     Rows in the group and in the chunks may be those of the file, or of the group, as well.
     """
+    from cosim.record.pages import groups
+
     said = live.layout
     written, filled = (int(n) for n in live.counts)
     last = -1

@@ -13,7 +13,7 @@ from typing import Any
 from cosim.base.component import Component, NativeComponent, Preparation
 from cosim.base.convert import Number
 from cosim.base.errors import CosimError, PlanError, ScenarioError
-from cosim.base.garbage import without_collections
+from cosim.base.python import without_collections
 from cosim.fmi.components import fmu_of, is_fmu
 from cosim.scenario import connect
 from cosim.scenario.component_types import Sort, Sorts

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from pathlib import Path
 
-from cosim.base import struct
+from cosim.base.convert import replace
 from cosim.base.errors import ScenarioError
 from cosim.links.semantics import Grid
 from cosim.links.storage import StoredTable, open_table
@@ -35,7 +35,7 @@ def with_recorded_links(plan: Plan, run: str | Path, players: Iterable[Player] =
             raise ScenarioError(
                 f"no table of the link {link.name!r} in this run; it has: {found}", str(run)
             )
-        links.append(struct.replace(link, table=_table(link, files[link.name], plan.ticks)))
+        links.append(replace(link, table=_table(link, files[link.name], plan.ticks)))
     order = plan.later if plan.algorithm == "gauss-seidel" else ()
     of_buses = {gate.name for bus in plan.buses for gate in bus.gates}  # the tables replace them
     return compile_plan(

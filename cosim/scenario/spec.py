@@ -17,7 +17,7 @@ import msgspec
 from cosim.base import toml
 from cosim.base.convert import Number, Value, convert, convert_array, convert_each, number
 from cosim.base.errors import ScenarioError
-from cosim.base.garbage import without_collections
+from cosim.base.python import without_collections
 from cosim.links.keys import Semantics
 from cosim.scenario.bus_spec import LinkFrameSpec, ScenarioBusSpec
 

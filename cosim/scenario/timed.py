@@ -15,8 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.base import struct
-from cosim.base.convert import number
+from cosim.base.convert import number, replace
 from cosim.base.errors import ScenarioError, UnitError
 from cosim.base.units import conversion
 from cosim.record.recording import Recording
@@ -255,6 +254,6 @@ def _ramp(at: float, start: float, end: float, over: float) -> list[tuple[float,
 def _scalars(slot: Slot) -> list[Slot]:
     """The scalars of a slot, as slots."""
     return [
-        struct.replace(slot, name=name, start=slot.start + i, shape=())
+        replace(slot, name=name, start=slot.start + i, shape=())
         for i, name in enumerate(slot.scalars())
     ]

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, TypeVar
 
-from cosim.base.struct import Struct, replace
+from cosim.base.convert import Struct, replace
 from cosim.native.enums import Code
 from cosim.schedule.parts import Gate, Link, Player, Step, Wire
 

@@ -1,6 +1,6 @@
 """Parts of a plan: slots of the signal vector, steps, wires, links, players and gates.
 
-Those of which a plan has very many are structs (:mod:`cosim.base.struct`).
+Those of which a plan has very many are structs (:mod:`cosim.base.convert`).
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from math import prod
 from typing import TYPE_CHECKING, Any, Protocol
 
 from cosim.base.component import Component, Kind
-from cosim.base.struct import Struct, field
+from cosim.base.convert import Struct, field
 
 if TYPE_CHECKING:
     import numpy as np

@@ -11,7 +11,7 @@ from cosim.base.errors import CosimError
 from cosim.engine.batch import can_join, run_many
 from cosim.engine.engine import Engine
 from cosim.engine.reuse import RepeatedEngine
-from cosim.measure.preview import Preview
+from cosim.measure.declared_metrics import Preview
 from cosim.record import Column
 from cosim.record.signals import Array
 from cosim.schedule.plan import Plan

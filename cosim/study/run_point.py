@@ -18,8 +18,8 @@ from cosim.engine.simulate import columns, simulate
 from cosim.fmi.failures import sentence
 from cosim.loading.files import read_document
 from cosim.measure import declared_metrics
+from cosim.measure.declared_metrics import Preview
 from cosim.measure.metrics import Metric, MetricResult, evaluate
-from cosim.measure.preview import Preview
 from cosim.record import Column, Run
 from cosim.record.signals import Signals
 from cosim.scenario.assemble import assemble

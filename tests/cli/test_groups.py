@@ -9,7 +9,7 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from cosim.cli.groups import flat
+from cosim.cli.options import flat
 from tests.cli.command import CONFIG, Command
 
 

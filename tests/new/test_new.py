@@ -18,7 +18,7 @@ from bridge.results.outcome import run_twin
 from bridge.scaffold import write_arm, write_controller
 from cosim.base.errors import ScenarioError
 from cosim.cli.export import export
-from cosim.cli.groups import flat
+from cosim.cli.options import flat
 from cosim.engine.simulate import simulate
 from cosim.loading.files import load
 from cosim.record import Run

@@ -13,7 +13,7 @@ import typer
 from typer.testing import CliRunner
 
 from cosim.base.errors import RunError, ScenarioError
-from cosim.cli.groups import flat
+from cosim.cli.options import flat
 from cosim.cli.reproduce import reproduce
 from cosim.record import Run
 from fmus.paper import claims, reproduction, teaching

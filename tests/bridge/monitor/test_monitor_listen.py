@@ -19,7 +19,7 @@ from bridge.node.buses import can_spec
 from bridge.safety.limits import explain
 from cosim.base.clock import monotonic_ns, sleep
 from cosim.base.errors import ScenarioError
-from cosim.cli.groups import flat
+from cosim.cli.options import flat
 from tests.bridge.deployments import TELEOPERATION, named
 
 SECOND = 10**9

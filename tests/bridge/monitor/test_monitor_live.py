@@ -17,7 +17,7 @@ from bridge.rehearsal.supervisor import STARTED
 from bridge.replay.replay import load, received_by_life, replay
 from cosim.base.clock import monotonic_ns, sleep
 from cosim.base.errors import ScenarioError
-from cosim.cli.groups import flat
+from cosim.cli.options import flat
 from tests.bridge.watching import folder_of
 
 ROOT = Path(__file__).parents[3]
@@ -95,7 +95,7 @@ def test_looking_at_a_rehearsal_that_runs(tmp_path):
 
 def look(folder: Path, *arguments: str) -> str:
     code = "import typer; from bridge.cli.monitor import monitor; "
-    code += "from cosim.cli.groups import flat; typer.run(flat(monitor))"
+    code += "from cosim.cli.options import flat; typer.run(flat(monitor))"
     done = subprocess.run(
         [sys.executable, "-c", code, str(folder), *arguments],
         capture_output=True, text=True, timeout=60, cwd=ROOT,

@@ -24,7 +24,7 @@ from bridge.zenoh.node_channel import open_bus
 from bridge.zenoh.options import ZenohOptions, options_of
 from bridge.zenoh.session import configure, open_session
 from cosim.base.clock import monotonic_ns, sleep
-from cosim.cli.groups import flat
+from cosim.cli.options import flat
 from tests.bridge.listening import ARMS, beat, encoded, followed, loaded, reached
 from tests.bridge.ping.test_paths import answering
 from tests.bridge.zenoh.rehearsed import CONFIGS, sockets

@@ -24,7 +24,7 @@ from bridge.zenoh.node_channel import open_bus, traffic_of
 from bridge.zenoh.options import options_of
 from cosim.base.clock import monotonic_ns
 from cosim.base.errors import ScenarioError
-from cosim.cli.groups import flat
+from cosim.cli.options import flat
 from tests.bridge.listening import ARMS, beat, encoded, followed, loaded, reached
 from tests.bridge.zenoh.rehearsed import CONFIGS, collect, prepared, sockets
 

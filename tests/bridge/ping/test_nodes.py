@@ -21,7 +21,7 @@ from bridge.ping.prediction import PathTrace, predict
 from bridge.ping.zenoh import node_responder, pinged_nodes
 from bridge.zenoh.exchange import asking, node_session
 from cosim.base.errors import RunError, ScenarioError
-from cosim.cli.groups import flat
+from cosim.cli.options import flat
 from cosim.links.traces import read_trace, write_trace
 from tests.bridge.ping.test_paths import answering
 from tests.bridge.zenoh.rehearsed import CONFIGS, sockets

@@ -16,7 +16,7 @@ from bridge.replay.diff import compare_runs, within_a_period
 from bridge.replay.page import write_diff_page
 from bridge.results.outcome import run_twin
 from cosim.base.errors import ScenarioError
-from cosim.cli.groups import flat
+from cosim.cli.options import flat
 from cosim.record import Column, Recorder, Run, write_metadata
 from tests.bridge.deployments import SHORT, TELEOPERATION, named, offline
 

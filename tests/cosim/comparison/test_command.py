@@ -10,7 +10,7 @@ import typer
 
 from cosim.base.errors import ScenarioError
 from cosim.cli.compare import compare
-from cosim.cli.groups import flat
+from cosim.cli.options import flat
 from tests.cli.command import Command
 from tests.cosim.comparison.parts import CONFIG, SMALL, VARIANTS, written
 

@@ -11,7 +11,7 @@ from tests.mutants.trial import Selection, run
 
 def test_tests_that_cannot_begin_are_an_error_and_no_failure(tmp_path: Path) -> None:
     """A plugin that cannot be loaded ends pytest as a file that is not there does."""
-    with pytest.raises(SystemExit, match=r"(?s)pytest does not begin.*no_such"):
+    with pytest.raises(SystemExit, match="pytest does not begin"):
         run([str(tmp_path / "test_no_such.py")], Selection(), tmp_path / "log", 60)
 
 

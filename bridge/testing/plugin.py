@@ -15,7 +15,9 @@ import pytest
 if TYPE_CHECKING:
     from bridge.testing.buses import CanBuses
     from bridge.testing.case import PytestCase
+    from bridge.testing.networks import Networks
     from bridge.testing.references import References
+    from bridge.testing.rehearsals import RehearsalRuns
     from bridge.testing.runs import ScenarioRuns, TwinRuns
 
 _CASE: pytest.StashKey[PytestCase] = pytest.StashKey()
@@ -97,6 +99,25 @@ def can_bus(cosim_case: PytestCase) -> Iterator[CanBuses]:
 
     with ExitStack() as closing:
         yield CanBuses(cosim_case, closing)
+
+
+@pytest.fixture
+def rehearsal(cosim_case: PytestCase) -> RehearsalRuns:
+    """Rehearse deployments: ``rehearsal("law.toml")`` returns a cosim.RunResult."""
+    from bridge.testing.rehearsals import RehearsalRuns
+
+    return RehearsalRuns(cosim_case)
+
+
+@pytest.fixture
+def network(cosim_case: PytestCase) -> Iterator[Networks]:
+    """Make hosts with links: ``network(["a", "b"], {"a>b": {...}})`` is a RelayNetwork."""
+    from contextlib import ExitStack
+
+    from bridge.testing.networks import Networks
+
+    with ExitStack() as closing:
+        yield Networks(cosim_case, closing)
 
 
 @pytest.fixture

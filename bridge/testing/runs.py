@@ -68,14 +68,14 @@ class TwinRuns:
 
         case, folder = self._case, self._case.next_run("twin")
         with case.at_home(), time_limit(limit):
-            files, changes = _files(scenario, deploy), as_settings(case.settings(set))
-            system = load_system(files[0], str(files[1]), changes)
-            command = repeated(["run", str(files[0]), "--deploy", str(files[1])], changes)
+            paths, changes = files(scenario, deploy), as_settings(case.settings(set))
+            system = load_system(paths[0], str(paths[1]), changes)
+            command = repeated(["run", str(paths[0]), "--deploy", str(paths[1])], changes)
             run_twin(system, folder, changes, {"command": command})
             return cosim.open(folder)
 
 
-def _files(scenario: str | Path, deploy: str) -> tuple[Path, Path]:
+def files(scenario: str | Path, deploy: str) -> tuple[Path, Path]:
     """The files of a scenario and its deployment."""
     from bridge.deployment.spec import find
 

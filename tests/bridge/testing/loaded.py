@@ -9,5 +9,5 @@ def all_that_runs_use() -> None:
         import_module(module)
     for module in ("bridge.results.outcome", "bridge.rehearsal.supervisor", "bridge.faults.load"):
         import_module(module)
-    for module in ("buses", "case", "limit", "references", "runs"):
+    for module in ("buses", "case", "limit", "networks", "references", "rehearsals", "runs"):
         import_module(f"bridge.testing.{module}")

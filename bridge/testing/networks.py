@@ -11,7 +11,7 @@ from bridge.testing.case import PytestCase
 
 
 @final
-class Networks:
+class HostNetworks:
     """Networks that no other test sees, removed at the end of the test by `closing`."""
 
     def __init__(self, case: PytestCase, closing: ExitStack) -> None:

@@ -15,7 +15,7 @@ import pytest
 if TYPE_CHECKING:
     from bridge.testing.buses import CanBuses
     from bridge.testing.case import PytestCase
-    from bridge.testing.networks import Networks
+    from bridge.testing.networks import HostNetworks
     from bridge.testing.references import References
     from bridge.testing.rehearsals import RehearsalRuns
     from bridge.testing.runs import ScenarioRuns, TwinRuns
@@ -110,14 +110,14 @@ def rehearsal(cosim_case: PytestCase) -> RehearsalRuns:
 
 
 @pytest.fixture
-def network(cosim_case: PytestCase) -> Iterator[Networks]:
+def network(cosim_case: PytestCase) -> Iterator[HostNetworks]:
     """Make hosts with links: ``network(["a", "b"], {"a>b": {...}})`` is a RelayNetwork."""
     from contextlib import ExitStack
 
-    from bridge.testing.networks import Networks
+    from bridge.testing.networks import HostNetworks
 
     with ExitStack() as closing:
-        yield Networks(cosim_case, closing)
+        yield HostNetworks(cosim_case, closing)
 
 
 @pytest.fixture

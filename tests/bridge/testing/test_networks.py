@@ -10,7 +10,7 @@ import pytest
 
 from bridge.relay import namespaces
 from bridge.testing.case import PytestCase
-from bridge.testing.networks import Networks
+from bridge.testing.networks import HostNetworks
 from cosim.base.clock import sleep
 from tests.network.test_relay import sockets
 
@@ -35,7 +35,7 @@ def test_a_recorded_delay_lies_next_to_the_test(tmp_path: Path) -> None:
     (tmp_path / "measured.csv").write_text("t_send,delay\n0,0.004\n100,0.004\n")
     trace = {"law": "trace", "file": "measured.csv"}
     with ExitStack() as closing:
-        network = Networks(case(tmp_path), closing)(["a", "b"], {"a>b": {"delay": trace}})
+        network = HostNetworks(case(tmp_path), closing)(["a", "b"], {"a>b": {"delay": trace}})
         assert delays(network) == [4_000_000] * 3
         made = list(network.namespaces.values())
         assert all(name in namespaces.ip("netns", "list") for name in made)
@@ -71,6 +71,6 @@ def test_delays_are_drawn_from_the_name_of_the_test(
     monkeypatch.setattr("bridge.relay.network.RelayNetwork.__exit__", lambda *_: None)
     for name in ("t.py::test_x", "t.py::test_x", "t.py::test_y"):
         with ExitStack() as closing:
-            Networks(case(tmp_path, name), closing)(["a", "b"])
+            HostNetworks(case(tmp_path, name), closing)(["a", "b"])
     assert seeds[0] == seeds[1] != seeds[2]
     assert np.all(np.array(seeds) >= 0)

@@ -93,6 +93,15 @@ def test_numbers_and_times_are_those_of_the_slots_that_send(tmp_path, every, pha
         assert [b - a for a, b in zip(before, after, strict=True)] == [len(times)] * len(after)
 
 
+def test_a_frame_is_sent_at_the_deadline_of_its_slot(tmp_path):
+    with control(tmp_path) as node:
+        node.begin()
+        node.struct.phase_ns = 700_000
+        identifier = node.system.messages["LINK_2"].encoding.message.id
+        times = [frame.t_ns for _ in range(3) for frame in slot(node)[identifier]]
+        assert times == [700_000, 5_700_000, 10_700_000]
+
+
 @pytest.mark.parametrize("phase", list(Phase))
 def test_a_drive_that_does_not_serve_is_sent_no_torque(tmp_path, phase):
     """Its torques are 0 in the journal; the other drive of the node gets its own."""

@@ -102,6 +102,21 @@ def test_a_slow_step_is_waited_for_asleep(nasty, monkeypatch, bytes_wake, proces
 
 
 @WAYS
+def test_a_process_that_stands_still_for_more_than_a_second_is_waited_for(
+    nasty: Path, monkeypatch, bytes_wake: bool
+) -> None:
+    """Only who is told to stop waits for no more than that."""
+    monkeypatch.setattr(remote, "BYTES_WAKE", bytes_wake)
+    with Engine(plan_of(nasty, 10, options=FmuOptions(isolate=True))) as engine:
+        engine.initialize()
+        engine.run(2)
+        os.kill(pid_of(engine), signal.SIGSTOP)
+        threading.Timer(1.3, os.kill, (pid_of(engine), signal.SIGCONT)).start()
+        engine.run(1)
+        assert engine.tick == 3
+
+
+@WAYS
 def test_a_killed_process_is_a_sentence(nasty: Path, monkeypatch, bytes_wake: bool) -> None:
     """In the middle of a step, and while nothing is asked of it."""
     monkeypatch.setattr(remote, "BYTES_WAKE", bytes_wake)

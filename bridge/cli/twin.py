@@ -13,7 +13,7 @@ from bridge.can.messages import BusMessage, bus_responses, bus_share
 from bridge.can.rates import control_rate, simulated_worst
 from cosim.base.errors import Interrupted, ScenarioError
 from cosim.bus.timing import BusTiming, worst
-from cosim.checks.finding import Finding
+from cosim.checks import Finding
 from cosim.cli.options import write_json
 
 if TYPE_CHECKING:

@@ -13,7 +13,7 @@ from itertools import groupby
 
 from bridge.can.messages import BusMessage, Role, SignalRange, bus_responses, bus_share
 from cosim.bus.timing import BusTiming, worst
-from cosim.checks.finding import Finding, merge_findings
+from cosim.checks import Finding, merge_findings
 
 __all__ = ["BusMessage", "BusTiming", "MessageTimeout", "SignalRange", "check_buses"]
 

@@ -18,7 +18,7 @@ from bridge.preflight.feeding import feeding, slow_states
 from bridge.preflight.identifiers import collisions
 from bridge.safety.limits import limits, to_si
 from cosim.bus.timing import BusTiming
-from cosim.checks.finding import Finding
+from cosim.checks import Finding
 from cosim.checks.wiring import unconnected_inputs
 
 #: s; what comes later over a network than this is nothing a controller wants.

@@ -10,7 +10,7 @@ from math import ceil
 from bridge.deployment.drive_sequences import Foreign, commanded_drives, feed_ns
 from bridge.deployment.services import BEATS
 from bridge.deployment.system import System
-from cosim.checks.finding import Finding
+from cosim.checks import Finding
 
 #: s between two looks of a node at its drives before its first slot.
 IDLE = 0.005

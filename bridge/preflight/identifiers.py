@@ -17,7 +17,7 @@ from bridge.deployment.services import commanding_nodes
 from bridge.deployment.system import System
 from bridge.drives.profiles import DriveProfile, ProfileMessage
 from bridge.native.frame import Flags
-from cosim.checks.finding import Finding
+from cosim.checks import Finding
 
 #: Of a CANopen device besides its PDOs (CiA 301): first identifier, to which its number is added.
 CANOPEN = {"EMCY": 0x080, "SDO answer": 0x580, "SDO request": 0x600, "heartbeat": 0x700}

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from cosim.api import given
 from cosim.api.results import RunResult
-from cosim.base.settings import as_toml, change
+from cosim.base.toml import as_toml, change
 from cosim.record import Run
 from cosim.scenario.spec import Scenario, build
 
@@ -68,7 +68,7 @@ def check(
     set: Mapping[str, Any] | None = None,
 ) -> tuple[Finding, ...]:
     """The findings of ``cosim check``, worst first. Raises CosimError for no scenario at all."""
-    from cosim.checks import check as findings
+    from cosim.checks.preflight import check as findings
     from cosim.scenario.assemble import assemble
 
     loaded = _loaded(scenario, set, None)

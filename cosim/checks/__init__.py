@@ -1,6 +1,6 @@
 """Pre-flight: checks of a scenario before it runs, with advice.
 
-``check(scenario, plan)`` gives findings, worst first. Rules are functions of a
+``preflight.check(scenario, plan)`` gives findings, worst first. Rules are functions of a
 :class:`cosim.predict.system.AnalyzedSystem`, a file a subject:
 
 ================  =================================================================
@@ -16,7 +16,73 @@ Nothing is run, and nothing here stops a run.
 
 from __future__ import annotations
 
-from cosim.checks.finding import Finding, Severity
-from cosim.checks.preflight import check
+from collections import Counter
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from math import isfinite
+from typing import Any, Literal
 
-__all__ = ["Finding", "Severity", "check"]
+from cosim.base.names import NAMES, counted, listed
+
+Severity = Literal["error", "warning", "note"]
+
+#: From worst to least.
+SEVERITIES: tuple[Severity, ...] = ("error", "warning", "note")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Finding:
+    """A finding of a rule about `where` (components, links, or a table of the scenario).
+
+    `number` in `unit` is the value that was checked; `reason` gives its meaning and the limit;
+    `advice` is a possible change, "" if none is needed.
+    """
+
+    rule: str
+    severity: Severity
+    where: str
+    number: float
+    unit: str
+    reason: str
+    advice: str = ""
+
+    @property
+    def line(self) -> str:
+        """On one line: severity, place, reason; without the advice."""
+        return f"{self.severity}: {self.where}: {self.reason} [{self.rule}]"
+
+    def as_data(self) -> dict[str, Any]:
+        """For JSON; a number that is infinite is a text, one that is missing null."""
+        number = self.number
+        plain = number if isfinite(number) else None if number != number else str(number)
+        return {
+            "rule": self.rule,
+            "severity": self.severity,
+            "where": self.where,
+            "number": plain,
+            "unit": self.unit,
+            "reason": self.reason,
+            "advice": self.advice,
+        }
+
+
+def merge_findings(findings: Iterable[Finding]) -> tuple[Finding, ...]:
+    """Findings, worst first; equal texts about several places become one finding.
+
+    So do those that differ in their advice, too, where more than NAMES places have them; the advice
+    is the one for the first of these.
+    """
+    found = list(findings)
+    kinds = [replace(f, where="", advice="") for f in found]
+    counts = Counter(kinds)
+    alike: dict[Finding, list[Finding]] = {}
+    for f, kind in zip(found, kinds, strict=True):
+        many = counts[kind] > NAMES
+        alike.setdefault(kind if many else replace(f, where=""), []).append(f)
+    together = [replace(same[0], where=_places(same)) for same in alike.values()]
+    return tuple(sorted(together, key=lambda f: SEVERITIES.index(f.severity)))
+
+
+def _places(findings: Iterable[Finding]) -> str:
+    places = list(dict.fromkeys(f.where for f in findings))
+    return listed(sorted(places, key=counted) if len(places) > NAMES else places)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cosim.checks.finding import Finding, Severity
+from cosim.checks import Finding, Severity
 from cosim.links.semantics import PacketSemantics, PlayoutSemantics, SignalSemantics
 from cosim.links.table import DrawnTable
 from cosim.predict.ages import age_bound

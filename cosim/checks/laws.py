@@ -8,7 +8,7 @@ from math import inf, isfinite, log, nan
 import numpy as np
 
 from cosim.base.errors import ScenarioError
-from cosim.checks.finding import Finding, Severity
+from cosim.checks import Finding, Severity
 from cosim.checks.peaks import settling
 from cosim.checks.sampling import known_laws
 from cosim.predict import closed_form as closed

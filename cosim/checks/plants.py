@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from math import ceil, inf, log
 
 from cosim.base.errors import CosimError
-from cosim.checks.finding import Finding
+from cosim.checks import Finding
 from cosim.engine.engine import Engine
 from cosim.engine.plant_loops import PlantLoop, possible_loops
 from cosim.predict.system import AnalyzedSystem

@@ -7,13 +7,14 @@ from collections.abc import Callable, Iterator
 from functools import partial
 
 from cosim.checks import (
+    Finding,
     channels,
     laws,
+    merge_findings,
     reachability,
     sampling,
     wiring,
 )
-from cosim.checks.finding import Finding, merge_findings
 from cosim.predict.facts import DynamicFeedback, TipContact
 from cosim.predict.system import AnalyzedSystem, system
 from cosim.scenario.spec import Scenario

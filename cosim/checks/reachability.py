@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 
 from cosim.base.names import listed, signal_of
-from cosim.checks.finding import Finding
+from cosim.checks import Finding
 from cosim.predict.facts import DynamicFeedback
 from cosim.predict.system import AnalyzedSystem, values_of
 from cosim.scenario.connect import topology

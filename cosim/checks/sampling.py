@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 import numpy as np
 
-from cosim.checks.finding import Finding, Severity
+from cosim.checks import Finding, Severity
 from cosim.checks.peaks import held_networks
 from cosim.predict.facts import Arm, DynamicFeedback, Hand, Law, SpringDamper
 from cosim.predict.network import spread

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from cosim.checks.finding import Finding, Severity
+from cosim.checks import Finding, Severity
 from cosim.predict.facts import Arm, DynamicFeedback, Servo, ServoCommand
 from cosim.predict.network import spread
 from cosim.predict.system import AnalyzedSystem, CommandPath

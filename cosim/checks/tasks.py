@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cosim.checks.finding import Finding, Severity
+from cosim.checks import Finding, Severity
 from cosim.checks.laws import dynamic
 from cosim.checks.sampling import CLOSE
 from cosim.predict.facts import Arm, Array, DynamicFeedback, SpringDamper, TipContact, TipTask

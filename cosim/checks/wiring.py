@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from cosim.checks.finding import Finding, Severity
+from cosim.checks import Finding, Severity
 from cosim.checks.peaks import held_networks
 from cosim.fmi.components import default_start, has_unit, is_simulator, simulator_remarks
 from cosim.fmi.components import ignored as ignored_in

@@ -90,7 +90,7 @@ def _scenario_findings(
     path: Path, settings: Sequence[str], deploy: str | None
 ) -> tuple[Finding, ...]:
     """The findings of a scenario and of a deployment; prints its title and its buses."""
-    from cosim.checks import check as findings
+    from cosim.checks.preflight import check as findings
     from cosim.cli.summary import announced
     from cosim.loading.files import load
     from cosim.scenario.assemble import assemble
@@ -140,7 +140,7 @@ def print_warnings(scenario: Scenario, plan: Plan, *, strict: bool, quiet: bool)
 
 def _failed(error: Exception) -> Finding:
     """The finding that there could have been others."""
-    from cosim.checks.finding import Finding
+    from cosim.checks import Finding
 
     reason = f"the check failed, so nothing is known: {type(error).__name__}: {error}"
     return Finding(
@@ -151,7 +151,7 @@ def _failed(error: Exception) -> Finding:
 
 def report_unconnected_inputs(plans: Iterable[Plan], *, strict: bool, quiet: bool) -> None:
     """Print the unconnected inputs, one line each. Raises ScenarioError for any if `strict`."""
-    from cosim.checks.finding import merge_findings
+    from cosim.checks import merge_findings
     from cosim.checks.wiring import unconnected_inputs
 
     found = merge_findings(f for plan in plans for f in unconnected_inputs(plan))

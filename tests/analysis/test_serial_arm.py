@@ -14,7 +14,7 @@ from cosim.analysis.analyzed_port import find_port, of_scenario
 from cosim.analysis.experiments import Bench
 from cosim.analysis.force_tests import by_push, sweep
 from cosim.analysis.memory_run import trace
-from cosim.checks.finding import Finding
+from cosim.checks import Finding
 from cosim.checks.preflight import check
 from cosim.predict import closed_form as closed
 from cosim.predict.facts import DynamicFeedback

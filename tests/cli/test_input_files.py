@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from cosim.checks import check
+from cosim.checks.preflight import check
 from cosim.loading.files import load
 from cosim.scenario.assemble import assemble
 from tests.cli.command import CONFIG, Command

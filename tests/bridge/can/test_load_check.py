@@ -19,7 +19,7 @@ from bridge.preflight.bus_checks import (
     SignalRange,
     check_buses,
 )
-from cosim.checks.finding import Finding
+from cosim.checks import Finding
 
 CONFIGS = Path(__file__).parents[3] / "configs" / "can"
 FAST = BusTiming(1e6, 5e6, fd=True)

@@ -9,7 +9,8 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from cosim.checks import Finding, check
+from cosim.checks import Finding
+from cosim.checks.preflight import check
 from cosim.scenario.assemble import assemble
 from cosim.scenario.spec import build
 from fmus.paper.experiments import STARTS, arm

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from cosim.checks.finding import Finding
+from cosim.checks import Finding
 from tests.cli.command import ROOT, Command
 from tests.cosim.checks.cases import tripped
 

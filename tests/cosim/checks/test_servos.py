@@ -12,7 +12,7 @@ from cosim.analysis.analyzed_port import find_port
 from cosim.analysis.experiments import Bench
 from cosim.analysis.force_tests import by_push
 from cosim.analysis.memory_run import Change, changed, trace
-from cosim.checks.finding import Finding
+from cosim.checks import Finding
 from cosim.checks.preflight import check
 from cosim.loading.files import load
 from cosim.scenario.assemble import assemble

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cosim.checks import check
+from cosim.checks.preflight import check
 from cosim.predict.facts import Arm, DynamicFeedback
 from cosim.predict.system import system
 from cosim.scenario.assemble import assemble

@@ -10,7 +10,7 @@ import pytest
 from cosim.base.errors import ScenarioError
 from cosim.bus.frames import BusEvent
 from cosim.bus.traffic import RandomSource
-from cosim.checks import check
+from cosim.checks.preflight import check
 from cosim.cli.show import BusAccountOptions, show
 from cosim.engine.simulate import simulate
 from cosim.links.traces import BusDelays

@@ -34,7 +34,7 @@ from cosim.base.errors import CosimError
 from cosim.base.interrupts import signals_as_interrupt
 from cosim.fmi.failures import sentence
 from cosim.record import seal
-from cosim.record.recover import is_unfinished
+from cosim.record.folder import is_unfinished
 from cosim.study.run_point import StudyRow
 
 RUNS, SCRIPT = "runs", "script.toml"

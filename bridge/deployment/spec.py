@@ -20,7 +20,7 @@ from cosim.base import toml
 from cosim.base.convert import Number, convert, convert_each, number
 from cosim.base.errors import ScenarioError
 from cosim.base.names import unknown
-from cosim.base.settings import as_toml, change
+from cosim.base.toml import as_toml, change
 from cosim.bus.settings import QueueKind
 from cosim.bus.timing import BusTiming
 

@@ -23,7 +23,7 @@ from bridge.deployment.system import System
 from bridge.ping.clocks import Floats
 from bridge.ping.zenoh import PingedNodes
 from cosim.base.errors import RunError, ScenarioError
-from cosim.base.settings import change
+from cosim.base.toml import change
 from cosim.checks.laws import prediction as findings
 from cosim.comparison.comparison import compare
 from cosim.comparison.documents import read_base

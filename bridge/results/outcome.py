@@ -47,8 +47,7 @@ from cosim.engine.simulate import metadata, stop_metadata
 from cosim.measure import declared_metrics
 from cosim.measure.metrics import Metric, MetricResult
 from cosim.record import Run, seal, write_metadata
-from cosim.record.folder import FINISHED, NODES, STOPPED, read_metadata
-from cosim.record.recover import journals
+from cosim.record.folder import FINISHED, NODES, STOPPED, journals, read_metadata
 
 TWIN = "twin"
 #: Entries of ``run.json`` that every run has: the command that was typed, what the check found.

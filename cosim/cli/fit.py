@@ -99,7 +99,7 @@ def _pair(text: str) -> tuple[str, str]:
 def _plan(path: Path, data: Recording, settings: list[str], file: Path) -> tuple[Scenario, Plan]:
     """The scenario until the end of the data, with what is measured among its outputs."""
     from cosim.base.errors import ScenarioError
-    from cosim.base.settings import as_toml
+    from cosim.base.toml import as_toml
     from cosim.loading.files import load
     from cosim.loading.one_fmu import inputs_among
     from cosim.scenario.assemble import assemble
@@ -185,7 +185,7 @@ def _differences(found: Fit) -> list[str]:
 
 def _again(path: Path, plan: Plan, found: Fit) -> str:
     """The command that runs with the fitted values."""
-    from cosim.base.settings import as_toml
+    from cosim.base.toml import as_toml
     from cosim.fitting.varied import with_values
 
     chosen: list[Varied] = [p.varied for p in found.parameters]

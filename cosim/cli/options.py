@@ -75,7 +75,7 @@ class RunSettings:
     @property
     def all(self) -> list[str]:
         """All of them as ``PATH=VALUE``."""
-        from cosim.base.settings import as_toml
+        from cosim.base.toml import as_toml
 
         own = {"seed": self.seed, "start": self.start, "stop": self.stop}
         found = [f"run.{key}={value}" for key, value in own.items() if value is not None]

@@ -16,7 +16,7 @@ from typing import Any
 
 from cosim.base import toml
 from cosim.base.errors import CosimError, ScenarioError
-from cosim.base.settings import change
+from cosim.base.toml import change
 from cosim.comparison.variants import (
     ComparisonSelection,
     Controller,

@@ -12,10 +12,12 @@ from cosim.record.folder import (
     RECOVERED,
     RUNNING,
     TRAJECTORIES,
+    is_unfinished,
+    journals,
     read_metadata,
     write_metadata,
 )
-from cosim.record.recover import complete, is_recording, is_unfinished, journals
+from cosim.record.recover import complete, is_recording
 from cosim.record.run import Run
 
 

@@ -33,9 +33,8 @@ from cosim.record import (
     seal,
     write_metadata,
 )
-from cosim.record.folder import FINISHED, FMU_LOG, LAST, RUNNING, STOPPED
+from cosim.record.folder import FINISHED, FMU_LOG, LAST, RUNNING, STOPPED, is_unfinished
 from cosim.record.link_tables import MANY, TablesWriter
-from cosim.record.recover import is_unfinished
 from cosim.scenario.assemble import assemble
 from cosim.scenario.connect import part
 from cosim.scenario.exposed import is_pattern, matching

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from cosim.base.errors import ScenarioError
-from cosim.base.settings import as_toml
+from cosim.base.toml import as_toml
 from cosim.fmi.components import fmu_of, observable
 from cosim.linear.loop import linear_loop, operating_point
 from cosim.linear.model import LinearModel, reduced

@@ -25,8 +25,8 @@ from cosim.base.files import Closing
 from cosim.links.laws import IntArray
 from cosim.links.semantics import Grid
 from cosim.links.table import TableStream, check_indices
-from cosim.record.arrow import arrow, numpy
 from cosim.record.folder import ROWS, TABLE_ROWS, TABLES, link_files, read_metadata, reason
+from cosim.record.groups import arrow, numpy
 from cosim.record.link_tables import complete, is_together, table_facts, table_rows
 
 COLUMN = "sent"

@@ -23,7 +23,7 @@ import numpy as np
 from cosim.base.errors import RunError, ScenarioError
 from cosim.base.files import write_file
 from cosim.links.laws import Delays, FloatArray
-from cosim.record.arrow import numpy
+from cosim.record.groups import numpy
 
 if TYPE_CHECKING:
     from numpy.random import Generator

@@ -8,7 +8,7 @@ from typing import Any
 
 from cosim.base import toml
 from cosim.base.errors import ScenarioError
-from cosim.base.settings import change
+from cosim.base.toml import change
 from cosim.loading import file_kinds
 from cosim.scenario.spec import Scenario, build
 

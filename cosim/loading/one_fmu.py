@@ -11,7 +11,7 @@ from typing import Any
 from cosim.base.convert import number
 from cosim.base.errors import CosimError, ScenarioError
 from cosim.base.names import signal_of
-from cosim.base.settings import change
+from cosim.base.toml import change
 from cosim.fmi import FmuComponent
 from cosim.fmi.file.description import Description
 from cosim.record.recording import Recording

@@ -26,21 +26,23 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from math import inf, isfinite, nan, sqrt
-from typing import Literal, cast, get_args
+from typing import TYPE_CHECKING, Literal, TypeAlias, cast, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cosim.base.errors import ScenarioError
-from cosim.measure.contact_metrics import Phase, PhaseError, PortEnergy
 from cosim.measure.metric_result import MetricResult as MetricResult
 from cosim.measure.metric_result import integral, interval_text, length, root_mean_square, times
 from cosim.record.signals import Array, Signals, Stack, stack
 
+if TYPE_CHECKING:
+    from cosim.measure.contact_metrics import Phase, PhaseError, PortEnergy
+
 Kind = Literal["norm", "integral_abs", "rms", "tail_mean", "vibration", "peak", "final"]
 Distance = Literal["max", "euclidean"]
 
-_PHASES = get_args(Phase)
+_PHASES = ("rms_free", "rms_contact")
 _KINDS = ("error", *get_args(Kind), *_PHASES, "energy")
 #: Keys that a kind needs, and that it takes besides.
 _NEEDS = {
@@ -144,7 +146,7 @@ class Measure:
         return MetricResult(self.name, self.label or self.name, float(value), unit, words, parts)
 
 
-Metric = Error | Measure | PhaseError | PortEnergy
+Metric: TypeAlias = "Error | Measure | PhaseError | PortEnergy"
 
 
 def evaluate(metrics: Iterable[Metric], signals: Signals) -> tuple[MetricResult, ...]:
@@ -185,11 +187,13 @@ def metric(
     fixed = target if isinstance(target, str) else tuple(float(x) for x in target or ())
     if kind == "error":
         return Error(name, tuple(of), fixed, within, norm, label)
-    if kind in _PHASES:
-        return PhaseError(name, cast(Phase, kind), tuple(of), fixed, tuple(contact or ()), label)
+    if kind in get_args(Kind):
+        return Measure(name, cast(Kind, kind), tuple(of), window or 0.0, label)
+    from cosim.measure.contact_metrics import PhaseError, PortEnergy
+
     if kind == "energy":
         return PortEnergy(name, tuple(of), label)
-    return Measure(name, cast(Kind, kind), tuple(of), window or 0.0, label)
+    return PhaseError(name, cast("Phase", kind), tuple(of), fixed, tuple(contact or ()), label)
 
 
 def settle_time(E: Array, t: Array, within: float) -> float:

@@ -207,6 +207,17 @@ def _check_plain(value: Any, place: str) -> None:
             raise RunError(f"{place}: a {name} cannot be written as JSON") from None
 
 
+def is_unfinished(folder: Path) -> bool:
+    """True if the folder holds a recording that was not closed."""
+    there = (folder / LIVE).exists() or bool(journals(folder))
+    return there and not (folder / TRAJECTORIES).exists()
+
+
+def journals(folder: Path) -> list[Path]:
+    """The journals of nodes."""
+    return list((folder / NODES).glob(f"*{JOURNAL}"))
+
+
 @contextmanager
 def held_folder(folder: str | Path) -> Iterator[None]:
     """Create the folder, and hold it: until the block or the process ends, whatever ends it.

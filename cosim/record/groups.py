@@ -5,6 +5,10 @@ no compression 26 ms and 18.7 MB, Snappy 28 ms and 7.7 MB, LZ4 28 ms and 7.5 MB,
 and 5.7 MB; splitting the bytes of the numbers (BYTE_STREAM_SPLIT) adds 9 ms and saves little or
 nothing, because held signals repeat. Snappy is what every reader has. Dictionaries and
 statistics of the signals are off; the statistics of ``t`` let readers skip row groups.
+
+NumPy arrays become Arrow arrays, and these NumPy arrays, without Arrow's own conversions:
+``pyarrow.array(ndarray)`` and ``to_numpy()`` import pandas wherever it is installed, which takes
+longer than a short run; ``numpy.ma`` takes 10 ms.
 """
 
 from __future__ import annotations
@@ -17,7 +21,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.record.arrow import arrow
 from cosim.record.live import Column, Live, Rows
 
 #: How files of trajectories are written.
@@ -28,6 +31,7 @@ SETTINGS: Mapping[str, Any] = {
 }
 #: Values in a row group, at most (8 MiB), and the limits of its rows.
 _GROUP_VALUES, _GROUP_LEAST, _GROUP_MOST = 1 << 20, 1 << 10, 1 << 16
+_TYPES = {np.dtype(np.float64): "float64", np.dtype(np.int32): "int32"}
 
 
 def group_rows(n_columns: int) -> int:
@@ -144,3 +148,37 @@ class GroupWriter:
         for item in (self._writer, self._file):
             with suppress(Exception):
                 item.close()
+
+
+def arrow(values: NDArray[Any]) -> Any:
+    """An Arrow array of `values` (n,), float64 or int32, contiguous, as they lie there."""
+    import pyarrow as pa
+
+    kind = getattr(pa, _TYPES[values.dtype])()
+    return pa.Array.from_buffers(kind, len(values), [None, pa.py_buffer(values)])
+
+
+def numpy(column: Any, dtype: type[np.float64] | type[np.int32]) -> NDArray[Any]:
+    """Return a copy (n,) of a column of a table in its unit, cast to `dtype` if necessary.
+
+    Null becomes NaN; in an integer column it raises ValueError (pyarrow.ArrowInvalid).
+    """
+    import pyarrow as pa
+
+    kind = getattr(pa, _TYPES[np.dtype(dtype)])()
+    if column.type != kind:  # a cast imports pyarrow.compute, as long as the rest of pyarrow
+        column = column.cast(kind)
+    if column.null_count:
+        import pyarrow.compute as pc
+
+        if dtype is not np.float64:
+            raise pa.ArrowInvalid(f"{column.null_count} values are null; expected integers")
+        column = pc.fill_null(column, float("nan"))
+    whole = np.empty(len(column), dtype)
+    at = 0
+    for chunk in column.chunks:
+        first = chunk.offset * whole.itemsize
+        there = np.frombuffer(chunk.buffers()[1], dtype, len(chunk), first)
+        whole[at : at + len(chunk)] = there
+        at += len(chunk)
+    return whole

@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 
 from cosim.base.errors import RunError, ScenarioError
 from cosim.base.files import Closing
-from cosim.record.arrow import arrow, numpy
 from cosim.record.folder import TABLE_ROWS, TABLES, read_metadata, reason
+from cosim.record.groups import arrow, numpy
 
 #: Links of a run from which on their tables are in one file: each file costs more than a table.
 MANY = 256

@@ -19,7 +19,16 @@ from numpy.typing import NDArray
 
 from cosim.base.errors import RunError, ScenarioError
 from cosim.base.parts import part
-from cosim.record.folder import JOURNAL, LAST, LIVE, NODES, PART, TRAJECTORIES, link_files, reason
+from cosim.record.folder import (
+    LAST,
+    LIVE,
+    PART,
+    TRAJECTORIES,
+    is_unfinished,
+    journals,
+    link_files,
+    reason,
+)
 from cosim.record.groups import SETTINGS, batch, schema
 from cosim.record.link_tables import table_paths
 from cosim.record.live import Column, Live, Rows, in_use
@@ -28,17 +37,6 @@ from cosim.record.live import Column, Live, Rows, in_use
 SCRATCH = ".recovered"
 #: What was collected for readers, by the journals it was collected of; it goes with this process.
 _collections: dict[object, TemporaryDirectory[str]] = {}
-
-
-def is_unfinished(folder: Path) -> bool:
-    """True if the folder holds a recording that was not closed."""
-    there = (folder / LIVE).exists() or bool(journals(folder))
-    return there and not (folder / TRAJECTORIES).exists()
-
-
-def journals(folder: Path) -> list[Path]:
-    """The journals of nodes."""
-    return list((folder / NODES).glob(f"*{JOURNAL}"))
 
 
 def is_recording(folder: Path) -> bool:

@@ -14,9 +14,8 @@ from numpy.typing import NDArray
 
 from cosim.base.errors import CutShort, ScenarioError
 from cosim.base.files import written_aside
-from cosim.record.arrow import numpy
-from cosim.record.folder import METADATA, TRAJECTORIES, read_metadata, reason
-from cosim.record.recover import in_memory, is_recording, is_unfinished, stored_tables
+from cosim.record.folder import METADATA, TRAJECTORIES, is_unfinished, read_metadata, reason
+from cosim.record.groups import numpy
 
 Array = NDArray[np.float64]
 
@@ -84,6 +83,8 @@ class Run:
     @classmethod
     def _recovered(cls, path: Path) -> Run:
         """An interrupted run, as far as it was recorded, with a warning."""
+        from cosim.record.recover import in_memory, is_recording
+
         run = cls(path, in_memory(path.parent))
         what = "is still active" if is_recording(path.parent) else "was interrupted"
         until = f"is recorded until t = {run.t[-1]:.6g} s" if len(run) else "contains no rows"
@@ -199,6 +200,8 @@ class Run:
     @property
     def link_tables(self) -> Mapping[str, Path]:
         """File of each stored link table, by link name."""
+        from cosim.record.recover import stored_tables
+
         return stored_tables(self.path.parent)
 
     def to_csv(self, path: str | Path, names: Sequence[str] = ()) -> Path:

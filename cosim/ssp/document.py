@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from cosim.base.errors import ScenarioError
-from cosim.base.settings import change
+from cosim.base.toml import change
 from cosim.scenario.connect import unknown
 from cosim.scenario.spec import Scenario, build
 from cosim.ssp import annotation

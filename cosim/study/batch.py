@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cosim.base.clock import stopwatch
-from cosim.base.settings import parts
+from cosim.base.toml import parts
 from cosim.engine.batch import can_join, together
 from cosim.engine.engine import Engine
 from cosim.engine.reset import can_rewind

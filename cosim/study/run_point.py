@@ -13,7 +13,7 @@ import numpy as np
 
 from cosim.base.clock import stopwatch
 from cosim.base.errors import CosimError, RunError, ScenarioError
-from cosim.base.settings import change
+from cosim.base.toml import change
 from cosim.engine.simulate import columns, simulate
 from cosim.fmi.failures import sentence
 from cosim.loading.files import read_document

@@ -10,7 +10,7 @@ import numpy as np
 
 from cosim.links.storage import load_table
 from cosim.record import Run, verify
-from cosim.record.recover import is_unfinished
+from cosim.record.folder import is_unfinished
 from cosim.study.store import rows
 
 #: How the sentence of a command begins.

@@ -12,7 +12,7 @@ import pytest
 from cosim.analysis.memory_run import Change, changed, trace
 from cosim.base.component import Port
 from cosim.base.errors import RunError, ScenarioError
-from cosim.base.settings import as_toml
+from cosim.base.toml import as_toml
 from cosim.engine.simulate import simulate
 from cosim.linear.loop import operating_point
 from cosim.linear.model import LinearModel

@@ -47,7 +47,7 @@ def joined(blocks: list[list[list[int]]]) -> dict[str, list[int]]:
     return {name: [x for block in blocks for x in block[i]] for i, name in enumerate(NAMES)}
 
 
-@settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=60, suppress_health_check=list(HealthCheck))
 @given(
     blocks=st.lists(st.lists(ROWS, min_size=4, max_size=4), max_size=5),
     cut=st.integers(0, 40),

@@ -203,7 +203,7 @@ def test_a_row_has_the_times_and_the_ages_of_its_slot(node, offset):
     for reception in s.receptions[: s.n_receptions]:
         reception.offset_ns = reception.receiver.contents.offset_ns = offset
     for slot in range(12):
-        if slot in (2, 3, 7):
+        if slot in (0, 2, 3, 7):
             t = slot * s.h_ns + offset
             header = Header(slot, LifeState.ACTIVE, t // 1000)
             node.put("left", encoding.frame([0.0] * 4, header), t * 1e-9)

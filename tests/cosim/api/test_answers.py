@@ -128,6 +128,13 @@ def test_a_receiver_that_waits_for_its_first_sample_holds_nothing_for_so_long():
     assert not late.age_stays_below(LINK, "10 s")  # nothing came
     first = cosim.run(scenario(stop="0.31 s"))
     assert first.age_stays_below(LINK, 0.3005) and not first.age_stays_below(LINK, 0.2995)
+    document = scenario(stop="1 s")
+    document["links"][0]["loss"] = {"law": "outage", "length": "0.5 s", "every": "9 s", "start": 0}
+    document["links"][0]["semantics"] = "newest-stamp"
+    lossy = cosim.run(document)  # the first sample is sent at 0.5 s
+    answer = lossy.age_stays_below(LINK, "0.7 s")
+    assert not answer and "is 0.799 s at 0.799 s" in answer.text
+    assert lossy.age_stays_below(LINK, "0.8 s")
 
 
 def test_metrics_with_a_band_are_requirements(run):

@@ -21,17 +21,17 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parent.parent
 
 
-def build() -> list[Path]:
+def build(platform: str | None = None) -> list[Path]:
     """Make what is missing or old; return the files made now.
 
-    Raises fmus.build.toolchain.ToolchainError where there is no compiler or it refuses the sources.
+    `platform`: of fmus.build.toolchain.PLATFORMS; default the host's. Raises fmus.build.toolchain.ToolchainError where there is no compiler or it refuses the sources.
     """
     for folder in (ROOT, ROOT / "build_backend"):
         if str(folder) not in sys.path:
             sys.path.insert(0, str(folder))
     import c_structs
 
-    return [*c_structs.write(), *_engine(), *_bus(), *_bridge(), *_models(), *_plots()]
+    return [*c_structs.write(), *_libraries(platform), *_models(platform), *_plots()]
 
 
 def _plots() -> list[Path]:
@@ -52,61 +52,48 @@ def _plots() -> list[Path]:
     return made
 
 
-def _engine() -> list[Path]:
-    from fmus.build.toolchain import shared_suffix
-
-    folder = ROOT / "cosim" / "c"
-    sources = [*folder.glob("*.[ch]"), *folder.glob("engine/*.[ch]")]
-    output = ROOT / "cosim" / f"_engine{shared_suffix()}"
-    return _library(output, sorted(folder.glob("*.c")), sources, folder)
-
-
-def _bus() -> list[Path]:
-    from fmus.build.toolchain import shared_suffix
-
-    folder = ROOT / "cosim" / "c" / "bus"
-    units = sorted(folder.glob("*.c"))
-    output = ROOT / "cosim" / f"_bus{shared_suffix()}"
-    return _library(output, units, [*units, *folder.glob("*.h")], folder)
+def _libraries(platform: str | None) -> list[Path]:
+    """The engine, the bus and the bridge."""
+    engine, bus, bridge = ROOT / "cosim/c", ROOT / "cosim/c/bus", ROOT / "bridge/c"
+    length, made = bus / "length.c", []
+    for output, units, headers in (
+        ("cosim/_engine", [*engine.glob("*.c")], [*engine.glob("*.h"), *engine.glob("engine/*")]),
+        ("cosim/_bus", [*bus.glob("*.c")], [*bus.glob("*.h")]),
+        ("bridge/_bridge", [*bridge.glob("*.c"), length],
+         [*bridge.glob("*.h"), *engine.glob("*.h"), *bus.glob("*.h")]),
+    ):  # fmt: skip
+        made += _library(output, sorted(units), headers, platform)
+    return made
 
 
-def _bridge() -> list[Path]:
-    from fmus.build.toolchain import shared_suffix
+def _library(name: str, units: list[Path], headers: list[Path], platform: str | None) -> list[Path]:
+    """A shared library of `units`, made again when one of its sources has changed."""
+    from fmus.build.toolchain import compile_shared, shared_suffix
 
-    folder = ROOT / "bridge" / "c"
-    length = ROOT / "cosim" / "c" / "bus" / "length.c"
-    sources = sorted([*folder.glob("*.c"), length, *(ROOT / "cosim" / "c").glob("*.h")])
-    made_from = [*sources, *folder.glob("*.h"), *length.parent.glob("*.h")]
-    output = ROOT / "bridge" / f"_bridge{shared_suffix()}"
-    return _library(output, [s for s in sources if s.suffix == ".c"], made_from, folder)
-
-
-def _library(output: Path, units: list[Path], sources: list[Path], include: Path) -> list[Path]:
-    """A shared library of `units`, made again when one of `sources` has changed."""
-    from fmus.build.toolchain import compile_shared
-
-    made_from = _fingerprint([*sources, ROOT / "fmus/build/toolchain.py"])
+    output = ROOT / f"{name}{shared_suffix(platform)}"
+    made_from = _fingerprint([*units, *headers, ROOT / "fmus/build/toolchain.py"], platform)
     stamp = output.with_name(f"{output.stem}.json")
     if _current(stamp, made_from):
         return []
-    compile_shared(units, output, include=[include, ROOT / "cosim" / "c"])
+    include = [units[0].parent, ROOT / "cosim/c"]
+    compile_shared(units, output, include=include, platform=platform)
     _write(stamp, made_from, [output])
     return [output]
 
 
-def _models() -> list[Path]:
+def _models(platform: str | None) -> list[Path]:
     """All FMUs; those of models that are no longer there go."""
     from fmus.build import shipped
 
     folder = ROOT / "fmus" / "_built"
-    made_from = _fingerprint(shipped.made_from())
+    made_from = _fingerprint(shipped.made_from(), platform)
     stamp = folder / shipped.STAMP
     if _current(stamp, made_from):
         return []
     from fmus.build.archive import build_all, installed_models, versions
 
     models = installed_models()
-    built = [path.resolve() for path in build_all(folder, models)]
+    built = [path.resolve() for path in build_all(folder, models, _only(platform))]
     for path in set(folder.glob("*.fmu")) - set(built):
         path.unlink()
     index = shipped.index((model, version) for model in models for version in versions(model))
@@ -114,11 +101,16 @@ def _models() -> list[Path]:
     return built
 
 
-def _fingerprint(files: Iterable[Path]) -> str:
-    """SHA-256 of names and contents, and of the compiler for the host."""
+def _only(platform: str | None) -> list[str] | None:
+    return None if platform is None else [platform]
+
+
+def _fingerprint(files: Iterable[Path], platform: str | None) -> str:
+    """SHA-256 of names and contents, and of the compiler for a platform."""
     from fmus.build.toolchain import compiler, host_platform
 
-    digest = hashlib.sha256(repr((host_platform(), compiler()[1:])).encode())
+    name = platform or host_platform()
+    digest = hashlib.sha256(repr((name, compiler(name)[1:])).encode())
     for path in sorted(files):
         digest.update(f"{path.relative_to(ROOT).as_posix()}\0".encode())
         digest.update(hashlib.sha256(path.read_bytes()).digest())

@@ -21,6 +21,15 @@ from setuptools.command.bdist_wheel import bdist_wheel
 
 Settings = dict[str, Any] | None
 
+#: The tag of a wheel for each of fmus.build.toolchain.PLATFORMS; systems as old as zig's targets.
+TAGS = {
+    "x86_64-linux": "manylinux_2_17_x86_64",
+    "aarch64-linux": "manylinux_2_17_aarch64",
+    "x86_64-windows": "win_amd64",
+    "x86_64-darwin": "macosx_11_0_x86_64",
+    "aarch64-darwin": "macosx_11_0_arm64",
+}
+
 sys.path.insert(0, str(compiled.ROOT))
 
 
@@ -76,10 +85,17 @@ def build_sdist(sdist_directory: str, config_settings: Settings = None) -> str:
 def build_wheel(
     wheel_directory: str, config_settings: Settings = None, metadata_directory: str | None = None
 ) -> str:
-    """A wheel with engine and FMUs for this platform."""
-    compiled.build()
+    """A wheel with engine and FMUs, for this platform or the one that the setting `platform` names.
+
+    For another platform it is built in a copy of the sources, by ``wheels.py``.
+    """
+    settings = dict(config_settings or {})
+    platform = settings.pop("platform", None)
+    compiled.build(platform)
+    if platform is not None:
+        settings["--build-option"] = [f"--plat-name={TAGS[platform]}"]
     with _outside_the_sources():
-        return build_meta.build_wheel(wheel_directory, config_settings, metadata_directory)
+        return build_meta.build_wheel(wheel_directory, settings, metadata_directory)
 
 
 def build_editable(

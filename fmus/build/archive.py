@@ -130,10 +130,14 @@ def build(
     return pack(model, version, out_dir, compile_model(model, platforms))
 
 
-def build_all(out_dir: Path | str, models: Iterable[Model] | None = None) -> list[Path]:
-    """Build `models` (default: those an installation has) for the host, in 2.0 and 3.0."""
+def build_all(
+    out_dir: Path | str,
+    models: Iterable[Model] | None = None,
+    platforms: Sequence[str] | None = None,
+) -> list[Path]:
+    """Build `models` (default: those an installation has) in 2.0 and 3.0; `platforms` as above."""
     chosen = installed_models() if models is None else list(models)
-    compiled = compile_models(chosen)
+    compiled = compile_models(chosen, platforms)
     return [
         pack(model, version, out_dir, binaries)
         for model, binaries in zip(chosen, compiled, strict=True)

@@ -116,7 +116,12 @@ def compiler(platform: str | None = None) -> tuple[str, ...]:
         raise ToolchainError(
             f"{missing} for {name} on {host_platform()}: 'pip install ziglang' provides one"
         )
-    return (sys.executable, "-m", "ziglang", "cc", "-target", _TARGETS[name], *_ZIG_FLAGS)
+    return zig(name)
+
+
+def zig(platform: str) -> tuple[str, ...]:
+    """The command of zig that compiles for one of :data:`PLATFORMS`, for its oldest systems."""
+    return (sys.executable, "-m", "ziglang", "cc", "-target", _TARGETS[platform], *_ZIG_FLAGS)
 
 
 def compile_shared(

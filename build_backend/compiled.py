@@ -24,7 +24,8 @@ ROOT = Path(__file__).resolve().parent.parent
 def build(platform: str | None = None) -> list[Path]:
     """Make what is missing or old; return the files made now.
 
-    `platform`: of fmus.build.toolchain.PLATFORMS; default the host's. Raises fmus.build.toolchain.ToolchainError where there is no compiler or it refuses the sources.
+    `platform`: of fmus.build.toolchain.PLATFORMS; default the host's. Raises
+    fmus.build.toolchain.ToolchainError where there is no compiler or it refuses the sources.
     """
     for folder in (ROOT, ROOT / "build_backend"):
         if str(folder) not in sys.path:

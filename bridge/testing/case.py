@@ -36,6 +36,14 @@ def name_of(node: pytest.Item) -> str:
     return name
 
 
+def file_name(test: str) -> str:
+    """A name for files about a test; parameters that cannot be one get a sum behind them."""
+    function, bracket, parameters = test.partition("[")
+    name = re.sub(r"/|::", "_", function) + bracket + parameters
+    safe = re.sub(r"[^\w.=+-]+", "_", name).strip("_")[:120]
+    return safe if safe == name else f"{safe}-{crc32(test.encode()):08x}"
+
+
 @final
 @dataclass
 class PytestCase:
@@ -123,7 +131,7 @@ class PytestCase:
         """The folder in which all is kept."""
         if self.out is None:
             return self.folder
-        return self.out / re.sub(r"[^\w.=+-]+", "_", self.name).strip("_")
+        return self.out / file_name(self.name)
 
     def _moved(self) -> Path:
         """Copy everything to the place where it is kept."""

@@ -48,7 +48,10 @@ def pytest_runtest_makereport(
     if report.failed and _CASE in item.stash:
         case = item.stash[_CASE]
         del item.stash[_CASE]
-        properties, text = case.kept()
+        try:
+            properties, text = case.kept()
+        except Exception as error:  # whatever it is: the other tests go on
+            properties, text = [], f"not kept: {type(error).__name__}: {error}"
         item.user_properties += properties
         report.user_properties += properties
         report.sections.append(("cosim", text))

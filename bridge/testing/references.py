@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import re
 import shutil
 from pathlib import Path
 from typing import final
 
 import cosim
-from bridge.testing.case import PytestCase
+from bridge.testing.case import PytestCase, file_name
 from cosim.base.errors import ScenarioError
 from cosim.record.folder import TRAJECTORIES
 
@@ -41,6 +40,5 @@ class References:
 
     def _path(self, name: str) -> Path:
         file, test = self._case.file, self._case.name.partition("::")[2]
-        words = [test, *([name] if name else [])]
-        stem = re.sub(r"[^\w.=+-]+", "_", "-".join(words)).strip("_")
+        stem = file_name(f"{test}-{name}" if name else test)
         return file.parent / FOLDER / file.stem / f"{stem}.parquet"

@@ -11,6 +11,7 @@ from zlib import crc32
 
 import pytest
 
+from bridge.testing.case import file_name
 from tests.bridge.testing import loaded
 from tests.cli.command import CALL
 
@@ -231,3 +232,18 @@ def test_a_scenario_of_the_test_itself_is_repeated_by_the_test(project):
     text = project.runpytest().stdout.str()
     assert "the greatest a.y is 1 m at 0 s (a.y); expected below 0.5 m" in text
     assert "run-1        made by the test itself" in text
+
+
+def test_a_place_that_cannot_be_written_does_not_end_the_tests(project):
+    write(project, FAILS + PASSES)
+    (project.path / "kept").write_text("a file")
+    result = project.runpytest("--cosim-out", "kept")
+    result.assert_outcomes(passed=1, failed=1)
+    assert re.search(r"^not kept: \w+Error: .*kept", result.stdout.str(), re.MULTILINE)
+
+
+def test_names_of_files_tell_tests_apart():
+    names = ["a/t.py::test_x", "a/t.py::test_x[1]", "a/t.py::test_x[a/b]", "a/t.py::test_x[a_b]"]
+    files = [file_name(name) for name in names] + [file_name(f"t.py::test_x[{'y' * 999}]")]
+    assert files[0] == "a_t.py_test_x" and len(set(files)) == 5
+    assert all(re.fullmatch(r"[\w.=+-]{1,140}", name) for name in files)

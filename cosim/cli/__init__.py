@@ -1,5 +1,6 @@
 """The commands, one module each; :mod:`cosim.cli.commands` puts them together."""
 
+import errno
 import gc
 import os
 import sys
@@ -19,8 +20,7 @@ def main() -> None:
     if sys.argv[1:] in ([], ["-h"], ["--help"]):
         from cosim.cli.overview import overview
 
-        print(overview(), end="")
-        sys.exit(0 if sys.argv[1:] else 2)
+        sys.exit(_written(overview()) or (0 if sys.argv[1:] else 2))
     gc.set_threshold(_COLLECTED)
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from cosim.base.streams import open_standard_streams
@@ -28,6 +28,18 @@ def main() -> None:
 
     open_standard_streams()
     sys.exit(supervised(_command))
+
+
+def _written(text: str) -> int:
+    """Write to standard output; the exit code. A closed one is not missed."""
+    try:
+        os.write(1, text.encode())
+    except OSError as error:
+        from cosim.base.streams import report
+
+        error.filename = "standard output"
+        return 0 if error.errno == errno.EBADF else report(error)
+    return 0
 
 
 def _command() -> None:

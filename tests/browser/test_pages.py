@@ -129,6 +129,24 @@ def test_arms_in_space_stand_in_rows(ask: Any, tmp_path: Path) -> None:
     assert right < beside and bottom < top and below == pytest.approx(left, abs=1)
 
 
+#: Keeps the texts that are written on canvases.
+WRITTEN = """<script>window.written = [];
+const write = CanvasRenderingContext2D.prototype.fillText;
+CanvasRenderingContext2D.prototype.fillText = function (text, ...rest) {
+  written.push(text);
+  return write.call(this, text, ...rest);
+};
+</script>"""
+
+
+def test_ticks_of_a_time_axis_carry_the_unit(run: Run, ask: Any, tmp_path: Path) -> None:
+    text = (run.path.parent / "report.html").read_text(encoding="utf-8")
+    page = tmp_path / "page.html"
+    page.write_text(text.replace("<style>", WRITTEN + "<style>", 1), encoding="utf-8")
+    written = ask(page, "setTimeout(() => tell({written}), 300);")["written"]
+    assert {"0 s", "1 s", "2 s"} <= set(written)
+
+
 def test_the_picture_has_the_curves(run: Run, browse: Any, tmp_path: Path) -> None:
     from PIL import Image
 

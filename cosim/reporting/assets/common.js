@@ -20,6 +20,8 @@ const page = (() => {
   const repaint = (paint) => {
     for (const query of ["(prefers-color-scheme: dark)", "print"]) matchMedia(query).addEventListener("change", paint);
   };
+  /** A time with its unit, as at a tick of an axis. */
+  const seconds = (t) => `${Number(t.toPrecision(9))} s`;
   /** A number with five digits; a dash where there is none. */
   const short = (v) => (v === null || v === undefined ? "–" : Math.abs(v) >= 1e5 || (v !== 0 && Math.abs(v) < 1e-3)
     ? v.toExponential(3) : Number(v.toPrecision(5)).toString());
@@ -31,5 +33,5 @@ const page = (() => {
       catch { getSelection().selectAllChildren(text); }
     });
   }
-  return { find, css, make, svg, bytes, short, repaint };
+  return { find, css, make, svg, bytes, seconds, short, repaint };
 })();

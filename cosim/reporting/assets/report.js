@@ -1,7 +1,7 @@
 /* The moving parts of a report: plots with one cursor, arms, the time bar. Data: the element "data". */
 "use strict";
 (() => {
-  const { find, css, make, svg, bytes, short } = page;
+  const { find, css, make, svg, bytes, seconds, short } = page;
   const data = JSON.parse(find("data").textContent);
   const begin = data.begin || 0; // s, where the signals and the frames of arms start
 
@@ -89,7 +89,7 @@
       width: Math.max(260, place.clientWidth), height: 210,
       scales: { x: { time: false, range: (u, a, b) => [a, b] }, y: { range: range(panel.reference) } },
       cursor: { y: false, sync: { key: "time", setSeries: false }, drag: { x: true, y: false } },
-      axes: [{ ...axis, size: 34 }, { ...axis, size: 62, label: panel.unit, labelSize: 18, labelFont: "12px system-ui, sans-serif",
+      axes: [{ ...axis, size: 34, space: 70, values: (u, ticks) => ticks.map(seconds) }, { ...axis, size: 62, label: panel.unit, labelSize: 18, labelFont: "12px system-ui, sans-serif",
         values: (u, ticks) => ticks.map(short) }],
       series: [{ label: "t", value: (u, v) => (v === null || v === undefined ? "–" : `${v.toFixed(3)} s`) },
         ...panel.series.map((s, i) => ({ label: s.label, stroke: () => css(`--s${(s.colour ?? i) % 7}`), width: 1.6,

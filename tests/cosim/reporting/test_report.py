@@ -287,3 +287,13 @@ def test_two_runs_side_by_side(cosim: Command) -> None:
     assert 'class="verdict failed"' in Path("d.html").read_text(encoding="utf-8")
     assert cosim("diff", "a", "a", "--junit", "e.xml").code == 0
     assert ElementTree.parse("e.xml").getroot().get("failures") == "0"
+
+
+def test_on_paper_rows_stay_whole_and_headings_stay_with_their_text() -> None:
+    """A table that must not break at all goes to the next page and leaves its heading alone."""
+    style = html.page_text("t", "", Badge("finished", ""), "", PageData(1.0), "")
+    paper = style.split("@media print", 1)[1].split("\n}", 1)[0]
+    whole = re.findall(r"([^{}]*)\{ break-inside: avoid; \}", paper)
+    assert [x.strip() for x in whole[0].split(",")] == ["figure", ".card", "tr"]
+    assert re.search(r"h2, h3[^{}]*\{ break-after: avoid; \}", paper)
+    assert ".top { grid-template-columns: minmax(0, 1fr); }" in paper

@@ -54,6 +54,8 @@ def pytest_runtest_protocol(item: pytest.Item, nextitem: pytest.Item | None) -> 
     done = yield
     for last in _LAST:
         vars(last).pop("cancel_timeout", None)  # pytest-timeout leaves a thread's objects there
+        if "PYTEST_XDIST_WORKER" in os.environ:
+            vars(last).clear()  # a test that was run is not looked at again; each has 10 KB
     _LAST[:] = [item]
     reporter = item.config.pluginmanager.getplugin("terminalreporter")
     if reporter is not None and "PYTEST_XDIST_WORKER" in os.environ:

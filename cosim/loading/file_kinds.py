@@ -36,8 +36,10 @@ _CAMPAIGN = ("a campaign", "`cosim campaign {path}`")
 #: The kinds that commands take as their first file, the one first that a message names.
 _SCENARIO, _RUN_FOLDER = ("a scenario", "an FMU"), ("the folder of a run", "a table")
 EXPECTED = {
-    **dict.fromkeys(("run", "check", "linearize", "fit"), _SCENARIO),
-    **dict.fromkeys(("analyze", "compare", "rehearse", "soak"), _SCENARIO[:1]),
+    **dict.fromkeys(("run", "linearize", "fit"), _SCENARIO),
+    "check": (*_SCENARIO, "a DBC file"),
+    **dict.fromkeys(("compare", "rehearse", "soak"), _SCENARIO[:1]),
+    "analyze": ("a scenario", "the folder of a run"),
     **dict.fromkeys(("report", "diff", "replay"), _RUN_FOLDER),
     "export": ("a scenario", "the folder of a run"),
     "info": ("an FMU",),

@@ -139,7 +139,7 @@ def test_an_installation_ships_every_model_in_both_versions(
 ) -> None:
     compiled = []
 
-    def instead(models: list[Model]) -> list[dict[str, bytes]]:
+    def instead(models: list[Model], _: object) -> list[dict[str, bytes]]:
         compiled.extend(model.identifier for model in models)
         return [{toolchain.host_platform(): b"library"} for _ in models]
 

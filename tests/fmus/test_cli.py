@@ -123,6 +123,7 @@ def test_bad_input_is_one_sentence_and_exit_code_2(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr("sys.argv", ["fmus", *arguments])
+    monkeypatch.setattr(cli, "open_standard_streams", lambda: None)  # those of this process stay
     with pytest.raises(SystemExit) as stopped:
         cli.main()
     assert stopped.value.code == 2

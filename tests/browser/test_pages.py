@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ from cosim.record import Run
 from cosim.reporting.many import ARMS
 from cosim.reporting.run_report import write_report
 from tests.bridge.zenoh.rehearsed import CONFIGS
+from tests.browser.devtools import Browser
 from tests.system.runs import run as simulated
 from tests.system.runs import teleoperation
 
@@ -127,6 +129,31 @@ def test_arms_in_space_stand_in_rows(ask: Any, tmp_path: Path) -> None:
     boxes = ask(write_report(Run.open(tmp_path / "run")), BOXES)["boxes"]
     (left, right, _, bottom), (beside, _, _, _), (below, _, top, _), _ = boxes
     assert right < beside and bottom < top and below == pytest.approx(left, abs=1)
+
+
+#: How wide a phone's page is; words of cells that stand on two lines.
+NARROW = """JSON.stringify({wide: document.documentElement.scrollWidth, broken:
+  [...document.querySelectorAll(".scroll td")].flatMap((cell) => {
+    const text = document.createTreeWalker(cell, NodeFilter.SHOW_TEXT).nextNode(), broken = [];
+    for (const word of (text?.data ?? "").matchAll(/\\b[a-z]{3,12}\\b/g)) {
+      const range = document.createRange();
+      range.setStart(text, word.index);
+      range.setEnd(text, word.index + word[0].length);
+      if (range.getClientRects().length > 1) broken.push(word[0]);
+    }
+    return broken;
+  })})"""
+
+
+def test_on_a_phone_nothing_overflows_and_words_are_whole(
+    run: Run, chromium: str, tmp_path: Path
+) -> None:
+    with Browser(chromium, tmp_path / "profile") as browser:
+        browser.size(390, 1600)
+        browser.open((run.path.parent / "report.html").as_uri())
+        browser.until("document.body?.dataset.ready === 'yes'")
+        seen = json.loads(browser.ask(NARROW))
+    assert seen["wide"] <= 390 and seen["broken"] == []
 
 
 #: Keeps the texts that are written on canvases.

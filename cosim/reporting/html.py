@@ -55,7 +55,8 @@ class Badge:
 class PlottedPanel:
     """One diagram: (name, label) of signals of one `unit` over time, and dashed `reference` lines.
 
-    `place`: the element of the page that it stands in.
+    `place`: the element of the page that it stands in; `colours`: the number of the colour of each
+    signal, () for those of their order.
     """
 
     title: str
@@ -63,10 +64,13 @@ class PlottedPanel:
     series: tuple[tuple[str, str], ...]
     reference: tuple[float, ...] = ()
     place: str = "panels"
+    colours: tuple[int, ...] = ()
 
     def data(self) -> dict[str, Any]:
         """The data that the page reads."""
-        series = [{"name": name, "label": label} for name, label in self.series]
+        series: list[dict[str, Any]] = [{"name": name, "label": x} for name, x in self.series]
+        for one, colour in zip(series, self.colours, strict=False):
+            one["colour"] = colour
         return {
             "title": self.title, "unit": self.unit, "series": series,
             "reference": list(self.reference), "place": self.place,

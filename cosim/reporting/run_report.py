@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from heapq import nsmallest
 from itertools import islice
 from math import isfinite
@@ -135,8 +136,30 @@ def _data(run: Run, scenario: Scenario | None, facts: Mapping[str, Any]) -> Page
             data.add(name, run.units[name], run.column(name), dt, most)
     data.frame = max(1.0 / RATE, (end - begin) / FRAMES)
     arms, data.arms_note = first_arms(run)
+    data.panels[:] = coloured(data.panels, [arm.name for arm in arms], facts)
     data.arms += list(_arms(run, arms, np.arange(begin, end + data.frame, data.frame)))
     return data
+
+
+def coloured(
+    panels: Iterable[PlottedPanel], arms: Sequence[str], facts: Mapping[str, Any]
+) -> list[PlottedPanel]:
+    """The panels; where each curve is of another arm, it has the colour of that arm in the picture.
+
+    A component is of the arm that it is, or of the only one that feeds it. `facts`: of the run.
+    """
+    owners = {name: number for number, name in enumerate(arms)}
+    for name, spec in facts.get("scenario", {}).get("components", {}).items():
+        sources = {str(wire).partition(".")[0] for wire in (spec.get("inputs") or {}).values()}
+        fed = [number for number, arm in enumerate(arms) if arm in sources]
+        if name not in owners and len(fed) == 1:
+            owners[name] = fed[0]
+    return [replace(panel, colours=_distinct(panel, owners)) for panel in panels]
+
+
+def _distinct(panel: PlottedPanel, owners: Mapping[str, int]) -> tuple[int, ...]:
+    found = [owners.get(name.partition(".")[0], -1) for name, _ in panel.series]
+    return tuple(found) if len({*found}) == len(found) and -1 not in found else ()
 
 
 def _in_order(names: Iterable[str]) -> list[str]:

@@ -14,7 +14,7 @@ import pytest
 
 from cosim.measure.metric_result import MetricResult
 from cosim.record import Run
-from cosim.reporting import diagnostics, html
+from cosim.reporting import diagnostics, html, run_report
 from cosim.reporting.html import Badge, PageData, PlottedPanel, TimedEvent, histogram
 from cosim.reporting.run_report import verdict, write_report
 from cosim.reporting.thinning import thin
@@ -297,3 +297,23 @@ def test_on_paper_rows_stay_whole_and_headings_stay_with_their_text() -> None:
     assert [x.strip() for x in whole[0].split(",")] == ["figure", ".card", "tr"]
     assert re.search(r"h2, h3[^{}]*\{ break-after: avoid; \}", paper)
     assert ".top { grid-template-columns: minmax(0, 1fr); }" in paper
+
+
+def test_a_component_has_one_colour_in_every_diagram_and_in_the_picture() -> None:
+    """Where each curve is of another arm; else colours are those of the order of the curves."""
+    inputs = {"law": {"q": "slave.q"}, "both": {"a": "slave.q", "b": "master.q"}}
+    components = {name: {"inputs": wires} for name, wires in inputs.items()} | {"master": {}}
+    signals = {
+        "apart": ("law.x", "master.q[0]"),
+        "one arm": ("slave.q[0]", "law.x"),
+        "no arm": ("master.q[0]", "hand.f"),
+        "two arms feed it": ("both.x",),
+    }
+    panels = [
+        html.PlottedPanel(title, "m", tuple((name, name) for name in names))
+        for title, names in signals.items()
+    ]
+    facts = {"scenario": {"components": components}}
+    found = run_report.coloured(panels, ["master", "slave"], facts)
+    assert [panel.colours for panel in found] == [(1, 0), (), (), ()]
+    assert [one.get("colour") for one in found[0].data()["series"]] == [1, 0]

@@ -80,13 +80,14 @@ def test_time_moves_the_arms_and_nothing_fails(run: Run, ask: Any) -> None:
 
 NAMES = """
 const scene = document.getElementById("arm"), square = scene.getBoundingClientRect();
-const names = [...document.querySelectorAll("#arms span")];
+const names = [...document.querySelectorAll("#arms span:not(.force)")];
 const boxes = names.map((name) => name.getBoundingClientRect());
 tell({
   names: names.map((name) => name.textContent),
   colours: names.map((name) => getComputedStyle(name.querySelector("b")).color),
   drawn: [...scene.querySelectorAll("polyline")].map((line) => getComputedStyle(line).stroke),
   inside: scene.querySelectorAll("text").length,
+  force: document.querySelector("#arms .force").textContent,
   below: Math.min(...boxes.map((box) => box.top)) - square.bottom,
   right: square.right - Math.max(...boxes.map((box) => box.right)),
 });
@@ -102,6 +103,7 @@ def test_the_names_of_arms_cover_no_arm(n: int, ask: Any, tmp_path: Path) -> Non
         f"robot{i + 1}" for i in range(min(n, ARMS))
     ]
     assert seen["colours"] == seen["drawn"] and seen["inside"] == 0
+    assert seen["force"] == "→ force at the tip"
     assert 0 <= seen["below"] < 20 and seen["right"] >= 0
 
 

@@ -207,6 +207,7 @@
   if (scene) {
     find("arms").append(...frames.map((arm, k) =>
       make("span", {}, make("b", { style: `color:var(--s${k % 7})` }, k % 2 ? "╌" : "━"), ` ${arm.name}`)));
+    if (frames.some(pulled)) find("arms").append(make("span", { class: "force" }, make("b", { style: "color:var(--failed)" }, "→"), " force at the tip"));
     for (const arm of frames) for (const tau of arm.torque) for (const v of data.live ? [] : tau) strongest = Math.max(strongest, Math.abs(v));
     if (!flat) {
       let held = null;
@@ -221,6 +222,8 @@
       });
     }
   }
+  /** Whether the force at the tip can be drawn: of the torques of two joints in a plane. */
+  function pulled(arm) { return arm.planar && arm.torque.length === 2; }
   function arms(t) {
     if (!scene) return;
     scene.replaceChildren();
@@ -242,7 +245,7 @@
       if (k % 2) line.setAttribute("stroke-dasharray", `${pen / 18} ${pen / 26}`);
       scene.append(line);
       for (const [x, y] of seen.slice(0, -1)) scene.append(svg("circle", { cx: x, cy: y, r: pen / 55, fill: css("--page"), stroke: colour, "stroke-width": pen / 120 }));
-      const pull = arm.planar && arm.torque.length === 2 ? force(where, arm.torque.map((values) => at(values, t))) : null;
+      const pull = pulled(arm) ? force(where, arm.torque.map((values) => at(values, t))) : null;
       if (pull) {
         const size = Math.hypot(...pull), scale = (0.5 * reach * Math.min(1, size / strongest)) / (size || 1);
         const tip = seen[seen.length - 1], end = [tip[0] + scale * pull[0], tip[1] - scale * pull[1]];

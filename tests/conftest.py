@@ -10,7 +10,7 @@ import pytest
 from hypothesis import HealthCheck, Phase, settings
 
 from tests.footprint import Footprint
-from tests.garbage import Tidier, freeze_tests
+from tests.garbage import Tidier, freeze_tests, return_memory
 
 # A loaded machine is slow, and slowness is measured elsewhere.
 _ALL: dict[str, Any] = {
@@ -83,6 +83,7 @@ def compiled_once(objects: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 def pytest_configure(config: pytest.Config) -> None:
     """Commands that tests start heed Ctrl-C, also where the tests run in the background."""
+    return_memory()
     config.pluginmanager.register(Footprint(), "footprint")
     if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)

@@ -119,6 +119,7 @@ def test_a_command_has_one_thread_of_linear_algebra_unless_the_environment_says_
     """A second thread of OpenBLAS waits busily from the import of NumPy on."""
     found = []
     monkeypatch.setattr(os, "environ", dict(before))
+    monkeypatch.setattr(sys, "argv", ["cosim", "info"])
     monkeypatch.setattr(
         "cosim.cli.supervise.supervised",
         lambda _: found.append((os.environ["OPENBLAS_NUM_THREADS"], gc.get_threshold()[0])) or 0,

@@ -126,7 +126,9 @@ def _data(run: Run, scenario: Scenario | None, facts: Mapping[str, Any]) -> Page
     begin, end = float(run.t[0]), float(run.t[-1])
     dt = float(facts.get("step") or (run.t[1] - begin if len(run) > 1 else 1.0)) * every
     data = PageData(end, events=marks(facts), start=begin, begin=begin)
-    data.panels += list(_panels(run, scenario, data, dt))
+    arms, data.arms_note = first_arms(run)
+    panels = _panels(run, scenario, data, dt)
+    data.panels += coloured(panels, [arm.name for arm in arms], facts)
     shown = {name for panel in data.panels for name, _ in panel.series}
     names = _in_order(run.names)
     choosable = set(names[: many.SIGNALS])
@@ -135,8 +137,6 @@ def _data(run: Run, scenario: Scenario | None, facts: Mapping[str, Any]) -> Page
             most = SHOWN if name in shown else CHOSEN
             data.add(name, run.units[name], run.column(name), dt, most)
     data.frame = max(1.0 / RATE, (end - begin) / FRAMES)
-    arms, data.arms_note = first_arms(run)
-    data.panels[:] = coloured(data.panels, [arm.name for arm in arms], facts)
     data.arms += list(_arms(run, arms, np.arange(begin, end + data.frame, data.frame)))
     return data
 

@@ -93,17 +93,13 @@ def _models(platform: str | None) -> list[Path]:
         return []
     from fmus.build.archive import build_all, installed_models, versions
 
-    models = installed_models()
-    built = [path.resolve() for path in build_all(folder, models, _only(platform))]
+    models, platforms = installed_models(), None if platform is None else [platform]
+    built = [path.resolve() for path in build_all(folder, models, platforms)]
     for path in set(folder.glob("*.fmu")) - set(built):
         path.unlink()
     index = shipped.index((model, version) for model in models for version in versions(model))
     _write(stamp, made_from, built, **index)
     return built
-
-
-def _only(platform: str | None) -> list[str] | None:
-    return None if platform is None else [platform]
 
 
 def _fingerprint(files: Iterable[Path], platform: str | None) -> str:

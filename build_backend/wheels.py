@@ -14,11 +14,9 @@ import sys
 import tempfile
 from pathlib import Path
 
+from cosim_build import TAGS
+
 ROOT = Path(__file__).resolve().parent.parent
-sys.path[:0] = [str(ROOT), str(ROOT / "build_backend")]
-
-from cosim_build import TAGS  # noqa: E402
-
 #: Builds a wheel in the working directory; arguments: the folder for it, the platform.
 _BUILD = """
 import sys

@@ -219,7 +219,7 @@ CASES_OF = {
 
 @pytest.fixture(scope="module")
 def seen(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
-    """What each case gave."""
+    """The results of each case."""
     folder = tmp_path_factory.mktemp("scripted")
     (folder / "scripted.c").write_text(SCRIPTED)
     library = compile_shared([folder / "scripted.c"], folder / "scripted.so")

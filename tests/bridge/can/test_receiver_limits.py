@@ -45,7 +45,7 @@ def test_a_number_is_as_far_ahead_as_clocks_may_be_or_a_quarter_of_the_counter(
 
 @dataclass
 class Limit:
-    """What is believed of the clock of a sender, in ns; a counter without an end, and no stamp."""
+    """A model of a receiver, times in ns: a counter without an end, and no stamps."""
 
     period: int
     offset: int
@@ -59,7 +59,7 @@ class Limit:
         return self.lead - max(0, passed) // 4096
 
     def says(self, k, t):
-        """What number `k` is at `t`."""
+        """The verdict about sample number `k` at the time `t`, ns."""
         most = t + max(self.period, 2 * MS) + max(0, self.now(t))
         if self.offset + k * self.period > most:
             return WRONG
@@ -260,7 +260,7 @@ def test_the_first_count_that_is_believed_has_not_begun_anew():
 
 @pytest.mark.parametrize("ahead", [-3, 0, 3])
 def test_a_counter_without_a_stamp_that_begins_anew_goes_on_with_the_clock_of_its_sender(ahead):
-    """Which is some periods ahead of this one by the fastest frame, or behind."""
+    """The sender's clock is some periods ahead of this one by the fastest frame, or behind it."""
     r, period = receiver(5 * MS, P04), 5 * MS
     for k in range(1000, 1200):
         r.lead_ns = ahead * period

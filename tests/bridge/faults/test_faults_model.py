@@ -55,7 +55,7 @@ class Rule:
         return not (sent.id ^ r.accept.id) & r.accept.mask and r.bus in (-1, sent.bus)
 
     def struck(self):
-        """Whether it hits a frame that fits, in its time; the number it has drawn."""
+        """Draw a number for a frame in its time; return if the fault hits it, and the number."""
         drawn = self.draws.next()
         self.asked += 1
         hit = (drawn >> 11) * 2.0**-53 < self.given.probability
@@ -129,7 +129,7 @@ class Model:
             p.t = r.last = max(p.t, r.last)
 
     def strike(self, n, g, p, draws):
-        """Whether anything is done."""
+        """Apply a fault to a frame; return if it does anything."""
         if g.kind in (native.DROP, native.BURST):
             p.copies = 0
         elif g.kind in (native.DELAY, native.JITTER):

@@ -62,7 +62,7 @@ def test_a_slot_knows_what_the_state_machine_of_a_drive_makes_of_it(
 
 
 def test_a_fault_happens_to_its_drive_when_the_run_comes_to_its_time(arm):
-    """Those of one time in their order; of the table one entry is behind the end."""
+    """Faults at one time act in their order; an entry behind the end of the table does not."""
     s, (first, second) = arm.struct, motors(arm)
     s.start_ns = 5_000_000_000
     for motor in (first, second):

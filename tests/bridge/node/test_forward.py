@@ -68,8 +68,9 @@ def gateway(tmp_path):
 @pytest.mark.parametrize("peer", [-1, *LifeState])
 @pytest.mark.parametrize("kind", [TELLS, CUT, NONE])
 def test_the_status_of_a_sender_is_its_own_or_that_of_its_heartbeat(gateway, kind, peer, simulated):
-    """Where nothing tells its state it is ACTIVE; a message without a status that comes to a
-    simulated node is simulated.
+    """A sender that tells no state counts as ACTIVE.
+
+    A message without a status that comes to a simulated node counts as simulated.
     """
     gateway.make(kind)
     gateway.s.simulated = simulated

@@ -1,4 +1,4 @@
-"""What an inlet gives a component, and what an emulated drive of our own makes of its faults."""
+"""Values that an inlet gives a component, and faults of an emulated drive of our own."""
 
 from __future__ import annotations
 

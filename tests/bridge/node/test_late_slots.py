@@ -99,7 +99,7 @@ def test_a_late_slot_hears_what_it_would_have_heard_in_time(tmp_path, after, slo
 
 
 def test_times_of_a_slot_lie_between_its_deadline_and_its_end(tmp_path):
-    """Those of the journal, and the stamp of what it sends."""
+    """Times in the journal, and the stamp of a sent message, are in order."""
     node = Live(tmp_path, lambda _: None)
     rows, s = node.live(), node.struct
     order = [rows[name] for name in ("deadline_ns", "woke_ns", "received_ns", "done_ns")]

@@ -1,4 +1,4 @@
-"""What an outlet sends: its status, its numbers and times, and torques of drives that are off."""
+"""Messages of an outlet: their status, numbers and times, and torques for drives that are off."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ STATUS = [  # life, begun, armed, reasons -> status
 def test_a_status_tells_life_arming_and_reasons(
     tmp_path, life, begun, armed, reasons, status, simulated
 ):
-    """From the start on samples are those of the run, also of a node that is INACTIVE again."""
+    """Samples belong to the run from its start on, also if the node is INACTIVE again."""
     with control(tmp_path) as node:
         node.begin()
         node.struct.simulated, node.struct.begun = simulated, begun

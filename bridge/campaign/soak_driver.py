@@ -17,6 +17,7 @@ from bridge.results.verdict import Word
 from cosim.base.interrupts import stop_on_signal
 from cosim.base.processes import processes
 from cosim.engine.simulate import versions
+from cosim.record import held_folder
 from cosim.study import store as stores
 from cosim.study.run_point import StudyRow
 from cosim.study.runner import UNOBSERVED, Observer, claim, run_named
@@ -81,7 +82,7 @@ def drive(
     for a run that fails.
     """
     folder = place.path
-    with stores.lock_folder(folder):
+    with held_folder(folder):
         if claim(folder, place.what, place.facts):
             shutil.rmtree(folder / RUNS, ignore_errors=True)
         stores.write_state(folder, {**place.facts, "versions": versions()})

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from cosim.cli.options import finite
+from cosim.cli.options import drawn, finite
 
 if TYPE_CHECKING:
     from bridge.simulated_can.channel import Channel
@@ -74,7 +74,8 @@ class BusEndOptions:
         ),
     ] = None
     picture: Annotated[
-        Path | None, typer.Option(help="Write a PNG of the last --window seconds at the end.")
+        Path | None,
+        typer.Option(callback=drawn, help="Write a PNG of the last --window seconds at the end."),
     ] = None
     window: Annotated[
         float, typer.Option(callback=finite, min=1e-4, help="Time in the picture, s.")

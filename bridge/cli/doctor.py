@@ -22,7 +22,7 @@ State = Literal["good", "limited", "missing"]
 _MARKS = {"good": "✓", "limited": "!", "missing": "✗"}
 #: Optional packages: what needs them.
 EXTRAS = {
-    "eclipse-zenoh": ("zenoh", "deployments over Zenoh"),
+    "matplotlib": ("figures", "figures as PNG, PDF and GIF, and cosim reproduce"),
     "scipy": ("fit", "cosim fit and files for MATLAB"),
     "mujoco-core": ("mujoco", "scenes of MuJoCo"),
     "canopen": ("canopen", "drives with CANopen (CiA 402)"),

@@ -14,6 +14,7 @@ import typer
 
 from bridge.cli.options import BusOptions
 from cosim.base.interrupts import acknowledge, until_signal
+from cosim.cli.options import drawn
 
 if TYPE_CHECKING:
     from rich.text import Text
@@ -54,7 +55,10 @@ class ViewOptions:
         ),
     ] = None
     plot: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Draw positions, torques, ages, lateness.")
+        Path | None,
+        typer.Option(
+            metavar="FILE", callback=drawn, help="Draw positions, torques, ages, lateness."
+        ),
     ] = None
     force: Annotated[bool, typer.Option("--force", help="Replace an existing file.")] = False
 

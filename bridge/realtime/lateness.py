@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from bridge.native.pace import edges
 from cosim.base.errors import CosimError, RunError
+from cosim.base.extras import require_matplotlib
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -199,6 +200,7 @@ def draw(reports: Mapping[str, Lateness], path: str | Path) -> Path:
     """
     if not reports:
         raise CosimError(f"figure {path}: found no reports, expected one or more")
+    require_matplotlib()
     import matplotlib
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure

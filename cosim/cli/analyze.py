@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from cosim.cli.linearize import LinearOptions, linearize
-from cosim.cli.options import Json, Plot, Quiet, Set, Verify, finite, write_json
+from cosim.cli.options import Json, Png, Quiet, Set, Verify, finite, write_json
 
 if TYPE_CHECKING:
     from cosim.analysis.analysis import Analysis
@@ -42,11 +42,12 @@ class TestedPortOptions:
             callback=finite, help="Frequency of the slowest test force, rad/s.", min=1e-4, max=10.0
         ),
     ] = 0.03
-    plot: Plot = True
+    png: Png = False
     out: Annotated[
         Path | None,
         typer.Option(
-            help="Folder for the figures.", show_default="RUN/analysis, runs/SCENARIO-analysis"
+            help="Folder for the figures of --png.",
+            show_default="RUN/analysis, runs/SCENARIO-analysis",
         ),
     ] = None
     check: Verify = True
@@ -93,7 +94,7 @@ def analyze(
     if json is not None:
         write_json(json, found.as_data())
         lines.append(f"\n{'numbers':<12} {json}")
-    if port.plot:
+    if port.png:
         from cosim.reporting.analysis import draw
 
         lines += [f"{'figure':<12} {path}" for path in draw(found, port.out or folder)]

@@ -26,6 +26,7 @@ REMOVED = {
         "--estimate-error": 'algorithm = "adaptive" keeps the error of a step below a tolerance',
         "--tolerance TEXT": 'algorithm = "adaptive" has run.adaptive.tolerance',
     },
+    "analyze": {"--no-plot": "figures are drawn with --png only"},
     "monitor": {"--plotjuggler TEXT": "PlotJuggler opens the file that --mcap FILE writes"},
 }
 #: Completion by a shell: commands and files at once; options are read from a command's help.

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from cosim.cli.options import PROCESSORS, Jobs, ResultOptions, Strict
+from cosim.cli.options import PROCESSORS, Jobs, Plot, Png, ResultOptions, Strict
 
 if TYPE_CHECKING:
     from cosim.comparison.comparison import Comparison
@@ -55,7 +55,8 @@ class ComparisonOptions:
     ] = False
     keep: Annotated[bool, typer.Option("--keep", help="Keep the run folder of every run.")] = False
     jobs: Jobs = PROCESSORS
-    plot: Annotated[bool, typer.Option("--plot/--no-plot", help="Draw the figure.")] = True
+    plot: Plot = True
+    png: Png = False
     list_: Annotated[
         bool, typer.Option("--list", help="List the variants, without running them.")
     ] = False
@@ -104,22 +105,25 @@ def compare(
         found = compare_all(
             base, known, chosen, count, jobs=options.jobs, kept=kept, observer=observer
         )
-    paths = _written(found, folder, options.plot)
+    paths = _written(found, folder, options)
     result.save(report.as_data(found, this_command()))
     result.say("\n".join(report.text(found)))
     result.say(f"{len(found.outcomes)} runs in {watch():.1f} s; {', '.join(map(str, paths))}")
 
 
-def _written(found: Comparison, folder: Path, plot: bool) -> list[Path]:
+def _written(found: Comparison, folder: Path, wanted: ComparisonOptions) -> list[Path]:
     """Write the results into the folder; the path of each, the page first."""
     from cosim.cli.summary import this_command
-    from cosim.comparison import figure, page, report
+    from cosim.comparison import page, report
     from cosim.record import seal
 
     paths = list(report.write(found, folder, this_command()))
-    if plot:
-        drawn = figure.draw(found, folder / report.FIGURE)
-        paths = [page.write(found, folder, this_command()), drawn, *paths]
+    if wanted.png:
+        from cosim.comparison import figure
+
+        paths.insert(0, figure.draw(found, folder / report.FIGURE))
+    if wanted.plot:
+        paths.insert(0, page.write(found, folder, this_command()))
     seal(folder, anew=True)
     return paths
 

@@ -15,20 +15,38 @@ from functools import wraps
 from inspect import Parameter, Signature, signature
 from math import isfinite
 from pathlib import Path
-from typing import Annotated, Any, get_type_hints
+from typing import Annotated, Any, TypeVar, get_type_hints
 
 import typer
 
+from cosim.base.extras import require_matplotlib
 from cosim.base.toml import EXPECTED, is_usable_number
+
+#: The value of an option.
+Given = TypeVar("Given")
+
+
+def drawn(value: Given) -> Given:
+    """The callback of an option for which matplotlib draws. Raises ScenarioError without it."""
+    if value:
+        require_matplotlib()
+    return value
+
 
 Set = Annotated[
     list[str] | None,
     typer.Option("--set", metavar="PATH=VALUE", help="Change a value; repeatable."),
 ]
 Force = Annotated[bool, typer.Option("--force", help="Replace an existing run folder.")]
-Plot = Annotated[bool, typer.Option("--plot/--no-plot", help="Draw the figures.")]
-Png = Annotated[bool, typer.Option("--png", help="Also draw the figures of the scenario as PNG.")]
-Pdf = Annotated[bool, typer.Option("--pdf", help="Also draw the figures of the scenario as PDF.")]
+Plot = Annotated[
+    bool, typer.Option("--plot/--no-plot", help="Write report.html, a page to look at the result.")
+]
+Png = Annotated[
+    bool, typer.Option("--png", callback=drawn, help="Also draw the figures as PNG (matplotlib).")
+]
+Pdf = Annotated[
+    bool, typer.Option("--pdf", callback=drawn, help="Also draw the figures as PDF (matplotlib).")
+]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")]
 Strict = Annotated[bool, typer.Option("--strict", help="Treat warnings before the run as errors.")]
 Json = Annotated[
@@ -109,9 +127,7 @@ class OutputOptions:
         Path | None, typer.Option(help="Run folder to write. Default: runs/SCENARIO-DATE-TIME.")
     ] = None
     force: Force = False
-    plot: Annotated[
-        bool, typer.Option("--plot/--no-plot", help="Write report.html, a page to look at the run.")
-    ] = True
+    plot: Plot = True
     png: Png = False
     pdf: Pdf = False
     strict: Strict = False

@@ -30,7 +30,7 @@ GROUPS: dict[str, dict[str, str]] = {
             "Compare controllers: run each with every operator and link law, and print one table."
         ),
         "sweep": (
-            "Run a parameter study: simulate every point; write a table and figures. Resumable."
+            "Run a parameter study: simulate every point; write a table and a report. Resumable."
         ),
         "fit": (
             "Fit parameters of a scenario or an FMU to measured data, with confidence intervals."

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from cosim.base.names import extent
-from cosim.cli.options import Json, Set, Strict, Verify, finite, write_json
+from cosim.cli.options import Json, Set, Strict, Verify, drawn, finite, write_json
 
 if TYPE_CHECKING:
     from cosim.bus.accounting import BusHistory
@@ -54,7 +54,8 @@ class BusAccountOptions:
         ),
     ] = 0.02
     picture: Annotated[
-        Path | None, typer.Option(help="With --bus: write a PNG of the frames in the interval.")
+        Path | None,
+        typer.Option(callback=drawn, help="With --bus: write a PNG of the frames in the interval."),
     ] = None
     log: Annotated[
         Path | None,

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from cosim.cli.options import PROCESSORS, Jobs, Plot, ResultOptions, Strict
+from cosim.cli.options import PROCESSORS, Jobs, Plot, Png, ResultOptions, Strict
 
 if TYPE_CHECKING:
     from cosim.base.processes import Opened
@@ -47,6 +47,7 @@ class SweepOptions:
         int | None, typer.Option(min=0, help="Maximum number of runs for this call.")
     ] = None
     plot: Plot = True
+    png: Png = False
     strict: Strict = False
 
     def opened(self) -> Opened:
@@ -69,7 +70,7 @@ def sweep(
     options: SweepOptions,
     result: ResultOptions,
 ) -> None:
-    """Run a parameter study: simulate every point; write a table and figures. Resumable."""
+    """Run a parameter study: simulate every point; write a table and a report. Resumable."""
     from cosim.cli.check import report_unconnected_inputs
     from cosim.record import seal
     from cosim.study import execute, summary
@@ -87,17 +88,17 @@ def sweep(
             observer,
             lambda p: report_unconnected_inputs([p], strict=strict, quiet=result.quiet),
         )
-    for line in _written(loaded, table, folder, options.plot):
+    for line in _written(loaded, table, folder, options):
         result.say(line)
     seal(folder, anew=True)
     result.save({"folder": str(folder), **summary.as_data(table)})
     summary.refuse_lost_runs(table)
 
 
-def _written(study: Study, table: SweepTable, folder: Path, plot: bool) -> Iterator[str]:
+def _written(study: Study, table: SweepTable, folder: Path, wanted: SweepOptions) -> Iterator[str]:
     """Write table, report and figures; the result in lines, with the path of each file."""
     from cosim.cli.summary import this_command
-    from cosim.study import boundary, boundary_figure, figures, page, summary
+    from cosim.study import boundary, page, summary
 
     yield from summary.lines(table)
     yield from boundary.lines(study, table)
@@ -105,8 +106,11 @@ def _written(study: Study, table: SweepTable, folder: Path, plot: bool) -> Itera
         yield f"{'table':<16} {path}"
     if (places := boundary.write(study, table, folder)) is not None:
         yield f"{'boundary':<16} {places}"
-    if plot:
+    if wanted.plot:
         yield f"{'report':<16} {page.write(table, study, folder, this_command())}"
+    if wanted.png:
+        from cosim.study import boundary_figure, figures
+
         for path in (
             *boundary_figure.draw_boundary(study, table, folder),
             *figures.draw_all(study, table, folder),

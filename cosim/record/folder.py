@@ -63,7 +63,7 @@ def claim_folder(folder: str | Path, *, force: bool = False) -> Path:
         for path in _own_files(folder):
             path.unlink()
     except OSError as error:
-        raise ScenarioError(f"cannot use this run folder: {reason(error)}", str(folder)) from error
+        raise ScenarioError(f"cannot use this folder: {reason(error)}", str(folder)) from error
     return folder
 
 
@@ -234,7 +234,7 @@ def held_folder(folder: str | Path) -> Iterator[None]:
                 stack.callback(os.close, place)
                 _lock(place, folder)
         except OSError as error:
-            text = f"cannot use this run folder: {reason(error)}"
+            text = f"cannot use this folder: {reason(error)}"
             raise ScenarioError(text, str(folder)) from error
         yield
 
@@ -246,7 +246,7 @@ def _lock(place: int, folder: Path) -> None:
         fcntl.flock(place, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
         raise ScenarioError(
-            "another run records into this folder; choose another one, or wait for its end",
+            "another command records into this folder; choose another one, or wait for its end",
             str(folder),
         ) from None
     except OSError:  # a file system without locks of folders

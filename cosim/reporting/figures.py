@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cosim.base.errors import CosimError, ScenarioError
+from cosim.base.extras import require_matplotlib
 from cosim.base.files import write_file
 from cosim.record.signals import Array, Signals
 from cosim.reporting import many
@@ -165,7 +166,10 @@ def load(*, lean: bool = False) -> None:
 
     A third of the import time is spent on tables of properties for the docstrings of its classes.
     `lean` omits these (200 instead of 280 ms), for commands, which do not show docstrings.
+
+    Raises ScenarioError if matplotlib is not installed.
     """
+    require_matplotlib()
     if lean and "matplotlib.figure" not in sys.modules:
         import matplotlib.artist
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from cosim.base.component import Drawing
 from cosim.base.errors import RunError, ScenarioError
+from cosim.base.extras import FIGURES
 from cosim.record import Run
 from cosim.reporting.arms import first_arms, link_frames
 
@@ -36,7 +37,7 @@ def write_gif(run: Run, path: Path) -> Path:
     try:
         from PIL import Image, ImageDraw
     except ImportError:
-        raise ScenarioError("Pillow is not installed; expected pip install pillow") from None
+        raise ScenarioError(f"a GIF needs Pillow, which is not installed: {FIGURES}") from None
     found, note = first_arms(run)
     arms = [(a.name, a.drawing, run.array(f"{a.name}.{a.drawing.position}")) for a in found]
     if not arms:

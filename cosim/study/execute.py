@@ -15,7 +15,7 @@ from cosim.base.names import unknown
 from cosim.base.processes import Opened, Pool, spread
 from cosim.engine.simulate import versions
 from cosim.native import shared
-from cosim.record.folder import SUMS
+from cosim.record.folder import SUMS, held_folder
 from cosim.schedule.plan import Plan
 from cosim.study import figures
 from cosim.study import store as stores
@@ -78,7 +78,7 @@ def sweep(
     checked(plan)
     figures.check(study, [axis.name for axis in study.axes], units)
     fingerprint = fingerprint_of(study.scenario.read_bytes(), [plan])
-    with stores.lock_folder(folder):
+    with held_folder(folder):
         changed = _claim(study, folder, fingerprint, extent)
         with Store(folder, units) as store:
             choose = _searched if study.boundary else _planned

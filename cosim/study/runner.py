@@ -161,7 +161,7 @@ def fingerprint_of(data: bytes, plans: Sequence[Plan]) -> str:
 
 def refuse_others(folder: Path, what: str, state: Mapping[str, Any]) -> None:
     """Raise ScenarioError if there are files in a folder without a state."""
-    present = sorted(p.name for p in folder.iterdir() if p.name != stores.LOCK)
+    present = sorted(p.name for p in folder.iterdir())
     if present and not state:
         raise ScenarioError(
             f"the folder holds {present[0]} but no {what}; expected an empty folder", str(folder)

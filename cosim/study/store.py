@@ -14,7 +14,6 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
 from dataclasses import fields
 from pathlib import Path
 from types import TracebackType
@@ -29,7 +28,7 @@ from cosim.study.design import Point
 from cosim.study.run_point import StudyRow
 from cosim.study.table import Records
 
-JOURNAL, RESULTS, LOCK, STATE = "journal.jsonl", "results", ".lock", "sweep.json"
+JOURNAL, RESULTS, STATE = "journal.jsonl", "results", "sweep.json"
 #: Rows of a part, and of the table that are written at once.
 PART_ROWS, GROUP_ROWS = 1000, 1 << 18
 #: What each row has; axes and measures come besides.
@@ -314,26 +313,6 @@ def write_state(folder: Path, state: Mapping[str, Any]) -> None:
     """Write ``sweep.json``, replaced in one step."""
     text = json.dumps(state, indent=2, ensure_ascii=False)
     write_file(folder / STATE, f"{text}\n".encode())
-
-
-@contextmanager
-def lock_folder(folder: Path) -> Iterator[None]:
-    """Hold the folder. Raises ScenarioError if another process does."""
-    import fcntl
-
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        file = os.open(folder / LOCK, os.O_RDWR | os.O_CREAT, 0o644)
-    except OSError as error:
-        raise ScenarioError(f"cannot be used: {reason(error)}", str(folder)) from error
-    try:
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            raise ScenarioError("another sweep is running in this folder", str(folder)) from None
-        yield
-    finally:
-        os.close(file)
 
 
 def _write(file: int, data: bytes) -> None:

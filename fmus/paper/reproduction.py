@@ -26,6 +26,7 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 from cosim.base.errors import RunError, ScenarioError
+from cosim.base.extras import require_matplotlib
 from cosim.engine.simulate import simulate, versions
 from cosim.record import Run
 from cosim.reporting import html
@@ -66,10 +67,12 @@ def reproduce(
     """Reproduce what is about `wanted` (default all) into `folder`; the rows of the table.
 
     `progress` is called with (done, all) runs and figures. Raises ScenarioError for what is not
-    known and for a folder that holds something (with `force`: something else), RunError where a
-    run cannot start.
+    known, for a folder that holds something (with `force`: something else), and without matplotlib
+    for figures; RunError where a run cannot start.
     """
     chosen = select(wanted)
+    if chosen.figures or chosen.graphs:
+        require_matplotlib()
     documents = {name: d for name, d in cases(seed).items() if name in chosen.cases}
     _claim(folder, force)
     with _workers(jobs) as submit:

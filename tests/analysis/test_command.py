@@ -20,7 +20,7 @@ SHORT = ("--set", "run.stop=3")
 
 
 def test_a_scenario_gives_numbers_figures_and_json(cosim: Command) -> None:
-    done = cosim("analyze", TEACHING, "--json", "a.json", "--out", "here")
+    done = cosim("analyze", TEACHING, "--png", "--json", "a.json", "--out", "here")
     assert (done.code, done.err) == (0, "")
     for said in ("degree of manipulability", "felt damping, push", "5.333 N.m.s/rad  O4, Kα/λ_M",
                  "passivity margin, worst posture", "stiffest grip, M_hat = M"):  # fmt: skip
@@ -36,7 +36,7 @@ def test_a_scenario_gives_numbers_figures_and_json(cosim: Command) -> None:
 
 
 def test_every_footnote_is_there(cosim: Command) -> None:
-    out = cosim("analyze", TEACHING, "--no-plot").out
+    out = cosim("analyze", TEACHING).out
     used = {number for line in out.splitlines() for number in re.findall(r" \[(\d+)\]", line)}
     explained = [line.split("]")[0].strip(" [") for line in out.splitlines() if line[:3] == "  ["]
     assert used == set(explained) and len(explained) == len(set(explained)) > 10
@@ -52,6 +52,8 @@ def test_a_run_is_analysed_as_it_was(cosim: Command, tmp_path: Path) -> None:
     (said,) = [q for q in json.loads(Path("a.json").read_text())["run"] if q["name"] == "effort"]
     assert said["values"] == [pytest.approx(effort, rel=1e-9)]
     assert "the port, by tests" not in done.out
+    assert not Path("run/analysis").exists()
+    cosim("analyze", "run", "--no-tests", "--png")
     assert sorted(p.name for p in Path("run/analysis").iterdir()) == [
         "effort.png", "manipulability.png"
     ]  # fmt: skip
@@ -59,7 +61,7 @@ def test_a_run_is_analysed_as_it_was(cosim: Command, tmp_path: Path) -> None:
 
 def test_a_run_is_tested_through_the_scenario_it_was_made_of(cosim: Command) -> None:
     cosim("run", TEACHING, *SHORT, "--out", "run", "--no-plot", "--quiet")
-    done = cosim("analyze", "run", "--no-plot")
+    done = cosim("analyze", "run")
     assert "felt damping, push" in done.out and "5.333 N.m.s/rad" in done.out
 
 
@@ -67,7 +69,7 @@ def test_a_run_whose_scenario_is_lost_still_has_its_numbers(cosim: Command) -> N
     cosim("run", CONFIG, *SHORT, "--out", "run", "--no-plot", "--quiet")
     Path("run/run.json").write_text("{}")
     assert "was altered after the run" in cosim.refused("analyze", "run", "--port", "master")
-    done = cosim("analyze", "run", "--port", "master", "--no-plot", "--no-verify")
+    done = cosim("analyze", "run", "--port", "master", "--no-verify")
     assert done.code == 0 and "effort ‖f‖₂" in done.out
     assert "note: no closed forms, no test forces: the run's metadata holds no scenario" in done.out
     assert "the port is not defined" in cosim.refused("analyze", "run", "--no-verify")
@@ -77,7 +79,7 @@ def test_many_robots_are_not_tested_unless_that_is_asked_for(
     cosim: Command, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Their closed forms are there, in as many lines as of a few, and those of all robots."""
-    arguments = ("analyze", MANY, "--set", "run.stop='1 s'", "--no-plot", "--json", "a.json")
+    arguments = ("analyze", MANY, "--set", "run.stop='1 s'", "--json", "a.json")
     monkeypatch.setattr(experiments.Bench, "run", None)  # no test is simulated
     done = cosim(*arguments, "--set", "graphs.net.n=260")
     assert (done.code, done.err) == (0, "")
@@ -99,7 +101,7 @@ def test_many_robots_are_not_tested_unless_that_is_asked_for(
 
 
 def test_another_port_may_be_looked_into(cosim: Command) -> None:
-    done = cosim("analyze", CONFIG, *SHORT, "--port", "slave", "--no-tests", "--no-plot")
+    done = cosim("analyze", CONFIG, *SHORT, "--port", "slave", "--no-tests")
     assert "port slave: slave.tau_h, slave.q, slave.tau_ext" in done.out
     assert "no force acted" in done.out
 

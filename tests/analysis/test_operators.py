@@ -101,7 +101,7 @@ def test_a_recorded_run_gets_the_torque_from_its_source(cosim: Command) -> None:
     run, scenario = of_run("run"), of_scenario("s.toml")
     force = run.signals.array("robot.tau_ext")
     assert np.array_equal(force[:-1], scenario.signals.array("robot.tau_ext")[:-1])
-    done = cosim("analyze", "run", "--no-plot", "--no-tests")
+    done = cosim("analyze", "run", "--no-tests")
     assert "port robot: robot.tau_h + robot.tau_ext, robot.q" in done.out
 
 

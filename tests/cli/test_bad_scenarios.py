@@ -134,7 +134,7 @@ def test_a_folder_that_cannot_be_made_is_said_before_the_run(
 ) -> None:
     (tmp_path / "file").write_text("in the way", encoding="utf-8")
     said = cosim.refused("run", CONFIG, *SHORT, "--out", "file/here")
-    assert said == f"{tmp_path}/file/here: cannot use this run folder: Not a directory"
+    assert said == f"{tmp_path}/file/here: cannot use this folder: Not a directory"
 
 
 def nowhere_to_write(tmp_path: Path) -> Path:
@@ -150,7 +150,7 @@ def test_a_working_directory_that_cannot_be_written_needs_out(tmp_path: Path) ->
     said = finished("run", CONFIG, *SHORT, cwd=cwd)
     assert (said.code, said.out) == (2, "")
     assert said.err.startswith(f"error: {cwd}/runs/teleoperation-")
-    assert "cannot use this run folder: " in said.err
+    assert "cannot use this folder: " in said.err
     done = finished("run", CONFIG, *SHORT, "--out", tmp_path / "here", cwd=cwd)
     assert (done.code, done.err) == (0, "")
 

@@ -286,6 +286,6 @@ def test_no_command_touches_the_folder_of_a_run_that_goes_on(
     assert done.code == 2
     last = done.err.splitlines()[-1]
     assert last.startswith("error: ") and last.endswith(
-        "here: another run records into this folder; choose another one, or wait for its end"
+        "here: another command records into this folder; choose another one, or wait for its end"
     )
     assert {path for path in (tmp_path / "here").rglob("*") if path.is_file()} == files

@@ -28,7 +28,7 @@ def test_it_prints_one_table_and_writes_it(
     out = tmp_path / "out"
     call(
         CONFIG, "--controllers", "p+d,pd", "--operators", "light, tight", "--links", "paper",
-        "--set", "run.stop=2 s", "--jobs", "1", "--out", out, "--keep",
+        "--set", "run.stop=2 s", "--jobs", "1", "--out", out, "--keep", "--png",
     )  # fmt: skip
     said = capsys.readouterr()
     assert "2 controllers x 2 operators x 1 link laws x 1 seed\n4 runs; 4 to run" in said.out

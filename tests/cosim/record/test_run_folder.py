@@ -64,7 +64,7 @@ def test_force_does_not_touch_a_folder_that_is_no_run(tmp_path: Path) -> None:
 
 
 def test_a_folder_is_of_one_run_until_this_ends(tmp_path: Path) -> None:
-    with held_folder(tmp_path / "a"), pytest.raises(ScenarioError, match="another run records"):
+    with held_folder(tmp_path / "a"), pytest.raises(ScenarioError, match="another command records"):
         held_folder(tmp_path / "a").__enter__()
     with held_folder(tmp_path / "a"):
         assert not list((tmp_path / "a").iterdir())
@@ -72,7 +72,7 @@ def test_a_folder_is_of_one_run_until_this_ends(tmp_path: Path) -> None:
 
 def test_a_folder_that_cannot_be_made(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
-    with pytest.raises(ScenarioError, match="cannot use this run folder") as caught:
+    with pytest.raises(ScenarioError, match="cannot use this folder") as caught:
         claim_folder(tmp_path / "file" / "run")
     assert caught.value.place.endswith("run")
 

@@ -60,7 +60,8 @@ def searched(study: Study, inside: Callable[..., bool], slots: int = 1) -> Sweep
 
 
 def test_one_axis(cosim: Command, tmp_path: Path) -> None:
-    done = cosim("sweep", written(tmp_path, ONE), "--workers", "threads", "--out", "here")
+    threads = ("--workers", "threads")
+    done = cosim("sweep", written(tmp_path, ONE), *threads, "--out", "here", "--png")
     assert done.code == 0, done
     assert "40 points; 40 to run" in done.out
     (found,) = csv.DictReader((tmp_path / "here" / "boundary.csv").open())

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from cosim.base.errors import ScenarioError
 from cosim.study import store as stores
 from cosim.study.run_point import StudyRow
-from cosim.study.store import Store, lock_folder, parts, rows
+from cosim.study.store import Store, parts, rows
 
 
 def made(i: int, **measures: float) -> StudyRow:
@@ -138,17 +138,6 @@ def test_columns_are_numbers_truths_or_text(tmp_path: Path) -> None:
     assert pq.read_table(tmp_path / "t.parquet").to_pydict() == {
         "a": [1.0, 2.5], "b": [True, None], "c": ["x", "3"], "settings": ["", ""],
     }  # fmt: skip
-
-
-def test_one_sweep_at_a_time(tmp_path: Path) -> None:
-    with (
-        lock_folder(tmp_path),
-        pytest.raises(ScenarioError, match="another sweep is running"),
-        lock_folder(tmp_path),
-    ):
-        pass
-    with lock_folder(tmp_path):
-        pass
 
 
 def test_a_damaged_part_is_named(tmp_path: Path) -> None:

@@ -66,7 +66,7 @@ def dataset(folder: Path) -> list[dict]:
 
 
 def test_a_study_becomes_a_table_a_summary_and_figures(cosim: Command, tmp_path: Path) -> None:
-    done = cosim("sweep", written(tmp_path, GRID + FIGURES), "--workers", "threads")
+    done = cosim("sweep", written(tmp_path, GRID + FIGURES), "--workers", "threads", "--png")
     out = tmp_path / "runs" / "study"
     assert done.code == 0
     assert done.err.splitlines()[-1].startswith("20/20 runs in ")
@@ -185,7 +185,7 @@ def test_trajectories_are_kept_if_asked_for(cosim: Command, tmp_path: Path) -> N
     ("arguments", "said"),
     [
         (("--workers", "elves"), "--workers 'elves': expected processes or threads"),
-        (("--out", "loop.toml"), "loop.toml: cannot be used: "),
+        (("--out", "loop.toml"), "loop.toml: cannot use this folder: "),
         (("--out", "."), "the folder holds "),
     ],
 )

@@ -29,6 +29,7 @@ from bridge.results.rehearsal_outcome import RehearsalOutcome
 from bridge.results.report import NodeReport
 from bridge.safety.limits import names, per_joint
 from bridge.wiring.wiring import HEARD, Rows
+from cosim.base.markdown import markdown_row
 from cosim.record.folder import NODES
 
 #: Counters of what a receiver refuses because of a frame's content.
@@ -267,5 +268,5 @@ def table(judged: list[JudgedRun]) -> list[list[str]]:
 
 def markdown(rows: list[list[str]]) -> str:
     """A table of Markdown."""
-    lines = ["| " + " | ".join(row) + " |" for row in rows]
+    lines = [markdown_row(cells) for cells in rows]
     return "\n".join([lines[0], "|" + "---|" * len(rows[0]), *lines[1:]]) + "\n"

@@ -21,6 +21,7 @@ from typing import Any
 
 from cosim.base.errors import ScenarioError
 from cosim.base.files import write_file
+from cosim.base.markdown import markdown_row
 from cosim.comparison.comparison import Comparison
 from cosim.comparison.page import PAGE
 from cosim.comparison.rows import ComparisonRow, columns, header, notes, rows, runs_as_data
@@ -73,8 +74,8 @@ def markdown(comparison: Comparison, command: str) -> str:
     c, shown = comparison, columns(comparison)
     heads = ["link", "operator", "controller", *(header(x, unit) for x, unit in shown), "stable?"]
     right = ["---"] * 3 + ["---:"] * len(shown) + ["---"]
-    lines = [f"# {c.variants.title}", "", f"`{command}`", "", _line(heads), _line(right)]
-    lines += [_line(_cells(row, c)) for row in rows(c)]
+    lines = [f"# {c.variants.title}", "", f"`{command}`", "", markdown_row(heads), markdown_row(right)]
+    lines += [markdown_row(_cells(row, c)) for row in rows(c)]
     lines += ["", *(f"- link **{x}**: {c.variants.links[x].title}" for x in c.chosen.links)]
     lines += [f"- operator **{x}**: {c.variants.operators[x].title}" for x in c.chosen.operators]
     lines += [f"- controller {_described(c.variants.controllers[x])}" for x in c.chosen.controllers]
@@ -90,11 +91,6 @@ def _described(controller: Controller) -> str:
 def _cells(row: ComparisonRow, comparison: Comparison) -> list[str]:
     numbers = [row.cell(c, unit) for c, unit in columns(comparison)]
     return [row.link, row.operator, row.label, *numbers, row.stable]
-
-
-def _line(cells: Sequence[str]) -> str:
-    escaped = [cell.replace("|", "\\|") for cell in cells]
-    return f"| {' | '.join(escaped)} |"
 
 
 def table_csv(comparison: Comparison) -> str:

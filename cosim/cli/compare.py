@@ -80,6 +80,7 @@ def compare(
     from cosim.comparison.kept import KeptResults
     from cosim.comparison.variants_file import read, variants_path
     from cosim.engine.simulate import versions
+    from cosim.record import held_folder
     from cosim.study.runner import fingerprint_of
 
     known = read(selection.variants or variants_path(scenario))
@@ -94,18 +95,19 @@ def compare(
     folder = options.out or Path("runs") / f"compare-{scenario.stem}-{stamp()}"
     plans = check(base, known, chosen)  # before there is a folder
     report_unconnected_inputs(plans, strict=options.strict, quiet=result.quiet)
-    report.claim(folder, force=options.force, resume=options.resume)
     watch, same = stopwatch(), fingerprint_of(repr(versions()).encode(), plans)
     runs, seeds = folder / report.RUNS if options.keep else None, selection.seeds
     title, count = _title(known, chosen, scenario, seeds), range(base.seed, base.seed + seeds)
-    with (
-        watched(result.quiet, folder, title, "runs") as observer,
-        KeptResults(folder, same, runs) as kept,
-    ):
-        found = compare_all(
-            base, known, chosen, count, jobs=options.jobs, kept=kept, observer=observer
-        )
-    paths = _written(found, folder, options)
+    with held_folder(folder):
+        report.claim(folder, force=options.force, resume=options.resume)
+        with (
+            watched(result.quiet, folder, title, "runs") as observer,
+            KeptResults(folder, same, runs) as kept,
+        ):
+            found = compare_all(
+                base, known, chosen, count, jobs=options.jobs, kept=kept, observer=observer
+            )
+        paths = _written(found, folder, options)
     result.save(report.as_data(found, this_command()))
     result.say("\n".join(report.text(found)))
     result.say(f"{len(found.outcomes)} runs in {watch():.1f} s; {', '.join(map(str, paths))}")

@@ -11,6 +11,7 @@ import typer
 from cosim.base.errors import ScenarioError
 from cosim.cli.compare import compare
 from cosim.cli.options import flat
+from cosim.record import held_folder
 from tests.cli.command import Command
 from tests.cosim.comparison.parts import CONFIG, SMALL, VARIANTS, written
 
@@ -49,6 +50,14 @@ def test_it_prints_one_table_and_writes_it(
     assert capsys.readouterr().out == ""
     assert len(json.loads((out / "table.json").read_text(encoding="utf-8"))["runs"]) == 1
     assert not (out / "comparison.png").exists() and not (out / "report.html").exists()
+
+
+def test_a_folder_has_one_comparison_at_a_time(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    with held_folder(out), pytest.raises(ScenarioError, match="another command records into this"):
+        call(CONFIG, "--controllers", "pd", "--operators", "light", "--links", "paper",
+             "--set", "run.stop=1 s", "--out", out)  # fmt: skip
+    assert not list(out.iterdir())
 
 
 def test_the_list_says_what_there_is(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:

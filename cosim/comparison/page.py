@@ -12,7 +12,7 @@ from statistics import median
 import numpy as np
 
 from cosim.comparison.comparison import Comparison
-from cosim.comparison.rows import ComparisonRow, columns, header, notes, rows
+from cosim.comparison.rows import ComparisonRow, columns, format_number, header, notes, rows
 from cosim.comparison.spec import PortMeasure
 from cosim.comparison.variants import MetricColumn
 from cosim.measure.contact_metrics import PortEnergy
@@ -34,7 +34,7 @@ def write(comparison: Comparison, folder: Path, repeat: str) -> Path:
     """
     c = comparison
     every = list(rows(c))
-    ended = [row for row in every if all(o.verdict.stable for o in row.outcomes)]
+    ended = [row for row in every if row.is_stable]
     badge = Badge("finished", f"{len(ended)} of {len(every)} rows are stable")
     subtitle = f"{c.base.path} · {c.variants.path} · seeds {', '.join(map(str, c.seeds))}"
     data = PageData(_until(c))
@@ -43,8 +43,9 @@ def write(comparison: Comparison, folder: Path, repeat: str) -> Path:
     over = f'<section id="overlay" data-reference="{reference}"></section>' if data.signals else ""
     told = folded("Notes", "".join(f"<p>{escape(line)}</p>" for line in notes(c)), opened=True)
     rest = (
-        f"{tables}<p>✓ best, ✗ worst of a column where less is better, among stable rows. "
-        f"{_seeds(c)}</p>"
+        f"{tables}<p>✓ best, ✗ worst of a column where less is better. Not ranked: rows that are "
+        f"not stable, under which an arm does not move, and numbers that look alike. {_seeds(c)}"
+        "</p>"
         f"{told}{_names(c)}<h2>Repeat it</h2>{command('repeat', repeat)}"
     )
     return write_page(folder / PAGE, c.variants.title, subtitle, badge, over, data, rest)
@@ -66,10 +67,10 @@ def _blocks(c: Comparison, every: Sequence[ComparisonRow], data: PageData) -> It
     head = "".join(f"<th class='number'>{escape(header(x, unit))}</th>" for x, unit in shown)
     for (link, operator), group in groupby(every, key=lambda r: (r.link, r.operator)):
         block = list(group)
-        marks = [_marks(block, column) for column, _ in shown]
+        marks = [_marks(block, column, unit) for column, unit in shown]
         laid = block[:2] if (link, operator) == first else []
         lines = "".join(
-            f"<tr><td class='name'>{escape(row.label)}</td>"
+            f"<tr{_kind(row)}><td class='name'>{escape(row.label)}</td>"
             f"<td>{_mini(row, data, (low, high), laid=row in laid)}</td>"
             + "".join(
                 f'<td class="number{kinds.get(i, "")}">{escape(row.cell(x, unit))}</td>'
@@ -135,19 +136,26 @@ def _mini(row: ComparisonRow, data: PageData, heights: tuple[float, float], *, l
     )
 
 
-def _marks(block: Sequence[ComparisonRow], column: MetricColumn) -> dict[int, str]:
-    """Classes of the best and the worst cell of a column, by row."""
+def _kind(row: ComparisonRow) -> str:
+    """The attribute of a row that is not ranked."""
+    return "" if row.is_ranked else " class='unranked'"
+
+
+def _marks(block: Sequence[ComparisonRow], column: MetricColumn, unit: str) -> dict[int, str]:
+    """Classes of the best and the worst cells of a column, by row; none if they look alike."""
     if isinstance(column.metric, PortMeasure | PortEnergy):  # less is neither better nor worse
         return {}
     values = {
         i: median(found)
         for i, row in enumerate(block)
-        if (found := row.values(column)) and all(o.verdict.stable for o in row.outcomes)
+        if row.is_ranked and (found := row.values(column))
     }
-    if len(values) < 2 or min(values.values()) == max(values.values()):
+    shown = {i: format_number(value, unit) for i, value in values.items()}
+    ends = [format_number(f(values.values(), default=0.0), unit) for f in (min, max)]
+    if ends[0] == ends[1]:
         return {}
-    kinds = {min(values.values()): " best", max(values.values()): " worst"}
-    return {i: kinds[x] for i, x in values.items() if x in kinds}
+    kinds = dict(zip(ends, (" best", " worst"), strict=True))
+    return {i: kinds[text] for i, text in shown.items() if text in kinds}
 
 
 def _names(c: Comparison) -> str:

@@ -6,7 +6,7 @@ estimated number is followed by two standard deviations.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from math import inf, isfinite, isnan, nan
 from statistics import median
@@ -25,17 +25,23 @@ MARK = "†"
 SMALL = 1e-3
 #: An uncertainty below this share of its number (or of SMALL) is not shown: it is in no digit.
 VISIBLE = 2e-3
+#: Share of the largest motion under the other controllers below which an arm does not move.
+STILL = 0.01
 
 
 @dataclass(frozen=True, slots=True)
 class ComparisonRow:
-    """A controller under an operator over a link law: one outcome a seed."""
+    """A controller under an operator over a link law: one outcome a seed.
+
+    `still`: position signals that do not move, though they do under another controller.
+    """
 
     link: str
     operator: str
     controller: str
     marked: bool
     outcomes: tuple[CaseOutcome, ...]
+    still: tuple[str, ...] = ()
 
     @property
     def label(self) -> str:
@@ -65,13 +71,24 @@ class ComparisonRow:
         return middle if low == high else f"{middle} [{low}, {high}]"
 
     @property
+    def is_stable(self) -> bool:
+        """True if the run with each seed came, or comes, to rest."""
+        return all(o.verdict.stable for o in self.outcomes)
+
+    @property
+    def is_ranked(self) -> bool:
+        """True if its numbers may be the best or the worst: it is stable, and everything moves."""
+        return self.is_stable and not self.still
+
+    @property
     def stable(self) -> str:
         """The column "stable?"."""
         verdicts = [o.verdict for o in self.outcomes]
         bad = [v for v in verdicts if not v.stable]
-        if len(verdicts) == 1 or not bad:
-            return next((v for v in verdicts if v.kind != "at rest"), verdicts[0]).text
-        return bad[0].text + (f" ({len(bad)} of {len(verdicts)} seeds)")
+        if bad and len(verdicts) > 1:
+            return bad[0].text + (f" ({len(bad)} of {len(verdicts)} seeds)")
+        text = next((v for v in verdicts if v.kind != "at rest"), verdicts[0]).text
+        return f"{text}; no motion of {', '.join(self.still)}" if self.still else text
 
 
 def rows(comparison: Comparison) -> Iterator[ComparisonRow]:
@@ -80,9 +97,29 @@ def rows(comparison: Comparison) -> Iterator[ComparisonRow]:
     for link in c.chosen.links:
         varies = c.tables.varies(link)
         for operator in c.chosen.operators:
-            for name in c.chosen.controllers:
+            found = {name: c.of(link, operator, name) for name in c.chosen.controllers}
+            still = _still(found)
+            for name, outcomes in found.items():
                 marked = varies and c.variants.controllers[name].constant_delay
-                yield ComparisonRow(link, operator, name, marked, c.of(link, operator, name))
+                yield ComparisonRow(link, operator, name, marked, outcomes, still[name])
+
+
+def _still(found: Mapping[str, Sequence[CaseOutcome]]) -> dict[str, tuple[str, ...]]:
+    """The position signals that do not move under each controller, of those that move at all."""
+    largest: dict[str, dict[str, float]] = {}
+    for controller, outcomes in found.items():
+        for outcome in outcomes:
+            for signal, distance in outcome.verdict.motion.items():
+                by = largest.setdefault(signal, {})
+                by[controller] = max(distance, by.get(controller, 0.0))
+    return {
+        controller: tuple(
+            signal
+            for signal, by in largest.items()
+            if by.get(controller, inf) < STILL * max(by.values())
+        )
+        for controller in found
+    }
 
 
 def columns(comparison: Comparison) -> list[tuple[MetricColumn, str]]:

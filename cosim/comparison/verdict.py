@@ -19,8 +19,8 @@ whose time constant is longer than about twice the run counts as moving.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from math import nan, sqrt
 from typing import Literal
 
@@ -38,12 +38,16 @@ DECAYS, GROWS = 0.9, 1.1
 
 @dataclass(frozen=True, slots=True)
 class RunVerdict:
-    """The outcome of a run: `time` (s) of its end if that was early, `speed` v, rad/s."""
+    """The outcome of a run: `time` (s) of its end if that was early, `speed` v, rad/s.
+
+    `motion`: the largest distance (rad) of each position signal from its start, by name.
+    """
 
     kind: Kind
     time: float = nan
     speed: float = nan
     reason: str = ""
+    motion: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def stable(self) -> bool:
@@ -76,7 +80,14 @@ def judge(run: Signals, how: Stability, failure: RunError | None = None) -> RunV
         return RunVerdict("diverged", float(t[outside[0]]), reason=reason)
     if failure is not None:
         return RunVerdict("stopped", failure.time, reason=reason)
-    return _motion(run, v, how)
+    motion = {name: _distance(run, name) for name in how.position}
+    return replace(_motion(run, v, how), motion=motion)
+
+
+def _distance(run: Signals, name: str) -> float:
+    """The largest distance of an entry of a signal from its first value."""
+    x = stack(run, (name,), "stable").x
+    return float(np.abs(x - x[:1]).max(initial=0.0))
 
 
 def _motion(run: Signals, v: Array, how: Stability) -> RunVerdict:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import json
+import re
 from dataclasses import replace
 from math import inf
 from pathlib import Path
@@ -14,7 +15,7 @@ import pytest
 from PIL import Image
 
 from cosim.base.errors import RunError, ScenarioError
-from cosim.comparison import report
+from cosim.comparison import page, report
 from cosim.comparison.comparison import Comparison
 from cosim.comparison.figure import _Cells, draw
 from cosim.comparison.measure import CaseOutcome
@@ -105,6 +106,59 @@ def test_the_worst_of_several_seeds_decides(found: Comparison) -> None:
     mixed = replace(row, outcomes=(*good.outcomes, *row.outcomes))
     assert mixed.stable == "no: diverged at 0.17 s (1 of 2 seeds)"
     assert mixed.cell(found.variants.columns[0], "s") == "–"
+
+
+def cells(page: str, controller: str) -> list[str]:
+    """The classes of the numbers in the rows of a controller, over all tables of a page."""
+    found = re.findall(rf"<tr[^>]*><td class='name'>{re.escape(controller)}</td>(.*?)</tr>", page)
+    return [x for row in found for x in re.findall(r'<td class="number([^"]*)"', row)]
+
+
+def test_a_law_under_which_an_arm_never_moves_is_not_the_best(tmp_path: Path) -> None:
+    found = compared(
+        VARIANTS, ["free", "pd", "p+d"], ["light"], ["constant"], settings=["run.stop=30 s"]
+    )
+    still = {row.controller: row.still for row in rows(found)}
+    assert still == {"free": ("slave.q",), "pd": (), "p+d": ()}
+    none, one = (next(r for r in rows(found) if r.controller == x) for x in ("free", "pd"))
+    effort = next(c for c, _ in columns(found) if c.name == "effort")
+    assert none.values(effort) < one.values(effort) and none.is_stable and not none.is_ranked
+    assert "; no motion of slave.q" in none.stable
+    text = page.write(found, tmp_path, COMMAND).read_text(encoding="utf-8")
+    assert not any(cells(text, "free"))
+    assert {" best", " worst"} <= {*cells(text, "pd"), *cells(text, "p+d")}
+
+
+def test_numbers_that_look_alike_are_neither_best_nor_worst(
+    found: Comparison, tmp_path: Path
+) -> None:
+    """Of the errors of two rows, 1e-9 and 2e-9 rad, neither is better; of 0.1 and 0.2, one is."""
+    column = next(c for c, _ in columns(found) if c.name == "apart")
+
+    def marked(*values: float) -> list[str]:
+        good = next(o for o in found.outcomes if o.verdict.stable and o.case.operator == "free")
+        outcomes = [
+            replace(
+                good, case=replace(good.case, controller=name), numbers={column.name: (value, "m")}
+            )
+            for name, value in zip(("p+d", "paper"), values, strict=True)
+        ]
+        chosen = replace(found.chosen, operators=("free",))
+        one = replace(found, outcomes=tuple(outcomes), chosen=chosen)
+        text = page.write(one, tmp_path, COMMAND).read_text(encoding="utf-8")
+        return [x for name in ("p+d", "paper") for x in cells(text, name) if x]
+
+    assert marked(1e-9, 2e-9) == []
+    assert marked(0.1, 0.2) == [" best", " worst"]
+
+
+def test_a_row_that_is_not_stable_is_marked_and_never_the_best(
+    found: Comparison, tmp_path: Path
+) -> None:
+    text = page.write(found, tmp_path, COMMAND).read_text(encoding="utf-8")
+    assert [r.controller for r in rows(found) if not r.is_stable] == ["paper"]
+    assert text.count("<tr class='unranked'>") == 1
+    assert "no: diverged at 0.17 s" in text.split("<tr class='unranked'>")[1].split("</tr>")[0]
 
 
 # ---- files -------------------------------------------------------------------------------------

@@ -57,7 +57,8 @@ def diff(
 ) -> None:
     """Compare two runs signal by signal, largest differences first, and print a verdict.
 
-    The runs may be offline, twin, rehearsal or hardware runs. Exit status 1 if they differ.
+    The runs may be offline, twin, rehearsal or hardware runs. Exit status 1 if they differ, also
+    in length.
     """
     from bridge.replay.diff import compare_runs
     from bridge.replay.page import write_diff_page, write_junit
@@ -80,7 +81,10 @@ def lines(found: RunDifference) -> list[str]:
     """The printed lines."""
     from cosim.cli.show import aligned
 
+    ends = [last for _, last in found.spans]
     text = [f"a  {found.a}", f"b  {found.b}", f"{found.rows} rows to {found.t_end:g} s"]
+    if not found.same_span:
+        text[0:2] = [f"{line}, to {end:g} s" for line, end in zip(text[:2], ends, strict=True)]
     table = [["signal", "RMS", "largest", "at", "RMS may be", "unit"]]
     for s in found.signals[:SHOWN]:
         bound = f"{s.bound_rms:.3g}" if s.judged else "not judged"

@@ -1,7 +1,7 @@
 """Comparison of two runs (offline, twin, rehearsal or hardware): differences and a verdict.
 
 The runs are compared on the rows of the run with fewer rows, over their common time; the other run
-holds its last value. Two runs of one scenario are *equal* if their difference is at most the change
+holds its last value. Runs that begin or end more than a period apart are *different*. Two other runs of one scenario are *equal* if their difference is at most the change
 of either run within one period, plus a step of the quantization::
 
     d(t) = b(t) - a(t),   v(t) = x(t + T) - x(t) for x = a, b
@@ -73,7 +73,8 @@ class MetricDifference:
 class RunDifference:
     """The difference of two runs: `signals`, the largest differences by their bounds first.
 
-    `period`: T of the bounds, s; `tolerance`: in place of all bounds, in each signal's unit;
+    `t_end`: the end of their common time, s; `spans`: times of the first and last row of a and b,
+    s; `period`: T of the bounds, s; `tolerance`: in place of all bounds, in each signal's unit;
     `only`: signals that one of them lacks, (a, b).
     """
 
@@ -81,6 +82,8 @@ class RunDifference:
     b: Path
     rows: int
     t_end: float
+    spans: tuple[tuple[float, float], tuple[float, float]]
+    same_span: bool
     period: float
     tolerance: float | None
     signals: tuple[SignalDifference, ...]
@@ -89,8 +92,20 @@ class RunDifference:
     remarks: tuple[str, ...]
 
     @property
+    def names(self) -> tuple[str, str]:
+        """The names of both folders; their paths if they have the same name."""
+        if self.a.name != self.b.name:
+            return self.a.name, self.b.name
+        return str(self.a), str(self.b)
+
+    @property
     def verdict(self) -> Verdict:
         """Identical to the bit, equal within the bounds, or different."""
+        return self._in_common if self.same_span else "different"
+
+    @property
+    def _in_common(self) -> Verdict:
+        """The verdict over the common time."""
         if all(s.largest == 0.0 for s in self.signals):
             return "identical"
         return "equal" if all(s.within for s in self.signals) else "different"
@@ -102,18 +117,35 @@ class RunDifference:
 
     def sentence(self) -> str:
         """The verdict, with the limit that determines it."""
-        if self.verdict == "identical":
-            return f"identical to the bit in {len(self.signals)} signals, {self.rows} rows"
+        if self.verdict == "different":
+            return f"different: {self.reason()}"
+        return f"{self.verdict} {self.reason()}"
+
+    def reason(self) -> str:
+        """The limit that determines the verdict; for runs of different times, these as well."""
+        found = self._reason()
+        if self.same_span:
+            return found
+        begin = max(first for first, _ in self.spans)
+        if self._in_common != "different":
+            found = f"{self._in_common} {found}"
+        common = f"{found} over the common {self.t_end - begin:g} s"
+        return "; ".join([common, *map(_spanned, self.names, self.spans)])
+
+    def _reason(self) -> str:
+        found = self._in_common
+        if found == "identical":
+            return f"to the bit in {len(self.signals)} signals, {self.rows} rows"
         bound = f"quantisation and one period ({self.period * 1e3:g} ms)"
         if self.tolerance is not None:
             bound = f"{self.tolerance:g} of each signal's unit"
-        if self.verdict == "equal":
-            return f"equal within {bound}"
+        if found == "equal":
+            return f"within {bound}"
         beyond = [s.name for s in self.signals if not s.within]
         judged = sum(s.judged for s in self.signals)
         return (
-            f"different: {len(beyond)} of {judged} signals are further apart than "
-            f"{bound}, most of all {beyond[0]}"
+            f"{len(beyond)} of {judged} signals are further apart than {bound}, most of all "
+            f"{beyond[0]}"
         )
 
     def as_data(self) -> dict[str, Any]:
@@ -148,7 +180,7 @@ def compare_runs(
         for name in names
     ]
     return RunDifference(
-        a, b, len(t), float(t[-1]), T, tolerance,
+        a, b, len(t), float(t[-1]), *_spans(first, second, T), T, tolerance,
         tuple(sorted(found, key=lambda s: (not s.judged, -_share(s), -s.largest, s.name))),
         _metrics(first, second), (_missing_signals(first, second), _missing_signals(second, first)),
         tuple(dict.fromkeys(remarks)),
@@ -191,6 +223,26 @@ def _rows(a: Run, b: Run) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         raise ScenarioError("the runs have no time in common", f"{a.path}, {b.path}")
     held = [np.searchsorted(t, grid + CLOSE, side="right") - 1 for t in (ta, tb)]
     return held[0], held[1]
+
+
+def _spans(
+    a: Run, b: Run, period: float
+) -> tuple[tuple[tuple[float, float], tuple[float, float]], bool]:
+    """Times of the first and last rows, s; whether they agree to a step of the coarser run.
+
+    A run that was recorded more coarsely may end up to a step before the other, and a twin, which
+    has no row at its end, up to a period (s).
+    """
+    spans = [(float(run.t[0]), float(run.t[-1])) for run in (a, b)]
+    step = max(period, *(float(np.diff(run.t).max(initial=0.0)) for run in (a, b)))
+    apart = max(abs(x - y) for x, y in zip(*spans, strict=True))
+    return (spans[0], spans[1]), apart < step + CLOSE
+
+
+def _spanned(name: str, span: tuple[float, float]) -> str:
+    """``a is 60 s long``; where it does not begin at 0, from when to when."""
+    first, last = span
+    return f"{name} is {last:g} s long" if first == 0 else f"{name} is from {first:g} to {last:g} s"
 
 
 def _difference(

@@ -22,7 +22,8 @@ def write_diff_page(found: RunDifference, path: Path) -> Path:
 
     Raises CosimError if it cannot be written.
     """
-    runs = {"a": Run.open(found.a), "b": Run.open(found.b)}
+    names = found.names
+    runs = dict(zip(names, (Run.open(found.a), Run.open(found.b)), strict=True))
     data = PageData(found.t_end)
     for signal in found.signals[:PANELS]:
         series = []
@@ -34,12 +35,13 @@ def write_diff_page(found: RunDifference, path: Path) -> Path:
         data.panels.append(PlottedPanel(signal.name, signal.unit, tuple(series)))
     if found.signals:
         data.start = found.signals[0].at
-    badge = Badge("failed" if found.exit_code else "passed", found.sentence())
-    numbers = [("rows", str(found.rows)), ("until", f"{found.t_end:g} s")]
+    badge = Badge(found.verdict, found.reason())
+    numbers = [("rows compared", str(found.rows)), ("until", f"{found.t_end:g} s")]
     numbers += [("largest difference", _largest(found.signals[0]))] if found.signals else []
     return write_page(
-        path, f"{found.a} and {found.b}", "cosim diff", badge, cards(numbers), data, _tables(found)
-    )
+        path, f"{names[0]} and {names[1]}", f"cosim diff {found.a} {found.b}", badge,
+        cards(numbers), data, _tables(found),
+    )  # fmt: skip
 
 
 def _largest(signal: SignalDifference) -> str:
@@ -48,6 +50,7 @@ def _largest(signal: SignalDifference) -> str:
 
 def _tables(found: RunDifference) -> str:
     head = ["signal", "verdict", "unit", "RMS", "largest", "at", "RMS may be"]
+    a, b = found.names
     rows = [
         (s.name, _word(s), s.unit, f"{s.rms:.3g}", f"{s.largest:.3g}", f"{s.at:g} s",
          f"{s.bound_rms:.3g}")
@@ -58,23 +61,25 @@ def _tables(found: RunDifference) -> str:
     ]
     text = f"<h2>Signals</h2>{table(head, rows, 4)}"
     if metrics:
-        text += f"<h2>Metrics</h2>{table(['metric', 'unit', 'a', 'b', 'b - a'], metrics, 3)}"
+        text += f"<h2>Metrics</h2>{table(['metric', 'unit', a, b, 'difference'], metrics, 3)}"
     return text
 
 
 def _word(signal: SignalDifference) -> str:
-    return "not judged" if not signal.judged else "passed" if signal.within else "failed"
+    if signal.largest == 0.0:
+        return "identical"
+    return "not judged" if not signal.judged else "equal" if signal.within else "different"
 
 
 def write_junit(found: RunDifference, path: Path) -> Path:
-    """Write a test case for each signal that is judged.
+    """Write a test case for each signal that is judged, and one for the length of the runs.
 
     Raises RunError if the file cannot be written.
     """
     judged = [s for s in found.signals if s.judged]
-    failed = sum(not s.within for s in judged)
+    failed = sum(not s.within for s in judged) + (not found.same_span)
     suite = ElementTree.Element(
-        "testsuite", name=f"cosim diff {found.a} {found.b}", tests=str(len(judged)),
+        "testsuite", name=f"cosim diff {found.a} {found.b}", tests=str(len(judged) + 1),
         failures=str(failed), errors="0", skipped="0",
     )  # fmt: skip
     for s in judged:
@@ -87,6 +92,9 @@ def write_junit(found: RunDifference, path: Path) -> Path:
                 f"most {s.bound:.4g}, RMS {s.bound_rms:.4g}"
             )
             ElementTree.SubElement(case, "failure", message=message)
+    case = ElementTree.SubElement(suite, "testcase", classname="cosim.runs", name="length")
+    if not found.same_span:
+        ElementTree.SubElement(case, "failure", message=found.reason())
     try:
         ElementTree.ElementTree(suite).write(path, encoding="utf-8", xml_declaration=True)
     except OSError as error:

@@ -24,11 +24,15 @@ from cosim.base.files import write_file
 from cosim.reporting.thinning import thin
 
 Array = NDArray[np.float64]
-#: The words of a verdict, everywhere the same; "finished": nothing was to be judged.
-Word = Literal["passed", "failed", "inconclusive", "error", "finished", "running"]
+#: The words of a verdict, everywhere the same; "finished": nothing was to be judged. The last three
+#: are about two runs.
+Word = Literal[
+    "passed", "failed", "inconclusive", "error", "finished", "running",
+    "identical", "equal", "different",
+]  # fmt: skip
 _MARKS: Mapping[str, str] = {
     "passed": "✓", "failed": "✗", "inconclusive": "?", "error": "✗", "finished": "●",
-    "running": "▶",
+    "running": "▶", "identical": "=", "equal": "≈", "different": "≠",
 }  # fmt: skip
 #: Scripts and styles of the page itself are all that it may use.
 _POLICY = (

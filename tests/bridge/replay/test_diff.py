@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from typer.testing import CliRunner
 
 from bridge.cli.diff import diff, lines
 from bridge.replay.diff import compare_runs, within_a_period
-from bridge.replay.page import write_diff_page
+from bridge.replay.page import write_diff_page, write_junit
 from bridge.results.outcome import run_twin
 from cosim.base.errors import ScenarioError
 from cosim.cli.options import flat
@@ -105,6 +106,24 @@ def test_runs_of_different_length_are_compared_over_what_both_have(tmp_path):
     a, b = made(tmp_path / "a", {"x": WAVE}), made(tmp_path / "b", {"x": WAVE[:60]})
     found = compare_runs(a, b)
     assert (found.rows, found.t_end) == (60, pytest.approx(5.9))
+    assert (found.verdict, found.exit_code) == ("different", 1)
+    assert found.sentence() == (
+        "different: identical to the bit in 1 signals, 60 rows over the common 5.9 s; "
+        "a is 9.9 s long; b is 5.9 s long"
+    )
+    assert f"a  {a}, to 9.9 s" in lines(found)
+    cases = ElementTree.parse(write_junit(found, tmp_path / "j.xml")).getroot()
+    assert cases.get("failures") == "1" and cases.get("tests") == "2"
+    assert [c.get("name") for c in cases if c.find("failure") is not None] == ["length"]
+
+
+def test_two_rows_more_are_another_length_and_one_or_a_coarser_run_is_not(tmp_path):
+    a, b = made(tmp_path / "a", {"x": WAVE}), made(tmp_path / "b", {"x": WAVE[:-2]})
+    one = made(tmp_path / "one", {"x": WAVE[:-1]})
+    assert compare_runs(a, one).verdict == "identical"
+    assert compare_runs(a, b).verdict == compare_runs(b, a).verdict == "different"
+    coarse = made(tmp_path / "coarse", {"x": WAVE}, every=7)  # ends at 9.8 s
+    assert compare_runs(a, coarse).verdict == "identical"
 
 
 @pytest.mark.parametrize("empty", ["a", "b", "ab"])

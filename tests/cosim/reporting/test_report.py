@@ -253,15 +253,16 @@ def test_a_comparison_marks_the_best_and_the_worst_cells() -> None:
 
     column = MetricColumn("x", "x", "", Measure("x", "peak", ("a.q",)), ())
     never = float("inf")
-    assert _marks([row(3.0), row(1.0), row(2.0), row(0.5, stable=False)], column) == {
+    assert _marks([row(3.0), row(1.0), row(2.0), row(0.5, stable=False)], column, "s") == {
         0: " worst", 1: " best",
     }  # fmt: skip
-    assert _marks([row(3.0), row(never), row(1.0), row(never)], column) == {
+    assert _marks([row(3.0), row(never), row(1.0), row(never)], column, "s") == {
         1: " worst", 2: " best", 3: " worst",
     }  # fmt: skip
-    assert _marks([row(1.0), row(1.0)], column) == _marks([row(1.0)], column) == {}
+    assert _marks([row(1.0), row(1.0)], column, "s") == {}
+    assert _marks([row(1.0)], column, "s") == {}
     port = MetricColumn("x", "x", "", PortMeasure(kind="damping"), ())
-    assert _marks([row(1.0), row(2.0)], port) == {}
+    assert _marks([row(1.0), row(2.0)], port, "s") == {}
 
 
 def test_two_runs_side_by_side(cosim: Command) -> None:
@@ -284,7 +285,7 @@ def test_two_runs_side_by_side(cosim: Command) -> None:
     first = found["panels"][0]["series"]
     assert [s["label"] for s in first] == ["a", "b"]
     assert len(found["panels"]) == 6 and {s["name"] for s in first} <= set(found["signals"])
-    assert 'class="verdict failed"' in Path("d.html").read_text(encoding="utf-8")
+    assert 'class="verdict different"' in Path("d.html").read_text(encoding="utf-8")
     assert cosim("diff", "a", "a", "--junit", "e.xml").code == 0
     assert ElementTree.parse("e.xml").getroot().get("failures") == "0"
 

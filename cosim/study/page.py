@@ -40,7 +40,7 @@ def write(found: SweepTable, study: Study, folder: Path, repeat: str) -> Path:
         said += f"; the page shows {len(records)} of them, evenly spaced in the table"
     kept = study.keep == "trajectories"
     drawn = points(
-        list(_columns(found, records)),
+        list(_columns(found, records, asked_for(study))),
         list(_views(study, found)),
         entries(records, "reason"),
         folders=entries(records, "run") if kept else (),
@@ -61,19 +61,36 @@ def write(found: SweepTable, study: Study, folder: Path, repeat: str) -> Path:
     )  # fmt: skip
 
 
-def _columns(found: SweepTable, records: Sequence[Mapping[str, Any]]) -> Iterator[PointColumn]:
-    """Axes, whether a run is stable, and measures; parts of measures only for the map."""
+def asked_for(study: Study) -> set[str]:
+    """The columns that the study names: in ``[stable]``, ``[boundary]`` and its figures."""
+    found = {*study.stable, *([study.boundary.of] if study.boundary else ())}
+    for figure in study.figures.values():
+        found |= {figure.x, figure.y, figure.z, figure.by}
+    return found
+
+
+def _columns(
+    found: SweepTable, records: Sequence[Mapping[str, Any]], asked: set[str]
+) -> Iterator[PointColumn]:
+    """Axes, whether a run is stable, and measures, those that are `asked` for first.
+
+    These are in the table and filter it, whatever they are; of the others, parts of measures are
+    for the map only.
+    """
     for name in found.axes:
         values = entries(records, name)
         yield PointColumn(name, "", values, axis=True, parallel=True, listed=True)
     stable = column(records, "stable").tolist()
     yield PointColumn("stable", "", stable, axis=False, parallel=True, listed=False)
     room = PARALLEL - len(found.axes) - 1
-    for name, unit in found.units.items():
-        main = "." not in name
+    for name in sorted(found.units, key=lambda name: name not in asked):
+        main = name in asked or "." not in name
         room -= main
+        parallel = name in asked or (main and room >= 0)
         values = column(records, name).tolist()
-        yield PointColumn(name, unit, values, axis=False, parallel=main and room >= 0, listed=main)
+        yield PointColumn(
+            name, found.units[name], values, axis=False, parallel=parallel, listed=main
+        )
 
 
 def _views(study: Study, found: SweepTable) -> Iterator[PointView]:

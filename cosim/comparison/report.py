@@ -74,7 +74,8 @@ def markdown(comparison: Comparison, command: str) -> str:
     c, shown = comparison, columns(comparison)
     heads = ["link", "operator", "controller", *(header(x, unit) for x, unit in shown), "stable?"]
     right = ["---"] * 3 + ["---:"] * len(shown) + ["---"]
-    lines = [f"# {c.variants.title}", "", f"`{command}`", "", markdown_row(heads), markdown_row(right)]
+    lines = [f"# {c.variants.title}", "", f"`{command}`", ""]
+    lines += [markdown_row(heads), markdown_row(right)]
     lines += [markdown_row(_cells(row, c)) for row in rows(c)]
     lines += ["", *(f"- link **{x}**: {c.variants.links[x].title}" for x in c.chosen.links)]
     lines += [f"- operator **{x}**: {c.variants.operators[x].title}" for x in c.chosen.operators]

@@ -1,8 +1,9 @@
 """Comparison of two runs (offline, twin, rehearsal or hardware): differences and a verdict.
 
 The runs are compared on the rows of the run with fewer rows, over their common time; the other run
-holds its last value. Runs that begin or end more than a period apart are *different*. Two other runs of one scenario are *equal* if their difference is at most the change
-of either run within one period, plus a step of the quantization::
+holds its last value. Runs that begin or end more than a period apart are *different*. Two other
+runs of one scenario are *equal* if their difference is at most the change of either run within one
+period, plus a step of the quantization::
 
     d(t) = b(t) - a(t),   v(t) = x(t + T) - x(t) for x = a, b
     RMS(d) <= RMS(v) + LSB   and   max |d| <= max |v| + LSB

@@ -22,6 +22,7 @@ State = Literal["good", "limited", "missing"]
 _MARKS = {"good": "✓", "limited": "!", "missing": "✗"}
 #: Optional packages: what needs them.
 EXTRAS = {
+    "fmpy": ("fmpy", "validation of FMUs, CVODE, and FMI headers for sources of FMUs"),
     "matplotlib": ("figures", "figures as PNG, PDF and GIF, and cosim reproduce"),
     "scipy": ("fit", "cosim fit and files for MATLAB"),
     "mujoco-core": ("mujoco", "scenes of MuJoCo"),
@@ -108,6 +109,7 @@ def checks() -> Iterator[MachineCheck]:
     """Everything, in the order in which a user meets it."""
     for look in (
         _python,
+        _system,
         _engine,
         _compiler,
         _extras,
@@ -135,6 +137,19 @@ def _python() -> MachineCheck:
         text,
         "everything",
         "" if good else "install Python 3.11 or newer",
+    )
+
+
+def _system() -> MachineCheck:
+    name = {"Darwin": "macOS"}.get(platform.system(), platform.system())
+    linux = name == "Linux"
+    able = "offline runs, rehearsals and hardware" if linux else "offline runs, built and not tried"
+    return MachineCheck(
+        "system",
+        "good" if linux else "limited",
+        f"{name} {platform.machine()}: {able}",
+        "rehearsals and hardware",
+        "" if linux else "use Linux, also in a virtual machine",
     )
 
 

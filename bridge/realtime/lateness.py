@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from bridge.native.pace import edges
 from cosim.base.errors import CosimError, RunError
-from cosim.base.extras import require_matplotlib
+from cosim.base.extras import require
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -200,7 +200,7 @@ def draw(reports: Mapping[str, Lateness], path: str | Path) -> Path:
     """
     if not reports:
         raise CosimError(f"figure {path}: found no reports, expected one or more")
-    require_matplotlib()
+    require("matplotlib")
     import matplotlib
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure

@@ -19,7 +19,7 @@ from typing import Annotated, Any, TypeVar, get_type_hints
 
 import typer
 
-from cosim.base.extras import require_matplotlib
+from cosim.base.extras import require
 from cosim.base.toml import EXPECTED, is_usable_number
 
 #: The value of an option.
@@ -29,7 +29,7 @@ Given = TypeVar("Given")
 def drawn(value: Given) -> Given:
     """The callback of an option for which matplotlib draws. Raises ScenarioError without it."""
     if value:
-        require_matplotlib()
+        require("matplotlib")
     return value
 
 

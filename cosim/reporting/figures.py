@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cosim.base.errors import CosimError, ScenarioError
-from cosim.base.extras import require_matplotlib
+from cosim.base.extras import require
 from cosim.base.files import write_file
 from cosim.record.signals import Array, Signals
 from cosim.reporting import many
@@ -169,7 +169,7 @@ def load(*, lean: bool = False) -> None:
 
     Raises ScenarioError if matplotlib is not installed.
     """
-    require_matplotlib()
+    require("matplotlib")
     if lean and "matplotlib.figure" not in sys.modules:
         import matplotlib.artist
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from cosim.base.component import Drawing
 from cosim.base.errors import RunError, ScenarioError
-from cosim.base.extras import FIGURES
+from cosim.base.extras import require
 from cosim.record import Run
 from cosim.reporting.arms import first_arms, link_frames
 
@@ -34,10 +34,9 @@ def write_gif(run: Run, path: Path) -> Path:
     Raises ScenarioError where no arm can be drawn or Pillow is missing, RunError if the file cannot
     be written.
     """
-    try:
-        from PIL import Image, ImageDraw
-    except ImportError:
-        raise ScenarioError(f"a GIF needs Pillow, which is not installed: {FIGURES}") from None
+    require("PIL")
+    from PIL import Image, ImageDraw
+
     found, note = first_arms(run)
     arms = [(a.name, a.drawing, run.array(f"{a.name}.{a.drawing.position}")) for a in found]
     if not arms:

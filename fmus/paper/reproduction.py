@@ -26,7 +26,7 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 from cosim.base.errors import RunError, ScenarioError
-from cosim.base.extras import require_matplotlib
+from cosim.base.extras import require
 from cosim.engine.simulate import simulate, versions
 from cosim.record import Run
 from cosim.reporting import html
@@ -72,7 +72,7 @@ def reproduce(
     """
     chosen = select(wanted)
     if chosen.figures or chosen.graphs:
-        require_matplotlib()
+        require("matplotlib")
     documents = {name: d for name, d in cases(seed).items() if name in chosen.cases}
     _claim(folder, force)
     with _workers(jobs) as submit:

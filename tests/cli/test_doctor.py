@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import platform
 import socket
 from pathlib import Path
 
@@ -22,7 +23,7 @@ def test_it_looks_at_everything_and_cures_what_it_can(cosim: Command) -> None:
     assert found["schema"] == "cosim.doctor/1"
     state = {c["name"]: c["state"] for c in found["checks"]}
     assert (state["Python"], state["engine"], state["disk"]) == ("good", "good", "good")
-    assert len(state) == 13
+    assert len(state) == 14
     for c in found["checks"]:
         assert c["found"] and c["purpose"] and (c["cure"] or c["state"] == "good"), c
     named = {c["name"]: c for c in found["checks"]}
@@ -54,6 +55,22 @@ def test_a_port_in_use_is_named() -> None:
             patch.setattr(doctor, "ZENOH", port)
             found = doctor._zenoh_port()
     assert found.state == "limited" and "in use" in found.found and str(port) in found.cure
+
+
+@pytest.mark.parametrize(
+    ("system", "state", "found"),
+    [("Linux", "good", "Linux m: offline runs, rehearsals and hardware"),
+     ("Darwin", "limited", "macOS m: offline runs"),
+     ("Windows", "limited", "Windows m: offline runs")],
+)  # fmt: skip
+def test_the_system_says_what_works_there(
+    monkeypatch: pytest.MonkeyPatch, system: str, state: str, found: str
+) -> None:
+    monkeypatch.setattr(platform, "system", lambda: system)
+    monkeypatch.setattr(platform, "machine", lambda: "m")
+    made = doctor._system()
+    assert made.state == state and made.found.startswith(found)
+    assert ("Linux" in made.cure) == (state == "limited")
 
 
 def test_missing_extras_are_named_with_the_command(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
 
-from cosim.base.errors import ScenarioError
+from cosim.base import extras
+from cosim.base.errors import FmuError, ScenarioError
+from cosim.fmi import exchange
+from cosim.fmi.file import validation
 from tests.cli.command import CONFIG, ROOT, Command
 
 STUDY = f"""
@@ -25,7 +29,7 @@ y = "stable"
 """
 #: Modules that Python has on Linux and macOS and not on Windows, or on Linux only.
 OF_POSIX = "fcntl grp pty pwd resource syslog termios tty"
-OF_FIGURES = "PIL matplotlib"
+OF_EXTRAS = "PIL fmpy jinja2 lark lxml matplotlib nbformat"
 #: The command of the arguments behind the first two: the system, and modules that are missing.
 PROGRAM = """
 import os, select, sys
@@ -33,14 +37,8 @@ from types import SimpleNamespace
 
 system, missing, sys.argv = sys.argv[1], set(sys.argv[2].split()), ["cosim", *sys.argv[3:]]
 
-class Missing:
-    def find_spec(name, path=None, target=None):
-        if name.partition(".")[0] in missing:
-            raise ModuleNotFoundError(f"No module named {name!r}", name=name)
-
 for name in missing:
-    sys.modules.pop(name, None)
-sys.meta_path.insert(0, Missing)
+    sys.modules[name] = None  # neither imported nor found
 for name in ("epoll", "poll"):
     delattr(select, name)
 for name in [n for n in vars(os) if n.startswith("sched_") or n == "posix_fallocate"]:
@@ -65,14 +63,15 @@ def called(system: str, missing: str, *words: str | Path, at: Path) -> subproces
 @pytest.mark.parametrize("words", [
     ("run", CONFIG, "--stop", "0.1", "-q"),
     ("check", CONFIG),
+    ("info", ROOT / "fmus" / "_built" / "planar2r.fmi2.fmu"),
     ("analyze", CONFIG, "--set", "run.stop=0.1", "--no-tests"),
     ("compare", CONFIG, "--controllers", "pd", "--set", "run.stop=1", "--jobs", "1", "-q"),
     ("sweep", "study.toml", "--workers", "threads", "-q"),
 ])  # fmt: skip
-def test_offline_runs_need_neither_linux_nor_matplotlib(
+def test_offline_runs_need_neither_linux_nor_an_extra(
     tmp_path: Path, system: str, words: tuple[str | Path, ...]
 ) -> None:
-    missing = OF_FIGURES + (f" {OF_POSIX}" if system == "win32" else "")
+    missing = OF_EXTRAS + (f" {OF_POSIX}" if system == "win32" else "")
     (tmp_path / "study.toml").write_text(STUDY, encoding="utf-8")
     done = called(system, missing, *words, at=tmp_path)
     assert done.returncode == 0, done.stderr
@@ -121,11 +120,35 @@ def test_a_picture_of_the_interface_names_the_extra(monkeypatch: pytest.MonkeyPa
         figures.load()
 
 
-def test_the_extra_of_figures_has_what_they_need() -> None:
-    import tomllib
+def test_without_fmpy_validation_is_left_out_or_refused(
+    cosim: Command, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fmu = ROOT / "fmus" / "_built" / "planar2r.fmi2.fmu"
+    assert "FMPy found no problems" in cosim("info", fmu).out
+    monkeypatch.setattr("cosim.base.extras.find_spec", lambda name: None)
+    command = "the validation of an FMU needs FMPy: pip install 'cosim-bridge[fmpy]'"
+    done = cosim("info", fmu)
+    assert done.code == 0 and done.out.splitlines()[-1] == command
+    assert command not in cosim("info", fmu, "--no-validate").out
+    for option in ("--validate", "--strict"):
+        assert cosim.refused("info", fmu, option) == command
+    with pytest.raises(ScenarioError, match="needs FMPy"):
+        validation.problems(fmu)
 
+
+def test_cvode_without_fmpy_names_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(exchange, "find_spec", lambda name: None)
+    with pytest.raises(FmuError, match=r"FMPy: pip install 'cosim-bridge\[fmpy\]'; or solver"):
+        exchange._Sundials()
+
+
+def test_extras_have_what_their_sentences_say() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    names = {text.partition(">")[0] for text in project["optional-dependencies"]["figures"]}
-    assert names == {"matplotlib", "pillow"}
-    assert names <= {t.partition(">")[0] for t in project["optional-dependencies"]["test"]}
-    assert not names & {text.partition(">")[0] for text in project["dependencies"]}
+    optional = project["optional-dependencies"]
+    names = {"PIL": "pillow"}
+    always = [text.partition(">")[0] for text in project["dependencies"]]
+    test = [text.partition(">")[0] for text in optional["test"]]
+    for library, (extra, _) in extras._EXTRAS.items():
+        name = names.get(library, library)
+        assert name in [text.partition(">")[0] for text in optional[extra]]
+        assert name in test and name not in always

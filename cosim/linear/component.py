@@ -69,24 +69,32 @@ def state_slots(step: Step, *, every: bool = False) -> tuple[Slot, ...]:
 
 
 def step_derivatives(
-    step: Step, seen: Sequence[Matrix], t: float, h: float, size: float
+    step: Step,
+    seen: Sequence[Matrix],
+    t: float,
+    h: float,
+    size: float,
+    *,
+    fed: NDArray[np.bool_] | None = None,
 ) -> StepDerivatives:
     """The derivatives of the step from `t` of length `h` (s).
 
     `seen`: signals (n_signals,) before the tick of the step, once its inputs
     are there, and after the step. `size`: the change of a state or an input, in its
-    unit, for values up to 1, and relative above. One of our own FMUs that does not go on as before
+    unit, for values up to 1, and relative above. `fed`, (n_signals,): the inputs to which there are
+    derivatives, each of one difference; `error` is then the share of the second difference, large
+    at an edge. None: of all inputs. One of our own FMUs that does not go on as before
     when it is started with its start values is given all that it remembers. Raises RunError for
     another such component, or one that cannot be stepped here.
     """
     fmu = fmu_of(step.component)
     try:
         try:
-            return _derivatives(_Started(step, seen, t, h), size)
+            return _derivatives(_Started(step, seen, t, h), size, fed)
         except RunError:
             if fmu is None or not fmu.ours:
                 raise
-            return _derivatives(_Started(step, seen, t, h, every=True), size)
+            return _derivatives(_Started(step, seen, t, h, every=True), size, fed)
     except CosimError as error:
         raise RunError(
             f"{step.name}: cannot be linearized at t = {t:.6g} s: {sentence(error, step.name)}",
@@ -97,10 +105,10 @@ def step_derivatives(
             fmu.close()
 
 
-def _derivatives(started: _Started, size: float) -> StepDerivatives:
-    found = started.derivatives(size)
+def _derivatives(started: _Started, size: float, fed: NDArray[np.bool_] | None) -> StepDerivatives:
+    found = started.derivatives(size, fed)
     started.check_goes_on(size)
-    started.check_stays(found, size)
+    started.check_stays(found, size, fed)
     return found
 
 
@@ -167,32 +175,41 @@ class _Started:
         given = _shaped(x, self._states)
         return values | {name: value for name, value in given.items() if name in settable}
 
-    def derivatives(self, size: float) -> StepDerivatives:
-        """Differences with `size` and half of it, extrapolated."""
-        n, p = self._x.size, self._after.size
+    def derivatives(self, size: float, fed: NDArray[np.bool_] | None = None) -> StepDerivatives:
+        """Differences with `size` and half of it, extrapolated; where `fed` is given, one each."""
+        n = self._x.size
         nominal = np.concatenate([self._x, self._u])
-        scale = size * np.maximum(1.0, np.abs(nominal))
-        first = np.empty((2, p, nominal.size))
-        second = np.empty((2, p, nominal.size))
+        change = size * np.maximum(1.0, np.abs(nominal))
+        columns = np.arange(nominal.size)
+        if fed is not None:
+            columns = np.concatenate([columns[:n], n + np.flatnonzero(_fed(fed, self._step))])
+        parts = (1.0, 0.5) if fed is None else (1.0,)
+        middle = np.array(self._outputs(self._x, self._u))
+        # parts, signs, steps, outputs, columns
+        ends = np.zeros((len(parts), 2, 2, self._after.size, nominal.size))
+        ends += middle[:, :, None]
         late = np.ones(n, bool)
-        for j, change in enumerate(scale):
-            for i, part in enumerate((1.0, 0.5)):
-                ends = []
-                for sign in (1.0, -1.0):
+        for j in columns:
+            for i, part in enumerate(parts):
+                for k, sign in enumerate((1.0, -1.0)):
                     z = nominal.copy()
-                    z[j] += sign * part * change
-                    y, later = self._outputs(z[:n], z[n:])
-                    late &= y[self._seen] == z[:n]
-                    ends.append((y, later))
-                first[i, :, j] = (ends[0][0] - ends[1][0]) / (2.0 * part * change)
-                second[i, :, j] = (ends[0][1] - ends[1][1]) / (2.0 * part * change)
+                    z[j] += sign * part * change[j]
+                    ends[i, k, :, :, j] = self._outputs(z[:n], z[n:])
+                    late &= ends[i, k, 0, self._seen, j] == z[:n]
         self._late = late
-        states = np.where(late[:, None], second[:, self._seen], first[:, self._seen])
-        rows = np.concatenate([states, first], axis=1)
-        found = (4.0 * rows[1] - rows[0]) / 3.0
-        top = float(np.abs(found).max(initial=0.0))
-        error = float(np.abs(rows[1] - rows[0]).max(initial=0.0)) / (top or 1.0)
+        states = np.where(late[:, None], ends[:, :, 1, self._seen], ends[:, :, 0, self._seen])
+        seen = np.concatenate([states, ends[:, :, 0]], axis=2)
+        slopes = (seen[:, 0] - seen[:, 1]) / (2.0 * np.array(parts)[:, None, None] * change)
+        if fed is None:
+            found, rough = (4.0 * slopes[1] - slopes[0]) / 3.0, np.abs(slopes[1] - slopes[0])
+        else:
+            still = np.concatenate(
+                [np.where(late, middle[1][self._seen], middle[0][self._seen]), middle[0]]
+            )[:, None]
+            found, rough = slopes[0], np.abs(seen[0, 0] + seen[0, 1] - 2.0 * still) / (2.0 * change)
+        top = float(np.abs(found).max(initial=0.0)) or 1.0
         A, B, C, D = found[:n, :n], found[:n, n:], found[n:, :n], found[n:, n:]
+        error = float(rough.max(initial=0.0)) / top
         return StepDerivatives(self._step.name, self._states, self._x, A, B, C, D, error)
 
     def check_goes_on(self, size: float) -> None:
@@ -213,7 +230,9 @@ class _Started:
                 "values"
             )
 
-    def check_stays(self, found: StepDerivatives, size: float) -> None:
+    def check_stays(
+        self, found: StepDerivatives, size: float, fed: NDArray[np.bool_] | None
+    ) -> None:
         """Raise RunError if a memory of all outputs and locals moves from step to step.
 
         The derivatives of the next step are then others, as those of a ring of samples are.
@@ -222,7 +241,7 @@ class _Started:
             return
         after = copy(self)
         after._t, after._x = self._t + self._h, self._outputs(self._x, self._u)[0][self._seen]
-        again = after.derivatives(size)
+        again = after.derivatives(size, fed)
         for name in "ABCD":
             one, other = getattr(found, name), getattr(again, name)
             if np.abs(one - other).max(initial=0.0) > MOVES * np.abs(one).max(initial=1.0):
@@ -238,6 +257,11 @@ def _same(a: Matrix, b: Matrix) -> bool:
 
 def _flat(signals: Matrix, slots: Sequence[Slot]) -> Matrix:
     return np.concatenate([np.zeros(0), *(signals[s.start : s.start + s.size] for s in slots)])
+
+
+def _fed(fed: NDArray[np.bool_], step: Step) -> NDArray[np.bool_]:
+    parts = [fed[s.start : s.start + s.size] for s in step.inputs]
+    return np.concatenate([np.zeros(0, bool), *parts])
 
 
 def _shaped(values: Matrix, slots: Sequence[Slot]) -> dict[str, Matrix]:

@@ -4,6 +4,7 @@ Every signal, state and sample in flight is a row of factors of what there was a
 period and of the inputs. The operations of the plan copy, send and receive these rows; a step
 multiplies them by the derivatives of its component. So rates, order and delays are those of the
 run; a link that jumps has the delays of this one period.
+With links cut (:mod:`cosim.linear.opened`) what is held is an input, what is sent an output.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from dataclasses import dataclass
 from math import lcm
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cosim.base.errors import ScenarioError
 from cosim.engine.engine import Engine
@@ -20,7 +22,7 @@ from cosim.engine.tables import LinkRows
 from cosim.linear.component import Matrix, StepDerivatives, step_derivatives
 from cosim.native.enums import Code
 from cosim.schedule.operations import Operation
-from cosim.schedule.parts import Slot
+from cosim.schedule.parts import Slot, Step
 from cosim.schedule.plan import Plan
 
 #: What has a linear counterpart here.
@@ -81,6 +83,35 @@ def _held(plan: Plan, found: Sequence[LinkRows], begin: int) -> dict[str, list[i
 
 
 @dataclass(frozen=True, slots=True)
+class CutLink:
+    """A link that is cut: some inputs of a loop stand for what is held, some outputs for what is
+    sent.
+
+    In a period of the loop its receiver looks every `look` ticks, r times, and its sender sends
+    every `send` ticks, s times. `held` (r, w) and `sent` (s, w): the places of its w numbers among
+    the inputs and outputs of the loop, both in the unit of the receiver.
+    """
+
+    name: str
+    look: int
+    send: int
+    held: NDArray[np.intp]
+    sent: NDArray[np.intp]
+
+
+def _cut_links(plan: Plan, ticks: int) -> tuple[CutLink, ...]:
+    found, first, last = [], 0, 0
+    for link in plan.links:
+        look, send = (plan.component(s.component).period for s in (link.target, link.source))
+        w = link.source.size
+        held = np.arange(first, first + ticks // look * w).reshape(-1, w)
+        sent = np.arange(last, last + ticks // send * w).reshape(-1, w)
+        first, last = first + held.size, last + sent.size
+        found.append(CutLink(link.name, look, send, held, sent))
+    return tuple(found)
+
+
+@dataclass(frozen=True, slots=True)
 class LinearLoop:
     """z+ = `F` z + `G` u and y = `H` z + `J` u over a period (s), in the units of the signals.
 
@@ -119,12 +150,42 @@ def linear_loop(
     for i, step in enumerate(plan.components):
         if only in ("", step.name):
             say(step.name)
-            end = at.signals[1 if step.kind == "sampled" else step.period]
-            if step.name not in plan.order:
-                end = at.signals[step.period]
-            seen = (at.signals[0], at.signals[1], end)
-            models[i] = step_derivatives(step, seen, plan.time(at.tick), step.period * plan.h, size)
-    return _Period(plan, at, models, inputs, only).run(inputs, outputs)
+            seen, h = _seen(plan, at, step), step.period * plan.h
+            models[i] = step_derivatives(step, seen, plan.time(at.tick), h, size)
+    return _Period(plan, at, models, inputs, only).run(outputs)
+
+
+def cut_loop(
+    plan: Plan, at: OperatingPoint, inputs: Sequence[Slot], outputs: Sequence[Slot], size: float
+) -> tuple[LinearLoop, tuple[CutLink, ...]]:
+    """The linear model with all links cut, of one difference of `size` for each value.
+
+    `size` is in the unit of a value up to 1, and relative above.
+    Before `inputs` come the values that receivers hold, before `outputs` those that are sent.
+    Raises RunError and ScenarioError.
+    """
+    _check(plan, "")
+    fed = np.zeros(plan.n_signals, bool)
+    for o in plan.operations:
+        if o.code in (Code.COPY, Code.SCALE, Code.PULL):
+            fed[o.target : o.target + o.count] = True
+    for slot in inputs:
+        fed[slot.start : slot.start + slot.size] = True
+    models = {
+        i: step_derivatives(
+            step, _seen(plan, at, step), plan.time(at.tick), step.period * plan.h, size, fed=fed
+        )
+        for i, step in enumerate(plan.components)
+    }
+    links = _cut_links(plan, at.ticks)
+    return _Period(plan, at, models, inputs, "", links).run(outputs), links
+
+
+def _seen(plan: Plan, at: OperatingPoint, step: Step) -> tuple[Matrix, Matrix, Matrix]:
+    end = at.signals[1 if step.kind == "sampled" else step.period]
+    if step.name not in plan.order:
+        end = at.signals[step.period]
+    return at.signals[0], at.signals[1], end
 
 
 def _check(plan: Plan, only: str) -> None:
@@ -147,20 +208,25 @@ class _Period:
         models: Mapping[int, StepDerivatives],
         inputs: Sequence[Slot],
         only: str,
+        cut: tuple[CutLink, ...] | None = None,
     ) -> None:
-        self._plan, self._at, self._models = plan, at, models
+        self._plan, self._at, self._models, self._cut = plan, at, models, cut
         chosen = [o for o in plan.operations if _belongs(o, models, only)]
         self._operations = chosen
         self._n_x = sum(m.x0.size for m in models.values())
-        self._depths = [] if only else [_depth(plan, at, i) for i in range(len(plan.links))]
+        closed = not only and cut is None
+        self._depths = [_depth(plan, at, i) for i in range(len(plan.links) if closed else 0)]
         self._n_flight = sum(
             d * x.source.size for d, x in zip(self._depths, plan.links, strict=False)
         )
         self._n_z = self._n_x + plan.n_signals + self._n_flight
         _check_size(self._n_z, self._n_flight)
-        self._width = self._n_z + sum(s.size for s in inputs)
+        n_held = sum(c.held.size for c in cut or ())
+        self._width = self._n_z + n_held + sum(s.size for s in inputs)
         self._added = np.zeros((plan.n_signals, self._width))
-        first = self._n_z
+        self._held = np.eye(self._width)[self._n_z : self._n_z + n_held]
+        self._sent = np.zeros((sum(c.sent.size for c in cut or ()), self._width))
+        first = self._n_z + n_held
         for slot in inputs:
             for i in range(slot.size):
                 self._added[slot.start + i, first + i] = 1.0
@@ -201,7 +267,7 @@ class _Period:
             found.append(samples)
         return found
 
-    def run(self, inputs: Sequence[Slot], outputs: Sequence[Slot]) -> LinearLoop:
+    def run(self, outputs: Sequence[Slot]) -> LinearLoop:
         """All operations of the period."""
         self._hits = [0] * len(self._plan.links)
         recorded = self._signals
@@ -213,8 +279,8 @@ class _Period:
                         recorded = self._signals.copy()
         rows = [*self._x.values(), self._signals, *self._arrived()]
         after = np.concatenate(rows)
-        places = np.concatenate([np.arange(s.start, s.start + s.size) for s in outputs])
-        y, n = recorded[places], self._n_z
+        places = [np.zeros(0, np.intp), *(np.arange(s.start, s.start + s.size) for s in outputs)]
+        y, n = np.concatenate([self._sent, recorded[np.concatenate(places)]]), self._n_z
         names, units = self._names()
         return LinearLoop(
             self._at.ticks * self._plan.h, names, units, self._n_x, self._plan.n_signals,
@@ -227,6 +293,12 @@ class _Period:
         source = slice(o.source, o.source + o.count)
         if o.code in (Code.COPY, Code.SCALE):
             s[target] = o.gain * s[source]
+        elif o.code in (Code.PUSH, Code.PULL) and self._cut is not None:
+            link, number = self._cut[o.index], tick // o.period
+            if o.code is Code.PULL:
+                s[target] = self._held[link.held[number]]
+            else:
+                self._sent[link.sent[number]] = o.gain * s[source]
         elif o.code is Code.PUSH:
             number = (self._at.tick + tick) // o.period
             self._samples[o.index][number] = o.gain * s[source]

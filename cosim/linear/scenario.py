@@ -8,14 +8,16 @@ from pathlib import Path
 
 import numpy as np
 
+from cosim.base.convert import replace as replace_struct
 from cosim.base.errors import ScenarioError
-from cosim.base.toml import as_toml
 from cosim.fmi.components import fmu_of, observable
 from cosim.linear.loop import linear_loop, operating_point
 from cosim.linear.model import LinearModel, reduced
+from cosim.linear.opened import OpenLoop, open_loop
 from cosim.loading.files import load
 from cosim.scenario.assemble import assemble
 from cosim.scenario.connect import unknown
+from cosim.scenario.spec import Scenario
 from cosim.schedule.parts import Slot, Step
 from cosim.schedule.plan import Plan
 
@@ -38,7 +40,7 @@ def linearized(
     differences, in its unit, for values up to 1, and relative above. Raises ScenarioError for names
     and times that are not there, RunError for what has no linear model.
     """
-    plan = _plan(path, settings)
+    plan = observed(load(path, settings))
     if component and component not in {c.name for c in plan.components}:
         raise ScenarioError(unknown(component, [c.name for c in plan.components], "component"))
     u = _chosen(plan, inputs, into=True) or _inputs(plan, component)
@@ -50,13 +52,33 @@ def linearized(
     return reduced(loop, plan.time(at.tick), _named(u), _named(y))
 
 
-def _plan(path: Path, settings: Sequence[str]) -> Plan:
-    """The plan, with the local variables of FMUs among the outputs: some are states."""
-    plan = assemble(load(path, list(settings)))
-    inside = [f"{s.name}.{v}" for s in plan.components for v in _locals(s)]
+def opened(
+    scenario: Scenario,
+    time: float | None = None,
+    inputs: Sequence[str] = (),
+    outputs: Sequence[str] = (),
+) -> OpenLoop:
+    """The loop of a scenario with its links cut, at `time` (s), by default at the end of the run.
+
+    `inputs` and `outputs`: signals besides those of the links, by default none. Raises
+    ScenarioError for names and times that are not there, RunError for what has no linear model.
+    """
+    plan = observed(scenario)
+    u, y = _chosen(plan, inputs, into=True), _chosen(plan, outputs, into=False)
+    return open_loop(plan, operating_point(plan, plan.end if time is None else time), u, y)
+
+
+def observed(scenario: Scenario, plan: Plan | None = None) -> Plan:
+    """The plan, with the local variables of FMUs among the outputs: some are states.
+
+    `plan`: of the scenario as it is, if it is there already.
+    """
+    plan = plan or assemble(scenario)
+    inside = tuple(f"{s.name}.{v}" for s in plan.components for v in _locals(s))
     if not inside:
         return plan
-    return assemble(load(path, [*settings, f"run.record.signals={as_toml(inside)}"]))
+    record = replace_struct(scenario.run.record, signals=inside)
+    return assemble(replace_struct(scenario, run=replace_struct(scenario.run, record=record)))
 
 
 def _locals(step: Step) -> list[str]:

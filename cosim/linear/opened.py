@@ -1,0 +1,308 @@
+"""A loop with its links cut: a small linear model, from which all delays follow.
+
+The states on their way over links make the model of a whole loop large, and other delays need
+another model. Cut at its links the loop has few states, whatever the delays::
+
+    x[k+1] = A x[k] + B u[k]        u: what receivers hold, then other inputs
+    y[k]   = C x[k] + D u[k]        y: what is sent, then other outputs
+
+With each link closed by a constant delay, u = Δ(z) y, where the entries of Δ are powers of 1/z, the
+loop has the poles at which det(1 - Δ(z) (C (z - A)⁻¹ B + D)) = 0. The number of those outside of a
+circle is that of A there, less the turns of the determinant about 0 along the circle (Nyquist).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cosim.base.errors import RunError
+from cosim.linear.component import Matrix, StepDerivatives
+from cosim.linear.loop import CutLink, OperatingPoint, cut_loop
+from cosim.linear.model import reduced
+from cosim.linear.pieces import Index, pieces
+from cosim.schedule.parts import Slot
+from cosim.schedule.plan import Plan
+
+Complex = NDArray[np.complex128]
+#: Change of a value for the differences, in its unit, relative above 1.
+SIZE = 1e-4
+#: Relative singular value below which a direction counts as neutral.
+NEUTRAL = 1e-6
+#: The least and the greatest number of first points on half a circle, and rounds of more points.
+_FEW, _MANY, _ROUNDS = 120, 3000, 24
+#: The largest turn of the determinant from one point to the next, rad.
+_TURN = 1.0
+#: Norm of the open loop below which the determinant cannot turn about 0.
+_SMALL = 0.3
+
+
+@dataclass(frozen=True, slots=True)
+class OpenLoop:
+    """A sampled loop near an operating point at `time` (s), its links cut, over a period of `ticks`
+    base steps of `h` (s).
+
+    A (n, n), B (n, m), C (p, n), D (p, m); the first inputs and outputs are those of `links`
+    (see :class:`CutLink`), in their order; the others are `inputs` and `outputs`. `states`,
+    `inputs` and `outputs` are pairs of name and unit. `components`: the derivatives of each step;
+    their `error` is near 1 at an edge, where there is no linear model.
+
+    A delay is a number of base steps d for each link: a look at tick t holds the newest sample
+    sent at tick t - d or before.
+    """
+
+    time: float
+    h: float
+    ticks: int
+    states: tuple[tuple[str, str], ...]
+    links: tuple[CutLink, ...]
+    inputs: tuple[tuple[str, str], ...]
+    outputs: tuple[tuple[str, str], ...]
+    A: Matrix
+    B: Matrix
+    C: Matrix
+    D: Matrix
+    components: tuple[StepDerivatives, ...]
+
+    @property
+    def period(self) -> float:
+        """The time from k to k + 1, s."""
+        return self.ticks * self.h
+
+    @property
+    def held(self) -> int:
+        """The number of inputs that are held values of links."""
+        return sum(c.held.size for c in self.links)
+
+    @property
+    def sent(self) -> int:
+        """The number of outputs that are values sent over links."""
+        return sum(c.sent.size for c in self.links)
+
+    def sources(self, delays: Sequence[int]) -> tuple[Index, Index]:
+        """The output that each held input is, (held,), and how many periods before, (held,)."""
+        which, before = np.empty(self.held, np.intp), np.empty(self.held, np.intp)
+        for link, delay in zip(self.links, delays, strict=True):
+            for i, places in enumerate(link.held):
+                sample = (i * link.look - delay) // link.send  # of this period: 0, 1, ...
+                back, number = divmod(sample, len(link.sent))
+                which[places], before[places] = link.sent[number], -back
+        return which, before
+
+    def closed(self, delays: Sequence[int]) -> tuple[Matrix, list[str]]:
+        """F of z[k+1] = F z[k] with every link closed, and the names of z.
+
+        z is x, then what was sent one period before, two periods before, and so on, as far as it
+        is needed.
+        """
+        which, before = self.sources(delays)
+        n, p, depth = len(self.A), self.sent, int(before.max(initial=0))
+        now, past = np.zeros((self.held, p)), np.zeros((self.held, n + depth * p))
+        for u, (y, back) in enumerate(zip(which, before, strict=True)):
+            if back:
+                past[u, n + (back - 1) * p + y] = 1.0
+            else:
+                now[u, y] = 1.0
+        B, C, D = self.B[:, : self.held], self.C[:p], self.D[:p, : self.held]
+        direct = np.hstack([C, np.zeros((p, depth * p))]) + D @ past
+        sent = np.asarray(np.linalg.solve(np.eye(p) - D @ now, direct))
+        F = np.zeros((n + depth * p, n + depth * p))
+        F[:n, :n] = self.A
+        F[:n] += B @ (now @ sent + past)
+        if depth:
+            F[n : n + p] = sent
+            F[n + p :, n:-p] = np.eye((depth - 1) * p)
+        names = [name for c in self.links for name in [c.name] * c.sent.size]
+        late = [f"{name} ({j + 1} before)" for j in range(depth) for name in names]
+        return F, [*(name for name, _ in self.states), *late]
+
+    # ---- equilibria beside the one of the model --------------------------------------------------
+
+    def neutral(self) -> tuple[Matrix, Matrix]:
+        """Directions X (n, k) and Y (sent, k) of other equilibria: x = X a, y = Y a stays so.
+
+        Robots that agree elsewhere, or estimates that do not act. The delays do not matter, because
+        what is sent is constant. The columns of X are orthonormal.
+        """
+        A, _, C, _ = self._wired()
+        M = A - np.eye(len(A))
+        scale = np.linalg.norm(M, axis=1)
+        _, values, rows = np.linalg.svd(M / np.where(scale > 0.0, scale, 1.0)[:, None])
+        X = rows[values <= NEUTRAL * values.max(initial=1.0)].T
+        return X, C @ X
+
+    def _wired(self) -> tuple[Matrix, Matrix, Matrix, Matrix]:
+        """The model with u = y + w, w the input: a receiver holds what is sent last."""
+        p, m = self.sent, self.held
+        last, _ = self.sources([0] * len(self.links))
+        E = np.zeros((m, p))
+        E[np.arange(m), last] = 1.0
+        B, C, D = self.B[:, :m], self.C[:p], self.D[:p, :m]
+        back = np.linalg.inv(np.eye(p) - D @ E)
+        C, D = back @ C, back @ D
+        return self.A + B @ E @ C, B + B @ E @ D, C, D
+
+    def differences(self) -> Differences:
+        """The loop without its neutral directions, from lateness to increments; see there."""
+        A, B, C, D = self._wired()
+        X, Y = self.neutral()
+        n, p = len(A), len(C)
+        whole = np.zeros((n + p, n + p))
+        whole[:n, :n], whole[n:, :n] = A, C
+        gone = np.vstack([X, Y])
+        Q = np.linalg.svd(gone, full_matrices=True)[0][:, gone.shape[1] :]
+        late = np.vstack([B, D])
+        less = np.hstack([C, -np.eye(p)])
+        return Differences(Q, Q.T @ whole @ Q, Q.T @ late, less @ Q, D)
+
+    # ---- poles -----------------------------------------------------------------------------------
+
+    def unstable(self, delays: Sequence[int], growth: float = 0.0) -> int:
+        """The number of poles that grow faster than exp(`growth` t), 1/s, with constant delays.
+
+        Raises RunError if a pole is too near to that, so that it cannot be counted.
+        """
+        radius = float(np.exp(growth * self.period))
+        alone = int(np.count_nonzero(np.abs(np.linalg.eigvals(self.A)) > radius))
+        return alone - self._turns(_Return(self, delays), radius)
+
+    def _turns(self, back: _Return, radius: float) -> int:
+        """The turns of the determinant about 0 along a circle, counter-clockwise."""
+        if not back.size:
+            return 0
+        most = min(_MANY, max(_FEW, 3 * back.depth))
+        least = min(1e-3, np.pi / most) * self.period
+        angle = np.unique(np.concatenate([
+            [0.0], np.geomspace(least, np.pi, _FEW), np.linspace(0.0, np.pi, _FEW)]))  # fmt: skip
+        value, norm = back.determinant(_circle(radius, angle))
+        for _ in range(_ROUNDS):
+            step = np.abs(np.angle(value[1:] / value[:-1]))
+            near = np.maximum(norm[1:], norm[:-1]) > _SMALL
+            wide = near & (np.diff(angle) * back.depth > 2.0)
+            split = np.flatnonzero((step > _TURN) | wide)
+            split = split[np.diff(angle)[split] > 1e-12]
+            if not len(split):
+                break
+            if len(angle) + len(split) > 20 * _MANY:
+                raise RunError("the poles are too many to be counted")
+            middle = 0.5 * (angle[split] + angle[split + 1])
+            more, size = back.determinant(_circle(radius, middle))
+            angle = np.insert(angle, split + 1, middle)
+            value, norm = np.insert(value, split + 1, more), np.insert(norm, split + 1, size)
+        turned = float(np.angle(value[1:] / value[:-1]).sum()) / np.pi
+        if not abs(turned - round(turned)) < 0.05:
+            raise RunError("a pole is too near to the circle to be counted")
+        return round(turned)
+
+    def response(self, delays: Sequence[int], z: Complex) -> Complex:
+        """Gain from `inputs` to `outputs` at `z` (k,) with every link closed, (k, outputs, inputs).
+
+        The inputs are held for a period.
+        """
+        return _Return(self, delays).response(z)
+
+
+def _circle(radius: float, angle: Matrix) -> Complex:
+    return np.asarray(radius * np.exp(1j * angle), np.complex128)
+
+
+@dataclass(frozen=True, slots=True)
+class Differences:
+    """x[k+1] = `A` x[k] + `B` w[k], v[k] = `C` x[k] + `D` w[k] without the neutral directions.
+
+    v is the increase of what is sent from one period to the next, w what a receiver holds less what
+    is sent last. A delay of d periods (one look and one sample in each) is w[k] = -(v[k] + ... +
+    v[k-d+1]), d of them, constant or not: the loop is stable if that is stable. `basis`
+    (n + sent, .): x stands for basis @ x of the states of the open loop and of what was sent one
+    period before.
+    """
+
+    basis: Matrix
+    A: Matrix
+    B: Matrix
+    C: Matrix
+    D: Matrix
+
+
+class _Return:
+    """Δ(z) (C (z - A)⁻¹ B + D), with one row for each value and its delay."""
+
+    def __init__(self, loop: OpenLoop, delays: Sequence[int]) -> None:
+        which, before = loop.sources(delays)
+        p, m = loop.sent, loop.held
+        rows = np.hstack([loop.C[:p], loop.D[:p]])
+        alike = np.unique(rows, axis=0, return_inverse=True)[1].reshape(-1) if p else which
+        pairs, index = (
+            np.unique(np.stack([alike[which], before]), axis=1, return_inverse=True)
+            if m
+            else (np.zeros((2, 0), np.intp), np.zeros(0, np.intp))
+        )
+        first = np.array([int(np.flatnonzero(alike == y)[0]) for y in pairs[0]], np.intp)
+        E = np.zeros((m, len(first)))
+        E[np.arange(m), index.reshape(-1)] = 1.0
+        self.size, self.back = len(first), pairs[1].astype(float)
+        self.depth = int(self.back.max(initial=0)) + 1
+        self._B = np.hstack([loop.B[:, :m] @ E, loop.B[:, m:]])
+        self._C = np.vstack([loop.C[first], loop.C[p:]])
+        D = np.vstack([loop.D[first], loop.D[p:]])
+        self._D = np.hstack([D[:, :m] @ E, D[:, m:]])
+        linked = (loop.A != 0.0) | (loop.A.T != 0.0) | np.eye(len(loop.A), dtype=bool)
+        every = np.ones(len(linked), bool)
+        self._blocks = [(some, loop.A[np.ix_(some, some)]) for some, _ in
+                        pieces(linked.astype(float), every)]  # fmt: skip
+
+    def gain(self, z: Complex, inputs: slice, outputs: slice) -> Complex:
+        """C (z - A)⁻¹ B + D of some inputs and outputs, (k, p, m)."""
+        D = self._D[outputs, inputs]
+        found: Complex = np.broadcast_to(D, (len(z), *D.shape)).astype(np.complex128)
+        for some, A in self._blocks:
+            B, C = self._B[some, inputs], self._C[outputs, some]
+            into, out = np.flatnonzero(B.any(axis=0)), np.flatnonzero(C.any(axis=1))
+            if not len(into) or not len(out):
+                continue
+            M = z[:, None, None] * np.eye(len(A)) - A
+            reached = np.linalg.solve(M, np.broadcast_to(B[:, into], (len(z), len(A), len(into))))
+            found[:, out[:, None], into] += C[out] @ reached
+        return found
+
+    def determinant(self, z: Complex) -> tuple[Complex, Matrix]:
+        """det(1 - Δ G) at `z` (k,), up to a positive factor, and the norm of Δ G, (k,)."""
+        links = slice(0, self.size)
+        L = self.gain(z, links, links) / z[:, None, None] ** self.back[:, None]
+        sign, _ = np.linalg.slogdet(np.eye(self.size) - L)
+        return np.asarray(sign), np.asarray(np.linalg.norm(L, axis=(1, 2)))
+
+    def response(self, z: Complex) -> Complex:
+        """The gain from the other inputs to the other outputs, with the links closed."""
+        links, rest = slice(0, self.size), slice(self.size, None)
+        late = 1.0 / z[:, None, None] ** self.back[:, None]
+        direct = self.gain(z, rest, rest)
+        if not self.size:
+            return direct
+        loop = np.eye(self.size) - late * self.gain(z, links, links)
+        held = np.linalg.solve(loop, late * self.gain(z, rest, links))
+        return np.asarray(direct + self.gain(z, links, rest) @ held)
+
+
+def open_loop(
+    plan: Plan, at: OperatingPoint, inputs: Sequence[Slot] = (), outputs: Sequence[Slot] = ()
+) -> OpenLoop:
+    """The model of `plan` at an operating point with its links cut.
+
+    The locals that are states must be among the outputs of the plan's FMUs
+    (:func:`cosim.linear.scenario.observed`). Raises RunError for a component that has no linear
+    model, ScenarioError for a plan that has none.
+    """
+    loop, links = cut_loop(plan, at, inputs, outputs, SIZE)
+    n_u, n_y = (sum(part.size for c in links for part in (getattr(c, name),))
+                for name in ("held", "sent"))  # fmt: skip
+    names = [(n, s.unit) for s in inputs for n in s.scalars()]
+    ends = [(n, s.unit) for s in outputs for n in s.scalars()]
+    found = reduced(loop, plan.time(at.tick), [("", "")] * n_u + names, [("", "")] * n_y + ends)
+    return OpenLoop(
+        found.time, plan.h, at.ticks, found.states, links, tuple(names), tuple(ends),
+        found.A, found.B, found.C, found.D, loop.components,
+    )  # fmt: skip

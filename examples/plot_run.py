@@ -18,7 +18,8 @@ def main(folder: Path) -> None:
     effort = metric("effort", "norm", ["master.tau_h"], label="operator effort")
     sync = metric("sync", "error", ["master.q"], target="slave.q", within=0.05, label="sync error")
     for result in evaluate([effort, sync], run):
-        print(f"{result.label}: {result.text}")
+        for label, text in result.facts:
+            print(f"{label}: {text}")
 
     # ... and what it cannot: signals are NumPy arrays, (rows, entries).
     q, dq, tau_h = (run.array(f"master.{name}") for name in ("q", "dq", "tau_h"))

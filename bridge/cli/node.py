@@ -188,11 +188,12 @@ def waiting_for_a_restart(path: Path, changes: Sequence[str]) -> list[str]:
 def _say(system: Any, folder: Path, report: Statement, rows: Mapping[Life, Rows]) -> None:
     from bridge.records.records import LifeEnd
     from bridge.results.report import node_reports
+    from cosim.measure.metric_result import summary_line
     from cosim.record.folder import NODES
 
     for r in node_reports(system, rows, folder / NODES):
-        typer.echo(f"{r.life!s:<16} {r.text()}")
-    typer.echo(f"{'end':<16} {report.end} {report.why} {report.error}".rstrip())
-    typer.echo(f"{'run folder':<16} {folder}")
+        typer.echo(summary_line(str(r.life), r.text()))
+    typer.echo(summary_line("end", f"{report.end} {report.why} {report.error}".rstrip()))
+    typer.echo(summary_line("run folder", str(folder)))
     if report.end not in (LifeEnd.FINISHED, LifeEnd.ENDED):
         raise typer.Exit(1)

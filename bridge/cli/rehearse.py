@@ -261,23 +261,23 @@ def _say(system: System, outcome: RehearsalOutcome, options: OutputOptions) -> V
     from bridge.results import verdict as verdicts
     from bridge.results.outcome import lines, metric_lines
     from bridge.results.page import write_page
-    from bridge.results.report import line
     from cosim.cli.summary import pictures
+    from cosim.measure.metric_result import summary_line
     from cosim.record import Run, seal
 
     run = Run.open(outcome.folder)
     said = [*metric_lines(system, outcome, run), *lines(system, outcome)]
     found = verdicts.judge(system, outcome)
     if options.plot:
-        said.append(line("report", str(write_page(system, run, outcome, found, said))))
+        said.append(summary_line("report", str(write_page(system, run, outcome, found, said))))
     figures = pictures(system.scenario, run, replace(options, plot=False))
-    said += [line(what, str(path)) for what, path in figures]
+    said += [summary_line(what, str(path)) for what, path in figures]
     if options.png:
         late = {str(r.life): r.lateness for r in outcome.reports}
-        said.append(line("figure", str(draw(late, outcome.folder / "lateness.png"))))
+        said.append(summary_line("figure", str(draw(late, outcome.folder / "lateness.png"))))
     seal(outcome.folder)
-    said.append(line("verdict", found.text(success_text(outcome))))
-    said.append(line("run folder", str(outcome.folder)))
+    said.append(summary_line("verdict", found.text(success_text(outcome))))
+    said.append(summary_line("run folder", str(outcome.folder)))
     if not options.quiet:
         typer.echo("\n".join(said))
     elif found.exit_code:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
 import typer
 
+from cosim.base.units import time_text
 from cosim.cli.options import Json, Verify, write_json
 
 if TYPE_CHECKING:
@@ -70,24 +71,27 @@ def replay(
     if json is not None:
         write_json(json, _data(found))
     seconds = max(len(r) * system.nodes[life.node].h for life, r in rows.items())
-    _print(found, f"{seconds:g} s in {watch():.2f} s")
+    _print(found, f"{time_text(watch(), 3)} for {time_text(seconds)}")
     if found.first is not None or found.altered:
         raise typer.Exit(1)
 
 
 def _print(found: ReplayReport, time: str) -> None:
     """Print the outcome of a replay, with the `time` that it took."""
+    from cosim.measure.metric_result import summary_line
+
     for life, slots in found.slots.items():
-        typer.echo(f"{life!s:<16} {slots} slots")
+        typer.echo(summary_line(str(life), f"{slots} slots"))
     for message in found.alone:
-        typer.echo(f"{message:<16} not completely compared with its sender, which was not recorded")
+        text = "not completely compared with its sender, which was not recorded"
+        typer.echo(summary_line(message, text))
     for altered in found.altered:
-        typer.echo(f"{'altered':<16} {altered}")
-    typer.echo(f"{'time':<16} {time}")
+        typer.echo(summary_line("altered", str(altered)))
+    typer.echo(summary_line("time", time))
     if found.first is None:
-        typer.echo(f"{'difference':<16} exactly 0 in every signal")
+        typer.echo(summary_line("difference", "exactly 0 in every signal"))
     else:
-        typer.echo(f"{'difference':<16} up to {found.greatest:.6g}; first: {found.first}")
+        typer.echo(summary_line("difference", f"up to {found.greatest:.6g}; first: {found.first}"))
 
 
 def _data(found: ReplayReport) -> dict[str, Any]:
@@ -128,17 +132,19 @@ def _offline(system: System, run: Path, rows: Mapping[Life, Rows]) -> NoReturn:
     from bridge.replay.diff import compare_runs
     from bridge.replay.page import write_diff_page
     from bridge.results.offline import recorded_inputs, run_offline
+    from cosim.measure.metric_result import summary_line
     from cosim.record import seal
     from cosim.record.folder import REPORT
 
     given = ", ".join(inlet.target.name for _, inlet in recorded_inputs(system, rows)) or "no input"
-    typer.echo(f"{'recorded inputs':<16} {given}; links whose samples all match use their tables")
+    given += "; links whose samples all match use their tables"
+    typer.echo(summary_line("recorded inputs", given))
     again = run_offline(system, run, rows)
     found = compare_runs(run, again)
     typer.echo("\n".join(lines(found)))
     page = write_diff_page(found, again / REPORT)
     seal(again, changed=[REPORT])
-    typer.echo(f"{'report':<16} {page}")
+    typer.echo(summary_line("report", str(page)))
     raise typer.Exit(found.exit_code)
 
 

@@ -129,12 +129,16 @@ def run(scenario: Path, settings: Sequence[str], options: RunOptions) -> None:
     from bridge.cli.rehearse import checked, header
     from bridge.deployment.system import load_system
     from bridge.results.outcome import run_twin
-    from bridge.results.report import line
     from cosim.base.clock import stopwatch
     from cosim.base.interrupts import exit_code
-    from cosim.cli.summary import metrics_as_data, pictures, this_command
-    from cosim.measure import declared_metrics
-    from cosim.measure.metrics import evaluate
+    from cosim.cli.summary import (
+        metric_facts,
+        metrics_as_data,
+        pictures,
+        this_command,
+        wall_time,
+    )
+    from cosim.measure.metric_result import summary_line
     from cosim.record import Run, claim_folder, held_folder, seal
 
     if options.clock != "simulated":
@@ -156,17 +160,15 @@ def run(scenario: Path, settings: Sequence[str], options: RunOptions) -> None:
     wall, length = watch(), system.plan.ticks * system.plan.h
     result = Run.open(folder)
     options.say(header(system).replace("on the wall clock", "in simulated time"))
-    for r in evaluate(declared_metrics.metrics(system.scenario), result):
-        options.say(line(r.label, r.text))
-    speed = f"{wall:.2f} s for {length:g} s: {length / wall:.0f} x real time"
-    options.say(line("wall time", speed))
+    for fact in (*metric_facts(system.scenario, result), wall_time(wall, length)):
+        options.say(summary_line(*fact))
     for what, path in pictures(system.scenario, result, options):
-        options.say(line(what, str(path)))
+        options.say(summary_line(what, str(path)))
     seal(folder)
     if options.json is not None:
         metrics = metrics_as_data(system.scenario, result)
         write_json(options.json, {"folder": str(folder), "wall_s": wall, "metrics": metrics})
-    options.say(line("run folder", str(folder)))
+    options.say(summary_line("run folder", str(folder)))
 
 
 def write_nodes(

@@ -45,6 +45,7 @@ from cosim.base.errors import CosimError, Interrupted, RunError, ScenarioError
 from cosim.base.interrupts import acknowledge
 from cosim.engine.simulate import metadata, stop_metadata
 from cosim.measure import declared_metrics
+from cosim.measure.metric_result import summary_line
 from cosim.measure.metrics import Metric, MetricResult
 from cosim.record import Run, seal, write_metadata
 from cosim.record.folder import FINISHED, NODES, STOPPED, journals, read_metadata
@@ -286,39 +287,38 @@ def metric_lines(system: System, outcome: RehearsalOutcome, run: Run) -> Iterato
     here = {name for node in ran for name in system.deployment.nodes[node].components}
     for metric, result in metrics(system, outcome, run):
         if result is not None:
-            yield report.line(result.label, result.text)
+            yield from (summary_line(*fact) for fact in result.facts)
             continue
         away = [name for name in metric.signals if name.partition(".")[0] not in here]
         text = f"not computed: {', '.join(away)}, of a node that did not run here"
-        yield report.line(metric.label or metric.name, text)
+        yield summary_line(metric.label or metric.name, text)
 
 
 def lines(system: System, outcome: RehearsalOutcome) -> list[str]:
     """The summary of a rehearsal, without the metrics of the scenario."""
-    said = [report.line("note", str(note)) for note in outcome.notes]
-    said += [report.line(str(r.life), r.text()) for r in outcome.reports]
-    said += [report.line("  slots (us)", f"{r.life}: {r.parts()}") for r in outcome.reports]
+    said = [summary_line("note", str(note)) for note in outcome.notes]
+    said += [summary_line(str(r.life), r.text()) for r in outcome.reports]
+    said += [summary_line(f"{r.life}, slots", r.parts()) for r in outcome.reports]
     said += [
-        report.line("not granted", f"{r.life}: {i['name']}: {i['said']}")
+        summary_line("not granted", f"{r.life}: {i['name']}: {i['said']}")
         for r in outcome.reports
         if r.statement
         for i in r.statement.granted.get("items", ())
         if not i["granted"]
     ]
     states = seldom_told(system, outcome.rows, outcome.folder / NODES)
-    said += [report.line("states", text) for text in states]
+    said += [summary_line("states", text) for text in states]
     said += report.age_lines(system, outcome.rows)
     said += [bus.text for bus in outcome.buses.values()]
     said += report.forward_lines(outcome.reports)
     said += report.fault_lines(outcome.reports)
-    said += [report.line(f"fault {f.index}", f.text()) for f in outcome.faults]
+    said += [summary_line(f"fault {f.index}", f.text()) for f in outcome.faults]
     if outcome.twin_rms == outcome.twin_rms:
-        said.append(
-            report.line("twin", f"joint positions differ by {outcome.twin_rms:.2g} rad RMS")
-        )
-    said.append(report.line("replay", replay_text(outcome)))
+        text = f"joint positions differ by {outcome.twin_rms:.2g} rad RMS"
+        said.append(summary_line("twin", text))
+    said.append(summary_line("replay", replay_text(outcome)))
     found = outcome.replayed.altered if outcome.replayed else ()
-    said += [report.line("altered", str(altered)) for altered in found]
+    said += [summary_line("altered", str(altered)) for altered in found]
     return said
 
 

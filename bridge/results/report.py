@@ -22,14 +22,9 @@ from bridge.realtime.lateness import Lateness, journal_lateness
 from bridge.records.node_lives import Life, lives_of
 from bridge.records.records import LifeEnd, Statement, reason_names, reason_text
 from bridge.wiring.wiring import Rows
+from cosim.base.units import time_text
 from cosim.bus.timing import BusTiming
-
-WIDTH = 16
-
-
-def line(label: str, text: str) -> str:
-    """A line of a summary."""
-    return f"{label:<{WIDTH}} {text}"
+from cosim.measure.metric_result import summary_line
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,29 +51,33 @@ class NodeReport:
     def text(self) -> str:
         """Lateness and end."""
         late = self.lateness.late
-        values = (late.minimum, late.mean, late.p50, late.p99, late.p999, late.maximum)
-        us = [f"{v / 1e3:.0f}" for v in values]
+        values = (late.p50, late.p99, late.p999, late.maximum)
+        p50, p99, p999, most = (_ns(v) for v in values)
         end = "" if self.state in ("active", "finished") else f"; {self.state}: {self.why}"
         missed = f", {self.lateness.missed} missed" if self.lateness.missed else ""
         return (
-            f"late min {us[0]}, avg {us[1]}, p50 {us[2]}, p99 {us[3]}, p99.9 {us[4]}, "
-            f"max {us[5]} us in {self.slots} slots{missed}{end}"
+            f"late by {p50} (median), {p99} (p99), {p999} (p99.9), {most} at most, "
+            f"in {self.slots} slots{missed}{end}"
         )
 
     def parts(self) -> str:
-        """The time of its slots, median and p99 in us, and the period that was measured."""
+        """The time of its slots, median and p99, and the period that was measured."""
         said = [
-            f"{name} {part.p50 / 1e3:.0f} / {part.p99 / 1e3:.0f}"
+            f"{name} {_ns(part.p50)} (p99 {_ns(part.p99)})"
             for name, part in self.lateness.parts.items()
         ]
         period = self.lateness.period
         if period is not None:
-            nominal = self.lateness.period_ns / 1e6
+            nominal = _ns(self.lateness.period_ns)
             said.append(
-                f"period {nominal:g} ms nominal, {period.mean / 1e6:.4f} measured "
-                f"(std {period.std / 1e3:.0f} us)"
+                f"period {_ns(period.mean, 5)} ({nominal} nominal, standard deviation "
+                f"{_ns(period.std)})"
             )
         return ", ".join(said)
+
+
+def _ns(value: float, digits: int = 3) -> str:
+    return time_text(value * 1e-9, digits)
 
 
 def node_reports(system: System, rows: Mapping[Life, Rows], nodes: Path) -> list[NodeReport]:
@@ -110,9 +109,7 @@ def age_lines(system: System, rows: Mapping[Life, Rows]) -> list[str]:
     `rows`: the rows (slots,) of each life.
     """
     return [
-        line(
-            "age", f"{age.text}  {age.signal}" if age.received else f"never anything  {age.signal}"
-        )
+        summary_line("age", f"{age.text if age.received else 'nothing arrived'}  {age.signal}")
         for age in signal_ages(system, rows)
     ]
 
@@ -136,10 +133,12 @@ class SignalAge:
     @property
     def text(self) -> str:
         """In one line, without the signal."""
-        added = "none" if self.configured != self.configured else f"{self.configured:.0f} ms"
+        link = self.configured == self.configured
+        added = f"link {time_text(self.configured * 1e-3, 3)}, " if link else ""
+        network = (time_text(x * 1e-3, 3) for x in (self.p50, self.p99, self.greatest))
         return (
-            f"configured {added}, real p50 {self.p50:.2f} p99 {self.p99:.2f} max "
-            f"{self.greatest:.2f} ms, total mean {self.total:.1f} ms"
+            f"{time_text(self.total * 1e-3, 3)} on average when used: {added}network "
+            "{} (median), {} (p99), {} at most".format(*network)
         )
 
 
@@ -216,7 +215,9 @@ def bus_reports(
         begun = (int((log.rows["t_ns"] - taken).min()) - start_ns) * 1e-9
         parts = measured_load(log.rows["t_ns"], taken).windows
         frames = _frames(system, name, log.rows, start_ns)
-        found[name] = BusReport(line(f"bus {name}", f"{text}{rate} Mbit/s"), begun, parts, frames)
+        found[name] = BusReport(
+            summary_line(f"bus {name}", f"{text}{rate} Mbit/s"), begun, parts, frames
+        )
     return found
 
 
@@ -240,7 +241,7 @@ def _frames(
 def forward_lines(reports: Sequence[NodeReport]) -> list[str]:
     """Lines on what each gateway passed on, and how long after it came."""
     return [
-        line("forwarded", f"{report.life}: {message}: {_forwarded(facts)}")
+        summary_line("forwarded", f"{report.life}: {message}: {_forwarded(facts)}")
         for report in reports
         if report.statement
         for message, facts in report.statement.forwards.items()
@@ -267,24 +268,26 @@ def fault_lines(reports: Sequence[NodeReport]) -> list[str]:
             wrong = {k: v for k, v in counts.items() if v and k != "ok"}
             if wrong:
                 text = ", ".join(f"{v} {k.replace('_', ' ')}" for k, v in wrong.items())
-                lines.append(line("received", f"{report.life}: {message}: {text}"))
+                lines.append(summary_line("received", f"{report.life}: {message}: {text}"))
         for message, counts in said.sent.items():
             if counts["saturated"]:
                 text = f"{counts['saturated']} of {counts['frames']} with values that did not fit"
-                lines.append(line("sent", f"{report.life}: {message}: {text}"))
+                lines.append(summary_line("sent", f"{report.life}: {message}: {text}"))
         for message, trips in said.guards.items():
             acted = {k: v for k, v in trips.items() if v}
             if acted:
                 text = ", ".join(f"{k} in {v} ticks" for k, v in acted.items())
-                lines.append(line("guard", f"{report.life}: {message}: {text}"))
+                lines.append(summary_line("guard", f"{report.life}: {message}: {text}"))
         for bus, health in said.buses.items():
             if text := _health(health):
-                lines.append(line("bus health", f"{report.life}: {bus}: {text}"))
+                lines.append(summary_line("bus health", f"{report.life}: {bus}: {text}"))
         for count, what in ((said.journal_dropped, "slots"), (said.heard_dropped, "samples heard")):
             if count:
-                lines.append(line("journal full", f"{report.life}: {count} {what} not recorded"))
+                lines.append(
+                    summary_line("journal full", f"{report.life}: {count} {what} not recorded")
+                )
         if said.drive_faults:
-            lines.append(line("drive", f"{report.life}: {said.drive_faults} faults"))
+            lines.append(summary_line("drive", f"{report.life}: {said.drive_faults} faults"))
     return lines
 
 

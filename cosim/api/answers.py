@@ -116,7 +116,7 @@ def passes(results: Mapping[str, MetricResult], names: Sequence[str], place: str
     if not chosen:
         raise ScenarioError("the scenario declares no metric with the key 'within'", place)
     late = [r for r in chosen if not isfinite(r.value) or not isfinite(r.parts["settle_s"])]
-    said = "; ".join(f"{r.label}: {r.text}" for r in late or chosen)
+    said = "; ".join(f"{label}: {text}" for r in late or chosen for label, text in r.facts)
     return Answer(not late, said)
 
 

@@ -231,8 +231,9 @@ class RunResult:
     def _repr_html_(self) -> str:
         """The top of a report: title, status, metrics; without scripts."""
         rows = [
-            f"<tr><td>{escape(m.label)}</td><td>{escape(m.text)}</td></tr>"
+            f"<tr><td>{escape(label)}</td><td>{escape(text)}</td></tr>"
             for m in self._metrics_or_none()
+            for label, text in m.facts
         ]
         until = f"{self.t[-1]:g} s" if len(self) else "nothing recorded"
         return (

@@ -151,6 +151,21 @@ def quantity(text: str, unit: str | Unit) -> float:
     return gain * value + offset
 
 
+def time_text(seconds: float, digits: int = 4) -> str:
+    """A time in the unit of a thousand powers in which it is at least 1: ``600 ms``, ``2.095 s``.
+
+    From 1 s on it is in s, and the smallest unit is ns; `digits` are significant.
+    """
+    size = abs(float(f"{seconds:.{digits}g}"))
+    if not 0 < size < 10**digits:
+        return f"{seconds:.0f} s"
+    unit, factor = next((u for u in _TIMES if size >= u[1]), _TIMES[-1])
+    return f"{seconds / factor:.{digits}g} {unit}"
+
+
+_TIMES = (("s", 1.0), ("ms", 1e-3), ("us", 1e-6), ("ns", 1e-9))
+
+
 def unit_text(unit: str | Unit) -> str:
     """A unit as text: its name, or its powers of :data:`BASE`."""
     if isinstance(unit, str):

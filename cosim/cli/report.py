@@ -46,6 +46,7 @@ def report(
     from cosim.base.convert import number
     from cosim.base.errors import ScenarioError
     from cosim.cli.summary import draw_figures
+    from cosim.measure.metric_result import summary_line
     from cosim.record import Run, seal
     from cosim.record.folder import SUMS
     from cosim.reporting.recorded import recorded_scenario
@@ -62,4 +63,4 @@ def report(
     if (folder / SUMS).exists():
         seal(folder, changed=[path.name for _, path in found])
     for what, path in found if not quiet else ():
-        typer.echo(f"{what:<16} {path}")
+        typer.echo(summary_line(what, str(path)))

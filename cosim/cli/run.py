@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from cosim.base.parts import part
+from cosim.base.units import time_text
 from cosim.cli.options import OutputOptions, RunSettings, write_json
 
 if TYPE_CHECKING:
@@ -152,7 +153,7 @@ def _print_notes(outcome: RunOutcome, plan: Plan, options: RunOptions) -> None:
     for line in notes if not options.quiet else ():
         typer.echo(line, err=True)
     if outcome.ended is not None:
-        options.say(f"{outcome.ended}, of {plan.end:g} s")
+        options.say(f"{outcome.ended}, of {time_text(plan.end)}")
 
 
 def _finish(
@@ -165,6 +166,7 @@ def _finish(
     """Print the numbers of a run; write its table, pictures and sums."""
     from cosim.cli.summary import announced, as_data, pictures, summary
     from cosim.measure.joint_limits import beyond
+    from cosim.measure.metric_result import summary_line
     from cosim.record import seal
     from cosim.record.folder import CSV
 
@@ -178,11 +180,11 @@ def _finish(
     with announced(options.quiet, "drawing what was recorded"):
         drawn = list(pictures(loaded, result, options))
     for what, path in drawn:
-        options.say(f"{what:<16} {path}")
+        options.say(summary_line(what, str(path)))
     seal(folder)
     if options.json is not None:
         write_json(options.json, as_data(loaded, result, outcome))
-    options.say(f"{'run folder':<16} {folder}")
+    options.say(summary_line("run folder", str(folder)))
 
 
 def _picture_failure(error: RunError, scenario: Scenario, wanted: OutputOptions) -> None:

@@ -12,16 +12,15 @@ from threading import Timer
 from typing import TYPE_CHECKING, Any
 
 from cosim.base.errors import ScenarioError
+from cosim.base.units import time_text
 
 if TYPE_CHECKING:
     from cosim.cli.options import OutputOptions
     from cosim.engine.simulate import RunOutcome
-    from cosim.measure.metrics import MetricResult
     from cosim.record import Column, Run
     from cosim.scenario.spec import Scenario
     from cosim.schedule.plan import Plan
 
-_WIDTH = 16
 #: Links whose ages are printed one by one.
 MANY_LINKS = 24
 #: After so long it is said what is being done, s.
@@ -44,10 +43,10 @@ def header(scenario: Scenario, plan: Plan) -> str:
         )
         if n
     ]
-    begin = f" from {plan.start:g} s on" if plan.start else ""
+    begin = f" from {time_text(plan.start)} on" if plan.start else ""
     return (
         f"{scenario.title}\n"
-        f"{scenario.path}: {', '.join(parts)}, {plan.ticks} ticks of {plan.h:g} s{begin}, "
+        f"{scenario.path}: {', '.join(parts)}, {plan.ticks} ticks of {time_text(plan.h)}{begin}, "
         f"algorithm {plan.algorithm}, seed {scenario.run.seed}"
     )
 
@@ -128,30 +127,35 @@ def check(scenario: Scenario, recorded: Sequence[Column]) -> None:
 
 
 def summary(scenario: Scenario, run: Run, outcome: RunOutcome) -> list[str]:
-    """The numbers of a run, a line each."""
-    from cosim.measure import declared_metrics
-    from cosim.measure.metrics import evaluate
+    """The facts of a run, a line each."""
+    from cosim.measure.metric_result import summary_line
 
-    results = evaluate(declared_metrics.metrics(scenario), run)
-    lines = [_line(r.label, r.text) for r in results]
-    settled = _settled(scenario, results)
-    if settled:
-        timed = [i for i, r in enumerate(results) if "settle_s" in r.parts]
-        at = timed[-1] + 1  # behind the last error that has one
-        lines.insert(at, _line("settle time", settled))
-    lines += [_line("link age", text) for text in _ages(outcome)]
+    facts = metric_facts(scenario, run)
+    facts += [("link age", text) for text in _ages(outcome)]
     if outcome.macro_steps:
         from cosim.reporting.macro_steps import macro_lines
 
-        lines += [_line(what, text) for what, text in macro_lines(outcome.macro_steps)]
-    ratio = outcome.seconds / outcome.wall
-    lines.append(
-        _line(
-            "wall time",
-            f"{outcome.wall:.3f} s for {outcome.seconds:g} s: {_said(ratio)} x real time",
-        )
+        facts += macro_lines(outcome.macro_steps)
+    facts.append(wall_time(outcome.wall, outcome.seconds))
+    return [summary_line(*fact) for fact in facts]
+
+
+def metric_facts(scenario: Scenario, run: Run) -> list[tuple[str, str]]:
+    """Label and text of each fact that the metrics of a scenario find in a run."""
+    from cosim.measure import declared_metrics
+    from cosim.measure.metrics import evaluate
+
+    return [fact for r in evaluate(declared_metrics.metrics(scenario), run) for fact in r.facts]
+
+
+def wall_time(wall: float, seconds: float) -> tuple[str, str]:
+    """Label and text of the time, s, that `seconds` of simulated time took."""
+    ratio = seconds / wall
+    speed = f"{ratio:.0f}" if ratio >= 10 else f"{ratio:.2g}"
+    return (
+        "wall time",
+        f"{time_text(wall, 3)} for {time_text(seconds)}: {speed} times real time",
     )
-    return lines
 
 
 def as_data(scenario: Scenario, run: Run, outcome: RunOutcome) -> dict[str, Any]:
@@ -183,30 +187,11 @@ def metrics_as_data(scenario: Scenario, run: Run) -> dict[str, Any]:
     return found
 
 
-def _line(label: str, text: str) -> str:
-    return f"{label:<{_WIDTH}} {text}"
-
-
-def _said(ratio: float) -> str:
-    return f"{ratio:.0f}" if ratio >= 10 else f"{ratio:.2g}"
-
-
-def _settled(scenario: Scenario, results: tuple[MetricResult, ...]) -> str:
-    parts = []
-    for r in results:
-        if "settle_s" in r.parts:
-            within = scenario.metrics[r.name].within
-            time = r.parts["settle_s"]
-            when = f"{time:.2f} s" if time < float("inf") else "never"
-            parts.append(f"{when} ({r.label} < {within:g} {r.unit})")
-    return ", ".join(parts)
-
-
 def late_ticks(outcome: RunOutcome) -> list[str]:
     """Late ticks of the clocks of FMUs, one line per FMU."""
     return [
-        f"{name}: clocks ticked late {n} times, by up to {most:g} s: it takes no shorter steps, so "
-        "they wait for the next one; a smaller period makes that less"
+        f"{name}: clocks ticked late {n} times, by up to {time_text(most)}: it takes no shorter "
+        "steps, so they wait for the next one; a smaller period makes that less"
         for name, (n, most) in outcome.late_clock_ticks.items()
     ]
 
@@ -217,9 +202,11 @@ def _ages(outcome: RunOutcome) -> list[str]:
         return _ages_together(outcome)
     lines = []
     for name, s in outcome.ages.items():
-        ms = {"mean": s.age_mean, "p95": s.age_p95, "max": s.age_maximum}
-        numbers = ", ".join(f"{key} {value * 1e3:.0f} ms" for key, value in ms.items())
-        lines.append(f"{numbers}  {name}")
+        if s.age_mean != s.age_mean:
+            lines.append(f"nothing arrived  {name}")
+            continue
+        mean, p95, most = (time_text(x, 3) for x in (s.age_mean, s.age_p95, s.age_maximum))
+        lines.append(f"{mean} on average, 95 % below {p95}, at most {most}  {name}")
     return lines
 
 
@@ -230,9 +217,9 @@ def _ages_together(outcome: RunOutcome) -> list[str]:
     mean = sum(s.age_mean for s in ages.values()) / len(ages)
     oldest = max(ages, key=lambda name: ages[name].age_p95)
     return [
-        f"mean {1e3 * mean:.0f} ms over {len(ages)} links, p95 at most "
-        f"{1e3 * ages[oldest].age_p95:.0f} ms ({oldest}), max "
-        f"{1e3 * max(s.age_maximum for s in ages.values()):.0f} ms",
+        f"{time_text(mean, 3)} on average over {len(ages)} links, 95 % below "
+        f"{time_text(ages[oldest].age_p95, 3)} on each ({oldest} has the oldest), at most "
+        f"{time_text(max(s.age_maximum for s in ages.values()), 3)}",
         *([f"nothing arrived on {n} links"] if (n := len(outcome.ages) - len(ages)) else []),
     ]
 

@@ -98,16 +98,17 @@ def sweep(
 def _written(study: Study, table: SweepTable, folder: Path, wanted: SweepOptions) -> Iterator[str]:
     """Write table, report and figures; the result in lines, with the path of each file."""
     from cosim.cli.summary import this_command
+    from cosim.measure.metric_result import summary_line
     from cosim.study import boundary, page, summary
 
     yield from summary.lines(table)
     yield from boundary.lines(study, table)
     for path in summary.write(table, folder):
-        yield f"{'table':<16} {path}"
+        yield summary_line("table", str(path))
     if (places := boundary.write(study, table, folder)) is not None:
-        yield f"{'boundary':<16} {places}"
+        yield summary_line("boundary", str(places))
     if wanted.plot:
-        yield f"{'report':<16} {page.write(table, study, folder, this_command())}"
+        yield summary_line("report", str(page.write(table, study, folder, this_command())))
     if wanted.png:
         from cosim.study import boundary_figure, figures
 
@@ -115,7 +116,7 @@ def _written(study: Study, table: SweepTable, folder: Path, wanted: SweepOptions
             *boundary_figure.draw_boundary(study, table, folder),
             *figures.draw_all(study, table, folder),
         ):
-            yield f"{'figure':<16} {path}"
+            yield summary_line("figure", str(path))
 
 
 # ---- the progress of many runs ------------------------------------------------------------------

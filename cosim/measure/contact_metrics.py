@@ -26,6 +26,7 @@ from typing import Literal
 import numpy as np
 
 from cosim.base.errors import ScenarioError
+from cosim.base.units import time_text
 from cosim.measure.energy import observer
 from cosim.measure.manipulability import running_integral
 from cosim.measure.metric_result import MetricResult, length
@@ -74,7 +75,7 @@ class PhaseError:
             return MetricResult(self.name, label, nan, x.unit, "the phase never occurs")
         mean = float((0.5 * (square[1:] + square[:-1])[within] * dt).sum()) / lasts
         return MetricResult(
-            self.name, label, sqrt(mean), x.unit, f"over {lasts:.4g} s", {"lasts_s": lasts}
+            self.name, label, sqrt(mean), x.unit, f"RMS over {time_text(lasts)}", {"lasts_s": lasts}
         )
 
     def _target(self, signals: Signals, size: int, place: str) -> Array:
@@ -137,5 +138,6 @@ class PortEnergy:
         parts = {"final": float(E[-1]), "put_in": put_in}
         if put_in > 0:
             parts["least_share"] = least / put_in
-        words = f"at {t[int(np.argmin(E))]:.4g} s; {E[-1]:.3g} J at the end"
-        return MetricResult(self.name, label, least, "J", words, parts)
+        words = f"at {time_text(t[int(np.argmin(E))])}"
+        more = ((f"{label}, end", f"{E[-1]:.4g} J at {time_text(t[-1])}"),)
+        return MetricResult(self.name, label, least, "J", words, parts, more)

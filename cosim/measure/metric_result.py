@@ -1,4 +1,4 @@
-"""The result of a metric, and the integrals that metrics use."""
+"""The result of a metric, its lines in a summary, and the integrals that metrics use."""
 
 from __future__ import annotations
 
@@ -8,7 +8,11 @@ from math import isnan, sqrt
 
 import numpy as np
 
+from cosim.base.units import time_text
 from cosim.record.signals import Array
+
+#: Columns of the labels of a summary.
+LABELS = 22
 
 
 @dataclass(frozen=True, slots=True)
@@ -16,7 +20,7 @@ class MetricResult:
     """The result of a metric: `value` in `unit`, and further results as text and as numbers.
 
     `parts`, by name, are in `unit`, in s if the name ends in ``_s``, in Hz (``_hz``), or pure
-    numbers (``_share``).
+    numbers (``_share``). `more`: label and text of each further fact.
     """
 
     name: str
@@ -25,6 +29,7 @@ class MetricResult:
     unit: str
     detail: str = ""
     parts: Mapping[str, float] = field(default_factory=dict)
+    more: tuple[tuple[str, str], ...] = ()
 
     def unit_of(self, part: str) -> str:
         """The unit of a part."""
@@ -36,8 +41,22 @@ class MetricResult:
         """Value, unit and detail on one line."""
         if isnan(self.value):
             return f"no number: {self.detail}"
-        unit = "" if self.unit == "1" else f" {self.unit}"
-        return f"{self.value:.4g}{unit} {self.detail}".rstrip()
+        return f"{with_unit(self.value, self.unit, 4)} {self.detail}".rstrip()
+
+    @property
+    def facts(self) -> tuple[tuple[str, str], ...]:
+        """Label and text of each fact: the value, then the further ones."""
+        return ((self.label, self.text), *self.more)
+
+
+def summary_line(label: str, text: str) -> str:
+    """A line of a summary."""
+    return f"{label:<{LABELS}} {text}"
+
+
+def with_unit(value: float, unit: str, digits: int = 3) -> str:
+    """A number of `digits` significant digits with its unit; a pure number has none."""
+    return f"{value:.{digits}g}" + ("" if unit in ("", "1") else f" {unit}")
 
 
 def length(x: Array) -> Array:
@@ -58,7 +77,7 @@ def root_mean_square(y: Array, t: Array) -> float:
 
 def interval_text(t: Array) -> str:
     """``over 60 s``; t (n,) s."""
-    return f"over {t[-1] - t[0]:.4g} s"
+    return f"over {time_text(float(t[-1] - t[0]))}"
 
 
 def times(unit: str, factor: str) -> str:

@@ -32,8 +32,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim.base.errors import ScenarioError
+from cosim.base.names import listed
+from cosim.base.units import time_text
 from cosim.measure.metric_result import MetricResult as MetricResult
-from cosim.measure.metric_result import integral, interval_text, length, root_mean_square, times
+from cosim.measure.metric_result import (
+    integral,
+    interval_text,
+    length,
+    root_mean_square,
+    times,
+    with_unit,
+)
 from cosim.record.signals import Array, Signals, Stack, stack
 
 if TYPE_CHECKING:
@@ -76,7 +85,7 @@ class Error:
         return (*self.of, self.target) if isinstance(self.target, str) else self.of
 
     def evaluate(self, signals: Signals) -> MetricResult:
-        """E(t_n), with RMSE, maximum and settle time in the detail and the parts."""
+        """E(t_n), with RMSE, maximum and settle time as further facts and in the parts."""
         place = f"metrics.{self.name}"
         whole = stack(signals, self.signals, place)
         ends = np.cumsum([len(signals.entries(name)) for name in self.signals])
@@ -89,18 +98,18 @@ class Error:
         E = np.max([distance(x - target) for x in each[: len(self.of)]], axis=0)
         worst, rmse = int(np.argmax(E)), root_mean_square(E, whole.t)
         parts = {"final": E[-1], "rmse": rmse, "max": E[worst], "max_at_s": t[worst]}
-        words = f"at {t[-1]:.4g} s; RMSE {rmse:.3g}; max {E[worst]:.3g} at {t[worst]:.4g} s"
+        label, unit = self.label or self.name, whole.unit
+        peak = f"{with_unit(E[worst], unit)} at {time_text(t[worst])}"
+        more = [
+            (f"{label}, RMS", f"{with_unit(rmse, unit)} {interval_text(t)}"),
+            (f"{label}, peak", peak),
+        ]
         if self.within is not None:
             parts["settle_s"] = settle = settle_time(E, t, self.within)
-            words += (
-                f"; below {self.within:g} from {settle:.4g} s on"
-                if settle < inf
-                else f"; not below {self.within:g} at the end"
-            )
+            more.append(("settled", _settled(settle - t[0], label, E[-1], self.within, unit)))
         parts = {key: float(value) for key, value in parts.items()}
-        return MetricResult(
-            self.name, self.label or self.name, parts["final"], whole.unit, words, parts
-        )
+        words = f"at the end ({time_text(t[-1])})"
+        return MetricResult(self.name, label, parts["final"], unit, words, parts, tuple(more))
 
     def _target(self, each: Sequence[Array], place: str) -> Array:
         """Target as (n, m), or (1, m) if it is fixed; m is checked against `each` signal's."""
@@ -142,6 +151,8 @@ class Measure:
         if s.problem:
             return MetricResult(self.name, self.label or self.name, nan, unit, s.problem)
         value, words, parts = _MEASURES[self.kind](s, self.window)
+        if self.kind in _WORDS:
+            words = f"({_WORDS[self.kind]} of {listed(self.of)} {words})"
         parts = {key: float(part) for key, part in parts.items()}
         return MetricResult(self.name, self.label or self.name, float(value), unit, words, parts)
 
@@ -196,6 +207,14 @@ def metric(
     return PhaseError(name, cast("Phase", kind), tuple(of), fixed, tuple(contact or ()), label)
 
 
+def _settled(after: float, label: str, last: float, within: float, unit: str) -> str:
+    """The time after which an error settled, `after` s, or its size at the end."""
+    band = f"below {with_unit(within, unit, 6)}"
+    if after < inf:
+        return f"after {time_text(after)} ({label} {band})"
+    return f"never ({label} {with_unit(last, unit)} at the end, expected {band})"
+
+
 def settle_time(E: Array, t: Array, within: float) -> float:
     """Time of the first row, s, from which on E < `within`; inf if the last row is outside.
 
@@ -232,7 +251,7 @@ def _tail_mean(s: Stack, window: float) -> _Measured:
 
 def _tail(s: Stack, window: float) -> tuple[NDArray[np.bool_], str]:
     """A mask (n,) of the rows in the last `window` seconds, and words for it."""
-    words = f"over the last {window:.4g} s"
+    words = f"over the last {time_text(window)}"
     if s.t[-1] - s.t[0] < window * (1 - 1e-9):
         words = f"{interval_text(s.t)}, which is all there is"
     return s.t >= s.t[-1] - window * (1 + 1e-9), words
@@ -244,7 +263,7 @@ def _vibration(s: Stack, window: float) -> _Measured:
     swing = np.ptp(x, axis=0)
     entry = int(np.argmax(swing))
     frequency = _frequency(x[:, entry] - 0.5 * (x[:, entry].max() + x[:, entry].min()), t)
-    words = f"{words} ({s.names[entry]}), {frequency:.4g} Hz"
+    words = f"at {frequency:.4g} Hz {words} ({s.names[entry]})"
     return 0.5 * float(swing[entry]), words, {"frequency_hz": frequency}
 
 
@@ -260,7 +279,7 @@ def _frequency(x: Array, t: Array) -> float:
 
 def _peak(s: Stack, _: float) -> _Measured:
     row, entry = divmod(int(np.argmax(np.abs(s.x))), s.x.shape[1])
-    words = f"at {s.t[row]:.4g} s ({s.names[entry]})"
+    words = f"at {time_text(s.t[row])} ({s.names[entry]})"
     return abs(float(s.x[row, entry])), words, {"at_s": s.t[row]}
 
 
@@ -268,11 +287,20 @@ def _final(s: Stack, _: float) -> _Measured:
     last = s.x[-1]
     parts = dict(zip(s.names, last.tolist(), strict=True))
     if len(last) == 1:
-        return float(last[0]), f"at {s.t[-1]:.4g} s", parts
-    entries = ", ".join(f"{x:.4g}" for x in last)
-    return float(length(s.x[-1:])[0]), f"at {s.t[-1]:.4g} s, length of ({entries})", parts
+        return float(last[0]), f"at the end ({time_text(s.t[-1])})", parts
+    entries = with_unit(0.0, s.unit).removeprefix("0")
+    entries = f"({', '.join(f'{x:.4g}' for x in last)}){entries}"
+    words = f"at the end ({time_text(s.t[-1])}), length of {entries}"
+    return float(length(s.x[-1:])[0]), words, parts
 
 
+#: Sums and means over time in words, for the signals they are of.
+_WORDS: Mapping[Kind, str] = {
+    "norm": "L2 norm",
+    "integral_abs": "integral of the magnitude",
+    "rms": "RMS",
+    "tail_mean": "mean magnitude",
+}
 _MEASURES: Mapping[Kind, Callable[[Stack, float], _Measured]] = {
     "norm": _norm,
     "integral_abs": _integral_abs,

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from cosim.base.units import time_text
 from cosim.reporting.html import table
 
 #: Components of a group that are named.
@@ -19,7 +20,9 @@ def macro_lines(groups: Sequence[Mapping[str, Any]]) -> list[tuple[str, str]]:
         if not sizes:
             continue
         span = (
-            f"{min(sizes):.3g} s" if len(sizes) == 1 else f"{min(sizes):.3g} to {max(sizes):.3g} s"
+            time_text(sizes[0], 3)
+            if len(sizes) == 1
+            else f"{time_text(min(sizes), 3)} to {time_text(max(sizes), 3)}"
         )
         found.append(
             (
@@ -57,16 +60,16 @@ def _names(group: Mapping[str, Any]) -> str:
 def _forced(group: Mapping[str, Any]) -> str:
     return (
         f"{group['forced']} of the smallest size exceed the tolerance, by a factor of up to "
-        f"{group['largest_error']:.3g}, first at t = {group['forced_at']:.6g} s"
+        f"{group['largest_error']:.3g}, first at {time_text(group['forced_at'], 6)}"
     )
 
 
 def macro_section(facts: Mapping[str, Any]) -> str:
     """The steps of each group by their sizes, as HTML; "" for a run without any."""
     groups = facts.get("macro_steps") or ()
-    head = ["components", "size in s", "kept", "repeated"]
+    head = ["components", "size", "kept", "repeated"]
     rows = [
-        (_names(group), f"{row['size']:.6g}", str(row["accepted"]), str(row["rejected"]))
+        (_names(group), time_text(row["size"], 6), str(row["accepted"]), str(row["rejected"]))
         for group in groups
         for row in group["sizes"]
     ]

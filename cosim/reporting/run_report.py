@@ -289,7 +289,7 @@ def _details(run: Run, facts: Mapping[str, Any], results: tuple[MetricResult, ..
     below = many.further(len(scenario.get("components", {})), many.ROWS, "components")
     head = ["component", "model", "every", "values"]
     parts = [
-        folded("Results", table(["metric", "value"], [(r.label, r.text) for r in results]),
+        folded("Results", table(["metric", "value"], [fact for r in results for fact in r.facts]),
                opened=bool(results)) if results else "",
         controllers(run, facts),
         folded("Components", table(head, components) + below),

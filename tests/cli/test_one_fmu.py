@@ -60,7 +60,7 @@ def test_the_start_time_is_an_option(cosim: Command) -> None:
     exported("x.fmu", strict2())
     done = cosim("run", "x.fmu", "--start", "1500 ms", "--no-plot", "--out", "run")
     assert done.code == 0, done.err
-    assert "2 ticks of 0.25 s from 1.5 s on" in done.out
+    assert "2 ticks of 250 ms from 1.5 s on" in done.out
     assert Run.open("run").t.tolist() == [1.5, 1.75, 2.0]
 
 

@@ -16,17 +16,23 @@ from PIL import Image
 
 import cosim as package
 from cosim.cli import summary
+from cosim.measure.metric_result import LABELS
 from cosim.record import Run, verify
 from tests.cli.command import CONFIG, ROOT, Command, finished
 
 SHORT = ("--set", "run.stop=0.5")
 SUMMARY = (
     "sync error",
+    "sync error, RMS",
+    "sync error, peak",
+    "settled",
     "tracking error",
-    "settle time",
+    "tracking error, RMS",
+    "tracking error, peak",
+    "settled",
     "operator effort",
     "holding torque",
-    "peak |tau|",
+    "peak torque",
     "link age",
     "link age",
     "wall time",
@@ -35,21 +41,34 @@ SUMMARY = (
 )
 
 
-def test_the_main_job_prints_what_it_runs_and_ten_numbers(cosim: Command) -> None:
+#: A number that no unit follows.
+BARE = re.compile(r"(?<![\w.-])-?\d[\d.]*(?:e[+-]?\d+)?(?![\w.]| (?:rad|N|s|ms|us|times)\b| %)")
+
+
+def test_the_main_job_prints_a_fact_per_line_with_its_unit(cosim: Command) -> None:
     done = cosim("run", CONFIG)
     assert (done.code, done.err) == (0, "")
     title, what, *lines = done.out.splitlines()
     assert title == "Bilateral teleoperation with time-varying delay (Theorem 5)"
-    assert "4 FMUs, 2 links, 60000 ticks of 0.001 s, algorithm sampled, seed 0" in what
-    assert tuple(line[:16].rstrip() for line in lines) == SUMMARY
-    said = {line[:16].rstrip(): line[16:] for line in lines}
-    times = re.findall(r"([\d.]+) s \(", said["settle time"])
-    assert all(11.0 < float(time) < 12.0 for time in times) and len(times) == 2
+    assert "4 FMUs, 2 links, 60000 ticks of 1 ms, algorithm sampled, seed 0" in what
+    facts = [(line[:LABELS].rstrip(), line[LABELS:].strip()) for line in lines]
+    assert tuple(label for label, _ in facts) == SUMMARY
+    said = dict(facts)
+    times = [
+        re.fullmatch(r"after ([\d.]+) s \((sync|tracking) error below 0.05 rad\)", text)
+        for label, text in facts
+        if label == "settled"
+    ]
+    assert [time and time[2] for time in times] == ["sync", "tracking"]
+    assert all(time and 11.0 < float(time[1]) < 12.0 for time in times)
+    for label, text in facts[:-2]:
+        without_signals = re.sub(r"\b(master|slave)\S*", "", text)
+        assert not BARE.search(without_signals), (label, text)
     assert float(said["operator effort"].split()[0]) == pytest.approx(47.0, abs=0.5)
-    assert "N.m.√s" in said["operator effort"]
-    assert float(said["peak |tau|"].split()[0]) == pytest.approx(26.9, abs=0.1)
-    assert re.search(r"mean 7\d\d ms, p95 11\d\d ms", said["link age"])
-    assert re.search(r"s for 60 s: \d+ x real time", said["wall time"])
+    assert said["operator effort"].endswith("N.m.√s (L2 norm of master.tau_h over 60 s)")
+    assert float(said["peak torque"].split()[0]) == pytest.approx(26.9, abs=0.1)
+    assert re.match(r"7\d\d ms on average, 95 % below 1.1\d s, at most 1.2 s  ", said["link age"])
+    assert re.fullmatch(r"[\d.]+ m?s for 60 s: \d+ times real time", said["wall time"])
 
 
 class Terminal(io.StringIO):

@@ -38,7 +38,6 @@ VOLATILE = {
 }
 #: Rates, durations and dates in what commands print.
 MOVING = (
-    (re.compile(r"\d[\d.e+-]* s for (\d[\d.]*) s: [\d.e+]+ x real time"), r"<time> for \1 s"),
     (re.compile(r"(wall time\s+).*"), r"\1<time>"),
     (re.compile(r"; \d+\.\d+ s$", re.M), "; <time>"),
     (re.compile(r"(\d+ runs in )\d+\.\d+ s"), r"\1<time>"),

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cosim.base.errors import UnitError
-from cosim.base.units import conversion, parse, quantity
+from cosim.base.units import conversion, parse, quantity, time_text
 
 
 @pytest.mark.parametrize(
@@ -85,3 +85,28 @@ def test_there_and_back_is_where_it_was(a, b, x):
         return
     back, shift = conversion(b, a)
     assert back * (gain * x + offset) + shift == pytest.approx(x, rel=1e-9, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("seconds", "text"),
+    [
+        (0.6, "600 ms"),
+        (0.0, "0 s"),
+        (60.0, "60 s"),
+        (2.0954, "2.095 s"),
+        (0.99999, "1 s"),
+        (-7.4e-5, "-74 us"),
+        (2e-9, "2 ns"),
+        (3e-12, "0.003 ns"),
+        (86412.0, "86412 s"),
+        (math.nan, "nan s"),
+        (math.inf, "inf s"),
+    ],
+)
+def test_times_have_the_unit_in_which_they_are_short(seconds, text):
+    assert time_text(seconds) == text
+
+
+@given(st.floats(1e-9, 1e9))
+def test_the_text_of_a_time_can_be_read_again(seconds):
+    assert quantity(time_text(seconds), "s") == pytest.approx(seconds, rel=6e-4)

@@ -58,7 +58,12 @@ def test_error_of_an_exponential() -> None:
     assert r.parts["settle_s"] == pytest.approx(np.log(20), abs=1.1e-3)
     assert r.parts["max"] == 1 and r.parts["max_at_s"] == 0
     assert r.parts["rmse"] == pytest.approx(sqrt((1 - np.exp(-20)) / 20), rel=1e-6)
-    assert "below 0.05 from 2.996 s on" in r.detail and "RMSE 0.224" in r.detail
+    assert r.facts == (
+        ("e", "4.54e-05 rad at the end (10 s)"),
+        ("e, RMS", "0.224 rad over 10 s"),
+        ("e, peak", "1 rad at 0 s"),
+        ("settled", "after 2.996 s (e below 0.05 rad)"),
+    )
 
 
 def test_norm_of_the_error_changes_the_settle_time() -> None:
@@ -91,7 +96,7 @@ def test_error_between_signals() -> None:
 def test_error_that_leaves_the_band_at_the_end() -> None:
     r = Error("e", ("x",), (0.0,), within=0.05).evaluate(recorded(x=T - 9.0))
     assert r.parts["settle_s"] == inf
-    assert "not below 0.05 at the end" in r.detail
+    assert r.more[-1] == ("settled", "never (e 1 rad at the end, expected below 0.05 rad)")
 
 
 @given(
@@ -125,7 +130,7 @@ def test_tail_mean_is_of_the_tail() -> None:
     x = np.where(T[:, None] < 9, 100.0, [[3.0, -4.0]])
     r = number("tail_mean", x, window=1.0)
     assert r.value == pytest.approx(5.0) and r.unit == "N.m"
-    assert r.text == "5 N.m over the last 1 s"
+    assert r.text == "5 N.m (mean magnitude of x over the last 1 s)"
     whole = number("tail_mean", np.ones(10_001), window=60.0)
     assert whole.value == 1 and "over 10 s, which is all there is" in whole.detail
 

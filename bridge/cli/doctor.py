@@ -22,7 +22,6 @@ State = Literal["good", "limited", "missing"]
 _MARKS = {"good": "✓", "limited": "!", "missing": "✗"}
 #: Optional packages: what needs them.
 EXTRAS = {
-    "fmpy": ("fmpy", "validation of FMUs, CVODE, and FMI headers for sources of FMUs"),
     "matplotlib": ("figures", "figures as PNG, PDF and GIF, and cosim reproduce"),
     "scipy": ("fit", "cosim fit and files for MATLAB"),
     "mujoco-core": ("mujoco", "scenes of MuJoCo"),

@@ -31,13 +31,8 @@ def info(
         ),
     ],
     validate: Annotated[
-        bool | None,
-        typer.Option(
-            "--validate/--no-validate",
-            help="Validate an FMU as well.",
-            show_default="if FMPy is installed",
-        ),
-    ] = None,
+        bool, typer.Option("--validate/--no-validate", help="Validate an FMU with FMPy as well.")
+    ] = True,
     strict: Annotated[
         bool, typer.Option("--strict", help="Exit with 1 if validation finds a problem.")
     ] = False,
@@ -47,15 +42,13 @@ def info(
     from cosim.cli.show import aligned
 
     component = _component(model)
-    if validate or (strict and validate is None):
-        _require_validation(component)
     facts, columns, rows = _contents(component)
     for line in aligned([list(fact) for fact in facts]):
         typer.echo(line[2:])
     typer.echo("")
     for line in aligned([columns, *rows]):
         typer.echo(line)
-    found = _problems(component) if validate is not False else None
+    found = _problems(component) if validate else None
     if json is not None:
         signals = [dict(zip(columns, row, strict=True)) for row in rows]
         write_json(json, {**dict(facts), "signals": signals, "problems": found})
@@ -193,29 +186,13 @@ def _terminals(component: FmuComponent) -> list[tuple[str, str]]:
     return [("CAN terminals", ", ".join(found))] if found else []
 
 
-def _require_validation(component: Component) -> None:
-    """Check that a component can be validated, if it is an FMU. Raises ScenarioError."""
-    from cosim.base.extras import require
-    from cosim.fmi.components import fmu_of
-
-    if fmu_of(component) is not None:
-        require("fmpy")
-
-
 def _problems(component: Component) -> list[str] | None:
-    """Print and return what validation finds in an FMU, which may run all the same.
-
-    None for another component, and without FMPy.
-    """
-    from cosim.base.extras import missing
+    """Print and return what validation finds in an FMU, which may run all the same."""
     from cosim.fmi.components import fmu_of
     from cosim.fmi.file.validation import problems
 
     fmu = fmu_of(component)
     if fmu is None:
-        return None
-    if lacking := missing("fmpy"):
-        typer.echo(f"\n{lacking}")
         return None
     found = problems(fmu.archive.path)
     many = f"{len(found)} problem{'s' if len(found) > 1 else ''}" if found else "no problems"

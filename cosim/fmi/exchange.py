@@ -18,7 +18,6 @@ from pathlib import Path
 from typing import Any
 
 from cosim.base.errors import FmuError
-from cosim.base.extras import install
 from cosim.fmi.file.binaries import platform_folder
 from cosim.fmi.file.model_structure import ContinuousStates
 from cosim.fmi.library import Instance
@@ -158,11 +157,7 @@ class _Sundials:
     @staticmethod
     def _load(part: str) -> c.CDLL:
         spec, (platform, suffix) = find_spec("fmpy"), platform_folder("3.0")
-        if spec is None or spec.origin is None:
-            raise FmuError(
-                f"CVODE comes with FMPy: {install('fmpy')}; or solver = euler, heun or rk4"
-            )
-        folder = Path(spec.origin).parent
+        folder = Path(spec.origin).parent if spec and spec.origin else Path()
         path = folder / "sundials" / platform / f"sundials_{part}{suffix}"
         try:
             return c.CDLL(str(path), mode=c.RTLD_GLOBAL)

@@ -10,9 +10,7 @@ from pathlib import Path
 import pytest
 
 from cosim.base import extras
-from cosim.base.errors import FmuError, ScenarioError
-from cosim.fmi import exchange
-from cosim.fmi.file import validation
+from cosim.base.errors import ScenarioError
 from tests.cli.command import CONFIG, ROOT, Command
 
 STUDY = f"""
@@ -29,7 +27,7 @@ y = "stable"
 """
 #: Modules that Python has on Linux and macOS and not on Windows, or on Linux only.
 OF_POSIX = "fcntl grp pty pwd resource syslog termios tty"
-OF_EXTRAS = "PIL fmpy jinja2 lark lxml matplotlib nbformat"
+OF_EXTRAS = "PIL matplotlib"
 #: The command of the arguments behind the first two: the system, and modules that are missing.
 PROGRAM = """
 import os, select, sys
@@ -118,28 +116,6 @@ def test_a_picture_of_the_interface_names_the_extra(monkeypatch: pytest.MonkeyPa
     monkeypatch.setattr("cosim.base.extras.find_spec", lambda name: None)
     with pytest.raises(ScenarioError, match=r"cosim-bridge\[figures\]"):
         figures.load()
-
-
-def test_without_fmpy_validation_is_left_out_or_refused(
-    cosim: Command, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    fmu = ROOT / "fmus" / "_built" / "planar2r.fmi2.fmu"
-    assert "FMPy found no problems" in cosim("info", fmu).out
-    monkeypatch.setattr("cosim.base.extras.find_spec", lambda name: None)
-    command = "the validation of an FMU needs FMPy: pip install 'cosim-bridge[fmpy]'"
-    done = cosim("info", fmu)
-    assert done.code == 0 and done.out.splitlines()[-1] == command
-    assert command not in cosim("info", fmu, "--no-validate").out
-    for option in ("--validate", "--strict"):
-        assert cosim.refused("info", fmu, option) == command
-    with pytest.raises(ScenarioError, match="needs FMPy"):
-        validation.problems(fmu)
-
-
-def test_cvode_without_fmpy_names_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(exchange, "find_spec", lambda name: None)
-    with pytest.raises(FmuError, match=r"FMPy: pip install 'cosim-bridge\[fmpy\]'; or solver"):
-        exchange._Sundials()
 
 
 def test_extras_have_what_their_sentences_say() -> None:

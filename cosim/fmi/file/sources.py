@@ -15,7 +15,6 @@ from xml.etree import ElementTree
 
 from cosim.base.archive import add_sum
 from cosim.base.errors import CosimError, FmuError
-from cosim.base.extras import install
 from cosim.base.parts import part
 from cosim.fmi.file.archive import Archive
 from cosim.fmi.file.headers import header_folder
@@ -69,8 +68,7 @@ def compile_sources(archive: Archive, fmi: str, identifier: str, output: Path) -
             toolchain.link_shared(objects, output, flags=_FLAGS, libraries=libraries)
         except CosimError as error:
             said = " ".join(str(error).splitlines()[:3])
-            hint = "" if headers else f"; the headers of FMI come with FMPy: {install('fmpy')}"
-            raise FmuError(f"{archive.path}: its sources do not build: {said}{hint}") from None
+            raise FmuError(f"{archive.path}: its sources do not build: {said}") from None
     with suppress(OSError):  # it is then built again
         add_sum(archive.folder, output)
     return output

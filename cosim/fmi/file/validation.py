@@ -4,15 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from cosim.base.extras import require
-
 
 def problems(path: str | Path) -> list[str]:
-    """Problems that FMPy finds in an FMU; empty if there are none.
-
-    Raises ScenarioError if FMPy is not installed.
-    """
-    require("fmpy")
+    """Problems that FMPy finds in an FMU; empty if there are none."""
     path = Path(path)
     from fmpy.validation import validate_fmu
 

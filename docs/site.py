@@ -46,6 +46,7 @@ GROUPS: Mapping[str, tuple[str, ...]] = {
         "evidence/bus-cases",
         "evidence/openarm-reports",
         "evidence/peers",
+        "evidence/compatibility",
         "evidence/tests",
         "benchmarks",
         "golden",

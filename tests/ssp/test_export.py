@@ -167,6 +167,7 @@ def test_fmpy_runs_it_to_the_same_trajectory(tmp_path: Path) -> None:
 
 
 def test_a_closed_loop_with_its_latency_is_one_fmu(tmp_path: Path) -> None:
+    """A container that fmu-manipulation-toolbox has packed, run here."""
     read = scenario(synchronous(UNIFORM, CONSTANT))
     write_container(read, assemble(read), tmp_path / "loop.fmu")
     run = {"step": STEP, "stop": 1.0}

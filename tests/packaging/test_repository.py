@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import json
 import os
 import shlex
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +17,7 @@ import yaml
 from bridge.deployment.system import load_system
 from bridge.results.outcome import run_twin
 from bridge.scaffold import write_controller
+from fmus.build.archive import VERSIONS
 
 ROOT = Path(__file__).resolve().parents[2]
 ACTION: dict[str, Any] = yaml.safe_load((ROOT / "action.yml").read_text(encoding="utf-8"))
@@ -119,3 +122,40 @@ def test_a_report_of_a_problem_asks_for_what_repeats_it() -> None:
     required = {x["id"] for x in form["body"] if x.get("validations", {}).get("required")}
     assert {"repeat", "doctor"} <= required
     assert any("`cosim doctor`" in x["attributes"]["label"] for x in form["body"])
+
+
+def test_read_the_docs_builds_the_site_as_its_script_says() -> None:
+    """The keys are those of the service's schema, against which the file was checked once."""
+    found = yaml.safe_load((ROOT / ".readthedocs.yaml").read_text(encoding="utf-8"))
+    jobs = found["build"]["jobs"]
+    script = (ROOT / "docs" / "site.py").read_text(encoding="utf-8")
+    (install,) = jobs["install"]
+    assert f"``{install}``" in script
+    (build,) = jobs["build"]["html"]
+    assert shlex.split(build) == ["python", "docs/site.py", "$READTHEDOCS_OUTPUT/html"]
+    assert "python docs/site.py FOLDER" in script
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    python = found["build"]["tools"]["python"]
+    assert f"Programming Language :: Python :: {python}" in project["classifiers"]
+    assert "site" in project["optional-dependencies"]
+
+
+def test_texts_of_listings_agree_with_the_project() -> None:
+    release = (ROOT / "RELEASE.md").read_text(encoding="utf-8")
+    listed = json.loads(release.split("```json\n")[1].split("```")[0])
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    head, row = (
+        next(line for line in readme.splitlines() if line.startswith(begin)).split("|")[2:4]
+        for begin in ("| | Linux", "| runs, studies")
+    )
+    tried = {name for name, said in zip(head, row, strict=True) if said.strip() == "yes"}
+    assert all(any(name in column for column in tried) for name in listed["platforms"])
+    fmi = (ROOT / "docs" / "fmi.md").read_text(encoding="utf-8")
+    assert set(listed["fmiVersions"]) == {"1.0", *VERSIONS}
+    for word, kind in (("CS", "co-simulation"), ("ME", "model exchange"), ("SE", "scheduled exec")):
+        assert word in listed["fmuImport"] and kind in fmi
+    page = listed["examplesURL"].removeprefix("SITE/").removesuffix(".html")
+    assert (ROOT / "docs" / f"{page}.md").is_file()
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    assert "cosim" in project["entry-points"]["can.interface"]
+    assert project["name"] == listed["name"] == "cosim-bridge"

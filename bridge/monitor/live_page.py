@@ -15,6 +15,7 @@ from bridge.monitor.journal_signals import JournalSignals
 from bridge.monitor.snapshot import snapshot
 from bridge.monitor.view import view
 from bridge.recording.live_run import LiveRun
+from cosim.base.units import printed_unit
 from cosim.reporting.arms import drawing_of
 from cosim.reporting.html import Badge, PageData, PlottedPanel, page_text
 
@@ -46,7 +47,7 @@ class LivePage:
         self._names = tuple(dict.fromkeys([*drawn, *joints]))
         for name in self._names:
             unit = known.unit(name)
-            self._data.signals[name] = {"label": name, "unit": unit, "t": "", "y": ""}
+            self._data.signals[name] = {"label": name, "unit": printed_unit(unit), "t": "", "y": ""}
 
     def _arms(self, known: JournalSignals) -> Iterator[dict[str, Any]]:
         scenario = self._watched.system.scenario

@@ -174,3 +174,85 @@ def unit_text(unit: str | Unit) -> str:
     return (
         ".".join(f"{base}{power if power != 1 else ''}" for base, power in powers if power) or "1"
     )
+
+
+# ---- numbers and units as a person reads them ---------------------------------------------------
+
+#: Symbols as they are printed.
+_PRINTED = {"u": "µ", "Ohm": "Ω", "deg": "°", "degC": "°C"}
+#: Symbols whose numbers are printed with a prefix of thousands, and prefixes that fit none of them.
+_SCALED = {"s", "m", "rad", "N", "J", "W", "Pa", "V", "A", "Hz"}
+_SMALL = {"s": 1.0, "Hz": 1.0}
+_LARGE = {"s", "rad"}
+_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+
+def printed_unit(unit: str) -> str:
+    """A unit as it is printed: kg.m2 is kg·m², us is µs, and 1 is empty."""
+    return _printed(unit, "") if unit not in ("", "1") else ""
+
+
+def _printed(unit: str, scaled: str) -> str:
+    """A unit as it is printed, with `scaled` in place of its first symbol if that is not empty."""
+
+    def symbol(match: re.Match[str]) -> str:
+        name = scaled if scaled and match.start() == 0 else match[1]
+        name = _PRINTED.get(name, name)
+        if len(name) > 1 and name[0] == "u" and name[1:] in _SYMBOLS:
+            name = f"µ{_PRINTED.get(name[1:], name[1:])}"
+        return name + (match[2] or "").translate(_RAISED)
+
+    text = re.sub(r"([A-Za-zµ%]+)\^?(-?\d+)?", symbol, unit)
+    return text.replace(".", "·").replace("*", "·")
+
+
+def prefixed(greatest: float, unit: str) -> tuple[float, str]:
+    """A factor and a printed unit for numbers in `unit` up to `greatest`: 1000 and ms for 0.6, s.
+
+    The factor is a power of 1000, or 1 if the unit has no prefix that a person would use.
+    """
+    first = _FACTOR.match(re.split(r"[./*·]", unit)[0])
+    size = abs(greatest)
+    if first is None or first[2] or not 0.0 < size < float("inf"):
+        return 1.0, printed_unit(unit)
+    name, own = first[1], 1.0
+    if name not in _SCALED and name[:1] in _PREFIXES and name[1:] in _SCALED:
+        own, name = _PREFIXES[name[0]], name[1:]
+    if name not in _SCALED:
+        return 1.0, printed_unit(unit)
+    size *= own
+    prefix = ""
+    if size < _SMALL.get(name, 0.1):
+        prefix = next((p for p in ("m", "u") if size >= 0.9995 * _PREFIXES[p]), "n")
+    elif size >= 999.95 and name not in _LARGE:
+        prefix = next((p for p in ("G", "M") if size >= 0.9995 * _PREFIXES[p]), "k")
+    if size < 1e-3 * _PREFIXES["n"]:
+        prefix = ""
+    return own / _PREFIXES.get(prefix, 1.0), _printed(unit, prefix + name)
+
+
+def readable(value: float, digits: int = 4) -> str:
+    """A number without a unit, of so many significant digits; a power of ten if it needs one."""
+    text = f"{value:.{digits}g}"
+    mantissa, e, exponent = text.partition("e")
+    if e and 1.0 <= abs(value) < 1e6:
+        return f"{float(text):.0f}"
+    return f"{mantissa} × 10{str(int(exponent)).translate(_RAISED)}" if e else text
+
+
+def engineering(value: float, unit: str, digits: int = 4) -> str:
+    """A value with the unit in which a person reads it: ``600 ms``, ``1.2 kN``, ``3.1 mrad``.
+
+    A value that is not finite is a dash.
+    """
+    if not abs(value) < float("inf"):
+        return "–"
+    factor, shown = prefixed(value, unit)
+    return f"{readable(factor * value, digits)} {shown}".rstrip().replace(" °", "°")
+
+
+def engineering_range(low: float, high: float, unit: str, digits: int = 4) -> str:
+    """An interval with one unit for both ends: ``0.3 to 1.2 s``."""
+    factor, shown = prefixed(max(abs(low), abs(high)), unit)
+    ends = f"{readable(factor * low, digits)} to {readable(factor * high, digits)}"
+    return f"{ends} {shown}".rstrip()

@@ -14,6 +14,7 @@ import numpy as np
 
 from cosim.analysis.analysis import Analysis
 from cosim.base.files import write_file
+from cosim.base.units import printed_unit
 from cosim.measure.manipulability import local_growth
 from cosim.predict.facts import Array
 from cosim.reporting.figures import load
@@ -92,7 +93,7 @@ def _manipulability(found: Analysis, axes: Sequence[Axes]) -> None:
     if found.bound is not None and len(rows) and np.isfinite(found.bound[rows]).all():
         label = "upper bound O6 (θ known, together, from rest)"
         above.loglog(r.t[rows], found.bound[rows], color=_COLOURS[1], label=label, **_CLOSED)
-    above.set_ylabel(f"$M^t$ [{_pretty(r.unit)}]")
+    above.set_ylabel(f"$M^t$ [{printed_unit(r.unit)}]")
     above.set_title("manipulability: ‖response‖₂ over ‖force‖₂ up to t")
     t, slope = local_growth(r.t, M)
     late = t > r.t[-1] / 3000
@@ -116,7 +117,7 @@ def _effort(found: Analysis, axes: Sequence[Axes]) -> None:
     length = np.sqrt((r.force**2).sum(axis=1))
     index = thin(length)
     axes[0].plot(r.t[index], length[index], color=_COLOURS[0])
-    axes[0].set_ylabel(f"|force| [{_pretty(r.units[0])}]")
+    axes[0].set_ylabel(f"|force| [{printed_unit(r.units[0])}]")
     axes[0].set_title("force of the operator")
     if r.E is not None:
         index = thin(r.E)
@@ -146,7 +147,7 @@ def _port(found: Analysis, axes: Sequence[Axes]) -> None:
             if form is not None:
                 _passivity(axes[1], "", form, colour, "")
                 _damping(axes[2], "", form, colour, "")
-    axes[0].set_ylabel(f"|G| [{_pretty(found.recorded.unit)}]")
+    axes[0].set_ylabel(f"|G| [{printed_unit(found.recorded.unit)}]")
     axes[0].set_title("gain from force to position (points: test forces; dashed: closed form)")
     if len(axes) > 1:
         axes[1].axhline(0.0, **_REFERENCE)
@@ -193,7 +194,3 @@ def _even(t: Array, most: int = 2000) -> Array:
 
 def _named(title: str) -> str:
     return title.replace("M_hat = M", r"$\hat{M} = M$")
-
-
-def _pretty(unit: str) -> str:
-    return unit.replace(".", "·")

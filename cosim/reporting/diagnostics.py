@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from html import escape
+from pathlib import Path
 from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cosim.base.units import engineering, engineering_range, prefixed, readable
 from cosim.measure.joint_limits import beyond
 from cosim.record import Run
 from cosim.reporting import many
@@ -49,25 +51,53 @@ def controllers(run: Run, facts: Mapping[str, Any]) -> str:
         return ""
     head = ["signal", "unit", "start", "end", "least", "greatest", "RMS",
             f"change in the last {TAIL:.0%}", "time at its greatest magnitude"]  # fmt: skip
-    rows = [(name, run.units[name], *_numbers(run.column(name))) for name in names[: many.ROWS]]
+    rows = [(name, *_numbers(run.column(name), run.units[name])) for name in names[: many.ROWS]]
     below = many.further(len(names), many.ROWS, "signals")
     return folded("Controllers", table(head, rows, len(head) - 2) + below)
 
 
-def _numbers(x: Array) -> Iterator[str]:
+def _numbers(x: Array, unit: str) -> Iterator[str]:
+    """The printed unit of a signal (n,) and its numbers in it."""
     tail = x[int(len(x) * (1 - TAIL)) :]
     rms = float(np.sqrt(np.mean(x**2)))
-    for value in (x[0], x[-1], np.min(x), np.max(x), rms, np.ptp(tail)):
-        yield f"{value:.4g}"
     magnitude = np.abs(x)
+    scale, shown = prefixed(float(magnitude.max()), unit)
+    yield shown
+    for value in (x[0], x[-1], np.min(x), np.max(x), rms, np.ptp(tail)):
+        yield readable(scale * value)
     changes = bool(np.ptp(x) > 0)
-    yield f"{np.mean(magnitude == magnitude.max()):.2%}" if changes else "–"
+    yield f"{100 * np.mean(magnitude == magnitude.max()):.3g} %" if changes else "–"
 
 
 def configured_delay(law: Mapping[str, Any]) -> str:
-    """A delay law as the scenario has it: ``uniform, low = 0.3, high = 1.2``."""
-    values = [f"{k} = {v}" for k, v in law.items() if k not in ("law", "hold") and v is not None]
-    return ", ".join([str(law.get("law", "")), *values])
+    """A delay law with units: ``0.3 to 1.2 s, held 30 ms`` or ``gamma, shape 2, scale 5 ms``."""
+    keys = {k: v for k, v in law.items() if k not in _UNSAID and v is not None}
+    hold, kind = keys.pop("hold", None), str(law.get("law", ""))
+    if kind == "uniform" and {"low", "high"} <= keys.keys():
+        said = engineering_range(keys["low"], keys["high"], "s")
+    elif kind == "constant" and "delay" in keys:
+        said = engineering(keys["delay"], "s")
+    else:
+        said = ", ".join([kind, *(f"{key} {_value(key, x)}" for key, x in keys.items())])
+    return f"{said}, held {_value('hold', hold)}" if hold else said
+
+
+#: Keys of a delay law that are not in a table of links, and those that are times, s.
+_UNSAID = ("law", "loss", "sha256", "lookup")
+_TIMES = {"hold", "delay", "low", "high", "shift", "scale", "minimum", "maximum", "median", "mean",
+          "centre", "sd", "step", "means", "levels", "dwell"}  # fmt: skip
+
+
+def _value(key: str, value: Any) -> str:
+    if isinstance(value, Mapping):
+        return f"({configured_delay(value)})"
+    if isinstance(value, list | tuple):
+        return " / ".join(_value(key, x) for x in value)
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, int | float):
+        return engineering(value, "s" if key in _TIMES else "1")
+    return Path(value).name if key == "file" else str(value)
 
 
 def transit(ages: Array, sent: NDArray[np.int64]) -> Array:

@@ -8,7 +8,6 @@ for the first figure.
 from __future__ import annotations
 
 import io
-import re
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -20,6 +19,7 @@ import numpy as np
 from cosim.base.errors import CosimError, ScenarioError
 from cosim.base.extras import require
 from cosim.base.files import write_file
+from cosim.base.units import printed_unit
 from cosim.record.signals import Array, Signals
 from cosim.reporting import many
 from cosim.reporting.html import TimedEvent
@@ -223,15 +223,8 @@ def axis_label(panel: Panel, run: Signals) -> str:
     units = list(dict.fromkeys(run.unit(name) for name in panel.y))
     shared = {name.partition(".")[2] or name for name in panel.y}
     text = panel.ylabel or (shared.pop() if len(shared) == 1 else "")
-    shown = ", ".join(_unit(unit) for unit in units if unit not in ("", "1"))
+    shown = ", ".join(filter(None, map(printed_unit, units)))
     return f"{text} [{shown}]".strip() if shown else text
-
-
-def _unit(unit: str) -> str:
-    """A unit as it is printed: kg.m2 is kg·m²."""
-    raised = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
-    text = re.sub(r"(?<=[A-Za-z])\^?(-?\d+)", lambda m: m[1].translate(raised), unit)
-    return text.replace(".", "·").replace("*", "·")
 
 
 # ---- how it is drawn -----------------------------------------------------------------------------

@@ -8,19 +8,21 @@ from __future__ import annotations
 
 import base64
 import json
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from html import escape
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cosim.base.errors import RunError
 from cosim.base.files import write_file
+from cosim.base.units import engineering, prefixed, readable
 from cosim.reporting.thinning import thin
 
 Array = NDArray[np.float64]
@@ -70,13 +72,14 @@ class PlottedPanel:
     place: str = "panels"
     colours: tuple[int, ...] = ()
 
-    def data(self) -> dict[str, Any]:
-        """The data that the page reads."""
+    def data(self, greatest: float = 0.0) -> dict[str, Any]:
+        """The data that the page reads. `greatest`: the greatest magnitude of its signals."""
         series: list[dict[str, Any]] = [{"name": name, "label": x} for name, x in self.series]
         for one, colour in zip(series, self.colours, strict=False):
             one["colour"] = colour
+        scale, unit = prefixed(max([greatest, *map(abs, self.reference)]), self.unit)
         return {
-            "title": self.title, "unit": self.unit, "series": series,
+            "title": self.title, "unit": unit, "scale": scale, "series": series,
             "reference": list(self.reference), "place": self.place,
         }  # fmt: skip
 
@@ -99,6 +102,7 @@ class TimedEvent:
 class PageData:
     """The content of a page: signals from `begin` to `end` (s), diagrams, events, arms.
 
+    `greatest`: magnitude of each signal, by which its unit gets a prefix where people read it.
     `arms_note`: a sentence below the arms. `live`: the address, below that of the page, from which
     values of the signals come while it is open; the joints of its arms are names of signals.
     """
@@ -113,29 +117,43 @@ class PageData:
     start: float = 0.0
     live: str = ""
     begin: float = 0.0
+    greatest: dict[str, float] = field(default_factory=dict)
 
     def add(self, name: str, unit: str, values: Array, dt: float, most: int) -> None:
         """Add a signal (n,) with a value every `dt` s: at most `most` of them, every extreme."""
         rows = thin(values, max(4, most))
         self.signals[name] = {
-            "unit": unit, "dt": dt, "i": packed(rows, "<u4"), "y": packed(values[rows], "<f4"),
+            **self._shown(name, unit, values), "dt": dt, "i": packed(rows, "<u4"),
+            "y": packed(values[rows], "<f4"),
         }  # fmt: skip
 
     def add_curve(self, name: str, label: str, unit: str, t: NDArray[Any], y: NDArray[Any]) -> None:
         """Add a curve, thinned already: `t` (s) and `y`, (n,)."""
         self.signals[name] = {
-            "label": label, "unit": unit, "t": packed(t, "<f4"), "y": packed(y, "<f4"),
+            "label": label, **self._shown(name, unit, y), "t": packed(t, "<f4"),
+            "y": packed(y, "<f4"),
         }  # fmt: skip
+
+    def _shown(self, name: str, unit: str, values: Array) -> dict[str, Any]:
+        """The unit in which a person reads a signal (n,), and the factor to it."""
+        finite = values[np.isfinite(values)]
+        self.greatest[name] = float(np.abs(finite).max()) if finite.size else 0.0
+        scale, shown = prefixed(self.greatest[name], unit)
+        return {"unit": shown, "scale": scale}
 
     def text(self) -> str:
         """The data as JSON that may stand inside an element of the page."""
         document = {
             "end": self.end, "start": self.start, "frame": self.frame, "signals": self.signals,
-            "panels": [p.data() for p in self.panels], "events": [e.data() for e in self.events],
+            "panels": [p.data(self._most(p)) for p in self.panels],
+            "events": [e.data() for e in self.events],
             "arms": self.arms, "live": self.live,
             **({"begin": self.begin} if self.begin else {}),
         }  # fmt: skip
         return embedded(document)
+
+    def _most(self, panel: PlottedPanel) -> float:
+        return max((self.greatest.get(name, 0.0) for name, _ in panel.series), default=0.0)
 
 
 def embedded(document: Mapping[str, Any]) -> str:
@@ -152,13 +170,34 @@ def packed(values: NDArray[Any], kind: str) -> str:
 # ---- pieces of a page -------------------------------------------------------------------------
 
 
-def cards(numbers: Iterable[tuple[str, str]]) -> str:
-    """Boxes with the numbers that matter: (label, value)."""
-    found = "".join(
-        f'<div class="card"><span>{escape(label)}</span><b>{escape(value)}</b></div>'
-        for label, value in numbers
-    )
+class Card(NamedTuple):
+    """A number that matters: its `label`, its `value` with the unit, and a `note` below.
+
+    `key`: its name in files, which is seen when the pointer rests on the card.
+    """
+
+    label: str
+    value: str
+    key: str = ""
+    note: str = ""
+
+
+def cards(numbers: Iterable[tuple[str, str] | Card]) -> str:
+    """Boxes with the numbers that matter: cards, or (label, value)."""
+    found = "".join(_card(Card(*number)) for number in numbers)
     return f'<section class="cards" aria-label="Results">{found}</section>' if found else ""
+
+
+def _card(card: Card) -> str:
+    label = escape(card.label[:1].upper() + card.label[1:])
+    title = f' title="{escape(card.key)}"' if card.key else ""
+    note = f"<i>{escape(whole(card.note))}</i>" if card.note else ""
+    return f'<div class="card"{title}><span>{label}</span><b>{escape(card.value)}</b>{note}</div>'
+
+
+def whole(text: str) -> str:
+    """A text in which no line breaks between a number and its unit."""
+    return re.sub(r"(?<=\d) (?=(?!to\b|on\b|and\b)[^\W\d]{1,4}\b|%)", "\u00a0", text)
 
 
 def table(
@@ -218,34 +257,54 @@ def histogram(title: str, unit: str, values: Array, marks: Mapping[str, float]) 
     values = values[np.isfinite(values)]
     if not values.size:
         return ""
+    factor, shown = prefixed(float(np.abs(values).max()), unit)
+    values = factor * values
     low, high = float(values.min()), float(values.max())
     high = high if high > low else low + (abs(low) or 1.0)
     counts, edges = np.histogram(values, bins=40, range=(low, high))
-    most, width = counts.max(), 480 / len(counts)
+    most, width = int(counts.max()), 480 / len(counts)
     bars = "".join(
-        f'<rect x="{40 + i * width:.1f}" y="{150 - 120 * n / most:.1f}" width="{width - 1:.1f}" '
-        f'height="{120 * n / most:.1f}" fill="var(--s0)"><title>{edges[i]:.4g} to '
-        f"{edges[i + 1]:.4g} {escape(unit)}: {n}</title></rect>"
+        f'<rect x="{40 + i * width:.1f}" y="{150 - 110 * n / most:.1f}" width="{width - 1:.1f}" '
+        f'height="{110 * n / most:.1f}" fill="var(--s0)"><title>{readable(edges[i])} to '
+        f"{readable(edges[i + 1])} {escape(shown)}: {n}</title></rect>"
         for i, n in enumerate(counts)
         if n
     )
-    lines = []
-    for k, (label, value) in enumerate(marks.items()):
-        x = 40 + 480 * (value - low) / (high - low)
+    lines, free = [], [0.0] * 3
+    for label, mark in sorted(marks.items(), key=lambda pair: pair[1]):
+        x, text = 40 + 480 * (factor * mark - low) / (high - low), engineering(mark, unit, 3)
+        half = 3.4 * len(f"{label} {text}")
+        row = next((k for k in range(3) if x - half > free[k]), 0)
+        free[row] = x + half
         lines.append(
-            f'<line x1="{x:.1f}" x2="{x:.1f}" y1="26" y2="150" stroke="var(--s1)" '
-            f'stroke-dasharray="4 3"/><text x="{x:.1f}" y="{12 + 12 * (k % 2)}" '
-            f'text-anchor="middle">{escape(label)} {value:.3g}</text>'
+            f'<line x1="{x:.1f}" x2="{x:.1f}" y1="{14 + 12 * row}" y2="150" stroke="var(--s1)" '
+            f'stroke-dasharray="4 3"/><text x="{min(x, 558 - half):.1f}" y="{11 + 12 * row}" '
+            f'text-anchor="middle">{escape(label)} {escape(text)}</text>'
         )
-    ends = (
-        f'<text class="faint" x="40" y="168">{low:.4g}</text><text class="faint" x="520" y="168" '
-        f'text-anchor="end">{high:.4g} {escape(unit)}</text>'
+    ticks = round_ticks(low, high)
+    below = "".join(
+        f'<line x1="{x:.1f}" x2="{x:.1f}" y1="150" y2="154" stroke="var(--line)"/>'
+        f'<text class="faint" x="{x:.1f}" y="168" text-anchor="middle">{readable(tick)}'
+        f"{f' {escape(shown)}' if tick == ticks[-1] else ''}</text>"
+        for tick in ticks
+        for x in [40 + 480 * (tick - low) / (high - low)]
+    )
+    above = (
+        f'<text class="faint" x="36" y="44" text-anchor="end">{most}</text>'
+        '<text class="faint" x="36" y="153" text-anchor="end">0</text>'
     )
     return (
         f'<figure><figcaption>{escape(title)}</figcaption><svg class="chart" viewBox="0 0 560 176" '
         f'role="img" aria-label="{escape(title)}"><line x1="40" x2="520" y1="150" y2="150" '
-        f'stroke="var(--line)"/>{bars}{"".join(lines)}{ends}</svg></figure>'
+        f'stroke="var(--line)"/>{bars}{"".join(lines)}{below}{above}</svg></figure>'
     )
+
+
+def round_ticks(low: float, high: float) -> list[float]:
+    """Multiples of 1, 2 or 5 times a power of ten from `low` to `high`, in the same unit."""
+    power = 10.0 ** np.floor(np.log10((high - low) / 6.0))
+    step = next(step for k in (1, 2, 5, 10) if (high - low) / (step := k * power) < 6.0)
+    return [float(k * step) for k in range(int(np.ceil(low / step)), int(high // step) + 1)]
 
 
 # ---- the page ---------------------------------------------------------------------------------

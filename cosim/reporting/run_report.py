@@ -14,10 +14,11 @@ import numpy as np
 
 from cosim.base.errors import CosimError
 from cosim.base.names import counted, listed, signal_of
+from cosim.base.units import engineering, engineering_range, prefixed, readable
 from cosim.measure import declared_metrics
 from cosim.measure.link_ages import link_ages
 from cosim.measure.metric_result import MetricResult
-from cosim.measure.metrics import evaluate
+from cosim.measure.metrics import Error, Metric, evaluate
 from cosim.record import Run
 from cosim.record.folder import REPORT
 from cosim.reporting import many
@@ -26,6 +27,7 @@ from cosim.reporting.diagnostics import configured_delay, controllers, findings,
 from cosim.reporting.html import (
     Array,
     Badge,
+    Card,
     PageData,
     PlottedPanel,
     cards,
@@ -34,19 +36,23 @@ from cosim.reporting.html import (
     histogram,
     packed,
     table,
+    whole,
     write_page,
 )
+from cosim.reporting.labels import in_order_of_weight, metric_card, metric_title, renamed, rows
 from cosim.reporting.macro_steps import macro_section
 from cosim.reporting.marks import failure, marks
 from cosim.reporting.recorded import recorded_scenario, repeating_command
-from cosim.scenario.spec import PanelSpec, Scenario
+from cosim.scenario.spec import FigureSpec, PanelSpec, Scenario
 
 #: Points of a signal in a declared diagram, and of one that can be chosen.
 SHOWN, CHOSEN = 2400, 600
 #: Frames per second of moving arms, and how many there are at the most.
 RATE, FRAMES = 20.0, 2000
-#: Diagrams of a scenario that declares none.
-PANELS = 6
+#: Diagrams of a scenario that declares none, and cards of metrics.
+PANELS, CARDS = 6, 4
+#: Diagrams of one metric that compares signals, for the entries that move most.
+COMPARED = 3
 
 
 def write_report(
@@ -63,15 +69,19 @@ def write_report(
     facts = run.metadata
     try:
         scenario = recorded_scenario(run)
-        results = evaluate(declared_metrics.metrics(scenario), run)
+        metrics = in_order_of_weight(declared_metrics.metrics(scenario))
+        results = tuple(
+            renamed(result, metric_title(metric))
+            for metric, result in zip(metrics, evaluate(metrics, run), strict=True)
+        )
     except CosimError:  # cut short, or made by something else
-        scenario, results = None, ()
-    data = _data(run, scenario, facts)
+        scenario, metrics, results = None, [], ()
+    data = _data(run, scenario, facts, metrics)
     subtitle = f"{facts.get('scenario', {}).get('path', '')} · {folder.name}"
     title = scenario.title if scenario is not None else folder.name
     return write_page(
         folder / REPORT, title, subtitle, judged or verdict(facts, scenario, results),
-        cards(_numbers(facts, results)), data,
+        cards(_numbers(facts, metrics, results)), data,
         "".join([
             findings(facts), limits(run, facts), extend(data), _links(run, facts, data),
             macro_section(facts), _details(run, facts, results),
@@ -97,12 +107,16 @@ def verdict(
         return Badge("failed", f"{', '.join(r.label for r in late)}: never within its bound")
     if judged and scenario is not None:
         latest = max(r.parts["settle_s"] for r in judged)
-        return Badge("passed", f"every error with a bound stays within it from {latest:.2f} s on")
+        return Badge(
+            "passed", f"every error with a bound stays within it from {engineering(latest, 's')} on"
+        )
     return Badge("finished", "the scenario declares no bound to judge by")
 
 
-def _numbers(facts: Mapping[str, Any], results: tuple[MetricResult, ...]) -> list[tuple[str, str]]:
-    found = [(r.label, _short(r)) for r in results[:4]]
+def _numbers(
+    facts: Mapping[str, Any], metrics: Sequence[Metric], results: Sequence[MetricResult]
+) -> list[tuple[str, str] | Card]:
+    found: list[tuple[str, str] | Card] = [*map(metric_card, metrics[:CARDS], results)]
     if facts.get("wall") and facts.get("ticks"):
         seconds = facts["ticks"] * facts["step"]
         ratio = seconds / facts["wall"]
@@ -111,15 +125,12 @@ def _numbers(facts: Mapping[str, Any], results: tuple[MetricResult, ...]) -> lis
     return found
 
 
-def _short(result: MetricResult) -> str:
-    unit = "" if result.unit == "1" else f" {result.unit}"
-    return "–" if not isfinite(result.value) else f"{result.value:.4g}{unit}"
-
-
 # ---- diagrams ---------------------------------------------------------------------------------
 
 
-def _data(run: Run, scenario: Scenario | None, facts: Mapping[str, Any]) -> PageData:
+def _data(
+    run: Run, scenario: Scenario | None, facts: Mapping[str, Any], metrics: Sequence[Metric]
+) -> PageData:
     if not len(run):
         return PageData(0.0)
     every = facts.get("scenario", {}).get("run", {}).get("record", {}).get("every", 1)
@@ -127,7 +138,7 @@ def _data(run: Run, scenario: Scenario | None, facts: Mapping[str, Any]) -> Page
     dt = float(facts.get("step") or (run.t[1] - begin if len(run) > 1 else 1.0)) * every
     data = PageData(end, events=marks(facts), start=begin, begin=begin)
     arms, data.arms_note = first_arms(run)
-    panels = _panels(run, scenario, data, dt)
+    panels = _panels(run, scenario, metrics, data, dt)
     data.panels += coloured(panels, [arm.name for arm in arms], facts)
     shown = {name for panel in data.panels for name, _ in panel.series}
     names = _in_order(run.names)
@@ -168,16 +179,53 @@ def _in_order(names: Iterable[str]) -> list[str]:
 
 
 def _panels(
-    run: Run, scenario: Scenario | None, data: PageData, dt: float
+    run: Run, scenario: Scenario | None, metrics: Sequence[Metric], data: PageData, dt: float
 ) -> Iterator[PlottedPanel]:
-    declared = [p for f in scenario.figures.values() for p in f.panels] if scenario else []
-    for spec in declared:
+    figures = list(scenario.figures.values()) if scenario else []
+    named = {signal_of(x): i for i, m in reversed([*enumerate(metrics)]) for x in m.signals}
+
+    def weight(figure: FigureSpec) -> int:
+        """The first metric that names one of its signals: what the scenario is about."""
+        signals = [signal_of(name) for panel in figure.panels for name in panel.y]
+        return min(named.get(signal, len(metrics)) for signal in signals)
+
+    for spec in (panel for figure in sorted(figures, key=weight) for panel in figure.panels):
         yield _declared(run, spec, data, dt)
-    if not declared:
-        signals = dict.fromkeys(signal_of(name) for name in _in_order(run.names))
-        for signal in list(signals)[:PANELS]:
-            entries = run.entries(signal)
-            yield PlottedPanel(signal, run.units[entries[0]], tuple((n, n) for n in entries))
+    if not figures:
+        yield from islice(undeclared(run, metrics), PANELS)
+
+
+def undeclared(run: Run, metrics: Sequence[Metric]) -> Iterator[PlottedPanel]:
+    """Diagrams of a scenario that declares none: what its metrics name, then what else moves.
+
+    Signals that a metric compares are drawn over each other, the entries that move most first.
+    """
+    names = _in_order(run.names)
+    moved = {name: float(np.ptp(run.column(name))) if len(run) else 0.0 for name in names}
+    signals = dict.fromkeys(signal_of(name) for name in names)
+    pairs = [m for m in metrics if isinstance(m, Error) and isinstance(m.target, str)]
+    for metric in pairs:
+        compared = [run.entries(name) for name in reversed(metric.signals) if run.has(name)]
+        if len({len(entries) for entries in compared}) != 1 or len(compared) < 2:
+            continue
+        together = list(zip(*compared, strict=True))
+        together.sort(key=lambda entries: -max(moved[name] for name in entries))
+        for entries in together[:COMPARED]:
+            if len(entries) <= many.LINES:
+                title = listed(entries)
+                yield _panel(run, title, entries)
+    shown = {signal_of(name) for m in pairs for name in m.signals}
+    named = [signal_of(name) for metric in metrics for name in metric.signals]
+    still = [s for s in signals if not any(moved[name] for name in run.entries(s))]
+    for signal in dict.fromkeys([*(n for n in named if n in signals), *signals]):
+        if signal not in shown and signal not in still:
+            yield _panel(run, signal, run.entries(signal))
+    for signal in still:
+        yield _panel(run, signal, run.entries(signal))
+
+
+def _panel(run: Run, title: str, names: Sequence[str]) -> PlottedPanel:
+    return PlottedPanel(title, run.units[names[0]], tuple((n, n) for n in names))
 
 
 def _declared(run: Run, spec: PanelSpec, data: PageData, dt: float) -> PlottedPanel:
@@ -246,38 +294,36 @@ def _links(run: Run, facts: Mapping[str, Any], data: PageData) -> str:
             continue
         marks = {f"p{p}": float(np.percentile(held, p)) for p in (50, 95, 99)}
         law = facts.get("links", {}).get(name, {}).get("delay") or {}
-        delays = transit(age, sent) * 1e3
+        delays = transit(age, sent)
         used = np.unique(sent[sent >= 0]).size
         lost = 1.0 - used / (int(sent.max()) + 1)
-        rows.append(
-            [name, configured_delay(law), f"{delays.min():.4g} to {delays.max():.4g} ms",
-             f"{held.mean() * 1e3:.4g} ms", *(f"{v * 1e3:.4g} ms" for v in marks.values()),
-             f"{held.max() * 1e3:.4g} ms", f"{100 * lost:.3g} %"]
-        )  # fmt: skip
+        scale, unit = prefixed(float(max(held.max(), delays.max())), "s")
+        ages = (held.mean(), *marks.values(), held.max())
+        rows.append([
+            _arrow(name), whole(configured_delay(law)),
+            f"{engineering_range(float(delays.min()), float(delays.max()), 's')}",
+            *(f"{readable(scale * x, 3)} {unit}" for x in ages), f"{100 * lost:.3g} %",
+        ])  # fmt: skip
         if len(rows) > drawn:
             continue
         data.add(f"age of {name}", "s", age, dt, CHOSEN)
-        pictures.append(histogram(name, "s", held, marks))
-        title = f"Age of what {name} holds"
+        pictures.append(histogram(f"How often: {_arrow(name)}", "s", held, marks))
+        title = f"Age of the sample that is held, {_arrow(name)}"
         data.panels.append(PlottedPanel(title, "s", ((f"age of {name}", "age"),), (), "ages"))
     if not rows:
         return ""
-    head = [
-        "link",
-        "configured delay",
-        "delays of used samples",
-        "mean age",
-        "p50",
-        "p95",
-        "p99",
-        "greatest",
-        "samples never used",
-    ]
+    head = ["link", "delay configured", "delay of used samples", "mean age", "p50", "p95", "p99",
+            "greatest", "never used"]  # fmt: skip
     return (
         f"<h2>Links</h2>{table(head, rows, 7)}{many.further(len(tables), many.LINKS, 'links')}"
         '<section id="ages"></section>'
         f'<div class="charts">{"".join(pictures)}</div>'
     )
+
+
+def _arrow(link: str) -> str:
+    """The name of a link with an arrow at which a line may break."""
+    return link.replace("->", " → ")
 
 
 # ---- details ----------------------------------------------------------------------------------
@@ -289,8 +335,8 @@ def _details(run: Run, facts: Mapping[str, Any], results: tuple[MetricResult, ..
     below = many.further(len(scenario.get("components", {})), many.ROWS, "components")
     head = ["component", "model", "every", "values"]
     parts = [
-        folded("Results", table(["metric", "value"], [fact for r in results for fact in r.facts]),
-               opened=bool(results)) if results else "",
+        folded("Results", table(["metric", "value"], [row for r in results for row in rows(r)]),
+               opened=True) if results else "",
         controllers(run, facts),
         folded("Components", table(head, components) + below),
         folded("Versions, seed, files", table(["", ""], list(islice(_origin(facts), many.ROWS)))),

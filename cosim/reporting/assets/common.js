@@ -22,9 +22,14 @@ const page = (() => {
   };
   /** A time with its unit, as at a tick of an axis. */
   const seconds = (t) => `${Number(t.toPrecision(9))} s`;
-  /** A number with five digits; a dash where there is none. */
-  const short = (v) => (v === null || v === undefined ? "–" : Math.abs(v) >= 1e5 || (v !== 0 && Math.abs(v) < 1e-3)
-    ? v.toExponential(3) : Number(v.toPrecision(5)).toString());
+  const RAISED = { "-": "⁻", ..."⁰¹²³⁴⁵⁶⁷⁸⁹" };
+  /** A number as people write it, with so many digits at the most; a dash where there is none. */
+  const short = (v, digits = 5) => {
+    if (v === null || v === undefined) return "–";
+    if (v === 0 || (Math.abs(v) < 1e6 && Math.abs(v) >= 1e-3)) return Number(v.toPrecision(Math.max(digits, 6 * (Math.abs(v) >= 1e4)))).toString().replace("-", "−");
+    const [mantissa, exponent] = v.toExponential(digits - 1).split("e");
+    return `${Number(mantissa)} × 10${[...String(Number(exponent))].map((c) => RAISED[c]).join("")}`.replace("-", "−");
+  };
   for (const button of document.querySelectorAll("button[data-copy]")) {
     button.hidden = false;
     button.addEventListener("click", async () => {

@@ -282,8 +282,8 @@
   function limit(c, [low, high]) {
     c.limits = [low, high];
     const [from, to] = c.inputs;
-    from.value = Number.isFinite(low) ? short(low) : "";
-    to.value = Number.isFinite(high) ? short(high) : "";
+    from.value = Number.isFinite(low) ? String(Number(low.toPrecision(5))) : "";
+    to.value = Number.isFinite(high) ? String(Number(high.toPrecision(5))) : "";
     state.picked = null;
     refresh();
   }

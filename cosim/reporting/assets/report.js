@@ -66,8 +66,10 @@
     }
     u.ctx.restore();
   }
-  function range(values) {
+  /** Limits of an axis with all `values`; shares start at 0 unless some are below. */
+  function range(values, share) {
     return (u, low, high) => {
+      if (share && !(low < 0)) return [0, 1.06 * (high || 1)];
       let a = Math.min(low ?? 0, ...values), b = Math.max(high ?? 1, ...values);
       if (!(b > a)) { const pad = Math.abs(a) * 0.1 || 1; a -= pad; b += pad; }
       const pad = 0.06 * (b - a);
@@ -79,22 +81,23 @@
     while (i > 0 && (values[i] === null || values[i] === undefined)) i--;
     return i === null || i === undefined ? null : values[i];
   }
-  /** Draw a panel into a figure; returns the plot. */
+  /** Draw a panel into a figure; returns the plot. Values are in the unit that people read times 1 / scale. */
   function draw(panel, place) {
+    const shown = (v, digits) => (v === null || v === undefined ? "–" : short(v * (panel.scale ?? 1), digits));
     const tables = panel.series.map((s) => { const { t, y } = signal(s.name); return [t, y]; });
     const joined = tables.length === 1 ? tables[0] : uPlot.join(tables);
     const axis = { stroke: () => css("--text"), grid: { stroke: () => css("--grid"), width: 1 },
       ticks: { stroke: () => css("--line"), width: 1 }, font: "12px system-ui, sans-serif" };
     const options = {
       width: Math.max(260, place.clientWidth), height: 210,
-      scales: { x: { time: false, range: (u, a, b) => [a, b] }, y: { range: range(panel.reference) } },
+      scales: { x: { time: false, range: (u, a, b) => [a, b] }, y: { range: range(panel.reference, panel.unit === "%") } },
       cursor: { y: false, sync: { key: "time", setSeries: false }, drag: { x: true, y: false } },
       axes: [{ ...axis, size: 34, space: 70, values: (u, ticks) => ticks.map(seconds) }, { ...axis, size: 62, label: panel.unit, labelSize: 18, labelFont: "12px system-ui, sans-serif",
-        values: (u, ticks) => ticks.map(short) }],
+        values: (u, ticks) => ticks.map((v) => shown(v, 7)) }],
       series: [{ label: "t", value: (u, v) => (v === null || v === undefined ? "–" : `${v.toFixed(3)} s`) },
         ...panel.series.map((s, i) => ({ label: s.label, stroke: () => css(`--s${(s.colour ?? i) % 7}`), width: 1.6,
           dash: DASHES[s.dash ?? Math.floor(panel.series.length > 7 ? i / 7 : i % 4)], spanGaps: true, points: { show: false },
-          value: (u, v, series, i) => short(v ?? before(u.data[series], i)) }))],
+          value: (u, v, series, i) => shown(v ?? before(u.data[series], i), 4) }))],
       hooks: {
         drawClear: [(u) => bands(u)],
         draw: [(u) => references(u, panel.reference)],
@@ -140,7 +143,7 @@
     const rows = panel.series.map((s) => {
       const y = signal(s.name).y.filter((v) => v !== null);
       const cells = [s.label, y.reduce((a, b) => Math.min(a, b), Infinity), y.reduce((a, b) => Math.max(a, b), -Infinity), y[y.length - 1]];
-      return make("tr", {}, ...cells.map((c) => make("td", {}, typeof c === "string" ? c : short(c))));
+      return make("tr", {}, ...cells.map((c) => make("td", {}, typeof c === "string" ? c : short(c * (panel.scale ?? 1), 4))));
     });
     const head = make("tr", {}, ...["signal", "least", "greatest", "last"].map((c) => make("th", {}, c)));
     return make("table", { class: "hidden" }, make("caption", {}, `${panel.title} in ${panel.unit}`), head, ...rows);
@@ -310,7 +313,7 @@
     const series = laid.flatMap((button, colour) => button.dataset.signals.split("|").map((name, dash) => (
       { name, colour, dash: dash % 4, label: `${button.dataset.label}: ${data.signals[name].label}` })));
     const reference = JSON.parse(find("overlay").dataset.reference);
-    overlay = series.length ? figure({ title: "Chosen runs", unit: data.signals[series[0].name].unit, reference, series }, find("overlay")) : null;
+    overlay = series.length ? figure({ title: "Chosen runs", unit: data.signals[series[0].name].unit, scale: data.signals[series[0].name].scale, reference, series }, find("overlay")) : null;
     show(time);
   }
   for (const button of document.querySelectorAll("button[data-signals]")) {
@@ -327,7 +330,7 @@
 
   const chosen = new Map();
   function choose(name, on) {
-    if (on) chosen.set(name, figure({ title: name, unit: data.signals[name].unit, reference: [], series: [{ name, label: name }] }, find("chosen")));
+    if (on) chosen.set(name, figure({ title: name, unit: data.signals[name].unit, scale: data.signals[name].scale, reference: [], series: [{ name, label: name }] }, find("chosen")));
     else {
       forget(chosen.get(name));
       chosen.delete(name);
@@ -339,7 +342,7 @@
     for (const name of Object.keys(data.signals)) {
       const box = make("input", { type: "checkbox" });
       box.addEventListener("change", () => choose(name, box.checked));
-      list.append(make("label", { title: name }, box, ` ${name} [${data.signals[name].unit}]`));
+      list.append(make("label", { title: name }, box, ` ${name}${data.signals[name].unit ? ` [${data.signals[name].unit}]` : ""}`));
     }
     find("filter").addEventListener("input", (e) => {
       for (const label of list.children) label.hidden = !label.title.toLowerCase().includes(e.target.value.toLowerCase());

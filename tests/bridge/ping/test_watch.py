@@ -188,4 +188,4 @@ def test_the_page_shows_delays_losses_and_outages(tmp_path: Path) -> None:
     assert event == {"label": "outage", "t": pytest.approx(0.99), "to": pytest.approx(1.5)}
     for text in ("delay = &lt;1&gt;", "cosim ping udp x", "settles", "OK    paper", "a line"):
         assert text in page
-    assert re.search(r"lost</span><b>20.000%", page)
+    assert re.search(r"Lost</span><b>20.000%", page)

@@ -47,12 +47,12 @@ def test_a_report_of_many_robots_has_quantiles_and_some_of_each_list(run: Run) -
     assert [arm["name"] for arm in data["arms"]] == [f"robot{i + 1}" for i in range(ARMS)]
     assert f"Only the first {ARMS} arms are drawn." in page
     assert sum(p["place"] == "ages" for p in data["panels"]) == AGES
-    senders = re.findall("<td>control(\\d+)[.]xi-(?:>|&gt;)[^<]*</td>", page)
+    senders = re.findall("<td>control(\\d+)[.]xi → [^<]*</td>", page)
     assert len(senders) == LINKS and senders == sorted(senders, key=int)
     components = re.findall("<td>(?:robot|control)(\\d+)</td>", page)
     assert components == [*[str(i) for i in range(1, 41)] * 2]
     assert f"{160 - LINKS} further links are in the run folder only." in page
-    assert "Age of what" in page and page.count("<tr>") < 300
+    assert "Age of the sample" in page and page.count("<tr>") < 300
 
 
 def test_diagrams_that_are_not_declared_are_those_of_the_first_robots(run: Run) -> None:

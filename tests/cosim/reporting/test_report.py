@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from cosim.base.units import printed_unit
 from cosim.measure.metric_result import MetricResult
 from cosim.record import Run
 from cosim.reporting import diagnostics, html, run_report
@@ -77,7 +78,7 @@ def test_signals_are_those_of_the_run(page: tuple[Run, str]) -> None:
         column = run.column(name)
         assert y.tolist() == column[np.round(t * 1000).astype(int)].astype(np.float32).tolist()
         assert (y.min(), y.max()) == (np.float32(column.min()), np.float32(column.max()))
-        assert found["signals"][name]["unit"] == run.unit(name)
+        assert found["signals"][name]["unit"] == printed_unit(run.unit(name))
 
 
 def test_it_has_what_the_check_before_the_run_found(page: tuple[Run, str]) -> None:
@@ -100,29 +101,45 @@ def test_controllers_have_a_row_for_each_recorded_signal(page: tuple[Run, str]) 
     last = np.ptp(x[int(len(x) * 0.9) :])
     rms = np.sqrt(np.mean(x**2))
     assert numbers[:-1] == [
-        "kg.m2",
+        "kg·m²",
         *(f"{v:.4g}" for v in (x[0], x[-1], x.min(), x.max(), rms, last)),
     ]
     assert "<td>master.q[0]</td>" not in part  # a plant's
 
 
 def test_a_signal_that_a_limit_cuts_off_is_seen_at_it() -> None:
-    *_, share = diagnostics._numbers(np.clip(np.linspace(-1.0, 1.0, 201), -0.25, 0.25))
-    assert share == f"{152 / 201:.2%}"
-    assert [*diagnostics._numbers(np.zeros(5))][-1] == "–"
+    *_, share = diagnostics._numbers(np.clip(np.linspace(-1.0, 1.0, 201), -0.25, 0.25), "N")
+    assert share == f"{100 * 152 / 201:.3g} %"
+    assert [*diagnostics._numbers(np.zeros(5), "N")][-1] == "–"
 
 
 def test_delays_of_used_samples_stand_beside_the_configured_law(page: tuple[Run, str]) -> None:
     text = page[1]
-    name = "master_control.xi->slave_control.xi_in[0]"
-    row = re.search(
-        rf"<td>{re.escape(escape(name))}</td><td>(.*?)</td><td[^>]*>(.*?) to (.*?) ms<", text
-    )
-    assert row is not None and row[1] == "uniform, high = 1.2, low = 0.3"
-    assert 300 <= float(row[2]) < float(row[3]) <= 1200
+    name = "master_control.xi → slave_control.xi_in[0]"
+    row = re.search(rf"<td>{re.escape(name)}</td><td>(.*?)</td><td[^>]*>(.*?) to (.*?) s<", text)
+    assert row is not None and row[1] == "0.3 to 1.2\u00a0s, held 30\u00a0ms"
+    assert 0.3 <= float(row[2]) < float(row[3]) <= 1.2
     sent = np.array([-1, -1, 0, 0, 2, 2, 2])
     ages = np.array([np.nan, np.nan, 0.2, 0.3, 0.2, 0.3, 0.4])
     assert diagnostics.transit(ages, sent).tolist() == [0.2, 0.2]
+
+
+@pytest.mark.parametrize(
+    ("law", "text"),
+    [
+        ({"law": "constant", "delay": 0.02, "hold": None}, "20 ms"),
+        (
+            {"law": "gamma", "shift": 3e-3, "shape": 0.5, "sha256": "x"},
+            "gamma, shift 3 ms, shape 0.5",
+        ),
+        ({"law": "trace", "file": "a/b.csv", "repeat": True}, "trace, file b.csv, repeat yes"),
+        ({"law": "markov", "levels": [0.05, 2.0]}, "markov, levels 50 ms / 2 s"),
+        ({"law": "sum", "of": [{"law": "constant", "delay": 0.2}]}, "sum, of (200 ms)"),
+        ({}, ""),
+    ],
+)
+def test_a_delay_law_has_units(law: Any, text: str) -> None:
+    assert diagnostics.configured_delay(law) == text
 
 
 def test_diagrams_are_those_that_the_scenario_declares(page: tuple[Run, str]) -> None:

@@ -7,6 +7,7 @@ which it is built up::
     laws        how late a sample is: constant, uniform redrawn every hold, sums
     distributions  gamma, lognormal, normal and hyperexponential delays, cut at a maximum
     markov      delays that stay on a level for a while
+    segments    a constant delay but for some segments of time
     traces      delays that were measured, from CSV or Parquet, or of frames on a simulated bus
     losses      which packets never arrive: independent, Gilbert–Elliott, Pareto bursts
     outages     losses in seconds: now and then nothing arrives for a while

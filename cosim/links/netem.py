@@ -14,6 +14,7 @@ does is taken from Linux (net/sched/sch_netem.c) and iproute2 (tc-netem(8)):
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from fractions import Fraction
 from math import ceil, exp
 
@@ -27,6 +28,7 @@ from cosim.links.laws import Constant, FloatArray, Law, Sum, Uniform
 from cosim.links.losses import GilbertElliott, Independent, Loss, Lossy
 from cosim.links.markov import Markov
 from cosim.links.outages import Outage, RandomOutage
+from cosim.links.segments import Segments
 from cosim.links.traces import DelayTrace
 
 LIMIT = 1000  # packets, netem's own
@@ -99,6 +101,8 @@ def _quantiles(law: Law, share: FloatArray) -> FloatArray:
 
 
 def _delay(law: Law) -> Parts:
+    if isinstance(law, Segments):
+        return ["delay", _time(law.delay)], list(_segments(law))
     if law.maximum == law.minimum:
         return ["delay", _time(law.minimum)], []
     name, jitter = _distribution(law), _jitter(law)
@@ -124,6 +128,12 @@ def _delay(law: Law) -> Parts:
         case _:
             pass
     return arguments, remarks
+
+
+def _segments(law: Segments) -> Iterator[str]:
+    for x in law.segments:
+        value = "loss 100%" if x.delay is None else f"delay {_time(x.delay)}"
+        yield f"from {x.begin:g} s to {x.end:g} s a script has to set {value}"
 
 
 def _kept(hold: float) -> str:

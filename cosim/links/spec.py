@@ -11,6 +11,7 @@
     delay = { law = "hyperexponential", shift = 0.07, weights = [0.7, 0.3],
               means = ["37 ms", "12 ms"], maximum = 1.0 }
     delay = { law = "sum", of = [{ law = "constant", delay = 0.02 }, { law = "gamma", … }] }
+    delay = { law = "segments", delay = 0.75, segments = [{ from = 0.63, to = 0.66, delay = 1.2 }] }
     delay = { law = "trace", file = "wifi.csv", lookup = "time", repeat = false }
     delay = { law = "preset", name = "wifi6" }                           # with its losses
     delay = { law = "frozen", name = "lte-up", repeat = false }          # a trace with a sum
@@ -56,6 +57,7 @@ LAWS = {
     "sum": "spec:SumOfLaws",
     "preset": "spec:PresetLaw",
     "frozen": "spec:FrozenLaw",
+    "segments": "segments:Segments",
     "trace": "spec:TraceLaw",
     "table": "spec:StoredLaw",
 }

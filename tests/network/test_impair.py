@@ -55,6 +55,17 @@ def test_a_preset_brings_its_losses_by_packet():
         link(4, delay={"law": "preset", "name": "wifi5"}, loss=BURSTS)
 
 
+def test_segments_of_time_have_their_own_delay_or_lose_packets():
+    segments = [
+        {"from": "10 ms", "to": "20 ms", "delay": "4 ms"},
+        {"from": 0.03, "to": 0.04, "lost": True},
+    ]
+    law = {"law": "segments", "delay": "1 ms", "segments": segments}
+    found = link(delay=law, ordered=False)
+    delays = [found.schedule_packet(k * MS, 100)[0] for k in range(50)]
+    assert delays == [MS] * 10 + [4 * MS] * 10 + [MS] * 10 + [-1] * 10 + [MS] * 10
+
+
 def test_a_trace_loses_what_it_lost():
     found = link(delay={"law": "frozen", "name": "geo-up", "repeat": True}, ordered=False)
     T = frozen("geo-up").delays()

@@ -254,3 +254,17 @@ def test_any_cut_runs_and_replays_to_the_bit(found, semantics, tmp_path_factory)
     again = replay.replay(system, rows, replay.received_by_life(folder / "twin"), folder)
     assert again.first is None and again.greatest == 0.0 and again.alone == ()
     assert all(np.isfinite(r["signals"]).all() for r in rows.values())
+
+
+def test_segments_of_a_delay_are_where_the_scenario_has_them(tmp_path):
+    """Over a network that takes no time, a receiver holds what the link's table says offline."""
+    segments = "[{from=0.5, to=0.55, delay=0.1}, {from=0.8, to=0.9, delay=0.4}]"
+    delay = f"links.0.delay={{law='segments', delay=0.3, segments={segments}}}"
+    system = named("zenoh", "run.stop=1.5", delay)
+    rows = run_twin(system, tmp_path / "twin")["slave"]
+    inlet = next(i for i, x in enumerate(system.nodes["slave"].inlets) if x.link)
+    held = rows["inlets"]["held"][::5, inlet]
+    link = next(x for x in system.plan.links if x.target.component == "slave_control")
+    table = link.table.stream().rows(len(held))
+    assert held.tolist() == table.tolist()
+    assert sorted(set((np.arange(300) - table)[table >= 0].tolist())) == [20, 60, 80]

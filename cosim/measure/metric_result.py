@@ -37,6 +37,12 @@ class MetricResult:
         return next((u for end, u in units.items() if part.endswith(end)), self.unit)
 
     @property
+    def numbers(self) -> dict[str, tuple[float, str]]:
+        """The value and the parts by name, ``effort`` and ``effort.PART``, each with its unit."""
+        parts = {f"{self.name}.{k}": (float(x), self.unit_of(k)) for k, x in self.parts.items()}
+        return {self.name: (float(self.value), self.unit), **parts}
+
+    @property
     def text(self) -> str:
         """Value, unit and detail on one line."""
         if isnan(self.value):

@@ -9,11 +9,11 @@ from cosim.base.errors import ScenarioError
 from cosim.record import Run
 from cosim.scenario.spec import Scenario, build
 
-_KEPT = ("title", "run", "metrics", "figures")
+_KEPT = ("title", "run", "metrics", "figures", "require")
 
 
 def recorded_scenario(run: Run) -> Scenario:
-    """The part of a run's scenario that declares metrics and figures. Raises ScenarioError."""
+    """The part of a run's scenario that declares metrics, figures and requirements. Raises ScenarioError."""
     folder, document = run.path.parent, run.metadata.get("scenario")
     if not document:
         raise ScenarioError("the folder does not say which scenario it ran", str(folder))

@@ -18,6 +18,7 @@ from cosim.base import toml
 from cosim.base.convert import Number, Value, convert, convert_array, convert_each, number
 from cosim.base.errors import ScenarioError
 from cosim.base.python import without_collections
+from cosim.formulas.spec import RequirementSpec
 from cosim.links.keys import Semantics
 from cosim.scenario.bus_spec import LinkFrameSpec, ScenarioBusSpec
 
@@ -274,6 +275,7 @@ class Scenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     analysis: AnalysisSpec = AnalysisSpec()
     buses: dict[str, ScenarioBusSpec] = msgspec.field(default_factory=dict, name="bus")
     events: tuple[EventSpec, ...] = ()
+    require: dict[str, RequirementSpec] = {}
 
     @property
     def name(self) -> str:
@@ -293,7 +295,7 @@ T = TypeVar("T")
 _NAME = re.compile(r"[A-Za-z_]\w*$")
 _TABLES = (
     "title", "run", "graphs", "components", "links", "events", "bus", "topology", "metrics",
-    "figures", "analysis",
+    "figures", "analysis", "require",
 )  # fmt: skip
 
 
@@ -320,13 +322,17 @@ def _build(document: Mapping[str, Any], path: Path) -> Scenario:
     for key in ("run", "components"):
         if key not in document:
             raise ScenarioError(f"no [{key}] table", f"{path}")
-    tables = {k: _table(document, k, path) for k in ("components", "bus", "metrics", "figures")}
+    keys = ("components", "bus", "metrics", "figures", "require")
+    tables = {k: _table(document, k, path) for k in keys}
     for name in tables["components"]:
         if not _NAME.match(name):
             raise ScenarioError(
                 f"component name {name!r} is not an identifier", f"{path} at components"
             )
     links, events = (_array(document, key, path) for key in ("links", "events"))
+    require = convert_each(tables["require"], RequirementSpec, path, "require")
+    for name, requirement in require.items():
+        requirement.tree(f"{path} at require.{name}")  # refused where it cannot be read
     return Scenario(
         path=path,
         title=convert(document.get("title", path.stem), str, path, "title"),
@@ -339,6 +345,7 @@ def _build(document: Mapping[str, Any], path: Path) -> Scenario:
         figures=convert_each(tables["figures"], FigureSpec, path, "figures"),
         analysis=convert(document.get("analysis", {}), AnalysisSpec, path, "analysis"),
         buses=convert_each(tables["bus"], ScenarioBusSpec, path, "bus"),
+        require=require,
     )
 
 
@@ -373,7 +380,7 @@ def as_data(scenario: Scenario) -> dict[str, Any]:
     """A scenario as plain data: what a run's metadata keeps of it."""
     data: dict[str, Any] = msgspec.to_builtins(scenario, enc_hook=str)
     run = data["run"]
-    for table, key in ((run, "start"), (run["record"], "events")):
+    for table, key in ((run, "start"), (run["record"], "events"), (data, "require")):
         if not table[key]:
             del table[key]  # few runs have it
     return data

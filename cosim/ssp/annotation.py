@@ -22,7 +22,7 @@ TYPE = "cosim-bridge.scenario"
 NAMESPACE = "urn:cosim-bridge:scenario:1"
 #: Keys of a component's table that the SSD tells itself.
 TOLD = ("model", "fmi", "sizes", "options", "preset", "parameters", "start", "inputs")
-_TABLES = ("title", "links", "events", "topology", "metrics", "figures", "analysis")
+_TABLES = ("title", "links", "events", "topology", "metrics", "figures", "analysis", "require")
 
 
 def write(parent: ElementTree.Element, content: Mapping[str, Any], common: str) -> None:

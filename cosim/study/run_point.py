@@ -19,7 +19,7 @@ from cosim.fmi.failures import sentence
 from cosim.loading.files import read_document
 from cosim.measure import declared_metrics
 from cosim.measure.declared_metrics import Preview
-from cosim.measure.metrics import Metric, MetricResult, evaluate
+from cosim.measure.metrics import Metric, evaluate
 from cosim.record import Column, Run
 from cosim.record.signals import Signals
 from cosim.scenario.assemble import assemble
@@ -104,8 +104,7 @@ def preview(job: StudySetup, point: Point) -> tuple[Plan, dict[str, str]]:
     units: dict[str, str] = {}
     known = Preview({c.name: c.unit for c in recorded_columns(scenario, plan)})
     for result in evaluate(declared_metrics.metrics(scenario), known):
-        for name, _ in _named(result):
-            units[name] = _unit(result, name)
+        units |= {name: unit for name, (_, unit) in result.numbers.items()}
     for name in job.stable:
         if name not in units:
             raise ScenarioError(f"stable: no measure {name!r}; there are: {', '.join(units)}")
@@ -131,7 +130,7 @@ def measured_row(
 ) -> StudyRow:
     """The row of a run that reached its end. Raises ScenarioError."""
     results = evaluate(metrics, signals)
-    measures = {name: value for result in results for name, value in _named(result)}
+    measures = {name: value for r in results for name, (value, _) in r.numbers.items()}
     stable = _stable(job.stable, measures)
     return StudyRow(point.run, point.cells, point.settings, stable, measures=measures)
 
@@ -172,13 +171,3 @@ def needed_columns(metrics: Sequence[Metric], recorded: Sequence[Column]) -> lis
     names = Preview({c.name: c.unit for c in recorded})
     wanted = {entry for m in metrics for signal in m.signals for entry in names.entries(signal)}
     return [column for column in recorded if column.name in wanted]
-
-
-def _named(result: MetricResult) -> list[tuple[str, float]]:
-    """``effort``, and its parts as ``effort.NAME``."""
-    parts = [(f"{result.name}.{part}", float(value)) for part, value in result.parts.items()]
-    return [(result.name, float(result.value)), *parts]
-
-
-def _unit(result: MetricResult, name: str) -> str:
-    return result.unit if name == result.name else result.unit_of(name)

@@ -49,6 +49,14 @@ Pdf = Annotated[
 ]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")]
 Strict = Annotated[bool, typer.Option("--strict", help="Treat warnings before the run as errors.")]
+StrictRun = Annotated[
+    bool,
+    typer.Option(
+        "--strict",
+        help="Treat warnings before the run as errors; exit with status 1 unless every "
+        "requirement passes.",
+    ),
+]
 Json = Annotated[
     Path | None, typer.Option("--json", metavar="FILE", help="Write the result as JSON.")
 ]
@@ -130,7 +138,7 @@ class OutputOptions:
     plot: Plot = True
     png: Png = False
     pdf: Pdf = False
-    strict: Strict = False
+    strict: StrictRun = False
     json: Json = None
     quiet: Quiet = False
 

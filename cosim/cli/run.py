@@ -164,14 +164,17 @@ def _finish(
     options: RunOptions,
 ) -> None:
     """Print the numbers of a run; write its table, pictures and sums."""
-    from cosim.cli.summary import announced, as_data, pictures, summary
+    from cosim.cli.summary import announced, as_data, exit_unless_passed, pictures, summary
+    from cosim.measure import requirements
     from cosim.measure.joint_limits import beyond
     from cosim.measure.metric_result import summary_line
     from cosim.record import seal
     from cosim.record.folder import CSV
 
     folder = result.path.parent
-    for line in summary(loaded, result, outcome):
+    judged = requirements.of_run(loaded, result)
+    requirements.keep(folder, judged)
+    for line in summary(loaded, result, outcome, judged):
         options.say(line)
     for line in beyond(limits, result):
         typer.echo(f"warning: {line}", err=True)
@@ -183,18 +186,25 @@ def _finish(
         options.say(summary_line(what, str(path)))
     seal(folder)
     if options.json is not None:
-        write_json(options.json, as_data(loaded, result, outcome))
+        write_json(options.json, as_data(loaded, result, outcome, judged))
     options.say(summary_line("run folder", str(folder)))
+    if options.strict:
+        exit_unless_passed(judged)
 
 
 def _picture_failure(error: RunError, scenario: Scenario, wanted: OutputOptions) -> None:
     """Write report and figures of a run that failed, as far as it was recorded."""
     from cosim.base.errors import CosimError
-    from cosim.cli.summary import pictures
+    from cosim.cli.summary import pictures, requirement_lines
+    from cosim.measure import requirements
     from cosim.record import Run, seal
 
     if error.saved:
         with suppress(CosimError):
             folder = Path(error.saved)
+            judged = requirements.of_run(scenario, Run.open(folder))
+            requirements.keep(folder, judged)
+            for line in requirement_lines(judged):
+                wanted.say(line)
             found = [path for _, path in pictures(scenario, Run.open(folder), wanted)]
             seal(folder, changed=[path.name for path in found])

@@ -17,6 +17,7 @@ from cosim.base.units import time_text
 if TYPE_CHECKING:
     from cosim.cli.options import OutputOptions
     from cosim.engine.simulate import RunOutcome
+    from cosim.measure.robustness import Robustness
     from cosim.record import Column, Run
     from cosim.scenario.spec import Scenario
     from cosim.schedule.plan import Plan
@@ -100,13 +101,14 @@ def announced(quiet: bool, text: str) -> Iterator[None]:
 
 
 def check(scenario: Scenario, recorded: Sequence[Column]) -> None:
-    """Refuse metrics and figures that what will be recorded does not fit, before the run.
+    """Refuse metrics, requirements and figures that what will be recorded does not fit.
 
     Raises ScenarioError with the place: an unknown signal, sizes or units that do not match.
     """
     from cosim.measure import declared_metrics
     from cosim.measure.declared_metrics import Preview
     from cosim.measure.metrics import evaluate
+    from cosim.measure.requirements import requirements
 
     preview = Preview({c.name: c.unit for c in recorded})
     for metric in declared_metrics.metrics(scenario):
@@ -115,6 +117,7 @@ def check(scenario: Scenario, recorded: Sequence[Column]) -> None:
         except ScenarioError as error:
             message = str(error).removeprefix(f"metrics.{metric.name}: ")
             raise ScenarioError(message, scenario.place("metrics", metric.name)) from None
+    requirements(scenario, {c.name: c.unit for c in recorded})
     for name, spec in scenario.figures.items():
         for i, panel in enumerate(spec.panels):
             references = [r for r in panel.reference if isinstance(r, str)]
@@ -126,11 +129,14 @@ def check(scenario: Scenario, recorded: Sequence[Column]) -> None:
                 raise ScenarioError(str(error), place) from None
 
 
-def summary(scenario: Scenario, run: Run, outcome: RunOutcome) -> list[str]:
-    """The facts of a run, a line each."""
+def summary(
+    scenario: Scenario, run: Run, outcome: RunOutcome, judged: Sequence[Robustness] = ()
+) -> list[str]:
+    """The facts of a run, and the results of its requirements, a line each."""
     from cosim.measure.metric_result import summary_line
 
     facts = metric_facts(scenario, run)
+    facts += [("requirement", result.line) for result in judged]
     facts += [("link age", text) for text in _ages(outcome)]
     if outcome.macro_steps:
         from cosim.reporting.macro_steps import macro_lines
@@ -158,8 +164,28 @@ def wall_time(wall: float, seconds: float) -> tuple[str, str]:
     )
 
 
-def as_data(scenario: Scenario, run: Run, outcome: RunOutcome) -> dict[str, Any]:
+def requirement_lines(judged: Sequence[Robustness]) -> list[str]:
+    """The results of requirements, a line each."""
+    from cosim.measure.metric_result import summary_line
+
+    return [summary_line("requirement", result.line) for result in judged]
+
+
+def exit_unless_passed(judged: Sequence[Robustness]) -> None:
+    """End the command with exit code 1 unless every requirement has passed."""
+    import typer
+
+    if any(result.verdict != "passed" for result in judged):
+        raise typer.Exit(1)
+
+
+def as_data(
+    scenario: Scenario, run: Run, outcome: RunOutcome, judged: Sequence[Robustness] = ()
+) -> dict[str, Any]:
     """The numbers of a run as plain data; ages in s."""
+    from cosim.measure import requirements
+
+    found = requirements.as_data(judged)
     return {
         "folder": str(run.path.parent),
         "seconds": outcome.seconds,
@@ -171,6 +197,7 @@ def as_data(scenario: Scenario, run: Run, outcome: RunOutcome) -> dict[str, Any]
             for name, s in outcome.ages.items()
         },
         "macro_steps": list(outcome.macro_steps),
+        **({"requirements": found} if found else {}),
     }
 
 

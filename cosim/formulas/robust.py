@@ -27,11 +27,10 @@ from typing import Any, Protocol, final
 
 import numpy as np
 
-from cosim.formulas.windows import Array
 from cosim.formulas import windows
 from cosim.formulas.syntax import Interval
 from cosim.formulas.terms import Lookup, Term, value
-from cosim.formulas.windows import Rows
+from cosim.formulas.windows import Array, Rows
 
 #: Times that differ by this share of the mean step are the same.
 SAME = 1e-6
@@ -132,10 +131,10 @@ class Comparison:
         if not finite.all():
             found = np.where(finite, found, worst)
         if len(found) != trace.rows:
-            found = np.broadcast_to(found, trace.rows)
+            found = np.full(trace.rows, found[0])
         if trace.beyond is not None:
             found = np.append(found, -trace.beyond * worst)
-        return found[:1] if only_first else found
+        return np.asarray(found[:1] if only_first else found)
 
     def decisive(self, trace: Trace, row: int) -> int | None:
         """See :class:`Robust`."""

@@ -42,7 +42,7 @@ class RequirementSpec(Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
         """The requirement on one line."""
         if self.form in ("metric", "formula"):
             return self.text
-        begin, end = (self.within if isinstance(self.within, tuple) else (0, self.within))
+        begin, end = self.within if isinstance(self.within, tuple) else (0, self.within)
         if self.after is not None:
             when = f" after {_time(self.after)}"
         elif end is None:

@@ -211,9 +211,9 @@ class _Reader:
 
     def _call(self, token: Token) -> Operation:
         self._expect("(")
-        of = [self._expression(self.part(0))]
+        of = [self._expression(self.part(_STRENGTH["+"]))]
         while self._taken(","):
-            of.append(self._expression(self.part(0)))
+            of.append(self._expression(self.part(_STRENGTH["+"])))
         self._expect(")")
         if len(of) > 1 and token.text in ("abs", "norm"):
             raise self.error(f"{token.text} takes one argument, found {len(of)}", token.column)
@@ -303,5 +303,3 @@ def comparisons(formula: Formula) -> list[Comparison]:
     for part in formula.of:
         found += comparisons(part)
     return found
-
-

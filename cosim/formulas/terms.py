@@ -13,9 +13,9 @@ import numpy as np
 
 from cosim.base.errors import ScenarioError, UnitError
 from cosim.base.units import Unit, conversion, parse, unit_text
-from cosim.formulas.windows import Array
 from cosim.formulas.syntax import Comparison, Expression, Literals, Name, Operation
 from cosim.formulas.tokens import FormulaError
+from cosim.formulas.windows import Array
 
 #: The rows of a signal or the value of a metric, (m, n), in its own unit.
 Lookup = Callable[[str], Array]
@@ -34,7 +34,7 @@ class Term:
     """An expression: `kind` is ``constant``, ``signal``, or the operator or function of `of`.
 
     `exponents` of its unit as in :data:`cosim.base.units.BASE`; `size`: of its vector; `unit`: that
-    of the signal whose dimension it has, "" if there is none; `bare`: without any unit. A constant
+    of the signal or number whose dimension it has, or ""; `bare`: without any unit. A constant
     has `values` in SI, a signal a `name` whose numbers `gain * x + offset` are in SI.
     """
 
@@ -145,7 +145,8 @@ class Binder:
     def margin(self, node: Comparison) -> Term:
         """`large - small` of a comparison."""
         of = self.term(node.large), self.term(node.small)
-        self._same(node.column, of)
+        ordered = of if node.large.column < node.small.column else of[::-1]
+        self._same(node.column, ordered)
         shown = Operation("-", (node.large, node.small), node.column)
         return self._like("-", of, self._size(shown, of))
 
@@ -153,7 +154,12 @@ class Binder:
         unit = parse(node.unit or "1")
         values = tuple(unit.factor * x + unit.offset for x in node.values)
         return Term(
-            "constant", unit.exponents, len(values), values=values, bare=node.unit is None
+            "constant",
+            unit.exponents,
+            len(values),
+            node.unit or "",
+            values=values,
+            bare=node.unit is None,
         )
 
     def _signal(self, node: Name) -> Term:
@@ -171,7 +177,8 @@ class Binder:
     def _like(self, kind: str, of: tuple[Term, ...], size: int) -> Term:
         """A term with the unit of those that it is made of."""
         first = next((term for term in of if not term.bare), of[0])
-        unit = next((term.unit for term in of if term.unit), "")
+        named = sorted((term for term in of if term.unit), key=lambda x: x.constant is not None)
+        unit = named[0].unit if named else ""
         bare = all(term.bare for term in of)
         return Term(kind, first.exponents, size, unit, of, bare=bare)
 
@@ -199,14 +206,12 @@ class Binder:
             if term.exponents[:-1] != first.exponents[:-1]:
                 if term.bare and term.constant == 0.0:
                     continue
-                found = "a number without a unit" if term.bare else f"[{shown_unit(term)}]"
-            elif term.bare and any(first.exponents) and term.constant != 0.0:
-                found = "a number without a unit"
-            else:
+                found = f"found [{shown_unit(first)}] and [{shown_unit(term)}], expected one unit"
+            elif not term.bare or not any(first.exponents) or term.constant == 0.0:
                 continue
-            raise FormulaError(
-                f"found [{shown_unit(first)}] and {found}, expected one unit", column, self.text
-            )
+            if term.bare:
+                found = f"a number has no unit; expected one that fits [{shown_unit(first)}]"
+            raise FormulaError(found, column, self.text)
 
 
 def shown_unit(term: Term) -> str:

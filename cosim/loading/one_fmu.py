@@ -19,7 +19,17 @@ from cosim.scenario.exposed import ALL, is_pattern
 
 #: Stop time (s) and number of steps where the FMU states none.
 STOP, STEPS = 1.0, 500
-_TABLES = ("run", "components", "links", "events", "metrics", "figures", "analysis", "require", "title")
+_TABLES = (
+    "run",
+    "components",
+    "links",
+    "events",
+    "metrics",
+    "figures",
+    "analysis",
+    "require",
+    "title",
+)
 
 
 def document(

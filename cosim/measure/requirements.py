@@ -9,22 +9,26 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from math import inf, isfinite, nan
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from cosim.base.errors import CosimError, ScenarioError
 from cosim.base.names import unknown
-from cosim.base.units import parse
+from cosim.base.units import parse, time_text
 from cosim.formulas.robust import Both, Comparison, Extreme, Not, Robust, Trace, Until
-from cosim.formulas.syntax import Connective, Formula, Temporal, comparisons
 from cosim.formulas.syntax import Comparison as Compared
+from cosim.formulas.syntax import Connective, Formula, Temporal, comparisons
 from cosim.formulas.terms import Binder, Known, Lookup, Term, shown_unit
 from cosim.formulas.tokens import FormulaError
 from cosim.measure import declared_metrics
 from cosim.measure.declared_metrics import Preview
+from cosim.measure.metric_result import with_unit
 from cosim.measure.metrics import Metric
-from cosim.measure.robustness import Robustness, Verdict, margin_text, stopped, undecided
-from cosim.record import Run
+from cosim.measure.robustness import Robustness, Verdict, stopped, undecided
+from cosim.record import Run, seal, write_metadata
+from cosim.record.folder import METADATA, read_metadata
 from cosim.record.signals import Array, Signals
 from cosim.scenario.spec import Scenario
 
@@ -87,15 +91,19 @@ class Requirement:
                 trace = other
         value, row = trace.at(self.formula, 0), self.formula.decisive(trace, 0)
         if row is None or row == len(t):
-            return self._undecided(f"its interval is beyond the end of the run at {covered:.4g} s")
+            return self._undecided(
+                f"its interval is beyond the end of the run at {time_text(covered)}"
+            )
         time = float(t[row])
         if low < 0 <= high:
-            text = f"{self._margin(value)} when the run ended at {covered:.4g} s"
+            text = f"{self._margin(value)} when the run ended at {time_text(covered)}"
             return self._result("inconclusive", value, time, text)
         if not isfinite(value):
-            return self._result("failed", -inf, time, f"{self._bad(lookup, row)} at {time:.4g} s")
+            return self._result(
+                "failed", -inf, time, f"{self._bad(lookup, row)} at {time_text(time)}"
+            )
         called = _CALLED.get((self.word, value >= 0), "decided")
-        text = f"{self._margin(value)}, {called} at {time:.4g} s"
+        text = f"{self._margin(value)}, {called} at {time_text(time)}"
         return self._result("passed" if value >= 0 else "failed", value, time, text)
 
     def stopped(self, time: float, why: str = "the run stopped") -> Robustness:
@@ -105,12 +113,12 @@ class Requirement:
     def _of_metrics(self, signals: Signals, covered: float, end: float) -> Robustness:
         """The robustness of numbers of the whole run: a trace of one row."""
         if covered < end:
-            return self._undecided(f"the run ended at {covered:.4g} s of {end:.4g} s")
+            return self._undecided(f"the run ended at {time_text(covered)} of {time_text(end)}")
         results = [metric.evaluate(signals) for metric in self.metrics]
         numbers = {name: found for r in results for name, found in r.numbers.items()}
         trace = Trace(np.zeros(1), lambda name: np.array([[numbers[name][0]]]), 0.0)
         value = trace.at(self.formula, 0)
-        found = ", ".join(f"{name} is {margin_text(*numbers[name])}" for name in self.names)
+        found = ", ".join(f"{name} is {with_unit(*numbers[name], 4)}" for name in self.names)
         missing = [r.text for r in results if r.value != r.value]
         if not isfinite(value):
             return self._result("failed", -inf, nan, missing[0] if missing else found)
@@ -127,7 +135,7 @@ class Requirement:
         return "the margin is not a finite number"
 
     def _margin(self, value: float) -> str:
-        text = f"margin {margin_text(value, self.unit)}"
+        text = f"margin {with_unit(value, self.unit, 4)}"
         return f"{text} of its bound" if self.relative else text
 
     def _undecided(self, why: str) -> Robustness:
@@ -213,9 +221,7 @@ def _requirement(
     )  # fmt: skip
 
 
-def _scales(
-    text: str, nodes: Sequence[Compared], terms: Sequence[Term]
-) -> tuple[str, list[float]]:
+def _scales(text: str, nodes: Sequence[Compared], terms: Sequence[Term]) -> tuple[str, list[float]]:
     """The unit of the margin, and what each comparison divides its margin by; "": a share of its
     bound, where the comparisons have different units.
     """
@@ -227,8 +233,8 @@ def _scales(
         bounds = [b for b in (part.constant for part in term.of) if b]
         if not bounds:
             raise FormulaError(
-                f"found [{shown_unit(term)}] beside other units, and no bound to divide by; expected"
-                " a comparison with a number other than 0",
+                f"found [{shown_unit(term)}] beside other units and no bound to divide by; expected"
+                " a number other than 0",
                 node.column, text,
             )  # fmt: skip
         scales.append(bounds[0])
@@ -257,7 +263,7 @@ def _robust(node: Formula, terms: Mapping[int, tuple[Term, float]], negated: boo
 def evaluate(
     found: Iterable[Requirement], signals: Signals, end: float | None = None
 ) -> tuple[Robustness, ...]:
-    """The robustness of each requirement, in order; `end` as :meth:`Requirement.evaluate` has it."""
+    """The robustness of each requirement, in order; `end`: see :class:`Requirement`."""
     return tuple(requirement.evaluate(signals, end) for requirement in found)
 
 
@@ -289,3 +295,18 @@ def of_run(scenario: Scenario, run: Run) -> tuple[Robustness, ...]:
             results.append(requirement.evaluate(run, end))
     return tuple(results)
 
+
+def keep(folder: Path, results: Iterable[Robustness]) -> None:
+    """Write the results into ``run.json`` of a run folder, which is sealed again.
+
+    Raises RunError if it cannot be written.
+    """
+    found = as_data(results)
+    if found:
+        write_metadata(folder, read_metadata(folder) | {"requirements": found})
+        seal(folder, changed=[METADATA])
+
+
+def as_data(results: Iterable[Robustness]) -> dict[str, Any]:
+    """The results by name, for JSON."""
+    return {result.name: result.as_data() for result in results}

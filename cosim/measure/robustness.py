@@ -7,6 +7,9 @@ from dataclasses import dataclass
 from math import inf, isfinite, nan
 from typing import Any, Literal
 
+from cosim.base.units import time_text
+from cosim.measure.metric_result import with_unit
+
 Verdict = Literal["passed", "failed", "inconclusive"]
 
 
@@ -35,8 +38,8 @@ class Robustness:
 
     @property
     def margin(self) -> str:
-        """The margin with its unit."""
-        return margin_text(self.value, self.unit)
+        """The margin with its unit; "" where there is none."""
+        return "" if self.value != self.value else with_unit(self.value, self.unit, 4)
 
     def as_data(self) -> dict[str, Any]:
         """For JSON; a number that is infinite is a text, one that is missing null."""
@@ -51,13 +54,6 @@ def plain(x: float) -> float | str | None:
     return x if isfinite(x) else None if x != x else str(x)
 
 
-def margin_text(value: float, unit: str) -> str:
-    """A margin with its unit; "" where there is none."""
-    if value != value:
-        return ""
-    return f"{value:.4g}" if unit in ("", "1") else f"{value:.4g} {unit}"
-
-
 def worst(results: Iterable[Robustness]) -> Verdict | None:
     """The verdict on all together: failed if one is, else inconclusive if one is; None: none."""
     found = {result.verdict for result in results}
@@ -67,7 +63,7 @@ def worst(results: Iterable[Robustness]) -> Verdict | None:
 
 def stopped(name: str, unit: str, time: float, why: str, condition: str) -> Robustness:
     """The result on a run that diverged or failed at a time (s, or NaN)."""
-    at = f" at {time:.4g} s" if isfinite(time) else ""
+    at = f" at {time_text(time)}" if isfinite(time) else ""
     return Robustness(name, "failed", -inf, unit, time, f"failed, {why}{at}", condition)
 
 

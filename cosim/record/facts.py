@@ -85,6 +85,7 @@ class _Facts(Struct):
     late_clocks: dict[str, Any] | UnsetType = UNSET
     macro_steps: list[dict[str, Any]] | UnsetType = UNSET
     marks: list[dict[str, Any]] | UnsetType = UNSET
+    requirements: dict[str, dict[str, Any]] | UnsetType = UNSET
     deployment: dict[str, Any] | UnsetType = UNSET
     rehearsal: dict[str, Any] | UnsetType = UNSET
 

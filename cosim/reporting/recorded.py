@@ -13,7 +13,10 @@ _KEPT = ("title", "run", "metrics", "figures", "require")
 
 
 def recorded_scenario(run: Run) -> Scenario:
-    """The part of a run's scenario that declares metrics, figures and requirements. Raises ScenarioError."""
+    """The part of a run's scenario that declares metrics, figures and requirements.
+
+    Raises ScenarioError.
+    """
     folder, document = run.path.parent, run.metadata.get("scenario")
     if not document:
         raise ScenarioError("the folder does not say which scenario it ran", str(folder))

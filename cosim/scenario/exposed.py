@@ -100,7 +100,7 @@ def _shown(scenario: Scenario) -> Iterator[str]:
         yield from (*metric.of, *metric.contact)
     for requirement in scenario.require.values():
         if requirement.form != "metric":
-            yield from map(signal_of, requirement.names)
+            yield from requirement.names
     for figure in scenario.figures.values():
         for panel in figure.panels:
             yield from panel.y

@@ -16,7 +16,7 @@ row, which holds in the same way (Donzé & Maler 2010, Fainekos & Pappas 2009):
 The rows of an interval are those in it and the one that holds at its begin. An interval without an
 end reaches to the last time at which the formula in it can be judged: until its own intervals, its
 *tail*, end where the run ends. An interval without rows makes ``always`` inf and ``eventually``
--inf. What is not recorded may have any value: :class:`Trace`.
+-inf. What is not recorded may have any value: :class:`RecordedTrace`.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from typing import Any, Protocol, final
 import numpy as np
 
 from cosim.formulas import windows
-from cosim.formulas.syntax import Interval
+from cosim.formulas.syntax import TimeInterval
 from cosim.formulas.terms import Lookup, Term, value
 from cosim.formulas.windows import Array, Rows
 
@@ -38,7 +38,7 @@ _FIRST, _ALL = slice(0, 1), slice(0, None)
 
 
 @final
-class Trace:
+class RecordedTrace:
     """Recorded signals with the values of formulas on them.
 
     `t`: times of the rows, (n,), s; `lookup`: their values; `end`: of the run, s. `beyond`: None;
@@ -55,7 +55,7 @@ class Trace:
         self._windows: dict[tuple[Any, ...], tuple[Rows, Rows]] = {}
         self._values: dict[tuple[int, bool], Array] = {}
 
-    def window(self, interval: Interval, tail: float, rows: slice) -> tuple[Rows, Rows]:
+    def window(self, interval: TimeInterval, tail: float, rows: slice) -> tuple[Rows, Rows]:
         """The first and last row of an interval from each of `rows` on; `tail`: of the formula in
         it.
         """
@@ -64,7 +64,7 @@ class Trace:
             self._windows[key] = self._window(interval, tail, self.t[rows])
         return self._windows[key]
 
-    def _window(self, interval: Interval, tail: float, t: Array) -> tuple[Rows, Rows]:
+    def _window(self, interval: TimeInterval, tail: float, t: Array) -> tuple[Rows, Rows]:
         same = self._same
         begin = t + (interval.begin + same)
         first = windows.last_at(self.t, begin)
@@ -94,10 +94,10 @@ class Trace:
 class Robust(Protocol):
     """A formula that has a robustness, in the unit of its requirement."""
 
-    def over(self, trace: Trace, only_first: bool) -> Array:
+    def over(self, trace: RecordedTrace, only_first: bool) -> Array:
         """The robustness at each row, (n,), or at the first one, (1,)."""
 
-    def decisive(self, trace: Trace, row: int) -> int | None:
+    def decisive(self, trace: RecordedTrace, row: int) -> int | None:
         """The row whose comparison decides the robustness at `row`; None: there is none."""
 
     @property
@@ -107,7 +107,7 @@ class Robust(Protocol):
 
 @final
 @dataclass(frozen=True, slots=True)
-class Comparison:
+class HeldInequality:
     """`margin >= 0` for every entry; its unit is `scale` in SI. `negated`: by an odd number of
     ``not`` around it.
     """
@@ -118,8 +118,8 @@ class Comparison:
 
     tail = 0.0
 
-    def over(self, trace: Trace, only_first: bool) -> Array:
-        """See :class:`Robust`."""
+    def over(self, trace: RecordedTrace, only_first: bool) -> Array:
+        """Robustness by row (n,) or (1,): :class:`Robust`."""
         x = value(self.margin, trace.lookup)
         if len(x) == 1:
             least = x[0]
@@ -136,7 +136,7 @@ class Comparison:
             found = np.append(found, -trace.beyond * worst)
         return np.asarray(found[:1] if only_first else found)
 
-    def decisive(self, trace: Trace, row: int) -> int | None:
+    def decisive(self, trace: RecordedTrace, row: int) -> int | None:
         """See :class:`Robust`."""
         return row
 
@@ -150,14 +150,14 @@ class Not:
 
     @property
     def tail(self) -> float:
-        """See :class:`Robust`."""
+        """See :class:`Robust`, s."""
         return self.of.tail
 
-    def over(self, trace: Trace, only_first: bool) -> Array:
-        """See :class:`Robust`."""
+    def over(self, trace: RecordedTrace, only_first: bool) -> Array:
+        """Robustness by row (n,) or (1,): :class:`Robust`."""
         return -trace.values(self.of, only_first)
 
-    def decisive(self, trace: Trace, row: int) -> int | None:
+    def decisive(self, trace: RecordedTrace, row: int) -> int | None:
         """See :class:`Robust`."""
         return self.of.decisive(trace, row)
 
@@ -173,15 +173,15 @@ class Both:
 
     @property
     def tail(self) -> float:
-        """See :class:`Robust`."""
+        """See :class:`Robust`, s."""
         return max(self.left.tail, self.right.tail)
 
-    def over(self, trace: Trace, only_first: bool) -> Array:
-        """See :class:`Robust`."""
+    def over(self, trace: RecordedTrace, only_first: bool) -> Array:
+        """Robustness by row (n,) or (1,): :class:`Robust`."""
         combine = np.maximum if self.either else np.minimum
         return np.asarray(combine(*(trace.values(x, only_first) for x in (self.left, self.right))))
 
-    def decisive(self, trace: Trace, row: int) -> int | None:
+    def decisive(self, trace: RecordedTrace, row: int) -> int | None:
         """See :class:`Robust`."""
         left, right = trace.at(self.left, row), trace.at(self.right, row)
         takes_left = left >= right if self.either else left <= right
@@ -194,16 +194,16 @@ class Extreme:
     """``always``, or with `eventually` that, within an interval."""
 
     of: Robust
-    interval: Interval
+    interval: TimeInterval
     eventually: bool = False
 
     @property
     def tail(self) -> float:
-        """See :class:`Robust`."""
+        """See :class:`Robust`, s."""
         return self.interval.needed + self.of.tail
 
-    def over(self, trace: Trace, only_first: bool) -> Array:
-        """See :class:`Robust`."""
+    def over(self, trace: RecordedTrace, only_first: bool) -> Array:
+        """Robustness by row (n,) or (1,): :class:`Robust`."""
         combine = np.maximum if self.eventually else np.minimum
         empty = -inf if self.eventually else inf
         x = trace.values(self.of, False)
@@ -212,7 +212,7 @@ class Extreme:
             return np.array([combine.reduce(x[first[0] : last[0] + 1], initial=empty)])
         return windows.extremes(x, first, last, combine, empty)
 
-    def decisive(self, trace: Trace, row: int) -> int | None:
+    def decisive(self, trace: RecordedTrace, row: int) -> int | None:
         """See :class:`Robust`."""
         only = slice(row, row + 1)
         first, last = (int(x[0]) for x in trace.window(self.interval, self.of.tail, only))
@@ -230,20 +230,22 @@ class Until:
 
     left: Robust
     right: Robust
-    interval: Interval
+    interval: TimeInterval
 
     @property
     def tail(self) -> float:
-        """See :class:`Robust`."""
+        """See :class:`Robust`, s."""
         return self.interval.needed + self._inner
 
     @property
     def _inner(self) -> float:
         return max(self.left.tail, self.right.tail)
 
-    def over(self, trace: Trace, only_first: bool) -> Array:
-        """See :class:`Robust`. For bounded intervals by Donzé, Ferrère & Maler 2013, lemma 2:
-        always `left` before the interval, eventually `right` in it, and until without an end.
+    def over(self, trace: RecordedTrace, only_first: bool) -> Array:
+        """Robustness by row (n,) or (1,): :class:`Robust`.
+
+        For bounded intervals by Donzé, Ferrère & Maler 2013, lemma 2: always `left` before the
+        interval, eventually `right` in it, and until without an end.
         """
         if only_first:
             return np.array([self._at(trace, 0)[0]])
@@ -260,12 +262,12 @@ class Until:
             found = np.minimum(found, most)
         return np.where(last < first, -inf, found)
 
-    def decisive(self, trace: Trace, row: int) -> int | None:
+    def decisive(self, trace: RecordedTrace, row: int) -> int | None:
         """See :class:`Robust`."""
         _, at, of = self._at(trace, row)
         return None if of is None else of.decisive(trace, at)
 
-    def _at(self, trace: Trace, row: int) -> tuple[float, int, Robust | None]:
+    def _at(self, trace: RecordedTrace, row: int) -> tuple[float, int, Robust | None]:
         """The robustness at a row, and the row and formula that decide it."""
         only = slice(row, row + 1)
         first, last = (int(x[0]) for x in trace.window(self.interval, self._inner, only))

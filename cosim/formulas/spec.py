@@ -6,7 +6,7 @@ from math import inf
 
 from cosim.base.convert import Number, Struct, number
 from cosim.base.errors import ScenarioError
-from cosim.formulas.syntax import Formula, Interval, Temporal, names, read
+from cosim.formulas.syntax import Formula, Temporal, TimeInterval, names, read
 
 _FORMS = ("metric", "always", "eventually", "formula")
 
@@ -70,17 +70,19 @@ class RequirementSpec(Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
         except ScenarioError as error:
             raise ScenarioError(str(error), f"{place}.{self.form}") from None
         if self.form in ("always", "eventually"):
-            return Temporal(self.form, interval or Interval(), (inner,), 1)  # type: ignore[arg-type]
+            return Temporal(self.form, interval or TimeInterval(), (inner,), 1)  # type: ignore[arg-type]
         if interval is not None:
             key = "after" if self.within is None else "within"
             cure = "it is of the whole run" if self.form == "metric" else "write it in the formula"
             raise ScenarioError(f"{self.form!r} takes no {key!r}; {cure}", place)
         return inner
 
-    def _interval(self, place: str) -> Interval | None:
+    def _interval(self, place: str) -> TimeInterval | None:
         """The interval from the start of the run on, s; None: none is given."""
         if self.within is None:
-            return None if self.after is None else Interval(_seconds(self.after, f"{place}.after"))
+            return (
+                None if self.after is None else TimeInterval(_seconds(self.after, f"{place}.after"))
+            )
         if self.after is not None:
             raise ScenarioError("found 'within' and 'after', expected one of them", place)
         given = self.within if isinstance(self.within, tuple) else (0.0, self.within)
@@ -88,7 +90,7 @@ class RequirementSpec(Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
         if not begin <= end:
             text = f"the interval from {begin:g} s to {end:g} s is empty"
             raise ScenarioError(f"{text}; expected its begin before its end", f"{place}.within")
-        return Interval(begin, end)
+        return TimeInterval(begin, end)
 
 
 def _seconds(value: Number, place: str) -> float:

@@ -35,7 +35,7 @@ class Name:
 
 
 @dataclass(frozen=True, slots=True)
-class Operation:
+class Arithmetic:
     """``+ - * /`` of two expressions, the sign ``neg`` or a function of some."""
 
     operator: str
@@ -43,11 +43,11 @@ class Operation:
     column: int
 
 
-Expression: TypeAlias = Literals | Name | Operation
+Expression: TypeAlias = Literals | Name | Arithmetic
 
 
 @dataclass(frozen=True, slots=True)
-class Comparison:
+class Inequality:
     """`large` is at least `small`."""
 
     large: Expression
@@ -56,7 +56,7 @@ class Comparison:
 
 
 @dataclass(frozen=True, slots=True)
-class Interval:
+class TimeInterval:
     """A closed interval of time from now on, s; `end` inf: to the end of the run."""
 
     begin: float = 0.0
@@ -82,12 +82,12 @@ class Temporal:
     """``always`` or ``eventually`` of one formula, or ``until`` of two, in an interval."""
 
     word: Literal["always", "eventually", "until"]
-    interval: Interval
+    interval: TimeInterval
     of: tuple[Formula, ...]
     column: int
 
 
-Formula: TypeAlias = Comparison | Connective | Temporal
+Formula: TypeAlias = Inequality | Connective | Temporal
 Node: TypeAlias = Expression | Formula
 
 _COMPARISONS = ("<=", "<", ">=", ">")
@@ -103,7 +103,7 @@ _DEEPEST = 100
 
 def read(text: str) -> Formula:
     """The formula that a text denotes. Raises FormulaError with the column."""
-    reader = _Reader(text)
+    reader = _FormulaReader(text)
     found = reader.part(0)
     if reader.next.kind != "end":
         raise reader.error(f"found {reader.next}, expected an operator or the end")
@@ -111,7 +111,7 @@ def read(text: str) -> Formula:
 
 
 @final
-class _Reader:
+class _FormulaReader:
     """Reads a text from left to right; `next`: the first token that has not been read."""
 
     def __init__(self, text: str) -> None:
@@ -169,7 +169,7 @@ class _Reader:
             right = self.part(strength + (word != "implies"))
             both = self.formula(left), self.formula(right)
             return Connective(word, both, column)  # type: ignore[arg-type]
-        return Operation(
+        return Arithmetic(
             word, (self._expression(left), self._expression(self.part(strength + 1))), column
         )
 
@@ -178,7 +178,7 @@ class _Reader:
         middle = self._expression(self.part(_STRENGTH["+"]))
         first, column = self._expression(left), token.column
         ends = (middle, first) if token.text.startswith("<") else (first, middle)
-        found = Comparison(*ends, column)
+        found = Inequality(*ends, column)
         if self.next.text in _COMPARISONS:
             return Connective("and", (found, self._compared(middle, self._take())), column)
         return found
@@ -187,7 +187,7 @@ class _Reader:
         token = self._take()
         match token.kind, token.text:
             case "word", ("not" | "always" | "eventually") as word:
-                interval = self._interval() if word != "not" else Interval()
+                interval = self._interval() if word != "not" else TimeInterval()
                 of = (self.formula(self.part(_PREFIX)),)
                 if word == "not":
                     return Connective("not", of, token.column)
@@ -195,7 +195,7 @@ class _Reader:
             case "word", function if function in FUNCTIONS:
                 return self._call(token)
             case "operator", "-":
-                return Operation("neg", (self._expression(self.part(_SIGN)),), token.column)
+                return Arithmetic("neg", (self._expression(self.part(_SIGN)),), token.column)
             case "operator", "(":
                 inner = self.part(0)
                 self._expect(")")
@@ -209,7 +209,7 @@ class _Reader:
         self._place -= 1
         raise self.error(f"found {token}, expected a signal, a number or a formula")
 
-    def _call(self, token: Token) -> Operation:
+    def _call(self, token: Token) -> Arithmetic:
         self._expect("(")
         of = [self._expression(self.part(_STRENGTH["+"]))]
         while self._taken(","):
@@ -217,7 +217,7 @@ class _Reader:
         self._expect(")")
         if len(of) > 1 and token.text in ("abs", "norm"):
             raise self.error(f"{token.text} takes one argument, found {len(of)}", token.column)
-        return Operation(token.text, tuple(of), token.column)
+        return Arithmetic(token.text, tuple(of), token.column)
 
     def _list(self, token: Token) -> Literals:
         """``[40, -60] deg``."""
@@ -238,21 +238,21 @@ class _Reader:
 
     # ---- intervals ---------------------------------------------------------------------------
 
-    def _interval(self) -> Interval:
+    def _interval(self) -> TimeInterval:
         if self._taken("after"):
-            return Interval(self._time())
+            return TimeInterval(self._time())
         if not self._taken("within"):
-            return Interval()
+            return TimeInterval()
         column = self.next.column
         if not self._taken("["):
-            return Interval(0.0, self._time())
+            return TimeInterval(0.0, self._time())
         begin = self._time()
         self._expect(",")
         end = self._time()
         self._expect("]")
         if not begin <= end:
             raise self.error(f"the interval from {begin:g} s to {end:g} s is empty", column)
-        return Interval(begin, end)
+        return TimeInterval(begin, end)
 
     def _time(self) -> float:
         column = self.next.column
@@ -271,12 +271,12 @@ class _Reader:
 
     def formula(self, node: Node) -> Formula:
         """The node, which has to be a formula."""
-        if isinstance(node, Comparison | Connective | Temporal):
+        if isinstance(node, Inequality | Connective | Temporal):
             return node
         raise self.error("found a number, expected a comparison (<= or >=)", node.column)
 
     def _expression(self, node: Node) -> Expression:
-        if isinstance(node, Literals | Name | Operation):
+        if isinstance(node, Literals | Name | Arithmetic):
             return node
         raise self.error("found a comparison, expected a number or a signal", node.column)
 
@@ -287,7 +287,7 @@ def names(node: Node) -> list[Name]:
         return [node]
     if isinstance(node, Literals):
         return []
-    if isinstance(node, Comparison):
+    if isinstance(node, Inequality):
         return sorted([*names(node.large), *names(node.small)], key=lambda name: name.column)
     found: list[Name] = []
     for part in node.of:
@@ -295,11 +295,11 @@ def names(node: Node) -> list[Name]:
     return found
 
 
-def comparisons(formula: Formula) -> list[Comparison]:
+def comparisons(formula: Formula) -> list[Inequality]:
     """The comparisons in a formula, from left to right."""
-    if isinstance(formula, Comparison):
+    if isinstance(formula, Inequality):
         return [formula]
-    found: list[Comparison] = []
+    found: list[Inequality] = []
     for part in formula.of:
         found += comparisons(part)
     return found

@@ -13,7 +13,7 @@ import numpy as np
 
 from cosim.base.errors import ScenarioError, UnitError
 from cosim.base.units import Unit, conversion, parse, unit_text
-from cosim.formulas.syntax import Comparison, Expression, Literals, Name, Operation
+from cosim.formulas.syntax import Arithmetic, Expression, Inequality, Literals, Name
 from cosim.formulas.tokens import FormulaError
 from cosim.formulas.windows import Array
 
@@ -142,12 +142,12 @@ class Binder:
             return self._like(node.operator, of, self._size(node, of))
         return self._product(node, of)
 
-    def margin(self, node: Comparison) -> Term:
+    def margin(self, node: Inequality) -> Term:
         """`large - small` of a comparison."""
         of = self.term(node.large), self.term(node.small)
         ordered = of if node.large.column < node.small.column else of[::-1]
         self._same(node.column, ordered)
-        shown = Operation("-", (node.large, node.small), node.column)
+        shown = Arithmetic("-", (node.large, node.small), node.column)
         return self._like("-", of, self._size(shown, of))
 
     def _constant(self, node: Literals) -> Term:
@@ -182,7 +182,7 @@ class Binder:
         bare = all(term.bare for term in of)
         return Term(kind, first.exponents, size, unit, of, bare=bare)
 
-    def _product(self, node: Operation, of: tuple[Term, ...]) -> Term:
+    def _product(self, node: Arithmetic, of: tuple[Term, ...]) -> Term:
         sign = 1 if node.operator == "*" else -1
         pairs = zip(of[0].exponents, of[1].exponents, strict=True)
         exponents = tuple(a + sign * b for a, b in pairs)
@@ -190,7 +190,7 @@ class Binder:
         bare = all(term.bare for term in of)
         return Term(node.operator, exponents, self._size(node, of), unit, of, bare=bare)
 
-    def _size(self, node: Operation, of: Sequence[Term]) -> int:
+    def _size(self, node: Arithmetic, of: Sequence[Term]) -> int:
         sizes = sorted({term.size for term in of} - {1})
         if len(sizes) > 1:
             raise FormulaError(

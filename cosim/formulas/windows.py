@@ -13,7 +13,7 @@ Rows = NDArray[np.intp]
 
 
 def extremes(x: Array, first: Rows, last: Rows, combine: np.ufunc, empty: float) -> Array:
-    """The extreme of `x` (n,) over each window, `empty` where a window is.
+    """The extreme of `x` (n,) over each window, in its unit; `empty` where a window is.
 
     Extremes of 1, 2, 4, … rows are made from each other; each window is two of the largest of them
     that it contains: O(n log w), w its length.
@@ -52,7 +52,7 @@ def last_at(t: Array, times: Array) -> Rows:
 
 
 def until(left: Array, right: Array) -> Array:
-    """u_k = max(right_k, min(left_k, u_{k+1})), u = -inf behind the end; (n,).
+    """u_k = max(right_k, min(left_k, u_{k+1})), u = -inf behind the end; (n,), one unit.
 
     The map from u_{k+1} to u_k clips to [low, high], and so do compositions of such maps, which are
     made of 1, 2, 4, … rows.

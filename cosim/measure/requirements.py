@@ -17,9 +17,8 @@ import numpy as np
 from cosim.base.errors import CosimError, ScenarioError
 from cosim.base.names import unknown
 from cosim.base.units import parse, time_text
-from cosim.formulas.robust import Both, Comparison, Extreme, Not, Robust, Trace, Until
-from cosim.formulas.syntax import Comparison as Compared
-from cosim.formulas.syntax import Connective, Formula, Temporal, comparisons
+from cosim.formulas.robust import Both, Extreme, HeldInequality, Not, RecordedTrace, Robust, Until
+from cosim.formulas.syntax import Connective, Formula, Inequality, Temporal, comparisons
 from cosim.formulas.terms import Binder, Known, Lookup, Term, shown_unit
 from cosim.formulas.tokens import FormulaError
 from cosim.measure import declared_metrics
@@ -82,10 +81,10 @@ class Requirement:
         def lookup(name: str) -> Array:
             return np.asarray(signals.array(name), dtype=np.float64).T
 
-        trace = Trace(t, lookup, end)
+        trace = RecordedTrace(t, lookup, end)
         high = low = trace.at(self.formula, 0)
         if covered < end or t[0] + self.formula.tail > covered + 1e-9 * (covered - t[0]):
-            trace, other = Trace(t, lookup, end, 1), Trace(t, lookup, end, -1)
+            trace, other = RecordedTrace(t, lookup, end, 1), RecordedTrace(t, lookup, end, -1)
             high, low = trace.at(self.formula, 0), other.at(self.formula, 0)
             if high == inf:
                 trace = other
@@ -116,7 +115,7 @@ class Requirement:
             return self._undecided(f"the run ended at {time_text(covered)} of {time_text(end)}")
         results = [metric.evaluate(signals) for metric in self.metrics]
         numbers = {name: found for r in results for name, found in r.numbers.items()}
-        trace = Trace(np.zeros(1), lambda name: np.array([[numbers[name][0]]]), 0.0)
+        trace = RecordedTrace(np.zeros(1), lambda name: np.array([[numbers[name][0]]]), 0.0)
         value = trace.at(self.formula, 0)
         found = ", ".join(f"{name} is {with_unit(*numbers[name], 4)}" for name in self.names)
         missing = [r.text for r in results if r.value != r.value]
@@ -221,7 +220,9 @@ def _requirement(
     )  # fmt: skip
 
 
-def _scales(text: str, nodes: Sequence[Compared], terms: Sequence[Term]) -> tuple[str, list[float]]:
+def _scales(
+    text: str, nodes: Sequence[Inequality], terms: Sequence[Term]
+) -> tuple[str, list[float]]:
     """The unit of the margin, and what each comparison divides its margin by; "": a share of its
     bound, where the comparisons have different units.
     """
@@ -243,8 +244,8 @@ def _scales(text: str, nodes: Sequence[Compared], terms: Sequence[Term]) -> tupl
 
 def _robust(node: Formula, terms: Mapping[int, tuple[Term, float]], negated: bool) -> Robust:
     """The formula with terms for its comparisons; `negated`: by an odd number of ``not``."""
-    if isinstance(node, Compared):
-        return Comparison(*terms[id(node)], negated)
+    if isinstance(node, Inequality):
+        return HeldInequality(*terms[id(node)], negated)
     first = isinstance(node, Connective) and node.word in ("not", "implies")
     of = [_robust(x, terms, negated ^ (first and not i)) for i, x in enumerate(node.of)]
     if isinstance(node, Temporal):
@@ -263,7 +264,7 @@ def _robust(node: Formula, terms: Mapping[int, tuple[Term, float]], negated: boo
 def evaluate(
     found: Iterable[Requirement], signals: Signals, end: float | None = None
 ) -> tuple[Robustness, ...]:
-    """The robustness of each requirement, in order; `end`: see :class:`Requirement`."""
+    """The robustness of each requirement, in order; `end` of the run, s."""
     return tuple(requirement.evaluate(signals, end) for requirement in found)
 
 

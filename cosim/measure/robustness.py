@@ -50,7 +50,7 @@ class Robustness:
 
 
 def plain(x: float) -> float | str | None:
-    """A number for JSON: a text if it is infinite, None for NaN."""
+    """A number, in any unit, for JSON: a text if it is infinite, None for NaN."""
     return x if isfinite(x) else None if x != x else str(x)
 
 

@@ -5,14 +5,22 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from math import inf
 
-from cosim.formulas.syntax import Comparison, Formula, Interval, Literals, Name, Operation, Temporal
+from cosim.formulas.syntax import (
+    Arithmetic,
+    Formula,
+    Inequality,
+    Literals,
+    Name,
+    Temporal,
+    TimeInterval,
+)
 
 
 def robustness(
     formula: Formula, t: Sequence[float], x: Mapping[str, Sequence[float]], k: int = 0
 ) -> float:
     """The robustness at row `k` of signals `x` at the times `t`; comparisons of name and number."""
-    if isinstance(formula, Comparison):
+    if isinstance(formula, Inequality):
         large, small = (_number(side, x, k) for side in (formula.large, formula.small))
         return large - small
     if not isinstance(formula, Temporal):
@@ -39,7 +47,7 @@ def robustness(
 
 def tail(formula: Formula) -> float:
     """The time behind a row that the formula needs at least."""
-    if isinstance(formula, Comparison):
+    if isinstance(formula, Inequality):
         return 0.0
     inner = max(tail(part) for part in formula.of)
     if not isinstance(formula, Temporal):
@@ -48,7 +56,7 @@ def tail(formula: Formula) -> float:
     return inner + (interval.begin if interval.end == inf else interval.end)
 
 
-def rows_in(interval: Interval, t: Sequence[float], k: int, last: float) -> list[int]:
+def rows_in(interval: TimeInterval, t: Sequence[float], k: int, last: float) -> list[int]:
     """The rows whose values hold somewhere in the interval from row `k` on, up to `last`."""
     begin = t[k] + interval.begin
     end = last if interval.end == inf else t[k] + interval.end
@@ -61,7 +69,7 @@ def rows_in(interval: Interval, t: Sequence[float], k: int, last: float) -> list
 def _number(side: object, x: Mapping[str, Sequence[float]], k: int) -> float:
     if isinstance(side, Name):
         return x[side.text][k]
-    if isinstance(side, Operation):  # the sign
+    if isinstance(side, Arithmetic):  # the sign
         return -_number(side.of[0], x, k)
     assert isinstance(side, Literals)
     return side.values[0]

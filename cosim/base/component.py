@@ -132,6 +132,25 @@ class Drawing:
         }
 
 
+@dataclass(frozen=True, slots=True)
+class SharedBase:
+    """The base of a robot in coordinates that several robots share.
+
+    A point p (m) of the base is at `scale` `rotation` (p - `origin`); `rotation`: 9 numbers, row by
+    row. `tip`: the end of the robot in its last frame (3), m, or () for that of its drawing. The
+    module of a model of a controller offers ``shared_base(options, parameters, folder)``.
+    """
+
+    rotation: tuple[float, ...] = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
+    origin: tuple[float, ...] = (0.0, 0.0, 0.0)
+    scale: float = 1.0
+    tip: tuple[float, ...] = ()
+
+    def data(self) -> dict[str, Any]:
+        """The data that a page reads."""
+        return {"rotation": self.rotation, "origin": self.origin, "scale": self.scale}
+
+
 class Component(Protocol):
     """A component that the engine steps: a Python class with these members, or an FMU."""
 

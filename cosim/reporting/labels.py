@@ -70,10 +70,13 @@ def metric_card(metric: Metric, result: MetricResult) -> Card:
         title += f", last {engineering(metric.window, 's')}"
     if isinstance(metric, Error) and metric.within is not None:
         settled, bound = result.parts.get("settle_s", inf), engineering(metric.within, result.unit)
-        since = f"from {engineering(settled, 's')} on"
+        since = f"after {engineering(settled, 's')}"
         note = f"below {bound} {since}" if isfinite(settled) else f"not below {bound} at the end"
     if (frequency := result.parts.get("frequency_hz", 0.0)) > 0.0:
         note = f"at {engineering(frequency, 'Hz')}"
+    if "at_s" in result.parts:
+        note = f"at {engineering(result.parts['at_s'], 's')}"
+    note = {"norm": "L2 norm", "integral_abs": "integral"}.get(_kind(metric), note)
     return Card(title, engineering(result.value, result.unit), metric.name, note)
 
 

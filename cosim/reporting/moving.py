@@ -12,11 +12,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.base.component import Drawing
 from cosim.base.errors import RunError, ScenarioError
 from cosim.base.extras import require
 from cosim.record import Run
-from cosim.reporting.arms import first_arms, link_frames
+from cosim.reporting.arms import DrawnArm, first_arms, in_workspace, points
 
 Array = NDArray[np.float64]
 #: Pictures a second, and how many at the most.
@@ -24,7 +23,7 @@ RATE, MOST = 15.0, 600
 #: Width and height of the drawing, height of a line of text below it, gap between names; pixels.
 SIZE, LINE, GAP = 400, 14, 12
 #: Directions from which arms in space are seen, rad: about the vertical, and above the horizon.
-_YAW, _PITCH = -0.6, 0.45
+_YAW, _PITCH = -0.6, 0.4
 _COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#b58900", "#56b4e9", "#555555")
 
 
@@ -38,27 +37,27 @@ def write_gif(run: Run, path: Path) -> Path:
     from PIL import Image, ImageDraw
 
     found, note = first_arms(run)
-    arms = [(a.name, a.drawing, run.array(f"{a.name}.{a.drawing.position}")) for a in found]
-    if not arms:
+    if not found:
         raise ScenarioError("no arm of this run can be drawn", str(run.path))
     period = max(1.0 / RATE, float(run.t[-1] - run.t[0]) / MOST)
     rows = np.unique(np.searchsorted(run.t, np.arange(run.t[0], run.t[-1] + 1e-9, period)))
-    tracks = [np.stack([_seen(d, points(d, q[k])) for k in rows]) for _, d, q in arms]
-    places, scale = _layout(tracks, flat=all(d.planar for _, d, _ in arms))
-    names = _name_places([name for name, _, _ in arms])
+    flat = all(arm.drawing.planar for arm in found)
+    tracks = [_track(run, arm, rows, flat=flat) for arm in found]
+    places, scale = _layout(tracks, [arm.workspace for arm in found], flat=flat)
+    names = _name_places([arm.name for arm in found])
     height = SIZE + names[-1][1] + 2 * LINE + 4
     pictures = []
     for i, k in enumerate(rows):
         picture = Image.new("RGB", (SIZE, height), "white")
         pen = ImageDraw.Draw(picture)
         pen.text((8, height - LINE - 4), f"{run.t[k]:.2f} s  {note}", fill="#555555")
-        for j, ((name, _, _), track) in enumerate(zip(arms, tracks, strict=True)):
+        for j, (arm, track) in enumerate(zip(found, tracks, strict=True)):
             colour = _COLOURS[j % len(_COLOURS)]
             line = [tuple(p) for p in pixels(track[i] - places[j], scale)]
             pen.line(line, fill=colour, width=5 if j % 2 == 0 else 3, joint="curve")
             for x, y in line[:-1]:
                 pen.ellipse((x - 4, y - 4, x + 4, y + 4), fill="white", outline=colour, width=2)
-            pen.text((8 + names[j][0], SIZE + names[j][1]), name, fill=colour)
+            pen.text((8 + names[j][0], SIZE + names[j][1]), arm.name, fill=colour)
         pictures.append(picture.quantize(32))
     try:
         pictures[0].save(
@@ -83,40 +82,47 @@ def _name_places(names: Sequence[str]) -> list[tuple[int, int]]:
     return places
 
 
-def points(drawing: Drawing, q: Array) -> Array:
-    """The base, the origin of each link's frame, and the tip, in the base's frame, (n + 2, 3) m."""
-    R, p = np.eye(3), np.zeros(3)
-    found = [p]
-    for rotation, origin in link_frames(drawing, q):
-        p = p + R @ origin
-        R = R @ rotation
-        found.append(p)
-    return np.array([*found, p + R @ np.asarray(drawing.tip)])
-
-
 def pixels(seen: Array, scale: float) -> Array:
     """Places (m, 2) m in pixels, y down."""
     return SIZE / 2 + np.array([1.0, -1.0]) * seen * scale
 
 
-def _seen(drawing: Drawing, where: Array) -> Array:
+def _track(run: Run, arm: DrawnArm, rows: NDArray[np.intp], *, flat: bool) -> Array:
+    """The points of an arm as seen at some rows, (rows, points, 2) m."""
+    q = run.array(f"{arm.name}.{arm.drawing.position}")
+    where = [in_workspace(arm.base, points(arm.drawing, q[k])) for k in rows]
+    return np.stack([_seen(x, flat=flat) for x in where])
+
+
+def _seen(where: Array, *, flat: bool) -> Array:
     """Points (m, 3) as seen, (m, 2) m: planar arms from above."""
-    if drawing.planar:
+    if flat:
         return where[:, :2]
     x = np.cos(_YAW) * where[:, 0] - np.sin(_YAW) * where[:, 1]
     y = np.sin(_YAW) * where[:, 0] + np.cos(_YAW) * where[:, 1]
     return np.stack([x, np.cos(_PITCH) * where[:, 2] + np.sin(_PITCH) * y], axis=1)
 
 
-def _layout(tracks: list[Array], *, flat: bool) -> tuple[list[Array], float]:
-    """The offset of the points of each arm, (2,) m, and pixels per m.
+def _layout(
+    tracks: Sequence[Array], workspaces: Sequence[int], *, flat: bool
+) -> tuple[list[Array], float]:
+    """The offset of the points of each arm, (2,) m, and pixels per m: workspaces stand in rows.
 
-    Planar arms are drawn over each other, those in space in rows.
+    In the middle of one `flat` workspace is the base.
     """
-    if flat:
+    numbers = range(max(workspaces) + 1)
+    if flat and len(numbers) == 1:
         reach = max(float(np.abs(track).max()) for track in tracks)
         return [np.zeros(2)] * len(tracks), 0.45 * SIZE / max(reach, 1e-6)
-    boxes = [(track.min(axis=(0, 1)), track.max(axis=(0, 1))) for track in tracks]
+    parts = [
+        np.concatenate([
+            track.reshape(-1, 2)
+            for track, mine in zip(tracks, workspaces, strict=True)
+            if mine == number
+        ])
+        for number in numbers
+    ]  # fmt: skip
+    boxes = [(part.min(axis=0), part.max(axis=0)) for part in parts]
     columns = ceil(sqrt(len(boxes)))
     rows = ceil(len(boxes) / columns)
     cell = 1.15 * np.max([high - low for low, high in boxes], axis=0)
@@ -124,4 +130,5 @@ def _layout(tracks: list[Array], *, flat: bool) -> tuple[list[Array], float]:
         (low + high) / 2 - cell * (k % columns - (columns - 1) / 2, (rows - 1) / 2 - k // columns)
         for k, (low, high) in enumerate(boxes)
     ]
-    return places, 0.95 * SIZE / max(columns * cell[0], rows * cell[1], 1e-6)
+    scale = 0.95 * SIZE / max(columns * cell[0], rows * cell[1], 1e-6)
+    return [places[k] for k in workspaces], scale

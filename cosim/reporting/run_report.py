@@ -22,7 +22,7 @@ from cosim.measure.metrics import Error, Metric, evaluate
 from cosim.record import Run
 from cosim.record.folder import REPORT
 from cosim.reporting import many
-from cosim.reporting.arms import DrawnArm, first_arms, recorded
+from cosim.reporting.arms import DrawnArm, first_arms, owners, recorded
 from cosim.reporting.diagnostics import configured_delay, controllers, findings, limits, transit
 from cosim.reporting.html import (
     Array,
@@ -159,17 +159,12 @@ def coloured(
 
     A component is of the arm that it is, or of the only one that feeds it. `facts`: of the run.
     """
-    owners = {name: number for number, name in enumerate(arms)}
-    for name, spec in facts.get("scenario", {}).get("components", {}).items():
-        sources = {str(wire).partition(".")[0] for wire in (spec.get("inputs") or {}).values()}
-        fed = [number for number, arm in enumerate(arms) if arm in sources]
-        if name not in owners and len(fed) == 1:
-            owners[name] = fed[0]
-    return [replace(panel, colours=_distinct(panel, owners)) for panel in panels]
+    of = owners(arms, facts)
+    return [replace(panel, colours=_distinct(panel, of)) for panel in panels]
 
 
-def _distinct(panel: PlottedPanel, owners: Mapping[str, int]) -> tuple[int, ...]:
-    found = [owners.get(name.partition(".")[0], -1) for name, _ in panel.series]
+def _distinct(panel: PlottedPanel, of: Mapping[str, int]) -> tuple[int, ...]:
+    found = [of.get(name.partition(".")[0], -1) for name, _ in panel.series]
     return tuple(found) if len({*found}) == len(found) and -1 not in found else ()
 
 
@@ -264,12 +259,15 @@ def _quantiles(
 
 def _arms(run: Run, arms: Sequence[DrawnArm], t: Array) -> Iterator[dict[str, Any]]:
     """Arms as the page draws them, at the times `t` (n,), s."""
-    for name, drawing, *_ in arms:
+    for arm in arms:
+        name, drawing = arm.name, arm.drawing
         torque = f"{name}.{drawing.torque}"
         forced = drawing.torque and recorded(run, torque, drawing.joints)
         yield {
             "name": name,
             **drawing.data(),
+            "workspace": arm.workspace,
+            "base": arm.base.data(),
             "q": _frames(run, f"{name}.{drawing.position}", t),
             "torque": _frames(run, torque, t) if forced else [],
         }

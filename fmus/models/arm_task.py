@@ -61,6 +61,12 @@ manipulator control", Int. J. Robotics Research 10(2), 1991.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from cosim.base.component import SharedBase
+from cosim.base.convert import number, numbers
 from cosim.base.errors import FmuError, ScenarioError
 from fmus.arms import chain, serial_arm, task_space
 from fmus.arms.adaptive_variables import coupling_gains, network_inputs
@@ -270,3 +276,24 @@ def start(x: Values, *inputs: Array) -> Values:
 
 fmu, kernel, ArmTask = derive(model, law, start)
 prepare = of_robot(model)
+
+
+def shared_base(
+    options: Mapping[str, Any], parameters: Mapping[str, Any], folder: Path
+) -> SharedBase | None:
+    """The base of the arm in the coordinates x, in which the arms agree; None for one coordinate.
+
+    Of two coordinates the third is at right angles to them. Raises ScenarioError as `prepare`.
+    """
+    values = {**(prepare(options, folder).values if "urdf" in options else {}), **parameters}
+    rows = list(values.get("frame", ((1, 0, 0), (0, 1, 0), (0, 0, 1))))
+    F = np.reshape(numbers(rows, (len(rows), 3), "1", "frame"), (-1, 3))
+    F = np.vstack([F, np.cross(F[0], F[1])]) if len(F) == 2 else F
+    if F.shape != (3, 3) or not chain.is_rotation(F):
+        return None
+    return SharedBase(
+        tuple(F.ravel().tolist()),
+        numbers(values.get("x_0", 0.0), (3,), "m", "x_0"),
+        number(values.get("scale", 1.0), "1", "scale"),
+        numbers(values.get("tip", 0.0), (3,), "m", "tip"),
+    )

@@ -182,7 +182,7 @@ def test_it_works_by_keyboard(browser: Browser, run: Path) -> None:
     assert names[-1] == "time" and "play" in names
     outline = "getComputedStyle(document.activeElement).outlineStyle"
     assert browser.ask(outline) == "solid"
-    arm = "document.querySelector('polyline[data-arm=\"master\"]').getAttribute('points')"
+    arm = "document.querySelector('[data-tip=\"master\"]').dataset.at"
     before = browser.ask(arm)
     for _ in range(12):
         browser.key("ArrowRight")

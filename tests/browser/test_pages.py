@@ -21,8 +21,7 @@ from tests.system.runs import teleoperation
 
 pytestmark = [pytest.mark.slow, pytest.mark.browser]
 SCRIPT = """
-const line = (name) => document.querySelector(`polyline[data-arm="${name}"]`);
-const arm = (name) => line(name).getAttribute("points");
+const arm = (name) => document.querySelector(`[data-tip="${name}"]`).dataset.at;
 const now = () => document.getElementById("now").textContent;
 const seen = {start: arm("master")};
 const bar = document.getElementById("time");
@@ -54,16 +53,17 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
     return found
 
 
-def tip(points: str) -> tuple[float, float]:
-    x, y = points.split()[-1].split(",")
-    return float(x), float(y)
+def tip(place: str) -> tuple[float, float]:
+    x, y, z = map(float, place.split())
+    assert z == 0.0
+    return x, y
 
 
 def expected(run: Run, name: str, t: float) -> tuple[float, float]:
-    """Where the tip of a planar arm with links of 1 m is on the screen (y down)."""
+    """Where the tip of a planar arm with links of 1 m is."""
     q = [np.interp(t, run.t, run.column(f"{name}.q[{i}]")) for i in (0, 1)]
     angle = q[0] + q[1]
-    return np.cos(q[0]) + np.cos(angle), -(np.sin(q[0]) + np.sin(angle))
+    return np.cos(q[0]) + np.cos(angle), np.sin(q[0]) + np.sin(angle)
 
 
 def test_time_moves_the_arms_and_nothing_fails(run: Run, ask: Any) -> None:
@@ -85,8 +85,11 @@ const boxes = names.map((name) => name.getBoundingClientRect());
 tell({
   names: names.map((name) => name.textContent),
   colours: names.map((name) => getComputedStyle(name.querySelector("b")).color),
-  drawn: [...scene.querySelectorAll("polyline")].map((line) => getComputedStyle(line).stroke),
-  inside: scene.querySelectorAll("text").length,
+  drawn: names.map((name) => {
+    const tip = scene.querySelector(`[data-tip="${name.textContent.split(" ")[1]}"]`);
+    return getComputedStyle(tip).fill;
+  }),
+  inside: [...scene.querySelectorAll("text")].map((text) => text.textContent),
   force: document.querySelector("#arms .force").textContent,
   below: Math.min(...boxes.map((box) => box.top)) - square.bottom,
   right: square.right - Math.max(...boxes.map((box) => box.right)),
@@ -102,7 +105,7 @@ def test_the_names_of_arms_cover_no_arm(n: int, ask: Any, tmp_path: Path) -> Non
     assert [name.split()[1] for name in seen["names"]] == [
         f"robot{i + 1}" for i in range(min(n, ARMS))
     ]
-    assert seen["colours"] == seen["drawn"] and seen["inside"] == 0
+    assert seen["colours"] == seen["drawn"] and seen["inside"] == ["1 m", "x", "y"]
     assert seen["force"] == "→ force at the tip"
     assert 0 <= seen["below"] < 20 and seen["right"] >= 0
 
@@ -117,9 +120,12 @@ model = "fmus.models.arm"
 options = { urdf = "URDF", base = "link0", tip = "link6" }
 start = { q = [0.0, 0.4, 0.9, 0.3, 0.0, 0.2] }
 """
-BOXES = """tell({boxes: [...document.querySelectorAll("#arm polyline")].map((line) => {
-  const box = line.getBoundingClientRect();
-  return [box.left, box.right, box.top, box.bottom];
+BOXES = """tell({boxes: ["arm1", "arm2", "arm3", "arm4"].map((name) => {
+  const lines = [...document.querySelectorAll(`[data-arm="${name}"]`)];
+  const boxes = lines.map((line) => line.getBoundingClientRect());
+  const least = (key) => Math.min(...boxes.map((box) => box[key]));
+  const most = (key) => Math.max(...boxes.map((box) => box[key]));
+  return [least("left"), most("right"), least("top"), most("bottom")];
 })});"""
 
 
@@ -131,6 +137,49 @@ def test_arms_in_space_stand_in_rows(ask: Any, tmp_path: Path) -> None:
     boxes = ask(write_report(Run.open(tmp_path / "run")), BOXES)["boxes"]
     (left, right, _, bottom), (beside, _, _, _), (below, _, top, _), _ = boxes
     assert right < beside and bottom < top and below == pytest.approx(left, abs=1)
+
+
+#: Tips in m, what is drawn outside of the picture, and the tip of an arm before and after a drag.
+SHARED = """
+const scene = document.getElementById("arm"), box = scene.getBoundingClientRect();
+const tips = Object.fromEntries([...scene.querySelectorAll("[data-tip]")].map(
+  (tip) => [tip.dataset.tip, tip.dataset.at.split(" ").map(Number)]));
+const outside = [...scene.querySelectorAll("[data-arm], [data-tip], text")].filter((one) => {
+  const own = one.getBoundingClientRect();
+  return own.left < box.left || own.right > box.right || own.top < box.top
+    || own.bottom > box.bottom;
+}).length;
+const place = () => document.querySelector("[data-tip]").getAttribute("cx");
+const before = place(), at = {bubbles: true, pointerId: 1, clientY: box.top + 100};
+scene.setPointerCapture = () => {};
+scene.dispatchEvent(new PointerEvent("pointerdown", {...at, clientX: box.left + 100}));
+scene.dispatchEvent(new PointerEvent("pointermove", {...at, clientX: box.left + 160}));
+scene.dispatchEvent(new PointerEvent("pointerup", at));
+const turned = place();
+scene.dispatchEvent(new PointerEvent("pointermove", {...at, clientX: box.left + 300}));
+tell({tips, outside, before, turned, after: place(),
+  traces: scene.querySelectorAll(".trace").length,
+  bodies: scene.querySelectorAll("[data-arm=slave]").length,
+  length: scene.querySelector(".scale text").textContent});
+"""
+
+
+def test_arms_that_agree_on_their_tips_stand_in_one_workspace(ask: Any, tmp_path: Path) -> None:
+    """The tips are where the controllers, computed in C, have them in common coordinates."""
+    settings = ("run.stop=1", "run.record.every=100")
+    simulate(load(CONFIGS / "task_space.toml", settings), tmp_path / "run")
+    run = Run.open(tmp_path / "run")
+    page = write_report(run)
+    text = page.read_text(encoding="utf-8")
+    page.write_text(text.replace("location.hash", '"#t=0.9"'), encoding="utf-8")
+    seen = ask(page, SHARED)
+    row = int(np.argmin(abs(run.t - 0.9)))
+    for name in ("master", "slave", "planar"):
+        expected = [run.column(f"{name}_control.x[{i}]")[row] for i in range(3)]
+        assert seen["tips"][name] == pytest.approx(expected, abs=2e-3)
+    assert seen["outside"] == 0 and seen["length"].split()[1] in ("mm", "m")
+    assert seen["before"] != seen["turned"] == seen["after"]
+    assert seen["traces"] >= 3 and seen["bodies"] >= 10
 
 
 #: How wide a phone's page is; words of cells that stand on two lines.

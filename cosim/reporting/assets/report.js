@@ -152,22 +152,25 @@
   // ---- arms -----------------------------------------------------------------------------------
 
   const track = (b) => (data.live ? signal(b) : new Float32Array(bytes(b)));
-  const frames = data.arms.map((arm) => ({ ...arm, q: arm.q.map(track), torque: (arm.torque || []).map(track) }));
-  let yaw = -0.6, pitch = 0.45;
+  const LEVEL = [1, 0, 0, 0, 1, 0, 0, 0, 1];
+  const frames = data.arms.map((arm, k) => ({ ...arm, q: arm.q.map(track), torque: (arm.torque || []).map(track),
+    base: arm.base || { rotation: LEVEL, origin: [0, 0, 0], scale: 1 }, workspace: arm.workspace ?? (arm.planar ? 0 : k), recent: [] }));
+  let yaw = -0.6, pitch = 0.4;
   const flat = frames.every((arm) => arm.planar);
   const times = (R, v) => [0, 1, 2].map((r) => R[3 * r] * v[0] + R[3 * r + 1] * v[1] + R[3 * r + 2] * v[2]);
   const product = (A, B) => Array.from({ length: 9 }, (_, k) => { const r = 3 * Math.floor(k / 3), c = k % 3;
     return A[r] * B[c] + A[r + 1] * B[c + 3] + A[r + 2] * B[c + 6]; });
   const add = (a, b) => a.map((x, i) => x + b[i]);
+  const less = (a, b) => a.map((x, i) => x - b[i]);
   function at(values, t) {
     if (data.live) return values.y[values.t.findLastIndex((x) => x <= t)] ?? values.y[values.y.length - 1] ?? 0;
     const k = Math.min(Math.max((t - begin) / data.frame, 0), values.length - 1), i = Math.floor(k);
     const next = values[Math.min(i + 1, values.length - 1)];
     return values[i] + (k - i) * (next - values[i]);
   }
-  /** Points of an arm in its base frame at positions q: each joint, and the tip. */
+  /** Points of an arm in its base frame at positions q: the base, each joint, and the tip. */
   function points(arm, q) {
-    let R = [1, 0, 0, 0, 1, 0, 0, 0, 1], p = [0, 0, 0];
+    let R = LEVEL, p = [0, 0, 0];
     const found = [p];
     arm.joints.forEach((joint, i) => {
       p = add(p, times(R, joint.origin));
@@ -179,85 +182,178 @@
     found.push(add(p, times(R, arm.tip)));
     return found;
   }
-  function project(p) {
-    if (flat) return [p[0], p[1]];
-    const x = Math.cos(yaw) * p[0] - Math.sin(yaw) * p[1], y = Math.sin(yaw) * p[0] + Math.cos(yaw) * p[1];
-    return [x, Math.cos(pitch) * p[2] + Math.sin(pitch) * y];
-  }
+  /** A place of the base of an arm in the coordinates of its workspace. */
+  const stand = (arm, p) => times(arm.base.rotation, less(p, arm.base.origin)).map((x) => arm.base.scale * x);
+  const placed = (arm, t) => points(arm, arm.q.map((values) => at(values, t)));
   /** Force at the tip of a planar arm of two joints whose joint torques are tau: J^-T tau. */
   function force(where, tau) {
     const [a, b] = [[where[3][0] - where[1][0], where[3][1] - where[1][1]], [where[3][0] - where[2][0], where[3][1] - where[2][1]]];
     const J = [-a[1], a[0], -b[1], b[0]]; // rows: d(tip)/d(q1), d(tip)/d(q2)
     const det = J[0] * J[3] - J[1] * J[2];
     if (Math.abs(det) < 0.05) return null;
-    return [(J[3] * tau[0] - J[1] * tau[1]) / det, (-J[2] * tau[0] + J[0] * tau[1]) / det];
+    return [(J[3] * tau[0] - J[1] * tau[1]) / det, (-J[2] * tau[0] + J[0] * tau[1]) / det, 0];
   }
+  /** Whether the force at the tip can be drawn: of the torques of two joints in a plane. */
+  function pulled(arm) { return arm.planar && arm.torque.length === 2 && (data.live || arm.torque.some((tau) => tau.some((v) => v !== 0))); }
+
   const scene = find("arm");
+  const WIDTH = 360, FOOT = 34, SEEN = 60; // pixels: of the picture, and below the arms; times at which all is seen
+  const TRACE = 3, PARTS = 6; // s of the path that a tip leaves, and how many times it fades
   let strongest = 1;
-  // Where each arm is in its base frame, and the greatest distance from there: seen at 40 times.
-  const middles = frames.map((arm) => {
+  /** The places that the arms of a workspace come to: its middle and how far they are from there. */
+  function extent(arms) {
     const all = [];
-    for (let k = 0; k <= 40; k++) all.push(...points(arm, arm.q.map((values) => at(values, begin + (k * (data.end - begin)) / 40))));
-    return flat || data.live ? [0, 0, 0] : [0, 1, 2].map((i) => (Math.min(...all.map((p) => p[i])) + Math.max(...all.map((p) => p[i]))) / 2);
-  });
-  const radius = Math.max(0.05, ...frames.map((arm, k) => {
-    if (data.live) return arm.reach;
-    let most = 0;
-    for (let i = 0; i <= 40; i++) for (const p of points(arm, arm.q.map((values) => at(values, begin + (i * (data.end - begin)) / 40))))
-      most = Math.max(most, Math.hypot(...p.map((x, j) => x - middles[k][j])));
-    return most;
-  }));
+    for (const arm of arms) {
+      for (let k = 0; k <= SEEN && !data.live; k++) all.push(...placed(arm, begin + (k * (data.end - begin)) / SEEN).map((p) => stand(arm, p)));
+      if (data.live) for (const s of [-1, 1]) all.push([0, 1, 2].map((i) => s * arm.reach * (flat && i === 2 ? 0 : 1)));
+      all.push(stand(arm, [0, 0, 0]));
+    }
+    const low = [0, 1, 2].map((i) => Math.min(...all.map((p) => p[i]))), high = [0, 1, 2].map((i) => Math.max(...all.map((p) => p[i])));
+    const middle = low.map((x, i) => (x + high[i]) / 2), thick = Math.max(...arms.map((arm) => bulk(arm, 0)));
+    const wide = Math.max(...all.map((p) => Math.hypot(p[0] - middle[0], p[1] - middle[1])));
+    const half = flat ? [(high[0] - low[0]) / 2, (high[1] - low[1]) / 2]
+      : [wide, Math.max(...all.map((p) => Math.hypot(...less(p, middle))))];
+    return { middle, wide, floor: Math.min(low[2], 0), half: half.map((x) => Math.max(x, 0.05) + 1.6 * thick) };
+  }
+  /** The radius of the body in front of joint i, m in the workspace. */
+  const bulk = (arm, i) => arm.base.scale * arm.reach * (frames.length > 4 ? 0.03 : 0.042) * (1 - (0.5 * i) / (arm.joints.length + 1));
+  const spaces = [...new Set(frames.map((arm) => arm.workspace))].map((number) => frames.filter((arm) => arm.workspace === number));
+  const extents = scene ? spaces.map(extent) : [];
+  const columns = Math.ceil(Math.sqrt(spaces.length)), rows = Math.ceil(spaces.length / columns);
+  const half = [0, 1].map((i) => Math.max(...extents.map((x) => x.half[i]), 0.05));
+  const zoomed = Math.min(WIDTH / columns / (2 * half[0]), WIDTH / rows / (2 * half[1])); // pixels per m
+  const cell = [WIDTH / columns, Math.max(2 * half[1] * zoomed, (0.5 * WIDTH) / columns)];
+  const HEIGHT = rows * cell[1] + FOOT;
+  /** A multiple of 1, 2 or 5 of a power of ten up to a length. */
+  function round(length) {
+    const power = 10 ** Math.floor(Math.log10(length));
+    return [5, 2, 1].find((k) => k * power <= length) * power;
+  }
+  const spacing = round((0.3 * WIDTH) / columns / zoomed);
+  const metres = (x) => (x < 1 ? `${Number((1000 * x).toPrecision(3))} mm` : `${x} m`);
+  /** Pixels right and down, and the distance to the eye, of a place in workspace k. */
+  function seen(k, p) {
+    const { middle } = extents[k], d = less(p, middle);
+    const left = cell[0] * (k % columns + 0.5), top = cell[1] * (Math.floor(k / columns) + 0.5);
+    if (flat) return [left + zoomed * d[0], top - zoomed * d[1], -d[2]];
+    const x = Math.cos(yaw) * d[0] - Math.sin(yaw) * d[1], y = Math.sin(yaw) * d[0] + Math.cos(yaw) * d[1];
+    return [left + zoomed * x, top - zoomed * (Math.cos(pitch) * d[2] + Math.sin(pitch) * y), Math.cos(pitch) * y - Math.sin(pitch) * d[2]];
+  }
+  const path = (k, places) => places.map((p) => seen(k, p).slice(0, 2).map((x) => x.toFixed(1)).join(",")).join(" ");
+  const mixed = (colour, share, other) => `color-mix(in srgb, ${colour} ${share}%, ${other})`;
+
+  /** The ground of workspace k as squares, and lines down to it from bases above it. */
+  function ground(k) {
+    const { middle, wide, floor } = extents[k], g = svg("g", { class: "ground" });
+    const size = flat ? half : [wide, wide], [from, to] = [0, 1].map((s) => [0, 1].map((i) =>
+      (s ? Math.ceil : Math.floor)((middle[i] + (s ? 1 : -1) * size[i]) / spacing) * spacing));
+    const z = flat ? 0 : floor;
+    if (!flat) g.append(svg("polygon", { points: path(k, [[from[0], from[1], z], [to[0], from[1], z], [to[0], to[1], z], [from[0], to[1], z]]), class: "floor" }));
+    for (let i = 0; i < 2; i++) {
+      const count = Math.round((to[i] - from[i]) / spacing);
+      for (let n = 0; n <= count; n++) {
+        const ends = [from, to].map((end) => { const p = [end[0], end[1], z]; p[i] = from[i] + n * spacing; return p; });
+        g.append(svg("polyline", { points: path(k, ends) }));
+      }
+    }
+    return g;
+  }
+  /** The scale in the corner, and the directions of the axes. */
+  function legend() {
+    const g = svg("g", { class: "scale" }), y = HEIGHT - 14, length = spacing * zoomed;
+    g.append(svg("path", { d: `M10,${y - 4} V${y} H${10 + length} V${y - 4}`, fill: "none" }));
+    const text = svg("text", { x: 16 + length, y: y + 1 });
+    text.append(metres(spacing));
+    g.append(text);
+    const from = [WIDTH - 34, HEIGHT - (flat ? 12 : 18)];
+    ["x", "y", "z"].slice(0, flat ? 2 : 3).forEach((name, i) => {
+      const p = [0, 1, 2].map((j) => (i === j ? 1 : 0)), [a, b] = [seen(0, extents[0].middle), seen(0, add(extents[0].middle, p))];
+      const d = [0, 1].map((j) => (b[j] - a[j]) / zoomed);
+      g.append(svg("line", { x1: from[0], y1: from[1], x2: from[0] + 18 * d[0], y2: from[1] + 18 * d[1] }));
+      const label = svg("text", { x: from[0] + 25 * d[0], y: from[1] + 25 * d[1] + 4, "text-anchor": "middle" });
+      label.append(name);
+      if (Math.hypot(...d) > 0.25) g.append(label);
+    });
+    return g;
+  }
+  /** The places of a tip up to t, one for each frame of the last TRACE seconds. */
+  function recent(arm, t) {
+    if (data.live) {
+      arm.recent.push([t, stand(arm, placed(arm, t).pop())]);
+      arm.recent = arm.recent.filter(([then]) => then > t - TRACE && then <= t);
+      return arm.recent.map(([, p]) => p);
+    }
+    const step = data.frame, first = Math.max(begin, t - TRACE), found = [];
+    for (let k = Math.ceil((first - begin) / step); begin + k * step < t; k++) found.push(stand(arm, placed(arm, begin + k * step).pop()));
+    return [...found, stand(arm, placed(arm, t).pop())];
+  }
   if (scene) {
+    scene.setAttribute("viewBox", `0 0 ${WIDTH} ${HEIGHT.toFixed(0)}`);
     find("arms").append(...frames.map((arm, k) =>
-      make("span", {}, make("b", { style: `color:var(--s${k % 7})` }, k % 2 ? "╌" : "━"), ` ${arm.name}`)));
+      make("span", {}, make("b", { style: `color:var(--s${k % 7})` }, k % 2 ? "□" : "■"), ` ${arm.name}`)));
     if (frames.some(pulled)) find("arms").append(make("span", { class: "force" }, make("b", { style: "color:var(--failed)" }, "→"), " force at the tip"));
     for (const arm of frames) for (const tau of arm.torque) for (const v of data.live ? [] : tau) strongest = Math.max(strongest, Math.abs(v));
     if (!flat) {
       let held = null;
+      scene.classList.add("turns");
       scene.addEventListener("pointerdown", (e) => { held = [e.clientX, e.clientY]; scene.setPointerCapture(e.pointerId); });
-      scene.addEventListener("pointerup", () => { held = null; });
+      for (const end of ["pointerup", "pointercancel"]) scene.addEventListener(end, () => { held = null; });
       scene.addEventListener("pointermove", (e) => {
         if (!held) return;
         yaw += (e.clientX - held[0]) * 0.01;
-        pitch = Math.min(1.5, Math.max(-1.5, pitch + (e.clientY - held[1]) * 0.01));
+        pitch = Math.min(1.5, Math.max(0, pitch + (e.clientY - held[1]) * 0.01));
         held = [e.clientX, e.clientY];
         arms(time);
       });
     }
   }
-  /** Whether the force at the tip can be drawn: of the torques of two joints in a plane. */
-  function pulled(arm) { return arm.planar && arm.torque.length === 2; }
+  /** The force at a tip as an arrow, null where there is none. */
+  function arrow(k, arm, where) {
+    const pull = pulled(arm) ? force(where, arm.torque.map((values) => at(values, time))) : null;
+    const size = pull ? Math.hypot(...pull) : 0;
+    if (!(size > 0.01 * strongest)) return null;
+    const scale = (0.5 * arm.reach * Math.min(1, size / strongest)) / size, tip = where[where.length - 1];
+    const [from, to] = [tip, add(tip, pull.map((x) => scale * x))].map((p) => seen(k, stand(arm, p)));
+    const angle = Math.atan2(to[1] - from[1], to[0] - from[0]);
+    const wing = (d) => `${to[0] - 8 * Math.cos(angle + d)},${to[1] - 8 * Math.sin(angle + d)}`;
+    return svg("path", { d: `M${from.slice(0, 2)} L${to.slice(0, 2)} M${wing(0.45)} L${to.slice(0, 2)} L${wing(-0.45)}`, class: "pull" });
+  }
   function arms(t) {
     if (!scene) return;
-    scene.replaceChildren();
-    const reach = flat ? Math.max(...frames.map((arm) => arm.reach), 0.1) : radius;
-    const columns = flat ? 1 : Math.ceil(Math.sqrt(frames.length)), rows = flat ? 1 : Math.ceil(frames.length / columns);
-    const apart = flat ? 0 : 1.7 * radius; // arms in space stand in rows
-    const half = 1.12 * reach + (apart * (columns - 1)) / 2, pen = half * Math.min(1, 2 / columns);
-    scene.setAttribute("viewBox", `${-half} ${-half} ${2 * half} ${2 * half}`);
-    const grid = svg("g", { stroke: css("--grid"), "stroke-width": half / 260 });
-    if (flat) for (const r of [0.5, 1]) grid.append(svg("circle", { r: r * reach, fill: "none" }));
-    scene.append(grid);
-    frames.forEach((arm, k) => {
-      const where = points(arm, arm.q.map((values) => at(values, t))).map((p) => p.map((x, i) => x - middles[k][i]));
-      const right = apart * ((k % columns) - (columns - 1) / 2), down = apart * (Math.floor(k / columns) - (rows - 1) / 2);
-      const seen = where.map(project).map(([x, y]) => [x + right, down - y]);
-      const colour = css(`--s${k % 7}`);
-      const line = svg("polyline", { points: seen.map((p) => p.join(",")).join(" "), fill: "none", stroke: colour,
-        "stroke-width": pen / (k ? 60 : 38), "stroke-linejoin": "round", "stroke-linecap": "round", "data-arm": arm.name });
-      if (k % 2) line.setAttribute("stroke-dasharray", `${pen / 18} ${pen / 26}`);
-      scene.append(line);
-      for (const [x, y] of seen.slice(0, -1)) scene.append(svg("circle", { cx: x, cy: y, r: pen / 55, fill: css("--page"), stroke: colour, "stroke-width": pen / 120 }));
-      const pull = pulled(arm) ? force(where, arm.torque.map((values) => at(values, t))) : null;
-      if (pull) {
-        const size = Math.hypot(...pull), scale = (0.5 * reach * Math.min(1, size / strongest)) / (size || 1);
-        const tip = seen[seen.length - 1], end = [tip[0] + scale * pull[0], tip[1] - scale * pull[1]];
-        const angle = Math.atan2(end[1] - tip[1], end[0] - tip[0]), head = half / 22;
-        const wing = (d) => `${end[0] - head * Math.cos(angle + d)},${end[1] - head * Math.sin(angle + d)}`;
-        if (size > 0.01 * strongest) scene.append(svg("path", { d: `M${tip} L${end} M${wing(0.45)} L${end} L${wing(-0.45)}`, fill: "none",
-          stroke: css("--failed"), "stroke-width": half / 90, "stroke-linecap": "round" }));
+    const panel = css("--panel"), text = css("--text"), below = [], bodies = [], above = [];
+    spaces.forEach((_, k) => below.push(ground(k)));
+    frames.forEach((arm, number) => {
+      const k = spaces.findIndex((space) => space.includes(arm)), colour = css(`--s${number % 7}`);
+      const own = placed(arm, t), where = own.map((p) => stand(arm, p)), places = where.map((p) => seen(k, p));
+      const fill = number % 2 ? mixed(colour, 35, panel) : colour, edge = mixed(colour, 70, text);
+      const { floor } = extents[k], base = where[0];
+      if (!flat) {
+        below.push(svg("polyline", { points: path(k, where.map((p) => [p[0], p[1], floor])), class: "shadow", "stroke-width": 2 * zoomed * bulk(arm, 2) }));
+        if (base[2] > floor + 0.01) below.push(svg("polyline", { points: path(k, [[base[0], base[1], floor], base]), class: "post" }));
       }
+      const trace = recent(arm, t), part = Math.max(1, Math.ceil(trace.length / PARTS));
+      for (let i = 0; i + 1 < trace.length; i += part)
+        below.push(svg("polyline", { points: path(k, trace.slice(i, i + part + 1)), class: "trace", stroke: colour, "stroke-opacity": (0.15 + (0.75 * i) / trace.length).toFixed(2) }));
+      const bodied = (from, to, width, depth) => {
+        const ends = { x1: from[0].toFixed(2), y1: from[1].toFixed(2), x2: to[0].toFixed(2), y2: to[1].toFixed(2), "data-arm": arm.name };
+        bodies.push([depth, svg("line", { ...ends, stroke: edge, "stroke-width": (width + 2).toFixed(2) }), svg("line", { ...ends, stroke: fill, "stroke-width": width.toFixed(2) })]);
+      };
+      for (let i = 0; i + 1 < places.length; i++) {
+        if (Math.hypot(...less(where[i + 1], where[i])) < 1e-4) continue;
+        const width = Math.max(3, 2 * zoomed * bulk(arm, i) * (number % 2 ? 0.6 : 1)); // one of two that meet is seen inside the other
+        bodied(places[i], places[i + 1], width, flat ? -number : (places[i][2] + places[i + 1][2]) / 2 - (number % 2) * bulk(arm, i));
+      }
+      for (const [i, [x, y, depth]] of places.entries()) {
+        const tip = i === places.length - 1, r = tip ? 3 : Math.max(1.2, (number % 2 ? 0.25 : 0.4) * zoomed * bulk(arm, i));
+        const dot = svg("circle", { cx: x.toFixed(2), cy: y.toFixed(2), r: r.toFixed(2), fill: tip ? colour : panel, stroke: edge });
+        if (tip) { dot.setAttribute("data-tip", arm.name); dot.setAttribute("data-at", where[i].map((v) => v.toPrecision(7)).join(" ")); }
+        bodies.push([flat ? -number : depth - 2 * bulk(arm, i), dot]);
+      }
+      const pull = arrow(k, arm, own);
+      if (pull) above.push(pull);
     });
+    bodies.sort((a, b) => b[0] - a[0]); // the farthest first
+    scene.replaceChildren(...below, ...bodies.flatMap(([, ...drawn]) => drawn), ...above, legend());
   }
 
   // ---- time: the only place where anything moves -------------------------------------------------

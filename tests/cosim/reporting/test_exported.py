@@ -16,9 +16,9 @@ from scipy.io import loadmat
 
 from cosim.base.errors import RunError, ScenarioError
 from cosim.record import Run
-from cosim.reporting.arms import drawn_arms, link_frames
+from cosim.reporting.arms import drawn_arms, link_frames, points
 from cosim.reporting.exported import FORMATS, export_run, quaternion
-from cosim.reporting.moving import RATE, SIZE, pixels, points
+from cosim.reporting.moving import RATE, SIZE, pixels
 from fmus.arms.serial import serial
 from tests.children import fork
 from tests.cli.command import Command

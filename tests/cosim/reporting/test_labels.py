@@ -85,7 +85,7 @@ def test_cards_say_when_a_number_was_taken_and_keep_its_key() -> None:
     result = MetricResult("sync", "Sync error", 2e-3, "rad", "x; below 0.05 from 3.25 s on", parts)
     card = metric_card(error, result)
     assert card == Card(
-        "Sync error at the end", "2 mrad", "sync", "below 50 mrad from 3.25 s on"
+        "Sync error at the end", "2 mrad", "sync", "below 50 mrad after 3.25 s"
     )  # fmt: skip
     assert 'title="sync"' in cards([card]) and "<span>Runs</span><b>3</b>" in cards([("runs", "3")])
     never = metric_card(error, MetricResult("sync", "", 2.0, "rad", "", {"settle_s": inf}))
@@ -95,6 +95,11 @@ def test_cards_say_when_a_number_was_taken_and_keep_its_key() -> None:
     shaking = metric("v", "vibration", ["a.q"], window=1.0)
     shaken = MetricResult("v", "", 1.0, "rad", "", {"frequency_hz": 12.5})
     assert metric_card(shaking, shaken).note == "at 12.5 Hz"
+    highest = metric_card(
+        metric("p", "peak", ["a.f"]), MetricResult("p", "", 1.0, "N", "", {"at_s": 2})
+    )
+    assert highest.note == "at 2 s"
+    assert metric_card(metric("n", "norm", ["a.f"]), result).note == "L2 norm"
     more = (("e, RMS", "0.2 rad over 6 s"), ("settled", "after 3.25 s"))
     named = renamed(MetricResult("e", "e", 2e-3, "rad", "at the end", more=more), "Sync error")
     assert rows(named) == [

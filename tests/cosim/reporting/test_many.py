@@ -93,7 +93,7 @@ def test_arms_in_space_fill_the_picture_and_cover_none() -> None:
     """Twelve arms that reach over squares of 2 m, each around another place, m."""
     square = np.array([[[-1.0, -1.0], [1.0, 1.0]]])
     tracks = [square + 10.0 * k for k in range(ARMS)]
-    places, scale = moving._layout(tracks, flat=False)
+    places, scale = moving._layout(tracks, list(range(ARMS)), flat=False)
     drawn = [moving.pixels(t[0] - place, scale) for t, place in zip(tracks, places, strict=True)]
     corners = np.sort(np.array(drawn), axis=1)  # of each square: least and greatest x and y
     assert corners.min() >= 0 and corners.max() <= SIZE

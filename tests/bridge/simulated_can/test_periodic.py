@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 import time
 from itertools import pairwise
 from typing import Any
@@ -10,6 +11,7 @@ import can
 import pytest
 
 from bridge.simulated_can.bus import CosimBus
+from bridge.simulated_can.channel import Channel
 from bridge.simulated_can.pace import WallPace
 from tests.bridge.simulated_can.benches import Bench, bench, message
 
@@ -79,6 +81,32 @@ def test_what_has_come_is_received_without_catching_up(
 
     monkeypatch.setattr(WallPace, "catch_up", late)
     assert len(received(listener, 2)) == 2
+
+
+def test_calls_return_although_the_channel_falls_further_and_further_behind(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """On a machine that needs more than a second for a second of traffic, a call never returned."""
+    sender, listener = bench.bus(speed=1.0), bench.bus(speed=1.0)
+    advance, found = Channel.advance, []
+
+    def slow(channel: Channel, until_ps: int) -> None:
+        time.sleep(60e-12 * (until_ps - channel.now_ps))
+        advance(channel, until_ps)
+
+    def calls() -> None:
+        for k in range(2):
+            sender.send(message(0x100 + k))
+        found.extend(received(listener, 2))
+        found.append(listener.recv(0.1))
+
+    monkeypatch.setattr(Channel, "advance", slow)
+    time.sleep(0.5)
+    thread = threading.Thread(target=calls, daemon=True)
+    thread.start()
+    thread.join(100)
+    monkeypatch.setattr(Channel, "advance", advance)
+    assert [m and m.arbitration_id for m in found] == [0x100, 0x101, None]
 
 
 def test_a_time_out_is_of_the_channel(bench: Bench) -> None:

@@ -213,25 +213,27 @@ def classic(frames: Mapping[str, tuple[int, ...]], stamp: bool) -> list[DbcMessa
     return found
 
 
-def fd(joints: int, nodes: Sequence[int] = NODES) -> list[DbcMessage]:
+def fd(joints: int, nodes: Sequence[int] = NODES, slides: Sequence[bool] = ()) -> list[DbcMessage]:
     """LINK (tau, xi) and STATE (q, dq): 8 bytes of header and 8 a joint, at most MOST_JOINTS.
 
-    What is left of a length that CAN FD has is not used.
+    `slides`: of each joint; () if all turn. What is left of a length that CAN FD has is not used.
     """
     found = []
     ports = (
-        ("LINK", 0x3A0, ("tau", "N.m"), ("xi", "rad/s")),
-        ("STATE", 0x4A0, ("q", "rad"), ("dq", "rad/s")),
+        ("LINK", 0x3A0, ("tau", "N.m", "N"), ("xi", "rad/s", "m/s")),
+        ("STATE", 0x4A0, ("q", "rad", "m"), ("dq", "rad/s", "m/s")),
     )
     for name, base, *halves in ports:
         for n in nodes:
             length = padded(8 + 8 * joints, fd=True)
             new = DbcMessage(f"{name}_{n}", base + n, length, f"N{n}", 1)
             new.p05()
-            for half, (signal, unit) in enumerate(halves):
+            for half, (signal, turning, sliding) in enumerate(halves):
                 for i in range(joints):
                     start = 64 + 32 * (half * joints + i)
-                    new.number(f"{signal}{i + 1}", start, 32, -20, unit)
+                    unit = sliding if slides and slides[i] else turning
+                    exponent = -16 if unit == "N" else -20
+                    new.number(f"{signal}{i + 1}", start, 32, exponent, unit)
             found.append(new)
     return found
 

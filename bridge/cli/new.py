@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -22,6 +23,13 @@ def new(
     tip: Annotated[
         str, typer.Option(help="Link where the arm ends.", show_default="the only end")
     ] = "",
+    fixed: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="JOINT=VALUE",
+            help="Joint of the arm that is held at a value, rad or m; repeatable.",
+        ),
+    ] = None,
     dir_: Annotated[Path, typer.Option("--dir", help="Folder to write into.")] = Path("."),
 ) -> None:
     """Write a scenario, its rehearsal and a test: for your controller or your arm.
@@ -37,13 +45,13 @@ def new(
         raise ScenarioError(f"{what!r} is not a kind of template; expected {expected}", "cosim new")
     if what == "arm" and urdf is None:
         raise ScenarioError("an arm needs its URDF file; expected --urdf FILE", "cosim new")
-    if what == "controller" and (urdf or base or tip):
-        raise ScenarioError("--urdf, --base and --tip are for an arm", "cosim new")
+    if what == "controller" and (urdf or base or tip or fixed):
+        raise ScenarioError("--urdf, --base, --tip and --fixed are for an arm", "cosim new")
     missing = ""
     if urdf is None:
         paths = write_controller(name, dir_)
     else:
-        paths, missing = write_arm(name, urdf, dir_, base, tip)
+        paths, missing = write_arm(name, urdf, dir_, base, tip, _held(fixed or []))
     for path in paths:
         typer.echo(str(path))
     if missing:
@@ -53,3 +61,25 @@ def new(
     if not missing:
         typer.echo(f"rehearse it:  {where}cosim rehearse {name}.toml")
     typer.echo(f"test it:      {where}pytest test_{name}.py")
+
+
+def _held(given: Sequence[str]) -> dict[str, float]:
+    """The values at which joints are held, rad or m. Raises ScenarioError."""
+    from cosim.base.convert import number
+    from cosim.base.errors import ScenarioError
+
+    found = {}
+    for text in given:
+        joint, equals, value = text.partition("=")
+        if not (joint and equals):
+            raise ScenarioError(f"found {text!r}, expected JOINT=VALUE", "--fixed")
+        unit = "m" if value.rstrip().endswith("m") else "rad"
+        found[joint] = number(_plain(value), unit, f"--fixed {joint}")
+    return found
+
+
+def _plain(value: str) -> float | str:
+    try:
+        return float(value)
+    except ValueError:
+        return value

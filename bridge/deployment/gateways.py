@@ -77,7 +77,8 @@ def numbered(d: Deployment, plan: Plan) -> Deployment:
 def entries(slot: Slot) -> Iterator[Slot]:
     """The scalars of a slot, as slots."""
     for i, name in enumerate(slot.scalars()):
-        yield replace(slot, name=name, start=slot.start + i, shape=())
+        units = slot.units[i : i + 1]
+        yield replace(slot, name=name, start=slot.start + i, shape=(), units=units)
 
 
 def gateways(d: Deployment) -> frozenset[str]:

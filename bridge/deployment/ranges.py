@@ -76,7 +76,7 @@ def values(carried: Carried) -> Iterator[Value]:
         index = part.name.partition("[")[2].rstrip("]").rpartition(",")[2]
         first = int(index) - part.base if not part.shape and index.isdigit() else 0
         for i in range(part.size):
-            yield Value(part.component, part.port, first + i, part.unit)
+            yield Value(part.component, part.port, first + i, part.unit_of(i))
 
 
 def _limit(system: System, node: str, carried: Carried, index: int, value: Value) -> Limit:

@@ -62,7 +62,7 @@ class JournalSignals:
             self._units[slot.name] = slot.unit
             for i, scalar in enumerate(slot.scalars()):
                 self._places[scalar] = (name, slot.start + i)
-                self._units[scalar] = slot.unit
+                self._units[scalar] = slot.unit_of(i)
         self._extra(f"{_LATE}{name}", name, 0)
         for i, inlet in enumerate(node.inlets):
             self._extra(f"{_AGE}{inlet.target.name}", name, i)

@@ -111,7 +111,8 @@ def _signals(heard: list[ReceivedMessage]) -> TextTable:
         first = 0
         for part in h.carried.outlet.parts:
             found = h.values[first : first + part.size].tolist()
-            rows[part.name] = (part.name, part.unit, values(found))
+            unit = ", ".join(dict.fromkeys(part.units or (part.unit,)))
+            rows[part.name] = (part.name, unit, values(found))
             first += part.size
     return TextTable("signals", ("signal", "unit", "values"), [*rows.values()])
 

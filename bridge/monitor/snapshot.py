@@ -241,7 +241,7 @@ def _signals(system: System, rows: Mapping[str, Rows]) -> list[SignalView]:
     return [
         SignalView(
             slot.name,
-            slot.unit,
+            ", ".join(dict.fromkeys(slot.units or (slot.unit,))),
             tuple(rows[node]["signals"][-1][slot.start : slot.start + slot.size].tolist()),
         )
         for node, plan in system.nodes.items()

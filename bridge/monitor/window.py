@@ -60,8 +60,11 @@ class Recent:
         return self._slots[prefix].scalars() if prefix in self._slots else (prefix,)
 
     def unit(self, prefix: str) -> str:
-        """Unit of a signal."""
-        return self._slots[prefix if prefix in self._slots else signal_of(prefix)].unit
+        """Unit of a signal, or of an entry."""
+        if prefix in self._slots:
+            return self._slots[prefix].unit
+        slot = self._slots[signal_of(prefix)]
+        return slot.unit_of(slot.scalars().index(prefix))
 
     def _column(self, name: str) -> Array:
         message, place = self._places[name]

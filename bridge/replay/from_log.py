@@ -261,7 +261,11 @@ def _values(
     """Each value of a message, computed against sent."""
     carried = system.messages[message]
     numbers = [j for j in sorted(sent) if made.there[j] == native.THERE]
-    names = [(name, part.unit) for part in carried.outlet.parts for name in part.scalars()]
+    names = [
+        (name, part.unit_of(i))
+        for part in carried.outlet.parts
+        for i, name in enumerate(part.scalars())
+    ]
     if not numbers:
         return []
     logged_ = np.array([sent[j].values for j in numbers])

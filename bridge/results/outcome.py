@@ -207,8 +207,8 @@ def positions_rms(system: System, a: Path, b: Path, ticks: int) -> float:
         for step in system.plan.components
         if step.kind == "continuous"
         for slot in step.outputs
-        if slot.unit == "rad"
-        for name in slot.scalars()
+        for i, name in enumerate(slot.scalars())
+        if slot.unit_of(i) == "rad"
     ]
     first, second = Run.open(a), Run.open(b)
     n = min(len(first), len(second))

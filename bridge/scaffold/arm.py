@@ -7,14 +7,16 @@ in one period, and the operator's stiffness is five times K. They are meant to b
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bridge.can.link_dbc import MOST_JOINTS
 from bridge.scaffold.files import bus, check_name, dbc, write_files
 from cosim.base.errors import ScenarioError
+from cosim.base.toml import as_toml
 from fmus.arms import chain
 from fmus.arms.serial import Robot, serial
 from fmus.arms.urdf import Urdf, read
@@ -24,16 +26,20 @@ from fmus.robots.report import sampled_positions
 #: Period of the controllers, s, and by which share K changes a velocity in it at the most.
 PERIOD, SHARE = 0.004, 0.33
 #: Reflected inertia of a geared motor, kg.m2 for each N.m of its torque: the least of three motors
-#: of docs/arm.md is 2.6e-4, the greatest 1.2e-3.
-ROTOR = 4e-4
-#: Where the file has no limit: torque (N.m), speed (rad/s), and position (rad) to either side.
-TORQUE, SPEED, REACH = 100.0, 20.0, 3.0
+#: of docs/arm.md is 2.6e-4, the greatest 1.2e-3. Of a sliding joint kg for each N, by a pulley of a
+#: radius of 0.1 m.
+ROTOR, SLIDING_ROTOR = 4e-4, 4e-3
+#: Where the file has no limit: torque (N.m), speed (rad/s), and position (rad) to either side; and
+#: of a sliding joint force (N), speed (m/s) and position (m).
+TORQUE, SPEED, REACH = (100.0, 500.0), (20.0, 2.0), (3.0, 0.5)
+#: How near the arms have to come, and the largest jump of a position: rad, m.
+NEAR, JUMP = (0.02, 0.005), (0.5, 0.05)
 
 _SCENARIO = """\
 # Two arms of {file}: the operator holds the master, and the slave follows over the network.
 # armature: rotor inertia times gear ratio squared, which the file does not have. It is guessed from
 # the torque of each joint. Replace it by that of your motors, and then K may be as much larger.
-
+{units}
 title = "Two arms of {file}"
 
 [run]
@@ -85,8 +91,7 @@ semantics = "newest-stamp"
 delay = {{ law = "preset", name = "wifi5" }}
 
 [metrics]
-together = {{ kind = "error", of = ["slave.q"], target = "master.q", within = 0.02 }}
-peak_torque = {{ kind = "peak", of = ["master_control.tau", "slave_control.tau"] }}
+{metrics}
 """
 
 _DEPLOYMENT = """\
@@ -141,7 +146,7 @@ components = ["{side}_control"]
 number = {control}
 phase = "0.5 ms"        # the frame with the encoders of this period is there
 requires = ["{side}"]
-guard = {{ tau_max = {tau_max}, dq_max = {dq_max}, q_jump = "0.5 rad" }}
+guard = {{ tau_max = {tau_max}, dq_max = {dq_max}, q_jump = {q_jump} }}
 [nodes.{side}_control.stale]
 "{side}_control.q" = {{ stop = "200 ms" }}
 "{side}_control.xi_in" = {{ age = "age[0]" }}
@@ -151,25 +156,31 @@ _TEST = """\
 # The plug-in of pytest that comes with cosim gives this test its argument: docs/testing.md.
 def test_the_arms_come_together(cosim_run):
     run = cosim_run("{name}.toml")
-    assert run.passes("together")
+    assert run.passes()
 """
 
 
 def write_arm(
-    name: str, urdf: Path, folder: Path, base: str = "", tip: str = ""
+    name: str,
+    urdf: Path,
+    folder: Path,
+    base: str = "",
+    tip: str = "",
+    fixed: Mapping[str, float] | None = None,
 ) -> tuple[list[Path], str]:
     """Write a scenario, a deployment with a DBC file and a test of an arm from `base` to `tip`.
 
-    "": the root of the file, and its only end. Returns the paths, and why there is no deployment,
-    or "". Raises ScenarioError for a file that is no arm, ends that are not unique, and if one of
-    the files exists.
+    "": the root of the file, and its only end. `fixed`: joints that are held, with their values
+    (rad or m). Returns the paths, and why there is no deployment, or "". Raises ScenarioError for a
+    file that is no arm, ends that are not unique, and if one of the files exists.
     """
     check_name(name, "a test", "my_arm")
     found = read(urdf)
     base = base or next(link for link in found.links if found.joint_above(link) is None)
     tip = tip or _only_end(found, base)
-    robot = serial(urdf, base, tip)
-    words = _words(robot, name, folder, base, tip)
+    fixed = dict(fixed or {})
+    robot = serial(urdf, base, tip, fixed)
+    words = _words(robot, name, folder, base, tip, fixed)
     contents = {f"{name}.toml": _SCENARIO, f"test_{name}.py": _TEST}
     files = {path: text.format(**words) for path, text in contents.items()}
     missing = _without_bus(robot)
@@ -179,7 +190,7 @@ def write_arm(
         files[f"deploy/{name}.toml"] = _DEPLOYMENT.format(
             nodes="".join(nodes), bus=bus(name), **words
         )
-        files[f"can/{name}.dbc"] = dbc(robot.table.joints, 4)
+        files[f"can/{name}.dbc"] = dbc(robot.table.joints, 4, _slides(robot))
     return write_files(folder, files), missing
 
 
@@ -195,12 +206,21 @@ def _only_end(found: Urdf, base: str) -> str:
     return ends[0]
 
 
-def _words(robot: Robot, name: str, folder: Path, base: str, tip: str) -> dict[str, object]:
+def _slides(robot: Robot) -> list[bool]:
+    return [bool(kind) for kind in robot.table.joint_type]
+
+
+def _words(
+    robot: Robot, name: str, folder: Path, base: str, tip: str, fixed: Mapping[str, float]
+) -> dict[str, object]:
     """The words of the templates, as TOML."""
-    low = np.where(np.isfinite(robot.lower), robot.lower, -REACH)
-    high = np.where(np.isfinite(robot.upper), robot.upper, REACH)
-    effort = np.where(np.isfinite(robot.effort), robot.effort, TORQUE)
-    armature = ROTOR * effort
+    slides = np.array(_slides(robot))
+    reach = np.where(slides, *REACH[::-1])
+    low = np.where(np.isfinite(robot.lower), robot.lower, -reach)
+    high = np.where(np.isfinite(robot.upper), robot.upper, reach)
+    effort = np.where(np.isfinite(robot.effort), robot.effort, np.where(slides, *TORQUE[::-1]))
+    armature = np.where(slides, SLIDING_ROTOR, ROTOR) * effort
+    speed = np.where(slides, *SPEED[::-1])
     gain = _damping(robot, armature)
     start = low + 0.45 * (high - low)
     file = os.path.relpath(robot.path, folder)
@@ -208,15 +228,57 @@ def _words(robot: Robot, name: str, folder: Path, base: str, tip: str) -> dict[s
         "name": name,
         "file": robot.path.name,
         "n": robot.table.joints,
-        "options": f'{{ urdf = "{file}", base = "{base}", tip = "{tip}" }}',
+        "options": f'{{ urdf = "{file}", base = "{base}", tip = "{tip}"{_held(fixed)} }}',
+        "units": _units(robot.names, slides) if slides.any() else "",
+        "metrics": _metrics(slides),
+        "q_jump": _list(np.where(slides, *JUMP[::-1])) if slides.any() else '"0.5 rad"',
         "K": _list(gain),
         "k_p": _list(5 * gain),
         "q": _list(start),
         "q_h": _list(start + np.minimum(0.3, 0.1 * (high - low))),
         "armature": _list(armature),
         "tau_max": _list(effort),
-        "dq_max": _list(np.where(np.isfinite(robot.velocity), robot.velocity, SPEED)),
+        "dq_max": _list(np.where(np.isfinite(robot.velocity), robot.velocity, speed)),
     }
+
+
+def _held(fixed: Mapping[str, float]) -> str:
+    """The option with the joints that are held, or ""."""
+    return f", fixed = {as_toml(dict(fixed))}" if fixed else ""
+
+
+def _units(names: Sequence[str], slides: NDArray[np.bool_]) -> str:
+    """The comment on the units of joints, of which some slide."""
+    sliding = [name for name, slide in zip(names, slides, strict=True) if slide]
+    return f"# Of {', '.join(sliding)} all numbers are in m, m/s, N and kg: they slide.\n"
+
+
+def _metrics(slides: NDArray[np.bool_]) -> str:
+    """The metrics of the scenario: one distance and one peak for joints that turn, and that slide.
+
+    Angles and lengths have no common distance.
+    """
+    lines = []
+    for kind, (title, force) in enumerate((("together", "torque"), ("together_sliding", "force"))):
+        joints = np.flatnonzero(slides == bool(kind))
+        if not len(joints):
+            continue
+        every = len(joints) == len(slides)
+        of, target, peaks = (
+            ", ".join(f'"{port}"' if every else _entries(port, joints) for port in ports)
+            for ports in (["slave.q"], ["master.q"], ["master_control.tau", "slave_control.tau"])
+        )
+        target = target if every else f"[{target}]"
+        lines += [
+            f'{title} = {{ kind = "error", of = [{of}], target = {target}, '
+            f"within = {NEAR[kind]} }}",
+            f'peak_{force} = {{ kind = "peak", of = [{peaks}] }}',
+        ]
+    return "\n".join(lines)
+
+
+def _entries(port: str, joints: Iterable[int]) -> str:
+    return ", ".join(f'"{port}[{i}]"' for i in joints)
 
 
 def _damping(robot: Robot, armature: Array) -> Array:
@@ -241,10 +303,5 @@ def _number(value: float) -> str:
 
 def _without_bus(robot: Robot) -> str:
     """The reason why the messages of the DBC file do not fit the arm, or ""."""
-    sliding: Iterable[str] = (
-        joint for joint, kind in zip(robot.names, robot.table.joint_type, strict=True) if kind
-    )
-    if prismatic := ", ".join(sliding):
-        return f"its messages have angles; prismatic: {prismatic}"
     joints = robot.table.joints
     return f"a frame has room for {MOST_JOINTS} of {joints} joints" if joints > MOST_JOINTS else ""

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from bridge.scaffold.files import bus, check_name, dbc, write_files
+from bridge.scaffold.files import bus, check_module_name, dbc, write_files
 
 _COMPONENT = '''\
 """A controller of your own: see docs/own-component.md."""
@@ -124,10 +124,10 @@ def write_controller(name: str, folder: Path) -> list[Path]:
     """Write a controller, its scenario, its deployment with a DBC file, and a test into `folder`.
 
     ``NAME.py``, ``NAME.toml``, ``deploy/NAME.toml``, ``can/NAME.dbc`` and ``test_NAME.py``; returns
-    their paths. Raises ScenarioError for a name that is not a valid module name, and if one of the
+    their paths. Raises ScenarioError for a name that a new module cannot have, and if one of the
     files exists.
     """
-    check_name(name, "a Python module", "my_law")
+    check_module_name(name, "my_law")
     cls = "".join(part[:1].upper() + part[1:] for part in name.split("_")) or "Controller"
     if cls[0].isdigit():
         cls = f"C{cls}"

@@ -17,7 +17,7 @@ A component reads no clock and keeps no role: time and inputs are arguments.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import inf, prod
 from typing import TYPE_CHECKING, Any, Literal, Protocol, TypeAlias, runtime_checkable
 
@@ -87,12 +87,14 @@ class Preparation:
     `folder`. `values` are numbers or nested lists in the unit of the parameter; a preset and the
     parameters of the scenario come after them. `files` has the SHA-256 of each file read, by path;
     `remarks` are sentences for ``cosim check``: what the files say and the model does not do.
+    `units`: by port, the unit of each of its entries, where they are not all that of the port.
     """
 
     sizes: Mapping[str, int]
     values: Mapping[str, Any]
     files: Mapping[str, str]
     remarks: tuple[str, ...] = ()
+    units: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)

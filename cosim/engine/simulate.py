@@ -111,7 +111,7 @@ def _named(wanted: str, every: Mapping[str, Slot], place: str) -> Sequence[Slot]
 
 def _columns(slots: Sequence[Slot]) -> list[Column]:
     return [
-        Column(name, slot.unit, slot.start + i)
+        Column(name, slot.unit_of(i), slot.start + i)
         for slot in slots
         for i, name in enumerate(slot.scalars())
     ]

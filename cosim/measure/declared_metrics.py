@@ -10,7 +10,7 @@ import numpy as np
 from cosim.base.errors import ScenarioError
 from cosim.base.names import signal_of, unknown
 from cosim.measure.metrics import Metric, metric
-from cosim.record.signals import Array
+from cosim.record.signals import Array, only_unit
 from cosim.scenario.spec import Scenario
 
 
@@ -68,5 +68,5 @@ class Preview:
         return np.zeros((1, len(self.entries(prefix))))
 
     def unit(self, prefix: str) -> str:
-        """Unit of a signal."""
-        return self._units[self.entries(prefix)[0]]
+        """Unit of a signal. Raises ScenarioError if its entries differ in it."""
+        return only_unit({name: self._units[name] for name in self.entries(prefix)})

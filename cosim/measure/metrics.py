@@ -66,15 +66,15 @@ _TAKES = {**_NEEDS, "error": ("target", "within")}
 class Error:
     """The distance of signals from a target: E(t) = max over `of` of ‖x(t) - target(t)‖.
 
-    `target`: a number per entry, or a signal. `norm`: the largest entry ("max", by which settle
-    times of joints are told here) or the Euclidean norm. The settle time is the last exit from
-    the band E < `within`: from the row after it on, the error stays inside. RMSE is the root of
-    the mean of E² over time.
+    `target`: a number per entry, a signal, or a signal for each of `of`. `norm`: the largest entry
+    ("max", by which settle times of joints are told here) or the Euclidean norm. The settle time is
+    the last exit from the band E < `within`: from the row after it on, the error stays inside. RMSE
+    is the root of the mean of E² over time.
     """
 
     name: str
     of: tuple[str, ...]
-    target: tuple[float, ...] | str
+    target: tuple[float, ...] | tuple[str, ...] | str
     within: float | None = None
     norm: Distance = "max"
     label: str = ""
@@ -82,20 +82,27 @@ class Error:
     @property
     def signals(self) -> tuple[str, ...]:
         """Names of the signals it reads."""
-        return (*self.of, self.target) if isinstance(self.target, str) else self.of
+        return (*self.of, *self._targets)
+
+    @property
+    def _targets(self) -> tuple[str, ...]:
+        """The signals among the targets."""
+        given = (self.target,) if isinstance(self.target, str) else self.target
+        return tuple(one for one in given if isinstance(one, str))
 
     def evaluate(self, signals: Signals) -> MetricResult:
         """E(t_n), with RMSE, maximum and settle time as further facts and in the parts."""
         place = f"metrics.{self.name}"
         whole = stack(signals, self.signals, place)
         ends = np.cumsum([len(signals.entries(name)) for name in self.signals])
-        each = np.split(whole.x, ends[:-1], axis=1)  # (n, m) of each signal, the target's last
-        target = self._target(each, place)
+        each = np.split(whole.x, ends[:-1], axis=1)  # (n, m) of each signal, the targets' last
+        targets = self._target(each, place)
         if whole.problem:
             return MetricResult(self.name, self.label or self.name, nan, whole.unit, whole.problem)
         distance = _largest if self.norm == "max" else length
         t = whole.t
-        E = np.max([distance(x - target) for x in each[: len(self.of)]], axis=0)
+        pairs = zip(each[: len(self.of)], targets, strict=True)
+        E = np.max([distance(x - target) for x, target in pairs], axis=0)
         worst, rmse = int(np.argmax(E)), root_mean_square(E, whole.t)
         parts = {"final": E[-1], "rmse": rmse, "max": E[worst], "max_at_s": t[worst]}
         label, unit = self.label or self.name, whole.unit
@@ -111,19 +118,27 @@ class Error:
         words = f"at the end ({time_text(t[-1])})"
         return MetricResult(self.name, label, parts["final"], unit, words, parts, tuple(more))
 
-    def _target(self, each: Sequence[Array], place: str) -> Array:
-        """Target as (n, m), or (1, m) if it is fixed; m is checked against `each` signal's."""
+    def _target(self, each: Sequence[Array], place: str) -> list[Array]:
+        """The target of each signal, (n, m), or (1, m) if it is fixed; m is checked."""
+        count = len(self.of)
         if isinstance(self.target, str):
-            target, found = each[-1], f"{self.target} of size"
+            targets, found = [each[-1]] * count, [f"{self.target} of size"] * count
+        elif names := self._targets:
+            if len(names) != count:
+                raise ScenarioError(
+                    f"found {len(names)} targets, expected one for each of {count} signals", place
+                )
+            targets, found = list(each[count:]), [f"{name} of size" for name in names]
         else:
-            target, found = np.array([self.target], dtype=np.float64), "a list of length"
-        for name, x in zip(self.of, each, strict=False):
+            fixed = np.array([self.target], dtype=np.float64)
+            targets, found = [fixed] * count, ["a list of length"] * count
+        for name, x, target, words in zip(self.of, each, targets, found, strict=False):
             if x.shape[1] != target.shape[1]:
                 raise ScenarioError(
-                    f"{name} has size {x.shape[1]}, but its target is {found} {target.shape[1]}",
+                    f"{name} has size {x.shape[1]}, but its target is {words} {target.shape[1]}",
                     place,
                 )
-        return target
+        return targets
 
 
 @dataclass(frozen=True, slots=True)
@@ -170,7 +185,7 @@ def metric(
     kind: str,
     of: Sequence[str],
     *,
-    target: Sequence[float] | str | None = None,
+    target: Sequence[float | str] | str | None = None,
     within: float | None = None,
     window: float | None = None,
     contact: Sequence[str] | None = None,
@@ -195,16 +210,33 @@ def metric(
             raise ScenarioError(f"kind {kind!r} takes no {key!r}", place)
         if isinstance(value, int | float) and not (isfinite(value) and value > 0):
             raise ScenarioError(f"found {value:g}, expected a number above 0", f"{place}.{key}")
-    fixed = target if isinstance(target, str) else tuple(float(x) for x in target or ())
     if kind == "error":
-        return Error(name, tuple(of), fixed, within, norm, label)
+        return Error(name, tuple(of), _targets(target, place), within, norm, label)
     if kind in get_args(Kind):
         return Measure(name, cast(Kind, kind), tuple(of), window or 0.0, label)
     from cosim.measure.contact_metrics import PhaseError, PortEnergy
 
     if kind == "energy":
         return PortEnergy(name, tuple(of), label)
-    return PhaseError(name, cast("Phase", kind), tuple(of), fixed, tuple(contact or ()), label)
+    aim = _targets(target, place)
+    if not isinstance(aim, str) and any(isinstance(x, str) for x in aim):
+        raise ScenarioError(f"kind {kind!r} takes one signal or numbers as 'target'", place)
+    goal = cast("tuple[float, ...] | str", aim)
+    return PhaseError(name, cast("Phase", kind), tuple(of), goal, tuple(contact or ()), label)
+
+
+def _targets(
+    given: Sequence[float | str] | str | None, place: str
+) -> tuple[float, ...] | tuple[str, ...] | str:
+    """A target as given: a signal, signals or numbers. Raises ScenarioError for a mixture."""
+    if isinstance(given, str):
+        return given
+    names = tuple(x for x in given or () if isinstance(x, str))
+    if names and len(names) != len(given or ()):
+        raise ScenarioError(
+            f"found {list(given or ())}, expected numbers or signals", f"{place}.target"
+        )
+    return names or tuple(float(x) for x in given or ())
 
 
 def _settled(after: float, label: str, last: float, within: float, unit: str) -> str:

@@ -141,10 +141,9 @@ class Run:
 
     def unit(self, prefix: str) -> str:
         """Unit of a signal, or of one entry. Raises ScenarioError if entries differ in it."""
-        found = sorted({self.units[name] for name in self.entries(prefix)})
-        if len(found) > 1:
-            raise ScenarioError(f"{prefix} has several units: {', '.join(found)}", str(self.path))
-        return found[0]
+        from cosim.record.signals import only_unit
+
+        return only_unit({name: self.units[name] for name in self.entries(prefix)}, str(self.path))
 
     def _load(self, names: list[str]) -> None:
         missing = [name for name in names if name not in self._cache]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -29,7 +29,20 @@ class Signals(Protocol):
         """Names of those entries, (m,)."""
 
     def unit(self, prefix: str) -> str:
-        """Unit of a signal."""
+        """Unit of a signal. Raises ScenarioError if its entries differ in it."""
+
+
+def only_unit(units: Mapping[str, str], place: str = "") -> str:
+    """The unit of entries, given by their names. Raises ScenarioError at `place` for several."""
+    first = next(iter(units))
+    for name, unit in units.items():
+        if unit != units[first]:
+            raise ScenarioError(
+                f"{first} is in [{units[first]}] but {name} is in [{unit}]; expected entries of "
+                "one unit, by their names",
+                place,
+            )
+    return units[first]
 
 
 @dataclass(frozen=True, slots=True)

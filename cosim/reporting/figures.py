@@ -220,7 +220,7 @@ def _entries(run: Signals, name: str, label: str) -> Iterator[_Line]:
 
 def axis_label(panel: Panel, run: Signals) -> str:
     """Label of a panel's y axis: its own label or the common part of its signals, and the unit."""
-    units = list(dict.fromkeys(run.unit(name) for name in panel.y))
+    units = list(dict.fromkeys(run.unit(entry) for name in panel.y for entry in run.entries(name)))
     shared = {name.partition(".")[2] or name for name in panel.y}
     text = panel.ylabel or (shared.pop() if len(shared) == 1 else "")
     shown = ", ".join(filter(None, map(printed_unit, units)))

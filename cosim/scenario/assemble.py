@@ -130,7 +130,7 @@ def _steps(scenario: Scenario, h: float, load: Load, sorts: dict[str, Sort]) -> 
         sort = sorts[name] = known.of(component)
         if 0 in spec.sizes.values():
             spec = _effective(name, spec, sort, folder, place)
-        inputs, outputs, start = sort.slots(name, start)
+        inputs, outputs, start = sort.slots(name, start, prepared.units)
         values, starts = _values(spec, component, sort, presets, prepared, place)
         steps.append(
             Step(

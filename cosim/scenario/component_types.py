@@ -41,10 +41,16 @@ class Sort:
         self.discrete = discrete_inputs(component)
         self.sloped = sloped_inputs(component)
 
-    def slots(self, name: str, start: int) -> tuple[tuple[Slot, ...], tuple[Slot, ...], int]:
-        """The slots of inputs and outputs of a component from `start` on, and where they end."""
+    def slots(
+        self, name: str, start: int, units: Mapping[str, tuple[str, ...]]
+    ) -> tuple[tuple[Slot, ...], tuple[Slot, ...], int]:
+        """The slots of inputs and outputs of a component from `start` on, and where they end.
+
+        `units`: of the entries of ports, by the port's name, where they differ from the port's.
+        """
         inputs, outputs = (
-            tuple(Slot(f"{name}.{p.name}", name, p.name, start + at, p.shape, p.unit, p.base)
+            tuple(Slot(f"{name}.{p.name}", name, p.name, start + at, p.shape, p.unit, p.base,
+                       units.get(p.name, ()))
                   for p, at in side)
             for side in self._layout
         )  # fmt: skip

@@ -124,7 +124,9 @@ def part(slot: Slot, index: str, place: str) -> Slot:
         )
     start, shape = found
     name = f"{slot.name}[{index}]"
-    return Slot(name, slot.component, slot.port, slot.start + start, shape, slot.unit, slot.base)
+    units = slot.units[start : start + prod(shape)]
+    at = slot.start + start
+    return Slot(name, slot.component, slot.port, at, shape, slot.unit, slot.base, units)
 
 
 @lru_cache(maxsize=1024)

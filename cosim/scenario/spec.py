@@ -218,7 +218,7 @@ class MetricSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
 
     kind: str
     of: tuple[str, ...]
-    target: str | tuple[float, ...] | None = None
+    target: str | tuple[float | str, ...] | None = None
     within: float | None = None
     window: Number | None = None
     contact: tuple[str, ...] = ()

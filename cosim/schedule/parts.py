@@ -23,7 +23,8 @@ if TYPE_CHECKING:
 class Slot(Struct, frozen=True, gc=False):
     """A stretch of the signal vector: a port, or a row of one. `name` is ``component.port``.
 
-    `base`: the index of the first entry, along each axis.
+    `base`: the index of the first entry, along each axis; `units`: of each entry, where they are
+    not all `unit`.
     """
 
     name: str
@@ -33,6 +34,11 @@ class Slot(Struct, frozen=True, gc=False):
     shape: tuple[int, ...]
     unit: str
     base: int = 0
+    units: tuple[str, ...] = ()
+
+    def unit_of(self, entry: int) -> str:
+        """The unit of an entry, counted from 0 in the flattened slot."""
+        return self.units[entry] if self.units else self.unit
 
     @property
     def size(self) -> int:

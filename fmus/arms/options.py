@@ -32,9 +32,9 @@ from fmus.arms.chain import unphysical
 from fmus.arms.serial import Robot, serial
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterable
 
-    from fmus.model import Model
+    from fmus.model import Model, Variable
 
 _KEYS = ("urdf", "base", "tip", "payload", "fixed", "estimate", "adapt", "gain")
 _GAIN = [1.0, 0.1, 0.01]
@@ -81,7 +81,34 @@ def prepare(model: Callable[..., Model], options: Mapping[str, Any], folder: Pat
     values = {name: value.tolist() for name, value in found.items() if name in declared}
     file = robot.path
     sums = {str(file): sha256(file.read_bytes()).hexdigest()}
-    return Preparation(sizes, values, sums, tuple(f"{file.name}: {x}" for x in robot.unread))
+    remarks = tuple(f"{file.name}: {x}" for x in robot.unread)
+    return Preparation(sizes, values, sums, remarks, _units(robot, declared.values()))
+
+
+#: Units of what belongs to a joint that turns, and to one that slides.
+SLIDING = {
+    "rad": "m",
+    "rad/s": "m/s",
+    "rad/s2": "m/s2",
+    "N.m": "N",
+    "N.m/rad": "N/m",
+    "N.m.s/rad": "N.s/m",
+}
+
+
+def _units(robot: Robot, declared: Iterable[Variable]) -> dict[str, tuple[str, ...]]:
+    """The units of the entries of each variable that has one per joint, if a joint slides."""
+    slides = robot.table.joint_type != 0
+    if not slides.any():
+        return {}
+    return {
+        v.name: tuple(
+            SLIDING[v.unit] if sliding else v.unit
+            for sliding in np.broadcast_to(slides, v.shape).ravel()
+        )
+        for v in declared
+        if v.unit in SLIDING and v.shape and v.shape[-1] == len(slides)
+    }
 
 
 def robot_of(options: Mapping[str, Any], folder: Path) -> Robot:

@@ -182,7 +182,8 @@ class _Chain:
                 if self.is_free(joint):
                     raise ScenarioError(
                         "it moves, but is not between base and tip; expected it in `fixed` with"
-                        f" the value that it is held at: fixed = {{ {joint.name} = 0.0 }}",
+                        f" the value that it is held at: fixed = {{ {joint.name} = 0.0 }}"
+                        f" (cosim new arm: --fixed {joint.name}=0)",
                         self.urdf.place("joint", joint.name),
                     )
                 left.append((joint.child, frame @ self.frame(joint)))
@@ -199,7 +200,7 @@ def _parts(chain: _Chain, base: str, tip: str) -> Iterator[_Part]:
         if each.mimics:
             raise ScenarioError(
                 f"it mimics the joint {each.mimics!r}, expected joints that move independently, or"
-                " this one in `fixed`",
+                f" this one in `fixed` (cosim new arm: --fixed {each.name}=0)",
                 chain.urdf.place("joint", each.name),
             )
         if joint is not None:

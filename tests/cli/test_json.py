@@ -87,7 +87,7 @@ def test_a_rehearsal_its_replay_and_its_report(said: Any, cosim: Command, tmp_pa
         "rehearse", CONFIG, "--deploy", "can", "-i", "cosim", "--clock", "simulated", "--set",
         "run.stop=0.5", "--no-twin", "--out", tmp_path / "run",
     )  # fmt: skip
-    assert f"verdict          {found['verdict']}" in text and found["exit_code"] == 0
+    assert f"verdict                {found['verdict']}" in text and found["exit_code"] == 0
     assert found["replay"] == {"exact": True, "greatest": 0.0, "first": None}
     assert {n: x["slots"] for n, x in found["nodes"].items()} == {
         "master": 500, "slave": 500, "master_control": 100, "slave_control": 100,

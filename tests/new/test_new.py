@@ -16,12 +16,16 @@ from bridge.cli.new import new
 from bridge.deployment.system import load_system
 from bridge.results.outcome import run_twin
 from bridge.scaffold import write_arm, write_controller
-from cosim.base.errors import ScenarioError
+from cosim.base.errors import CosimError, ScenarioError
 from cosim.cli.export import export
 from cosim.cli.options import flat
-from cosim.engine.simulate import simulate
+from cosim.cli.summary import check
+from cosim.engine.simulate import columns, simulate
 from cosim.loading.files import load
+from cosim.measure import declared_metrics
+from cosim.measure.metrics import evaluate
 from cosim.record import Run
+from cosim.scenario.assemble import assemble
 from tests.cli.command import CALL
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -62,7 +66,7 @@ def test_it_is_rehearsed_as_it_is(tmp_path: Path) -> None:
         [*call, "simulated"], cwd=tmp_path, env=ENVIRONMENT, capture_output=True, text=True
     )
     assert done.returncode == 0, done.stderr
-    assert "verdict          passed: every node finished" in done.stdout
+    assert "verdict                passed: every node finished" in done.stdout
 
 
 @pytest.mark.parametrize(
@@ -87,12 +91,9 @@ def test_two_arms_of_a_file_come_together(tmp_path: Path, file: str, ends: tuple
 
 
 def test_an_arm_without_a_bus_says_why(tmp_path: Path) -> None:
-    text = (ROBOTS / "six_axis.urdf").read_text(encoding="utf-8")
-    urdf = tmp_path / "sliding.urdf"
-    urdf.write_text(text.replace('type="revolute"', 'type="prismatic"', 1), encoding="utf-8")
-    paths, missing = write_arm("arm", urdf, tmp_path)
+    paths, missing = write_arm("arm", gantry(tmp_path, *["revolute"] * 8), tmp_path)
     assert [path.name for path in paths] == ["arm.toml", "test_arm.py"]
-    assert missing.startswith("its messages have angles; prismatic: ")
+    assert missing == "a frame has room for 7 of 8 joints"
 
 
 def test_an_arm_with_several_ends_names_them(tmp_path: Path) -> None:
@@ -108,7 +109,7 @@ def test_an_arm_with_several_ends_names_them(tmp_path: Path) -> None:
     write_arm("arm", urdf, tmp_path, tip="link6")
 
 
-@pytest.mark.parametrize("name", ["2nd", "my-law", "class", "", "a/b"])
+@pytest.mark.parametrize("name", ["2nd", "my-law", "", "a/b"])
 def test_what_is_no_module_is_refused(tmp_path: Path, name: str) -> None:
     with pytest.raises(ScenarioError, match="is not a valid name of a Python module"):
         write_controller(name, tmp_path)
@@ -140,3 +141,133 @@ def test_the_commands_say_what_they_wrote(tmp_path: Path) -> None:
     file = str(ROBOTS / "six_axis.urdf")
     done = runner.invoke(app, ["new", "arm", "mine", "--urdf", file, "--dir", str(tmp_path)])
     assert done.exit_code == 0 and "cosim rehearse mine.toml" in done.output
+
+
+GANTRY = """<robot name="gantry"><link name="base"/>{links}{joints}</robot>"""
+LINK = """<link name="{name}"><inertial><origin xyz="0.05 0 0.02"/><mass value="{mass}"/>
+<inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial></link>"""
+JOINT = """<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>
+<origin xyz="0.1 0 0.1"/><axis xyz="{axis}"/>
+<limit lower="-0.4" upper="0.4" effort="{effort}" velocity="1"/>{more}</joint>"""
+
+
+def gantry(folder: Path, *kinds: str, finger: str = "") -> Path:
+    """A URDF file of a chain of joints of these kinds; `finger`: one more on the last link."""
+    links = [LINK.format(name=f"l{i}", mass=9 - i) for i in range(len(kinds))]
+    joints = [
+        JOINT.format(
+            name=f"j{i}", kind=kind, parent=f"l{i - 1}" if i else "base", child=f"l{i}",
+            axis=("1 0 0", "0 1 0", "0 0 1")[i % 3], effort=200, more="",
+        )
+        for i, kind in enumerate(kinds)
+    ]  # fmt: skip
+    if finger:
+        links.append(LINK.format(name="finger", mass=0.1))
+        joints.append(
+            JOINT.format(
+                name="grip", kind="prismatic", parent=f"l{len(kinds) - 1}", child="finger",
+                axis="0 1 0", effort=20, more=finger,
+            )
+        )  # fmt: skip
+    path = folder / "gantry.urdf"
+    path.write_text(GANTRY.format(links="".join(links), joints="".join(joints)))
+    return path
+
+
+def simulated(paths: list[Path], folder: Path) -> Run:
+    return Run.open(simulate(load(paths[0]), folder / "run").folder)
+
+
+@pytest.mark.parametrize(
+    ("kinds", "metrics", "units"),
+    [
+        (
+            ("prismatic", "prismatic", "prismatic"),
+            {"together_sliding": "m", "peak_force": "N"},
+            ["m", "m", "m"],
+        ),
+        (
+            ("revolute", "prismatic", "revolute"),
+            {"together": "rad", "peak_torque": "N.m", "together_sliding": "m", "peak_force": "N"},
+            ["rad", "m", "rad"],
+        ),
+    ],
+)
+def test_what_slides_is_measured_in_m_and_apart_from_angles(
+    tmp_path: Path, kinds: tuple[str, ...], metrics: dict[str, str], units: list[str]
+) -> None:
+    paths, missing = write_arm("arm", gantry(tmp_path, *kinds), tmp_path)
+    assert not missing
+    run = simulated(paths, tmp_path)
+    assert [run.units[f"master.q[{i}]"] for i in range(3)] == units
+    forces = ["N" if unit == "m" else "N.m" for unit in units]
+    assert [run.units[f"master_control.tau[{i}]"] for i in range(3)] == forces
+    assert [run.units[f"master_control.xi_in[0,{i}]"] for i in range(3)] == [
+        f"{unit}/s" for unit in units
+    ]
+    found = {r.name: r for r in evaluate(declared_metrics.metrics(load(paths[0])), run)}
+    assert {name: r.unit for name, r in found.items()} == metrics
+    for name, r in found.items():
+        assert "settle_s" not in r.parts or r.parts["settle_s"] < 15.0, name
+    apart = np.abs(run.array("slave.q") - run.array("master.q"))
+    slides = [unit == "m" for unit in units]
+    assert found["together_sliding"].parts["max"] == pytest.approx(apart[:, slides].max())
+
+
+def test_a_metric_of_angles_and_lengths_is_refused(tmp_path: Path) -> None:
+    paths, _ = write_arm("arm", gantry(tmp_path, "revolute", "prismatic"), tmp_path)
+    both = ["metrics.both={kind='error', of=['slave.q'], target='master.q'}"]
+    with pytest.raises(ScenarioError, match=r"q\[0\] is in \[rad\] but .*q\[1\] is in \[m\].*name"):
+        check(load(paths[0], both), columns(assemble(load(paths[0]))))
+
+
+@pytest.mark.slow
+def test_arms_that_slide_have_a_deployment(tmp_path: Path) -> None:
+    paths, _ = write_arm("arm", gantry(tmp_path, "revolute", "prismatic"), tmp_path)
+    system = load_system(paths[0], str(paths[2]), ["run.stop=2"])
+    layout = next(m for m in system.messages.values() if m.name == "STATE_1").encoding
+    assert [s.unit for s in layout.signals] == ["rad", "m", "rad/s", "m/s"]
+    run = Run.open(run_twin(system, tmp_path / "twin"))
+    assert run.units["slave.q[1]"] == "m" and np.abs(run.array("slave.q")[-1, 1]) < 0.4
+
+
+def test_joints_besides_the_arm_are_held(tmp_path: Path) -> None:
+    urdf = gantry(tmp_path, "revolute", finger='<mimic joint="j0"/>')
+    with pytest.raises(ScenarioError, match=r"--fixed grip=0"):
+        write_arm("arm", urdf, tmp_path, tip="l0")
+    with pytest.raises(ScenarioError, match=r"mimics the joint 'j0'.*--fixed grip=0"):
+        write_arm("arm", urdf, tmp_path, tip="finger")
+    paths, _ = write_arm("arm", urdf, tmp_path, tip="l0", fixed={"grip": 0.01})
+    assert 'fixed = {"grip" = 0.01}' in paths[0].read_text()
+    assert simulated(paths, tmp_path).array("slave.q").shape[1] == 1
+
+
+@pytest.mark.parametrize(
+    ("name", "says"),
+    [
+        ("numpy", "is a Python module already"),
+        ("test", "is a Python module already"),
+        ("cosim", "is a Python module already"),
+        ("bridge", "is a Python module already"),
+        ("class", "is a word of Python"),
+        ("match", "is a word of Python"),
+        ("conftest", "is read by pytest"),
+        ("my law", "is not a valid name"),
+    ],
+)
+def test_a_controller_hides_no_module(tmp_path: Path, name: str, says: str) -> None:
+    with pytest.raises(ScenarioError, match=f"'{name}' {says}.* e.g. my_law"):
+        write_controller(name, tmp_path)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("given", "says"),
+    [("grip", "expected JOINT=VALUE"), ("grip=1Nm", "'1Nm'"), ("grip=1 Nm", "'N.m'")],
+)
+def test_values_of_held_joints_have_a_unit_or_none(given: str, says: str) -> None:
+    from bridge.cli.new import _held
+
+    with pytest.raises(CosimError, match=says):
+        _held([given])
+    assert _held(["grip=10 mm", "j=5"]) == {"grip": 0.01, "j": 5.0}

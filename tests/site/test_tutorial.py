@@ -39,7 +39,7 @@ def test_its_commands_work_and_print_what_it_says(tmp_path: Path) -> None:
             printed += done.stdout
     assert shown and all(line in printed for line in shown)
     assert "2 passed" in printed  # pytest of my_law
-    assert "verdict          passed" in printed and "verdict          failed" in printed
+    assert "verdict                passed" in printed and "verdict                failed" in printed
     assert "exactly 0 in every signal" in printed
     for name in ("first", "slow", "compared", "mine", "gains", "rehearsal", "frozen"):
         assert (tmp_path / "runs" / name / "report.html").is_file(), name

@@ -154,7 +154,8 @@ def test_a_component_that_calls_exit_0_in_a_node_fails_the_run(tmp_path):
     else:
         assert Left(tmp_path / "run").end("master_control") == "killed"
         assert (
-            "verdict          failed: " in done.stdout and "master_control: killed" in done.stdout
+            "verdict                failed: " in done.stdout
+            and "master_control: killed" in done.stdout
         )
 
 

@@ -141,14 +141,19 @@ def _python() -> MachineCheck:
 
 def _system() -> MachineCheck:
     name = {"Darwin": "macOS"}.get(platform.system(), platform.system())
-    linux = name == "Linux"
-    able = "offline runs, rehearsals and hardware" if linux else "offline runs, built and not tried"
+    machine = platform.machine()
+    if name != "Linux":
+        able = "offline runs only, and not tried there"
+    elif machine == "x86_64":
+        able = "offline runs, rehearsals and hardware"
+    else:
+        able = "offline runs; rehearsals and hardware have not been tried there"
     return MachineCheck(
         "system",
-        "good" if linux else "limited",
-        f"{name} {platform.machine()}: {able}",
+        "good" if name == "Linux" else "limited",
+        f"{name} {machine}: {able}",
         "rehearsals and hardware",
-        "" if linux else "use Linux, also in a virtual machine",
+        "" if name == "Linux" else "use Linux, also in a virtual machine",
     )
 
 

@@ -58,16 +58,17 @@ def test_a_port_in_use_is_named() -> None:
 
 
 @pytest.mark.parametrize(
-    ("system", "state", "found"),
-    [("Linux", "good", "Linux m: offline runs, rehearsals and hardware"),
-     ("Darwin", "limited", "macOS m: offline runs"),
-     ("Windows", "limited", "Windows m: offline runs")],
+    ("system", "machine", "state", "found"),
+    [("Linux", "x86_64", "good", "Linux x86_64: offline runs, rehearsals and hardware"),
+     ("Linux", "aarch64", "good", "Linux aarch64: offline runs; rehearsals and hardware have not"),
+     ("Darwin", "arm64", "limited", "macOS arm64: offline runs only"),
+     ("Windows", "AMD64", "limited", "Windows AMD64: offline runs only")],
 )  # fmt: skip
 def test_the_system_says_what_works_there(
-    monkeypatch: pytest.MonkeyPatch, system: str, state: str, found: str
+    monkeypatch: pytest.MonkeyPatch, system: str, machine: str, state: str, found: str
 ) -> None:
     monkeypatch.setattr(platform, "system", lambda: system)
-    monkeypatch.setattr(platform, "machine", lambda: "m")
+    monkeypatch.setattr(platform, "machine", lambda: machine)
     made = doctor._system()
     assert made.state == state and made.found.startswith(found)
     assert ("Linux" in made.cure) == (state == "limited")

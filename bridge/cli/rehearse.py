@@ -261,6 +261,7 @@ def _say(system: System, outcome: RehearsalOutcome, options: OutputOptions) -> V
     from bridge.results import verdict as verdicts
     from bridge.results.outcome import lines, metric_lines
     from bridge.results.page import write_page
+    from bridge.results.timeline import causes_text, happenings
     from cosim.cli.summary import pictures
     from cosim.measure.metric_result import summary_line
     from cosim.record import Run, seal
@@ -276,6 +277,8 @@ def _say(system: System, outcome: RehearsalOutcome, options: OutputOptions) -> V
         late = {str(r.life): r.lateness for r in outcome.reports}
         said.append(summary_line("figure", str(draw(late, outcome.folder / "lateness.png"))))
     seal(outcome.folder)
+    if found.word is not verdicts.Word.PASSED and (first := happenings(system, outcome)):
+        said.append(summary_line("first causes", causes_text(first)))
     said.append(summary_line("verdict", found.text(success_text(outcome))))
     said.append(summary_line("run folder", str(outcome.folder)))
     if not options.quiet:

@@ -222,7 +222,20 @@ class Deaf(_Note, frozen=True, kw_only=True, tag="deaf"):
         return f"node {self.life} receives nothing from {', '.join(self.to)}: all were stopped"
 
 
-Note: TypeAlias = Done | Remark | Gone | Missed | Refused | Deaf
+class Lagged(_Note, frozen=True, kw_only=True, tag="lagged"):
+    """A simulated bus of this host was behind the wall clock until `end` (s), by up to `late` s."""
+
+    bus: str
+    end: float
+    late: float
+
+    def describe(self) -> str:
+        """``bus left was up to 1.50 s behind the wall clock, until 4.51 s``."""
+        late = f"up to {self.late:.2f} s behind the wall clock"
+        return f"bus {self.bus} was {late}, until {self.end:.2f} s"
+
+
+Note: TypeAlias = Done | Remark | Gone | Missed | Refused | Deaf | Lagged
 
 
 def note_of(facts: Mapping[str, Any]) -> Note:

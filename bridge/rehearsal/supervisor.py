@@ -9,12 +9,13 @@ from __future__ import annotations
 import json
 import os
 import signal
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 from typing import final
 
+from bridge.bus_server.lag import BusLag
 from bridge.deployment.system import System
 from bridge.node.drive_enable import disabled_at_the_end, foreign_drives
 from bridge.node.handle import NodeHandle, NodeStart, missing_text
@@ -23,7 +24,7 @@ from bridge.node.process import Process
 from bridge.node.simulated import is_simulated
 from bridge.node.thread import Thread
 from bridge.records.node_lives import Life
-from bridge.records.records import Deaf, Gone, LifeEnd, Missed, Refused, record_note
+from bridge.records.records import Deaf, Gone, Lagged, LifeEnd, Missed, Refused, record_note
 from bridge.rehearsal.settings import RehearsalRecord as RehearsalRecord
 from bridge.rehearsal.settings import ScheduledEvent
 from bridge.rehearsal.settings import Settings as Settings
@@ -63,13 +64,14 @@ class Rehearsal:
         alone = any(b.kind == "can" and b.interface == IN_PROCESS for b in buses)
         # without the wall clock nothing says when the end is
         self._timed = not (is_lockstep(system) or is_simulated(system))
+        self._lags: list[BusLag] = []
         self._addresses: tuple[str, ...] = ()  # of buses that this process serves, as settings
         self._kind: type[Process] | type[Thread] = Thread if alone else Process
         self._stack, self._drives = ExitStack(), ExitStack()
         (folder / NODES).mkdir(parents=True, exist_ok=True)
 
     def __enter__(self) -> Rehearsal:
-        self._addresses = self._stack.enter_context(served(self.system))
+        self._addresses = self._stack.enter_context(served(self.system, self._lags))
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -146,8 +148,16 @@ class Rehearsal:
             self._stack.close()
         if not self._over:
             self._over = True
+            self.ended.notes += self._lagged()
             ends = (f"{n} {p.done['end'] if p.done else 'killed'}" for n, p in self.current.items())
             self._say(f"no torque any more, drives were disabled: {', '.join(ends)}")
+
+    def _lagged(self) -> Iterator[Lagged]:
+        """A note for each time that a bus served here was late during the run."""
+        for lag in self._lags:
+            t, end = ((ns - self.ended.start_ns) * 1e-9 for ns in (lag.begin_ns, lag.end_ns))
+            if self.ended.start_ns and end > 0 and t < self.length:
+                yield Lagged(t=max(t, 0.0), bus=lag.bus, end=end, late=lag.lag_ns * 1e-9)
 
     def _say(self, text: str) -> None:
         """Say a step of a run with real drives."""

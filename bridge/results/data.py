@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from typing import Any
 
 from bridge.deployment.system import System
 from bridge.results.outcome import metrics
 from bridge.results.rehearsal_outcome import RehearsalOutcome
 from bridge.results.report import NodeReport
+from bridge.results.timeline import happenings
 from bridge.results.verdict import judge
 from cosim.record import Run
 
@@ -22,6 +24,7 @@ def as_data(system: System, outcome: RehearsalOutcome) -> dict[str, Any]:
         "verdict": verdict.word.value,
         "exit_code": verdict.exit_code,
         "reasons": list(verdict.reasons),
+        "happenings": [asdict(x) for x in happenings(system, outcome)],
         "metrics": {
             r.name: {"label": r.label, "value": r.value, "unit": r.unit, "parts": dict(r.parts)}
             for _, r in metrics(system, outcome, run)

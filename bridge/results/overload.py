@@ -14,7 +14,9 @@ from numpy.typing import NDArray
 from bridge.deployment.system import System
 from bridge.native.frame import Flags
 from bridge.native.journal import Journal
+from bridge.node.buses import SIMULATED
 from bridge.records.node_lives import frame_files
+from bridge.records.records import Lagged
 from bridge.results.rehearsal_outcome import RehearsalOutcome
 from bridge.results.report import NodeReport
 from cosim.record.folder import NODES
@@ -26,6 +28,7 @@ LIMIT = 0.1
 #: Share of the slots of a node, and slots, that the machine has missed where it is overloaded.
 BUSY, FEW = 0.02, 10
 Times = NDArray[np.int64]
+Seconds = NDArray[np.float64]
 
 
 def limit(system: System) -> float:
@@ -44,6 +47,8 @@ def cause(system: System, outcome: RehearsalOutcome) -> str:
     late = unplanned_lateness(outcome)
     if late >= limit(system) / 2:
         return f"this machine let a node wait for {late * 1e3:.0f} ms"
+    if lags := bus_lags(system, outcome, limit(system) / 2):
+        return lags[0].describe()
     for report in outcome.reports:
         missed = missed_slots(system, outcome, report)
         if missed.sum() >= max(FEW, BUSY * len(missed)):
@@ -54,21 +59,69 @@ def cause(system: System, outcome: RehearsalOutcome) -> str:
     return next(_late_buses(system, outcome), "")
 
 
+def lagging(system: System, outcome: RehearsalOutcome) -> str:
+    """A sentence on the simulated bus that was as late as stops a node; "": none was.
+
+    Then the run was not that of the deployment, whatever came of it.
+    """
+    return next((lag.describe() for lag in bus_lags(system, outcome, limit(system))), "")
+
+
+def bus_lags(system: System, outcome: RehearsalOutcome, least: float) -> list[Lagged]:
+    """Times in which a simulated bus was `least` s or more behind the wall clock, longest first.
+
+    They are those that were noted, and, of a bus without, the time from the first to the last slot
+    of a node that held a sample which took so long on the bus.
+    """
+    found = [n for n in outcome.notes if isinstance(n, Lagged) and n.late >= least]
+    d = system.deployment
+    noted = {lag.bus for lag in found}
+    for bus, spec in d.buses.items() if d.clock == "wall" else ():
+        if spec.kind == "can" and spec.interface == SIMULATED and bus not in noted:
+            t, took = _held(system, outcome, bus)
+            if len(at := np.flatnonzero(took >= least)):
+                first, last = float(t[at].min()), float(t[at].max())
+                found.append(Lagged(t=first, bus=bus, end=last, late=float(took[at].max())))
+    return sorted(found, key=lambda lag: -lag.late)
+
+
+def _held(system: System, outcome: RehearsalOutcome, bus: str) -> tuple[Seconds, Seconds]:
+    """The slots (n,) in which nodes held samples from a bus, and the time that these took, (n,), s.
+
+    Without those during and after faults, which may delay what others send.
+    """
+    slots, times = [np.zeros(0)], [np.zeros(0)]
+    for report in outcome.reports:
+        rows, plan = outcome.rows[report.life], system.nodes[report.life.node]
+        t = rows["deadline_ns"] * 1e-9
+        for k, inlet in enumerate(plan.inlets):
+            if system.messages[inlet.message].bus == bus:
+                held = rows["inlets"][:, k]
+                meant = held["held"] < 0
+                for fault in outcome.faults:
+                    meant |= (t >= fault.t0) & (t <= fault.t1 + AFTER)
+                slots.append(t)
+                times.append(np.where(meant, 0, held["transit_ns"]) * 1e-9)
+    return np.concatenate(slots), np.concatenate(times)
+
+
 def missed_slots(
     system: System, outcome: RehearsalOutcome, report: NodeReport
 ) -> NDArray[np.bool_]:
     """True if each slot (slots,) of a life was missed without a fault that makes it late."""
-    found: NDArray[np.bool_] = _late(outcome, report) >= system.nodes[report.life.node].plan.h * 1e9
+    found: NDArray[np.bool_] = (
+        lateness(outcome, report) >= system.nodes[report.life.node].plan.h * 1e9
+    )
     return found
 
 
 def unplanned_lateness(outcome: RehearsalOutcome) -> float:
     """The greatest lateness of a slot without a fault that is meant to cause it, s."""
-    late = (_late(outcome, report).max(initial=0) for report in outcome.reports)
+    late = (lateness(outcome, report).max(initial=0) for report in outcome.reports)
     return max(map(float, late), default=0.0) * 1e-9
 
 
-def _late(outcome: RehearsalOutcome, report: NodeReport) -> Times:
+def lateness(outcome: RehearsalOutcome, report: NodeReport) -> Times:
     """Lateness (slots,) of a life, ns; 0 where a fault is meant to cause it."""
     rows = outcome.rows[report.life]
     t = rows["deadline_ns"] * 1e-9

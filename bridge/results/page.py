@@ -8,17 +8,19 @@ from pathlib import Path
 import numpy as np
 
 from bridge.deployment.system import System
+from bridge.results import overload
 from bridge.results.outcome import lines, metric_lines
 from bridge.results.rehearsal_outcome import RehearsalOutcome
 from bridge.results.report import NodeReport, signal_ages
-from bridge.results.timeline import frame_lanes, lanes
-from bridge.results.verdict import Verdict, judge
+from bridge.results.timeline import FIRST, frame_lanes, happenings, lanes
+from bridge.results.verdict import Verdict, Word, judge
 from bridge.wiring.wiring import Rows
 from cosim.record import Run
 from cosim.reporting.html import (
     Badge,
     PageData,
     PlottedPanel,
+    cards,
     folded,
     histogram,
     table,
@@ -61,7 +63,33 @@ def write_page(
         )
 
     reason = "; ".join(found.reasons) or "every check of the run and of its replay"
-    return write_report(run, Badge(found.word.value, reason), extend)
+    first = f"{_causes(system, outcome, found)}{cards(_facts(system, outcome))}"
+    return write_report(run, Badge(found.word.value, reason), extend, first)
+
+
+def _causes(system: System, outcome: RehearsalOutcome, found: Verdict) -> str:
+    """The first causes in the order of time, unless the run passed."""
+    every = happenings(system, outcome) if found.word is not Word.PASSED else []
+    if not every:
+        return ""
+    rows = [(f"{x.t:.3f} s", x.who, x.what) for x in every[:FIRST]]
+    rest = f"<p>{len(every) - FIRST} more below.</p>" if len(every) > FIRST else ""
+    return f"<h2>What happened first</h2>{table(['time', 'where', 'what'], rows)}{rest}"
+
+
+def _facts(system: System, outcome: RehearsalOutcome) -> Iterator[tuple[str, str]]:
+    """The numbers of a rehearsal: how far it is from its twin, what was late, its replay."""
+    if outcome.twin_rms == outcome.twin_rms:
+        yield "apart from the twin", f"{outcome.twin_rms:.2g} rad RMS"
+    slots = sum(r.slots for r in outcome.reports)
+    yield "slots missed", f"{sum(r.lateness.missed for r in outcome.reports)} of {slots}"
+    for lag in overload.bus_lags(system, outcome, overload.limit(system) / 2)[:2]:
+        yield f"bus {lag.bus} behind the clock", f"up to {lag.late:.2f} s"
+    exact = outcome.replayed is not None and outcome.replayed.first is None
+    yield "replay", "exact" if exact else "differs"
+    if outcome.faults:
+        seen = sum(f.verdict == "seen" for f in outcome.faults)
+        yield "faults in the report", f"{seen} of {sum(f.done > 0 for f in outcome.faults)}"
 
 
 def _configured(system: System, outcome: RehearsalOutcome) -> str:

@@ -1,30 +1,115 @@
-"""The nodes of a rehearsal over time, as a drawing: states, missed slots, and faults."""
+"""The nodes of a rehearsal over time: what happened first, and a drawing of states, missed slots
+and faults.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from html import escape
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bridge.native.safety import LifeState
+from bridge.deployment.system import System
+from bridge.native.safety import LifeState, Why
 from bridge.records.node_lives import Life
+from bridge.records.records import Done, Lagged, Remark, reason_names, reason_text
+from bridge.results import overload
 from bridge.results.findings import Evidence
 from bridge.results.rehearsal_outcome import RehearsalOutcome
 from bridge.results.report import NodeReport
+from bridge.safety.limits import explain_guard
 from bridge.wiring.wiring import Rows
+from cosim.base.names import listed
 
 #: Sizes of the drawing: names of lanes, lanes, and the whole width; columns in which slots count.
 _LEFT, _LANE, _WIDTH, _COLUMNS = 150, 26, 1100, 400
 #: Frames: the height of a lane, the most lanes, and how many shades there are.
 _THIN, _MESSAGES, _SHADES = 18, 40, 4
+#: What happened to a node that stops because another did; happenings that are listed at most.
+_PEER, FIRST = "stopped because of a peer", 8
 _COLOURS = {
     LifeState.ACTIVE: "var(--s2)",
     LifeState.STOPPING: "var(--s4)",
     LifeState.FAULT: "var(--failed)",
 }
+
+
+@dataclass(frozen=True, slots=True)
+class Happening:
+    """Something that happened at `t` (s) to a node, a bus or several of them, `who`."""
+
+    t: float
+    who: str
+    what: str
+
+    def __str__(self) -> str:
+        """``2.310 s slave_arm: drive 3 on bus right went off (undervoltage)``."""
+        return f"{self.t:.3f} s {self.who}: {self.what}"
+
+
+def happenings(system: System, outcome: RehearsalOutcome) -> list[Happening]:
+    """The first causes of what a rehearsal came to, and what followed, in the order of time.
+
+    Injected faults, buses and nodes that were late, drives that went off, guards that acted, and
+    stops: the first of each kind of a node. Nodes that stopped one after the other because of a
+    peer are one.
+    """
+    found = [Happening(f.t0, listed(f.targets), f"{f.kind} injected") for f in outcome.faults]
+    found += _noted(outcome)
+    for lag in overload.bus_lags(system, outcome, overload.limit(system) / 2):
+        late = f"up to {lag.late:.2f} s behind the wall clock, until {lag.end:.3f} s"
+        found.append(Happening(lag.t, f"bus {lag.bus}", late))
+    for report in outcome.reports:
+        found += _of_node(system, outcome, report)
+    together: list[Happening] = []
+    for one in sorted(found, key=lambda x: x.t):
+        last = together[-1] if together else None
+        if last is not None and last.what == one.what == _PEER:
+            together[-1] = Happening(last.t, f"{last.who}, {one.who}", _PEER)
+        else:
+            together.append(one)
+    return together
+
+
+def causes_text(found: Sequence[Happening]) -> str:
+    """What happened, in one line: ``2.310 s slave: stopped (...) → 2.400 s master: ...``."""
+    said = [str(x) for x in found[:FIRST]]
+    return " → ".join([*said, *([f"{len(found) - FIRST} more"] if len(found) > FIRST else [])])
+
+
+def _noted(outcome: RehearsalOutcome) -> Iterator[Happening]:
+    """What the supervisor noticed about nodes."""
+    for note in outcome.notes:
+        if not isinstance(note, Done | Remark | Lagged):
+            who = f"node {note.life}"
+            yield Happening(note.t, str(note.life), note.describe().removeprefix(f"{who} "))
+
+
+def _of_node(system: System, outcome: RehearsalOutcome, report: NodeReport) -> Iterator[Happening]:
+    """What happened to a node: the first of each kind."""
+    rows, who = outcome.rows[report.life], str(report.life)
+    if not len(rows):
+        return
+    t, late = rows["deadline_ns"] * 1e-9, overload.lateness(outcome, report)
+    if len(at := np.flatnonzero(late >= overload.limit(system) / 2 * 1e9)):
+        yield Happening(float(t[at[0]]), who, f"woke up {late[at[0]] * 1e-6:.0f} ms late")
+    if len(at := np.flatnonzero(rows["guard"])):
+        acted = explain_guard(int(rows["guard"][at[0]]))
+        yield Happening(float(t[at[0]]), who, f"the guard acted ({acted})")
+    drives = report.statement.drives if report.statement else ()
+    for event in drives:
+        if event["phase"] == "failed":
+            why = event["told"] or event["failure"]
+            yield Happening(event["t"], who, f"{event['drive']} went off ({why})")
+    stopped = np.isin(rows["state"], (LifeState.STOPPING, LifeState.FAULT))
+    bits = rows["reasons"] & np.uint32(~Why.COMMAND & 0xFFFFFFFF)
+    if len(at := np.flatnonzero(stopped & (bits != 0))):
+        names = reason_names(int(bits[at[0]]))
+        what = _PEER if names == ("peer",) else f"stopped ({reason_text(names)})"
+        yield Happening(float(t[at[0]]), who, what)
 
 
 def lanes(outcome: RehearsalOutcome, end: float) -> str:

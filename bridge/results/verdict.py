@@ -4,7 +4,8 @@
 the run, more or other samples were received than sent, values were out of range, an injected fault
 is not in the report, a drive told old positions that no node noticed, or a real drive was off or
 did not answer its torques (:mod:`bridge.results.drive_answers`).
-*Inconclusive*: a slow machine or bus can explain all problems (of a real drive: that it told
+*Inconclusive*: a simulated bus was so far behind the wall clock that a node would have to stop;
+or a slow machine or bus can explain all problems (of a real drive: that it told
 nothing, or did not answer while a node stopped), and was so late that it would cause them, although
 no fault made it late (:mod:`bridge.results.overload`); or there is no problem, but a node missed so
 many slots that this was another controller than the configured one.
@@ -44,6 +45,8 @@ class Word(StrEnum):
 EXIT: Mapping[Word, int] = {Word.PASSED: 0, Word.FAILED: 1, Word.ERROR: 2, Word.INCONCLUSIVE: 3}
 #: Why a node stops where it, or one that it hears, was late.
 OF_TIME = frozenset({"overrun", "stale", "peer", "watchdog", "sync", "jump"})
+#: Further reasons that another motion than that of the deployment causes.
+OF_MOTION = frozenset({"guard", "component"})
 #: Share of the slots of a node that it may miss: beyond it the period is not the configured one.
 MISSED = 0.1
 
@@ -74,7 +77,10 @@ def judge(system: System, outcome: RehearsalOutcome) -> Verdict:
         *silent_ends(system, outcome.rows, outcome.reports),
     ]
     found, off = list(_always(system, outcome)), outcome.unanswered
-    drives = list(_detected_drives(outcome))
+    moved, drives = list(_of_motion(outcome)), list(_detected_drives(outcome))
+    if (lag := overload.lagging(system, outcome)) and not (found or off):
+        return Verdict(Word.INCONCLUSIVE, (lag, *moved, *timed, *drives))
+    found += moved
     if timed and off and not found:  # a machine that stands still starves drives, too
         verdict = of_time(system, outcome, timed)
         return Verdict(verdict.word, (*verdict.reasons, *off, *drives))
@@ -140,11 +146,10 @@ def _lost(report: NodeReport) -> Iterator[str]:
 
 
 def _always(system: System, outcome: RehearsalOutcome) -> Iterator[str]:
-    """Reasons that lateness cannot explain."""
+    """Reasons that neither lateness nor another motion can explain."""
     for report in outcome.reports:
-        if _stopped_early(outcome, report) and not _of_time(report):
-            said = report.statement.error if report.statement else ""
-            yield f"{report.life}: {report.why or said or report.end}"
+        if _stopped_early(outcome, report) and not (_of_time(report) or _moved(report)):
+            yield _ended(report)
     yield from (text for text, timed in _stopped_before(outcome) if not timed)
     if outcome.replayed is None:
         yield f"cannot be replayed: {outcome.replay_error}"
@@ -152,16 +157,32 @@ def _always(system: System, outcome: RehearsalOutcome) -> Iterator[str]:
         yield f"the replay is not the run: {outcome.replayed.first}"
     if outcome.replayed is not None:
         yield from (str(a) for a in outcome.replayed.altered if a.misnumbered < a.count)
-    for report in outcome.reports:
-        for message, counts in (report.statement.messages if report.statement else {}).items():
-            if counts.get("range"):
-                yield f"{report.life}: {message}: {counts['range']} samples out of range"
     yield from map(str, extra_frames(system, outcome.rows, outcome.reports))
     yield from extra_services(system, outcome.reports)
     for fault in outcome.faults:
         for place in fault.places:
             if place.signs and {sign.what for sign in place.signs} <= {"still"}:
                 yield f"{place}: {place.signs[0]} while its joint moved, and no node noticed"
+
+
+def _of_motion(outcome: RehearsalOutcome) -> Iterator[str]:
+    """Reasons that a motion causes that is not the deployment's, as on a bus that is late."""
+    for report in outcome.reports:
+        if _stopped_early(outcome, report) and not _of_time(report) and _moved(report):
+            yield _ended(report)
+        for message, counts in (report.statement.messages if report.statement else {}).items():
+            if counts.get("range"):
+                yield f"{report.life}: {message}: {counts['range']} samples out of range"
+
+
+def _moved(report: NodeReport) -> bool:
+    """True if a node stopped for a reason that another motion explains."""
+    return bool(report.reasons) and set(report.reasons) <= OF_MOTION | OF_TIME
+
+
+def _ended(report: NodeReport) -> str:
+    said = report.statement.error if report.statement else ""
+    return f"{report.life}: {report.why or said or report.end}"
 
 
 def _timing_reasons(outcome: RehearsalOutcome) -> Iterator[str]:

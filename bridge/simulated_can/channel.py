@@ -268,6 +268,11 @@ class Channel:
         """A time of the channel (ps) as its time stamps have it, s."""
         return self.pace.epoch + time_ps / 1e12
 
+    def catch_up(self) -> None:
+        """Bring the channel to where it has to be now."""
+        with self.lock:
+            self._catch_up()
+
     def _catch_up(self) -> None:
         """Bring the channel to where it has to be now; what it fires itself is sent when due."""
         if not self._firing:

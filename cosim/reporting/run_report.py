@@ -59,11 +59,13 @@ def write_report(
     run: Run,
     judged: Badge | None = None,
     extend: Callable[[PageData], str] = lambda data: "",
+    first: str = "",
 ) -> Path:
     """Write the report of a run into its folder.
 
     `judged`: its verdict, by default whether its errors settled; `extend` adds to what is drawn,
-    and returns HTML that stands below the diagrams. Raises CosimError if it cannot be written.
+    and returns HTML that stands below the diagrams; `first`: HTML below the verdict. Raises
+    CosimError if it cannot be written.
     """
     folder = run.path.parent
     facts = run.metadata
@@ -81,7 +83,7 @@ def write_report(
     title = scenario.title if scenario is not None else folder.name
     return write_page(
         folder / REPORT, title, subtitle, judged or verdict(facts, scenario, results),
-        cards(_numbers(facts, metrics, results)), data,
+        first + cards(_numbers(facts, metrics, results)), data,
         "".join([
             findings(facts), limits(run, facts), extend(data), _links(run, facts, data),
             macro_section(facts), _details(run, facts, results),

@@ -104,6 +104,6 @@ def test_a_bus_that_is_served_elsewhere_keeps_its_address():
         'deploy.buses.left.interface="cosim"', 'deploy.buses.left.channel="bench@10.0.0.1:29530"',
         'deploy.buses.right.interface="cosim"', 'deploy.buses.right.channel="right"',
     ]  # fmt: skip
-    with served(load_system(TELEOPERATION, "can", changes)) as settings:
+    with served(load_system(TELEOPERATION, "can", changes), []) as settings:
         assert len(settings) == 1
         assert settings[0].startswith('deploy.buses.right.channel="right@127.0.0.1:')

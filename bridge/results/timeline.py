@@ -38,7 +38,7 @@ _COLOURS = {
 
 
 @dataclass(frozen=True, slots=True)
-class Happening:
+class FirstCause:
     """Something that happened at `t` (s) to a node, a bus or several of them, `who`."""
 
     t: float
@@ -50,66 +50,66 @@ class Happening:
         return f"{self.t:.3f} s {self.who}: {self.what}"
 
 
-def happenings(system: System, outcome: RehearsalOutcome) -> list[Happening]:
+def happenings(system: System, outcome: RehearsalOutcome) -> list[FirstCause]:
     """The first causes of what a rehearsal came to, and what followed, in the order of time.
 
     Injected faults, buses and nodes that were late, drives that went off, guards that acted, and
     stops: the first of each kind of a node. Nodes that stopped one after the other because of a
     peer are one.
     """
-    found = [Happening(f.t0, listed(f.targets), f"{f.kind} injected") for f in outcome.faults]
+    found = [FirstCause(f.t0, listed(f.targets), f"{f.kind} injected") for f in outcome.faults]
     found += _noted(outcome)
     for lag in overload.bus_lags(system, outcome, overload.limit(system) / 2):
         late = f"up to {lag.late:.2f} s behind the wall clock, until {lag.end:.3f} s"
-        found.append(Happening(lag.t, f"bus {lag.bus}", late))
+        found.append(FirstCause(lag.t, f"bus {lag.bus}", late))
     for report in outcome.reports:
         found += _of_node(system, outcome, report)
-    together: list[Happening] = []
+    together: list[FirstCause] = []
     for one in sorted(found, key=lambda x: x.t):
         last = together[-1] if together else None
         if last is not None and last.what == one.what == _PEER:
-            together[-1] = Happening(last.t, f"{last.who}, {one.who}", _PEER)
+            together[-1] = FirstCause(last.t, f"{last.who}, {one.who}", _PEER)
         else:
             together.append(one)
     return together
 
 
-def causes_text(found: Sequence[Happening]) -> str:
-    """What happened, in one line: ``2.310 s slave: stopped (...) → 2.400 s master: ...``."""
+def causes_text(found: Sequence[FirstCause]) -> str:
+    """The first happenings in one line: ``2.310 s slave: stopped (...) → 2.400 s master: ...``."""
     said = [str(x) for x in found[:FIRST]]
     return " → ".join([*said, *([f"{len(found) - FIRST} more"] if len(found) > FIRST else [])])
 
 
-def _noted(outcome: RehearsalOutcome) -> Iterator[Happening]:
-    """What the supervisor noticed about nodes."""
+def _noted(outcome: RehearsalOutcome) -> Iterator[FirstCause]:
+    """The notes of the supervisor about nodes."""
     for note in outcome.notes:
         if not isinstance(note, Done | Remark | Lagged):
             who = f"node {note.life}"
-            yield Happening(note.t, str(note.life), note.describe().removeprefix(f"{who} "))
+            yield FirstCause(note.t, str(note.life), note.describe().removeprefix(f"{who} "))
 
 
-def _of_node(system: System, outcome: RehearsalOutcome, report: NodeReport) -> Iterator[Happening]:
-    """What happened to a node: the first of each kind."""
+def _of_node(system: System, outcome: RehearsalOutcome, report: NodeReport) -> Iterator[FirstCause]:
+    """The first happening of each kind at a node."""
     rows, who = outcome.rows[report.life], str(report.life)
     if not len(rows):
         return
     t, late = rows["deadline_ns"] * 1e-9, overload.lateness(outcome, report)
     if len(at := np.flatnonzero(late >= overload.limit(system) / 2 * 1e9)):
-        yield Happening(float(t[at[0]]), who, f"woke up {late[at[0]] * 1e-6:.0f} ms late")
+        yield FirstCause(float(t[at[0]]), who, f"woke up {late[at[0]] * 1e-6:.0f} ms late")
     if len(at := np.flatnonzero(rows["guard"])):
         acted = explain_guard(int(rows["guard"][at[0]]))
-        yield Happening(float(t[at[0]]), who, f"the guard acted ({acted})")
+        yield FirstCause(float(t[at[0]]), who, f"the guard acted ({acted})")
     drives = report.statement.drives if report.statement else ()
     for event in drives:
         if event["phase"] == "failed":
             why = event["told"] or event["failure"]
-            yield Happening(event["t"], who, f"{event['drive']} went off ({why})")
+            yield FirstCause(event["t"], who, f"{event['drive']} went off ({why})")
     stopped = np.isin(rows["state"], (LifeState.STOPPING, LifeState.FAULT))
     bits = rows["reasons"] & np.uint32(~Why.COMMAND & 0xFFFFFFFF)
     if len(at := np.flatnonzero(stopped & (bits != 0))):
         names = reason_names(int(bits[at[0]]))
         what = _PEER if names == ("peer",) else f"stopped ({reason_text(names)})"
-        yield Happening(float(t[at[0]]), who, what)
+        yield FirstCause(float(t[at[0]]), who, what)
 
 
 def lanes(outcome: RehearsalOutcome, end: float) -> str:

@@ -14,7 +14,7 @@ from bridge.records.node_lives import Life
 from bridge.records.records import Gone, Lagged, LifeEnd, Statement
 from bridge.results import overload, verdict
 from bridge.results.findings import Evidence
-from bridge.results.timeline import FIRST, Happening, causes_text, happenings
+from bridge.results.timeline import FIRST, FirstCause, causes_text, happenings
 from bridge.results.verdict import Word
 from tests.bridge.deployments import named
 
@@ -194,5 +194,5 @@ def test_a_node_that_woke_late_and_a_bus_that_stood_still_come_first(system: Sys
 
 
 def test_a_long_story_is_cut() -> None:
-    every = [Happening(float(t), "a", "b") for t in range(FIRST + 3)]
+    every = [FirstCause(float(t), "a", "b") for t in range(FIRST + 3)]
     assert causes_text(every).endswith(f"→ {FIRST - 1:.3f} s a: b → 3 more")

@@ -217,7 +217,7 @@ class RunResult:
         from cosim.reporting.declared import figure_specs
         from cosim.reporting.figures import Figure, Panel
 
-        for name, figure in figure_specs(self._scenario(), self._run.metadata).items():
+        for name, figure in figure_specs(self._scenario(), self._run).items():
             return name, figure
         shown = self.signals[:6]
         return "signals", Figure(tuple(Panel((x,), title=x) for x in shown), self.title)

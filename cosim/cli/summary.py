@@ -274,7 +274,7 @@ def draw_figures(
     from cosim.reporting.figures import draw
 
     for form in forms:
-        for name, figure in figure_specs(scenario, run.metadata).items():
+        for name, figure in figure_specs(scenario, run).items():
             if width is not None:
                 figure = replace(figure, width=width / 0.0254)
             yield "figure", draw(figure, run, run.path.parent / f"{name}.{form}")

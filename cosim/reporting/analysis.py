@@ -17,13 +17,12 @@ from cosim.base.files import write_file
 from cosim.base.units import printed_unit
 from cosim.measure.manipulability import local_growth
 from cosim.predict.facts import Array
-from cosim.reporting.figures import load
+from cosim.reporting.figures import COLOURS, load
 from cosim.reporting.thinning import thin
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7")
 _STYLE: dict[Any, Any] = {
     "font.family": "DejaVu Sans",
     "font.size": 8.5,
@@ -89,16 +88,16 @@ def _manipulability(found: Analysis, axes: Sequence[Axes]) -> None:
     rows = np.flatnonzero(np.isfinite(M) & (M > 0) & (r.t > r.t[-1] / 3000))
     rows = rows[_even(r.t[rows])]
     if len(rows):
-        above.loglog(r.t[rows], M[rows], color=_COLOURS[0], label="$M^t$ of the run")
+        above.loglog(r.t[rows], M[rows], color=COLOURS[0], label="$M^t$ of the run")
     if found.bound is not None and len(rows) and np.isfinite(found.bound[rows]).all():
         label = "upper bound O6 (θ known, together, from rest)"
-        above.loglog(r.t[rows], found.bound[rows], color=_COLOURS[1], label=label, **_CLOSED)
+        above.loglog(r.t[rows], found.bound[rows], color=COLOURS[1], label=label, **_CLOSED)
     above.set_ylabel(f"$M^t$ [{printed_unit(r.unit)}]")
     above.set_title("manipulability: ‖response‖₂ over ‖force‖₂ up to t")
     t, slope = local_growth(r.t, M)
     late = t > r.t[-1] / 3000
     t, slope = t[late], slope[late]
-    below.semilogx(t, slope, color=_COLOURS[0], label="slope of the run")
+    below.semilogx(t, slope, color=COLOURS[0], label="slope of the run")
     for value, text in ((1.0, "constant push"), (0.5, "hand at rest"), (0.0, "finite")):
         below.axhline(value, **_REFERENCE)
         below.annotate(
@@ -116,12 +115,12 @@ def _effort(found: Analysis, axes: Sequence[Axes]) -> None:
     r = found.recorded
     length = np.sqrt((r.force**2).sum(axis=1))
     index = thin(length)
-    axes[0].plot(r.t[index], length[index], color=_COLOURS[0])
+    axes[0].plot(r.t[index], length[index], color=COLOURS[0])
     axes[0].set_ylabel(f"|force| [{printed_unit(r.units[0])}]")
     axes[0].set_title("force of the operator")
     if r.E is not None:
         index = thin(r.E)
-        axes[1].plot(r.t[index], r.E[index], color=_COLOURS[2])
+        axes[1].plot(r.t[index], r.E[index], color=COLOURS[2])
         axes[1].axhline(0.0, **_REFERENCE)
         axes[1].set_ylabel("E [J]")
         what = "what went in less what came out at the far end" if r.far else "what went in"
@@ -134,7 +133,7 @@ def _effort(found: Analysis, axes: Sequence[Axes]) -> None:
 
 
 def _port(found: Analysis, axes: Sequence[Axes]) -> None:
-    for colour, one in zip(_COLOURS, found.swept, strict=False):
+    for colour, one in zip(COLOURS, found.swept, strict=False):
         measured, form = one.measured, one.drawn
         axes[0].loglog(
             measured.omega, measured.size, "o", color=colour, markersize=3, label=_named(one.title)

@@ -69,6 +69,15 @@ def owners(arms: Sequence[str], facts: Mapping[str, Any]) -> dict[str, int]:
     return found
 
 
+def curve_colours(names: Sequence[str], of: Mapping[str, int]) -> tuple[int, ...]:
+    """The numbers of the colours of curves, where each is of another arm; () for any others.
+
+    `names`: of their signals; `of`: the arm of each component, as :func:`owners` has it.
+    """
+    found = [of.get(name.partition(".")[0], -1) for name in names]
+    return tuple(found) if len({*found}) == len(found) and -1 not in found else ()
+
+
 def in_workspaces(arms: Sequence[DrawnArm], facts: Mapping[str, Any]) -> list[DrawnArm]:
     """The arms, those in one workspace that are meant to agree. `facts`: ``run.json``.
 

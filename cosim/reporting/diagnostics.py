@@ -41,7 +41,7 @@ def limits(run: Run, facts: Mapping[str, Any]) -> str:
 
 
 def controllers(run: Run, facts: Mapping[str, Any]) -> str:
-    """Recorded signals of every sampled component, as a folded table; "" without any.
+    """Recorded signals of every sampled component, as a folded table, not on paper; "" without any.
 
     A signal that a limit cuts off is at its greatest magnitude for more than a moment.
     """
@@ -53,7 +53,8 @@ def controllers(run: Run, facts: Mapping[str, Any]) -> str:
             f"change in the last {TAIL:.0%}", "time at its greatest magnitude"]  # fmt: skip
     rows = [(name, *_numbers(run.column(name), run.units[name])) for name in names[: many.ROWS]]
     below = many.further(len(names), many.ROWS, "signals")
-    return folded("Controllers", table(head, rows, len(head) - 2) + below)
+    whole = folded("Controllers", table(head, rows, len(head) - 2) + below)
+    return f'<div class="screen">{whole}</div>'
 
 
 def _numbers(x: Array, unit: str) -> Iterator[str]:

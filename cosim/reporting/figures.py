@@ -31,8 +31,9 @@ if TYPE_CHECKING:
 
 DPI = 150
 
-#: Colours that people with any colour vision tell apart (Okabe and Ito).
-_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
+#: Colours that people with any colour vision tell apart (Okabe and Ito; the fifth and the last are
+#: darker and lighter than theirs). They are those of a page, ``--s0`` and so on of its style sheet.
+COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#b58900", "#56b4e9", "#555555")
 _DASHES = ("-", (0, (6, 1.5, 1, 1.5)), (0, (1, 1)))
 _FAILED, _EVENT = "#B00020", "#E69F00"
 #: Of a line that hides an earlier one: its gaps show the line below it. The share of the range of
@@ -77,7 +78,8 @@ class Panel:
 
     `y`: names of scalars, or of vectors, of which all entries are drawn. `labels`: one per name
     (default: the name). `reference`: numbers or signals, `reference_label` for the first of them.
-    `ylabel`: without the unit, which is that of the signals.
+    `ylabel`: without the unit, which is that of the signals. `colours`: the number of the colour of
+    each line, () for those of their order.
     """
 
     y: tuple[str, ...]
@@ -86,6 +88,7 @@ class Panel:
     reference: tuple[float | str, ...] = ()
     reference_label: str = ""
     ylabel: str = ""
+    colours: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -242,7 +245,7 @@ def _render(spec: Figure, run: Signals, content: list[tuple[list[_Line], list[_L
     for panel, (lines, references) in zip(spec.panels, content, strict=True):
         ax = figure.add_axes((0.1, 0.1, 0.8, 0.8), sharex=axes[0] if axes else None)
         axes.append(ax)
-        _plot(ax, run.t, lines, references)
+        _plot(ax, run.t, lines, references, panel.colours)
         ax.set_ylabel(axis_label(panel, run))
         if panel.title:
             ax.set_title(panel.title, loc="left", pad=4)
@@ -267,12 +270,15 @@ def _height(spec: Figure) -> float:
     return _TOP + _BOTTOM + each * panels + _GAP * (panels - 1) + titles
 
 
-def _plot(ax: Axes, t: Array, lines: list[_Line], references: list[_Line]) -> None:
+def _plot(
+    ax: Axes, t: Array, lines: list[_Line], references: list[_Line], colours: tuple[int, ...]
+) -> None:
     hiding = _hiding([line.y for line in lines])
-    for i, line in enumerate(lines):
+    numbers = colours if len(colours) == len(lines) else range(len(lines))
+    for i, (line, number) in enumerate(zip(lines, numbers, strict=True)):
         index = thin(line.y)
-        colour = _COLOURS[i % len(_COLOURS)]
-        dash = _GAPS if hiding[i] else _DASHES[i // len(_COLOURS) % len(_DASHES)]
+        colour = COLOURS[number % len(COLOURS)]
+        dash = _GAPS if hiding[i] else _DASHES[i // len(COLOURS) % len(_DASHES)]
         ax.plot(t[index], line.y[index], color=colour, linestyle=dash, label=line.label)
     dashed: dict[str, Any] = {"color": "0.25", "linestyle": (0, (5, 3)), "linewidth": 0.9}
     for line in references:

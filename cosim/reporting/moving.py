@@ -16,6 +16,7 @@ from cosim.base.errors import RunError, ScenarioError
 from cosim.base.extras import require
 from cosim.record import Run
 from cosim.reporting.arms import DrawnArm, first_arms, in_workspace, points
+from cosim.reporting.figures import COLOURS
 
 Array = NDArray[np.float64]
 #: Pictures a second, and how many at the most.
@@ -24,7 +25,6 @@ RATE, MOST = 15.0, 600
 SIZE, LINE, GAP = 400, 14, 12
 #: Directions from which arms in space are seen, rad: about the vertical, and above the horizon.
 _YAW, _PITCH = -0.6, 0.4
-_COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#b58900", "#56b4e9", "#555555")
 
 
 def write_gif(run: Run, path: Path) -> Path:
@@ -52,7 +52,7 @@ def write_gif(run: Run, path: Path) -> Path:
         pen = ImageDraw.Draw(picture)
         pen.text((8, height - LINE - 4), f"{run.t[k]:.2f} s  {note}", fill="#555555")
         for j, (arm, track) in enumerate(zip(found, tracks, strict=True)):
-            colour = _COLOURS[j % len(_COLOURS)]
+            colour = COLOURS[j % len(COLOURS)]
             line = [tuple(p) for p in pixels(track[i] - places[j], scale)]
             pen.line(line, fill=colour, width=5 if j % 2 == 0 else 3, joint="curve")
             for x, y in line[:-1]:

@@ -22,7 +22,7 @@ from cosim.measure.metrics import Error, Metric, evaluate
 from cosim.record import Run
 from cosim.record.folder import REPORT
 from cosim.reporting import many
-from cosim.reporting.arms import DrawnArm, first_arms, owners, recorded
+from cosim.reporting.arms import DrawnArm, curve_colours, first_arms, owners, recorded
 from cosim.reporting.diagnostics import configured_delay, controllers, findings, limits, transit
 from cosim.reporting.html import (
     Array,
@@ -162,12 +162,10 @@ def coloured(
     A component is of the arm that it is, or of the only one that feeds it. `facts`: of the run.
     """
     of = owners(arms, facts)
-    return [replace(panel, colours=_distinct(panel, of)) for panel in panels]
-
-
-def _distinct(panel: PlottedPanel, of: Mapping[str, int]) -> tuple[int, ...]:
-    found = [of.get(name.partition(".")[0], -1) for name, _ in panel.series]
-    return tuple(found) if len({*found}) == len(found) and -1 not in found else ()
+    return [
+        replace(panel, colours=curve_colours([name for name, _ in panel.series], of))
+        for panel in panels
+    ]
 
 
 def _in_order(names: Iterable[str]) -> list[str]:

@@ -170,6 +170,31 @@ def test_it_prints(browser: Browser, run: Path) -> None:
     assert browser.ask(shown) != "none"
 
 
+#: What a printed page of 700 pixels has: its width, that of canvases, what is open, and the time.
+PAPER = """(() => {
+  dispatchEvent(new Event("beforeprint"));
+  const wide = (names) => Math.max(...[...document.querySelectorAll(names)].map(
+    (one) => one.getBoundingClientRect().right));
+  const seen = [wide("canvas"), wide("td"), document.querySelectorAll("details:not([open])").length,
+    document.getElementById("when").textContent];
+  dispatchEvent(new Event("afterprint"));
+  return [...seen, document.getElementById("now").textContent];
+})()"""
+
+
+def test_paper_has_whole_diagrams_and_tables_at_the_end_of_the_run(
+    browser: Browser, run: Path
+) -> None:
+    opened(browser, run)
+    closed = browser.ask("document.querySelectorAll('details:not([open])').length")
+    browser.emulate(media="print")
+    browser.size(700, 900)
+    canvas, cell, folded, when, now = browser.ask(PAPER)
+    assert canvas <= 700 and cell <= 700
+    assert (folded, when, now) == (1, "at 2.000 s", "0.000 s")  # the list of signals is not printed
+    assert browser.ask("document.querySelectorAll('details:not([open])').length") == closed
+
+
 def test_it_works_by_keyboard(browser: Browser, run: Path) -> None:
     opened(browser, run)
     names = []

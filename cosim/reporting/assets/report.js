@@ -293,6 +293,7 @@
       make("span", {}, make("b", { style: `color:var(--s${k % 7})` }, k % 2 ? "□" : "■"), ` ${arm.name}`)));
     if (frames.some(pulled)) find("arms").append(make("span", { class: "force" }, make("b", { style: "color:var(--failed)" }, "→"), " force at the tip"));
     for (const arm of frames) for (const tau of arm.torque) for (const v of data.live ? [] : tau) strongest = Math.max(strongest, Math.abs(v));
+    find("arms").after(make("p", { class: "arms when", id: "when" }));
     if (!flat) {
       let held = null;
       scene.classList.add("turns");
@@ -368,6 +369,7 @@
     slider.setAttribute("aria-valuetext", output.textContent);
     for (const u of plots) if (u !== source) place_cursor(u);
     arms(time);
+    if (find("when")) find("when").textContent = `at ${output.textContent}`;
     moving = false;
   }
   const remember = () => { try { history.replaceState(null, "", `#t=${time.toFixed(3)}`); } catch { /* not in a sandbox */ } };
@@ -444,6 +446,20 @@
       for (const label of list.children) label.hidden = !label.title.toLowerCase().includes(e.target.value.toLowerCase());
     });
   }
+  // Paper is narrow, and shows the end of a run and all that is folded.
+  const PAPER = 700;
+  let before_print = null;
+  addEventListener("beforeprint", () => {
+    before_print = { time, widths: plots.map((u) => u.width), closed: [...document.querySelectorAll("details:not([open]):not(#chooser)")] };
+    for (const part of before_print.closed) part.open = true;
+    for (const u of plots) u.setSize({ width: PAPER, height: 210 });
+    if (time === begin) show(data.end);
+  });
+  addEventListener("afterprint", () => {
+    for (const part of before_print.closed) part.open = false;
+    plots.forEach((u, i) => u.setSize({ width: before_print.widths[i], height: 210 }));
+    show(before_print.time);
+  });
   page.repaint(() => { for (const u of plots) u.redraw(false, true); arms(time); });
   for (const panel of data.panels) figure(panel, find(panel.place || "panels"));
   // ---- values that come while a run goes on --------------------------------------------------------

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 from dataclasses import replace
@@ -231,3 +232,23 @@ def test_imports_wait_until_they_are_needed() -> None:
         "assert 'matplotlib.pyplot' not in sys.modules\n"
     )
     subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_colours_are_those_of_the_page() -> None:
+    from importlib.resources import files
+
+    from cosim.reporting.figures import COLOURS
+
+    style = (files("cosim.reporting") / "assets" / "report.css").read_text(encoding="utf-8")
+    light = dict(re.findall(r"--s(\d): (#\w+);", style.split("@media", 1)[0]))
+    full = [c if len(c) == 7 else "#" + "".join(2 * x for x in c[1:]) for c in light.values()]
+    assert full == [*COLOURS] and [*light] == [str(i) for i in range(len(COLOURS))]
+
+
+def test_a_line_has_the_colour_that_its_panel_names(run: Run, tmp_path: Path) -> None:
+    from cosim.reporting.figures import COLOURS
+
+    panel = Panel(FIGURE.panels[0].y[:1], colours=(2,))
+    image = pixels(draw(Figure((panel,)), run, tmp_path / "a.png"))
+    red, green, blue = bytes.fromhex(COLOURS[2][1:])
+    assert count(image, (red, green, blue)) > 100 and count(image, BLUE) == 0

@@ -106,7 +106,7 @@ def test_a_figure_of_many_robots_has_lines_of_quantiles(run: Run, tmp_path: Path
     from cosim.reporting import figures
 
     scenario = load(CONFIGS / "many.toml", ("graphs.net.n=40", "run.stop=2"))
-    [figure] = figure_specs(scenario, run.metadata).values()
+    [figure] = figure_specs(scenario, run).values()
     lines, references = figures._lines(figure.panels[0], run, "here")
     assert [line.label for line in lines] == [name for name, _ in QUANTILES]
     assert len(references) == 1

@@ -312,7 +312,7 @@ def test_on_paper_rows_stay_whole_and_headings_stay_with_their_text() -> None:
     style = html.page_text("t", "", Badge("finished", ""), "", PageData(1.0), "")
     paper = style.split("@media print", 1)[1].split("\n}", 1)[0]
     whole = re.findall(r"([^{}]*)\{ break-inside: avoid; \}", paper)
-    assert [x.strip() for x in whole[0].split(",")] == ["figure", ".card", "tr"]
+    assert [x.strip() for x in whole[0].split(",")] == ["figure", ".card", ".aside", "tr"]
     assert re.search(r"h2, h3[^{}]*\{ break-after: avoid; \}", paper)
     assert ".top { grid-template-columns: minmax(0, 1fr); }" in paper
 

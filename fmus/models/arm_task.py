@@ -66,7 +66,6 @@ from pathlib import Path
 from typing import Any
 
 from cosim.base.component import SharedBase
-from cosim.base.convert import number, numbers
 from cosim.base.errors import FmuError, ScenarioError
 from fmus.arms import chain, serial_arm, task_space
 from fmus.arms.adaptive_variables import coupling_gains, network_inputs
@@ -285,6 +284,8 @@ def shared_base(
 
     Of two coordinates the third is at right angles to them. Raises ScenarioError as `prepare`.
     """
+    from cosim.base.convert import number, numbers  # not where FMUs are built
+
     values = {**(prepare(options, folder).values if "urdf" in options else {}), **parameters}
     rows = list(values.get("frame", ((1, 0, 0), (0, 1, 0), (0, 0, 1))))
     F = np.reshape(numbers(rows, (len(rows), 3), "1", "frame"), (-1, 3))

@@ -84,6 +84,17 @@ def test_importing_the_packages_is_cheap() -> None:
     assert not heavy & set(done.stdout.split())
 
 
+def test_models_are_declared_without_any_dependency() -> None:
+    """So `pip install .` builds their FMUs in an environment that has setuptools only."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    libraries = {re.split(r"[<>=]", text)[0].replace("-", "_") for text in project["dependencies"]}
+    libraries |= {"can", "zenoh"}
+    call = f"import sys; sys.modules.update(dict.fromkeys({libraries}))\n"
+    call += "from fmus.build.archive import installed_models; installed_models()"
+    done = subprocess.run([sys.executable, "-c", call], cwd=ROOT, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+
+
 def test_the_parts_of_every_week_are_parts_of_the_long_tests():
     weekly = (ROOT / ".ci" / "weekly").read_text()
     named = re.search(r"\|\| set -- (.+)", weekly)

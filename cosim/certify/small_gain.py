@@ -1,0 +1,98 @@
+"""The search for a small-gain certificate: scales of the links, then a storage function.
+
+With w_i bounded by g_i v_i in the norm weighted by any X_i > 0 (:mod:`cosim.certify.nominal`) the
+loop is stable if the gain from w to v, so weighted, is below 1. X = diag(X_i) comes from linear
+matrix inequalities on a grid of frequencies, and P of the Kalman-Yakubovich-Popov lemma from a
+Riccati equation, which takes little time for a hundred states. Nothing here is trusted: a candidate
+counts if :mod:`cosim.certify.checker` accepts it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cosim.certify.inequalities import interior, scipy_linalg, symmetric
+from cosim.certify.nominal import Nominal
+
+Matrix = NDArray[np.float64]
+#: Frequencies of the grid, and at most of those near poles.
+_GRID, _POLES = 60, 40
+#: The distance from the limit that P keeps, relative.
+_ROOM = (1e-3, 1e-5, 1e-7)
+
+
+def candidates(found: Nominal, squared: Sequence[float]) -> Iterator[tuple[Matrix, list[Matrix]]]:
+    """P (n, n) and the X_i, without units, for g_i^2 = `squared` (samples squared), if any.
+
+    Raises ScenarioError without the solver.
+    """
+    F, V = (np.array(x.floats()).reshape(len(x), x.width) for x in (found.F, found.V))
+    n = len(F)
+    A, B, C, D = F[:, :n], F[:, n:], V[:, :n], V[:, n:]
+    z = _grid(A) if n else None
+    if z is None:
+        return
+    T = C @ np.linalg.solve(z[:, None, None] * np.eye(n) - A, np.broadcast_to(
+        B.astype(np.complex128), (len(z), *B.shape))) + D  # fmt: skip
+    X = _scales(T, found.places, squared)
+    if X is None:
+        return
+    for room in _ROOM:
+        P = _riccati(A, B, C, D, X, _weighted(X, found.places, squared), room)
+        if P is not None:
+            yield P, [X[np.ix_(p, p)] for p in found.places]
+
+
+def _grid(A: Matrix) -> NDArray[np.complex128] | None:
+    """Points of the upper half of the unit circle; None if the loop is not stable."""
+    poles = np.linalg.eigvals(A)
+    if not len(poles) or np.abs(poles).max() >= 1.0:
+        return None
+    near = np.sort(np.abs(np.angle(poles[np.argsort(-np.abs(poles))[:_POLES]])))
+    angles = np.concatenate([[0.0], np.geomspace(1e-5, np.pi, _GRID), near])
+    return np.exp(1j * np.unique(angles))
+
+
+def _weighted(X: Matrix, places: Sequence[range], squared: Sequence[float]) -> Matrix:
+    """diag(g_i^2 X_i)."""
+    found = X.copy()
+    for place, g in zip(places, squared, strict=True):
+        found[place.start : place.stop] *= g
+    return found
+
+
+def _scales(
+    T: NDArray[np.complex128], places: Sequence[range], squared: Sequence[float]
+) -> Matrix | None:
+    """X with T* diag(g_i^2 X_i) T < X at every point, T (k, m, m), as far from it as possible."""
+    m = T.shape[1]
+    basis = []
+    for place in places:
+        own = symmetric(len(place))
+        some = np.zeros((len(own), m, m))
+        some[:, place.start : place.stop, place.start : place.stop] = own
+        basis.append(some)
+    E = np.concatenate(basis)
+    G = np.concatenate([b * g for b, g in zip(basis, squared, strict=True)])
+    inside = E[:, None] - T.conj().transpose(0, 2, 1) @ G[:, None] @ T
+    whole = np.block([[inside.real, -inside.imag], [inside.imag, inside.real]])
+    x = interior([E, *whole.transpose(1, 0, 2, 3)], np.trace(E, axis1=1, axis2=2) / m)
+    return None if x is None else np.asarray(np.tensordot(x, E, 1))
+
+
+def _riccati(
+    A: Matrix, B: Matrix, C: Matrix, D: Matrix, X: Matrix, G: Matrix, room: float
+) -> Matrix | None:
+    """P of the bounded real lemma, with `room` added to what must be negative."""
+    linalg = scipy_linalg()
+    scale = float(np.trace(C.T @ G @ C)) / len(A)
+    Q = C.T @ G @ C + room * scale * np.eye(len(A))
+    R = D.T @ G @ D - X * (1.0 - room)
+    try:
+        P = linalg.solve_discrete_are(A, B, Q, R, s=C.T @ G @ D)
+    except (np.linalg.LinAlgError, ValueError):
+        return None
+    return np.asarray((P + P.T) / 2) if np.isfinite(P).all() else None

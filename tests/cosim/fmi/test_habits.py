@@ -13,7 +13,7 @@ import fmpy
 import pytest
 
 import cosim
-from cosim.base.errors import FmuError, RunError
+from cosim.base.errors import RunError
 from cosim.checks.preflight import check
 from cosim.loading.files import load
 from cosim.native import fmu_log, shared
@@ -264,15 +264,3 @@ def test_sources_of_fmi_3_that_are_included_by_others(tmp_path: Path) -> None:
         archive.writestr("sources/header.c", header)
     run = ran(path, tmp_path, build=True, parameters={"gain": 5}, start={"x": 7})
     assert run.column("m.y")[0] == 7.0
-
-
-def test_sources_without_headers_and_without_fmpy_name_the_extra(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    path = tmp_path / "sources.fmu"
-    with zipfile.ZipFile(path, "w") as archive:
-        archive.writestr("modelDescription.xml", strict3())
-        archive.writestr("sources/strict3.c", '#include "fmi3Functions.h"\n')
-    monkeypatch.setattr("cosim.fmi.file.headers.find_spec", lambda name: None)
-    with pytest.raises(FmuError, match=r"do not build: .*FMPy: pip install 'cosim-bridge\[fmpy\]'"):
-        ran(path, tmp_path, build=True)

@@ -138,7 +138,9 @@ def _mini(row: ComparisonRow, data: PageData, heights: tuple[float, float], *, l
 
 def _kind(row: ComparisonRow) -> str:
     """The attribute of a row that is not ranked."""
-    return "" if row.is_ranked else " class='unranked'"
+    if row.is_ranked:
+        return ""
+    return f" class='unranked{'' if row.is_stable else ' unstable'}'"
 
 
 def _marks(block: Sequence[ComparisonRow], column: MetricColumn, unit: str) -> dict[int, str]:

@@ -157,8 +157,9 @@ def test_a_row_that_is_not_stable_is_marked_and_never_the_best(
 ) -> None:
     text = page.write(found, tmp_path, COMMAND).read_text(encoding="utf-8")
     assert [r.controller for r in rows(found) if not r.is_stable] == ["paper"]
-    assert text.count("<tr class='unranked'>") == 1
-    assert "no: diverged at 0.17 s" in text.split("<tr class='unranked'>")[1].split("</tr>")[0]
+    assert text.count("<tr class='unranked unstable'>") == text.count("<tr class='unranked") == 1
+    row = text.split("<tr class='unranked unstable'>")[1].split("</tr>")[0]
+    assert "no: diverged at 0.17 s" in row
 
 
 # ---- files -------------------------------------------------------------------------------------

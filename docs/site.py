@@ -2,7 +2,7 @@
 
 The pages are those of docs/, as they are. What can be generated is: every command from its help,
 every key of every file from the structs that read it, the Python API, and a gallery of reports,
-which are made by the commands that it shows. Sphinx treats warnings as errors. Needs
+which are made by the commands that it shows. Each part prints how long it took. Sphinx treats warnings as errors. Needs
 ``pip install -e '.[site]'``.
 """
 
@@ -16,6 +16,8 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from html import escape
 from importlib import import_module
 from itertools import chain
 from pathlib import Path
@@ -24,13 +26,15 @@ from tempfile import TemporaryDirectory
 
 import msgspec
 
+from cosim.base.clock import stopwatch
+
 ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"
 COSIM = str(Path(sys.executable).with_name("cosim"))
 
 #: The pages by what a reader wants; every page of docs/ stands in one of them.
 GROUPS: Mapping[str, tuple[str, ...]] = {
-    "Begin": ("tutorial", "running", "own-component", "your-own-arm", "testing"),
+    "Begin": ("tutorial", "gallery", "running", "own-component", "your-own-arm", "testing"),
     "Simulate": ("arm", "controllers", "fmi", "algorithms", "scale", "sweep", "analysis"),
     "Rehearse": ("rehearsal", "can", "bus", "network", "hardware", "safety", "faults"),
     "Concepts": ("paper", "design", "glossary"),
@@ -54,7 +58,7 @@ GROUPS: Mapping[str, tuple[str, ...]] = {
     "中文": ("zh/index", "zh/tutorial"),
 }
 #: Pages that are made here, and pages of the checkout outside docs/.
-GENERATED = ("commands", "keys", "api", "models")
+GENERATED = ("gallery", "commands", "keys", "api", "models")
 OUTSIDE = {"benchmarks": "benchmarks/README.md", "golden": "tests/golden/README.md"}
 
 #: Modules with the structs that files are read into, by kind of file.
@@ -89,6 +93,17 @@ GALLERY = (
     ("reproduction", "The paper, claim by claim", "reproduce --out {out}"),
 )  # fmt: skip
 
+#: A report of 1280 by 960 pixels, a quarter as wide.
+CARDS = """
+.gallery { display: grid; grid-template-columns: repeat(auto-fill, 320px); gap: 28px 24px; }
+.gallery figure { margin: 0; width: 320px; }
+.gallery span { display: block; width: 320px; height: 240px; overflow: hidden;
+  border: 1px solid #8884; border-radius: 6px; margin-bottom: 6px; }
+.gallery iframe { width: 1280px; height: 960px; border: 0; transform: scale(0.25);
+  transform-origin: 0 0; pointer-events: none; }
+.gallery code { display: block; margin-top: 4px; font-size: 75%; overflow-wrap: anywhere; }
+"""
+
 CONF = """
 project = "cosim-bridge"
 author = "the maintainers"
@@ -112,11 +127,21 @@ def main() -> None:
     out = Path(sys.argv[1])
     with TemporaryDirectory() as scratch:
         source = Path(scratch) / "source"
-        write_sources(source)
+        with timed("pages"):
+            write_sources(source)
         write_gallery(source / "extra" / "gallery")
         sphinx = [sys.executable, "-m", "sphinx", "-W", "--keep-going", "-q", "-b", "html"]
-        subprocess.run([*sphinx, str(source), str(out)], check=True, cwd=ROOT)
+        with timed("sphinx"):
+            subprocess.run([*sphinx, str(source), str(out)], check=True, cwd=ROOT)
     print(f"site: {out / 'index.html'}")
+
+
+@contextmanager
+def timed(what: str) -> Iterator[None]:
+    """Print how long the block took."""
+    watch = stopwatch()
+    yield
+    print(f"{what:<14} {watch():6.1f} s", flush=True)
 
 
 def written_pages() -> dict[str, Path]:
@@ -145,11 +170,12 @@ def write_sources(source: Path) -> None:
         copy = source / picture.relative_to(DOCS)
         copy.parent.mkdir(parents=True, exist_ok=True)
         shutil.copy(picture, copy)
-    generated = {"commands": commands(), "keys": keys(), "api": api(), "models": models()}
-    for name, text in generated.items():
+    generated = {"gallery": gallery(), "keys": keys(), "api": api(), "models": models()}
+    (source / "commands").mkdir()
+    for name, text in {**generated, **dict(commands())}.items():
         (source / f"{name}.md").write_text(text, encoding="utf-8")
     index = (DOCS / "index.md").read_text(encoding="utf-8")
-    (source / "index.md").write_text(f"{index}\n{_gallery_list()}\n{_trees()}", encoding="utf-8")
+    (source / "index.md").write_text(f"{index}\n{_trees()}", encoding="utf-8")
     (source / "conf.py").write_text(CONF, encoding="utf-8")
 
 
@@ -183,21 +209,29 @@ def _trees() -> str:
 # ---- generated pages ----------------------------------------------------------------------------
 
 
-def commands() -> str:
-    """Every command with its help."""
+def commands() -> Iterator[tuple[str, str]]:
+    """Names and texts of pages: one of all commands, and one for each group with their help."""
     from cosim.cli.overview import GROUPS as FIRST
     from cosim.cli.overview import MORE
 
-    parts = ["# Commands\n"]
+    parts, names = ["# Commands\n"], []
     for title, found in (*FIRST.items(), *MORE.items()):
-        parts.append(f"## {title}\n")
-        for name in found:
-            help_ = subprocess.run(
-                [COSIM, name, "--help"], capture_output=True, text=True, check=True, cwd=ROOT,
-                env={"COLUMNS": "100", "PATH": "", "NO_COLOR": "1", "TERM": "dumb"},
-            )  # fmt: skip
-            parts.append(f"### cosim {name}\n\n```text\n{help_.stdout.rstrip()}\n```\n")
-    return "\n".join(parts)
+        name = f"commands/{title.lower().replace(' ', '-')}"
+        names.append(name)
+        yield name, f"# Commands: {title}\n\n" + "\n".join(map(_help, found))
+        rows = [f"| [cosim {c}]({name}.md#cosim-{c}) | {line} |" for c, line in found.items()]
+        parts.append("\n".join([f"## {title}\n", "| | |", "|---|---|", *rows, ""]))
+    tree = "\n".join(["```{toctree}", ":hidden:", "", *names, "```", ""])
+    yield "commands", "\n".join([*parts, tree])
+
+
+def _help(name: str) -> str:
+    """A section of a page: the help of a command."""
+    help_ = subprocess.run(
+        [COSIM, name, "--help"], capture_output=True, text=True, check=True, cwd=ROOT,
+        env={"COLUMNS": "88", "PATH": "", "NO_COLOR": "1", "TERM": "dumb"},
+    )  # fmt: skip
+    return f"## cosim {name}\n\n```text\n{help_.stdout.rstrip()}\n```\n"
 
 
 def keys() -> str:
@@ -271,13 +305,23 @@ def api() -> str:
 # ---- gallery ------------------------------------------------------------------------------------
 
 
-def _gallery_list() -> str:
-    """The reports of the gallery with the commands that make them."""
-    lines = ["## Reports\n\nMade by these commands; each is one file.\n"]
-    for name, title, command in GALLERY:
-        text = command.replace(" --out {out}", "")
-        lines.append(f"* <a href='gallery/{name}.html'>{title}</a>: `cosim {text}`")
-    return "\n".join(lines) + "\n"
+def gallery() -> str:
+    """The reports of the gallery, small, with the commands that make them."""
+    cards = "\n".join(_card(*entry) for entry in GALLERY)
+    return (
+        "# Gallery\n\nReports that these commands made; each is one file that any browser opens."
+        f"\n\n<style>{CARDS}</style>\n<div class='gallery'>\n{cards}\n</div>\n"
+    )
+
+
+def _card(name: str, title: str, command: str) -> str:
+    """A report as a small picture of itself, which leads to it."""
+    page, text = f"gallery/{name}.html", escape(command.replace(" --out {out}", ""))
+    return (
+        f"<figure><a href='{page}'><span><iframe src='{page}' loading='lazy' tabindex='-1' "
+        f"title='{escape(title)}'></iframe></span>{escape(title)}</a>"
+        f"<code>cosim {text}</code></figure>"
+    )
 
 
 def write_gallery(folder: Path) -> None:
@@ -287,7 +331,8 @@ def write_gallery(folder: Path) -> None:
         for name, _, command in GALLERY:
             out = Path(scratch) / name
             call = shlex.split(command.format(out=out))
-            subprocess.run([COSIM, *call], check=True, cwd=ROOT, stdout=subprocess.DEVNULL)
+            with timed(f"gallery/{name}"):
+                subprocess.run([COSIM, *call], check=True, cwd=ROOT, stdout=subprocess.DEVNULL)
             shutil.copy(out / "report.html", folder / f"{name}.html")
 
 

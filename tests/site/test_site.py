@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from cosim.cli.overview import COMMANDS
+from cosim.cli.overview import GROUPS, MORE
 
 pytestmark = [pytest.mark.slow, pytest.mark.site]
 ROOT = Path(__file__).resolve().parents[2]
@@ -39,7 +39,12 @@ def test_every_page_is_there_and_leads_to_pages_that_are(site: Path) -> None:
 
 def test_the_reference_has_every_command_and_key(site: Path) -> None:
     commands = (site / "commands.html").read_text(encoding="utf-8")
-    assert all(f">cosim {name}<" in commands for name in COMMANDS)
+    for title, group in (*GROUPS.items(), *MORE.items()):
+        page = f"commands/{title.lower().replace(' ', '-')}.html"
+        text = (site / page).read_text(encoding="utf-8")
+        for name in group:
+            assert f'<section id="cosim-{name}">' in text and f"Usage: cosim {name}" in text
+            assert f'href="{page}#cosim-{name}"' in commands
     keys = (site / "keys.html").read_text(encoding="utf-8")
     for key in ("lambda_M", "extrapolate", "q_jump", "record", "probability", "keep"):
         assert (f">{key}<" in keys) == (key != "lambda_M")  # a parameter of models is no key
@@ -53,4 +58,5 @@ def test_the_reports_of_the_gallery_are_pages_by_themselves(site: Path) -> None:
     for name in reports:
         text = (site / "gallery" / name).read_text(encoding="utf-8")
         assert "default-src 'none'" in text and 'class="verdict' in text
-        assert f"gallery/{name}" in (site / "index.html").read_text(encoding="utf-8")
+        assert f"<iframe src='gallery/{name}'" in (site / "gallery.html").read_text("utf-8")
+    assert 'href="gallery.html"' in (site / "index.html").read_text(encoding="utf-8")

@@ -2,8 +2,8 @@
 
 The pages are those of docs/, as they are. What can be generated is: every command from its help,
 every key of every file from the structs that read it, the Python API, and a gallery of reports,
-which are made by the commands that it shows. Each part prints how long it took. Sphinx treats warnings as errors. Needs
-``pip install -e '.[site]'``.
+which are made by the commands that it shows. Each part prints how long it took. Sphinx treats
+warnings as errors. Needs ``pip install -e '.[site]'``.
 """
 
 from __future__ import annotations
@@ -85,7 +85,7 @@ GALLERY = (
     ("openarm", "Two arms of seven joints", "run configs/openarm.toml --out {out}"),
     ("rehearsal", "A rehearsal with a process that stands still",
      "rehearse configs/teleoperation.toml --deploy can -i cosim --clock simulated "
-     "--set run.stop=8 --out {out}"),
+     "--set run.stop=4 --out {out}"),
     ("comparison", "Controllers side by side",
      "compare configs/teleoperation.toml --controllers paper,pd,p+d,nuno --operators light,tight "
      "--out {out}"),

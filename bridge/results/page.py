@@ -122,6 +122,7 @@ def _ms(value: float) -> str:
 
 
 def _lateness(outcome: RehearsalOutcome, data: PageData) -> Iterator[str]:
+    """Histograms of the lateness of nodes, and their diagram; none in simulated time."""
     series = []
     for report in outcome.reports:
         rows = outcome.rows[report.life]
@@ -129,6 +130,8 @@ def _lateness(outcome: RehearsalOutcome, data: PageData) -> Iterator[str]:
             continue
         name = f"lateness of {report.life}"
         late = (rows["woke_ns"] - rows["deadline_ns"]) * 1e-3
+        if not late.any():
+            continue
         data.add(name, "us", late, _period(rows), CHOSEN)
         series.append((name, str(report.life)))
         yield histogram(name, "us", late, _marks(report))

@@ -136,7 +136,7 @@ def lanes(outcome: RehearsalOutcome, end: float) -> str:
     )
     inside = "".join(drawn) + _axis(height, end)
     return (
-        f"<figure><figcaption>States, missed slots and faults ({legend})</figcaption>"
+        f"<figure class='wide'><figcaption>States, missed slots and faults ({legend})</figcaption>"
         f'<svg viewBox="0 0 {_WIDTH} {height + 22}" role="img" aria-label="States of the nodes '
         f'over time; the table below says how each ended">{inside}</svg></figure>'
     )
@@ -157,7 +157,7 @@ def frame_lanes(outcome: RehearsalOutcome, end: float) -> str:
     drawn = [x for k, (name, t) in enumerate(messages) for x in _frame_lane(name, t, k, end)]
     height = len(messages) * _THIN
     return (
-        "<figure><figcaption>Frames on the buses (darker: more in that time; none: no frame)"
+        "<figure class='wide'><figcaption>Frames on the buses (darker: more in that time)"
         f'</figcaption><svg viewBox="0 0 {_WIDTH} {height + 22}" role="img" aria-label="Frames of '
         f'each message over time">{"".join(drawn)}{_axis(height, end)}</svg></figure>'
     )

@@ -129,8 +129,8 @@ def elements(legend: Mapping[str, str]) -> str:
         'numbers are in the table below"></canvas></div><p id="said" aria-live="polite"></p>'
         f'<div id="chosen-run" hidden><h2>Run this point again</h2>{command("one", "")}</div>'
         "<div class='together'><h2>Filter</h2><p>Drag along an axis, or type limits; every line is "
-        'a run, dashed where it is not stable.</p><div><canvas id="fan" role="img" aria-label="Every run as a line '
-        'over all columns"></canvas></div></div><div id="limits"></div>'
-        '<button id="all">All runs</button></section>'
+        'a run, dashed where it is not stable.</p><div><canvas id="fan" role="img" '
+        'aria-label="Every run as a line over all columns"></canvas></div></div>'
+        '<div id="limits"></div><button id="all">All runs</button></section>'
         '<h2>Runs</h2><p id="count"></p><div class="scroll"><table id="rows"></table></div>'
     )

@@ -43,5 +43,5 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    """The public names as well, before they are imported."""
-    return sorted({*globals(), *_PUBLIC})
+    """The public names, and no others."""
+    return sorted(__all__)

@@ -104,7 +104,7 @@ def campaign(
         options.markdown.write_text(judgement.markdown(rows), encoding="utf-8")
     if judged:
         path = page.write_campaign(judged, found.title, job.folder, this_command())
-        result.save(page.campaign_as_data(judged, job.folder))
+        result.save("campaign", page.campaign_as_data(judged, job.folder))
         result.say(f"{'report':<16} {path}")
     if not judged or any(one.failures for _, one in judged):
         raise typer.Exit(1)

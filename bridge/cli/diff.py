@@ -69,7 +69,7 @@ def diff(
     found = compare_runs(run_a, run_b, signals or (), tolerance)
     typer.echo("\n".join(lines(found)))
     if files.json is not None:
-        write_json(files.json, found.as_data())
+        write_json(files.json, "diff", found.as_data())
     if files.html is not None:
         write_diff_page(found, files.html)
     if files.junit is not None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import platform
 import shutil
@@ -17,6 +16,7 @@ from typing import Annotated, Any, Literal
 import typer
 
 from cosim.base.errors import CosimError
+from cosim.cli.options import Json, write_json
 
 State = Literal["good", "limited", "missing"]
 _MARKS = {"good": "✓", "limited": "!", "missing": "✗"}
@@ -48,9 +48,7 @@ class MachineCheck:
 
 
 def doctor(
-    as_json: Annotated[
-        bool, typer.Option("--json", help="Print the result as JSON instead of text.")
-    ] = False,
+    json: Json = None,
     deploy: Annotated[
         Path | None,
         typer.Option(
@@ -82,13 +80,12 @@ def doctor(
         from bridge.cli.options import BusOptions
 
         buses = BusOptions(interface, channel or [])
-        found: list[Any] = list(check_deployment(deploy, buses, yes, as_json))
+        found: list[Any] = list(check_deployment(deploy, buses, yes))
     else:
         found = list(checks())
-        if not as_json:
-            _print(found)
-    if as_json:
-        typer.echo(json.dumps({"schema": "cosim.doctor/1", "checks": [asdict(c) for c in found]}))
+        _print(found)
+    if json is not None:
+        write_json(json, "doctor", {"checks": [asdict(c) for c in found]})
     states = {c.state for c in found}
     if "missing" in states:
         raise typer.Exit(1)

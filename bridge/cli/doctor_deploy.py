@@ -21,10 +21,8 @@ _MARKS = {"good": "✓", "limited": "!", "missing": "✗"}
 FIRST = 0.05
 
 
-def check_deployment(
-    path: Path, buses: BusOptions, yes: bool, quiet: bool
-) -> Iterator[StepFinding]:
-    """The findings of all steps; each is printed as it comes, unless `quiet`.
+def check_deployment(path: Path, buses: BusOptions, yes: bool) -> Iterator[StepFinding]:
+    """The findings of all steps; each is printed as it comes.
 
     `yes`: nobody is asked. Raises ScenarioError for a deployment without drives of a profile.
     """
@@ -37,10 +35,9 @@ def check_deployment(
     good = True
     for found in _steps(d, drives, yes):
         good &= found.state != "missing"
-        if not quiet:
-            _print(found)
+        _print(found)
         yield found
-    if good and not quiet:
+    if good:
         typer.echo(first_run(d, drives))
 
 

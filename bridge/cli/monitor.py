@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
+from shutil import get_terminal_size
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -238,7 +239,8 @@ def _system(options: ListenOptions) -> System:
 
 
 def _print(view: View) -> None:
-    for text, marked in view.lines():
+    width = get_terminal_size().columns if sys.stdout.isatty() else 0
+    for text, marked in view.lines(width):
         typer.secho(text, fg="red" if marked else None)
 
 
@@ -249,8 +251,9 @@ def _display() -> Iterator[Callable[[View, int], None]]:
         from rich.console import Console
         from rich.live import Live
 
-        with Live(console=Console(), auto_refresh=False, screen=True) as live:
-            yield lambda view, now: live.update(_text(view), refresh=True)
+        console = Console()
+        with Live(console=console, auto_refresh=False, screen=True) as live:
+            yield lambda view, now: live.update(_text(view, console.width), refresh=True)
         return
     said = 0
 
@@ -263,10 +266,10 @@ def _display() -> Iterator[Callable[[View, int], None]]:
     yield say
 
 
-def _text(view: View) -> Text:
-    """For a terminal; one text, which costs a tenth of tables of rich."""
+def _text(view: View, width: int) -> Text:
+    """For a terminal of `width` columns; one text, which costs a tenth of tables of rich."""
     from rich.text import Text
 
     return Text("\n", no_wrap=True).join(
-        Text(text, style="bold red" if marked else "") for text, marked in view.lines()
+        Text(text, style="bold red" if marked else "") for text, marked in view.lines(width)
     )

@@ -10,7 +10,7 @@ import typer
 
 from bridge.cli.options import PingDeployment
 from bridge.cli.ping_path import EndOptions, PathRequest, PredictionOptions, WatchOptions
-from cosim.cli.options import finite
+from cosim.cli.options import Json, finite
 
 if TYPE_CHECKING:
     from bridge.ping.zenoh import PingedNodes
@@ -40,7 +40,7 @@ class QuestionOptions:
         ),
     ] = False
     out: Annotated[Path, typer.Option(help="Folder for traces and report.")] = Path("ping")
-    json: Annotated[bool, typer.Option("--json", help="Print the figures as JSON.")] = False
+    json: Json = None
     deploy: PingDeployment = "zenoh"
 
 
@@ -89,7 +89,7 @@ def ping(
 
         ping_listen(
             words, identifier=listen.id_, connect=listen.connect, duration=length,
-            json_=questions.json, end=end,
+            json=questions.json, end=end,
         )  # fmt: skip
         return
     if path.endswith(".toml"):
@@ -103,10 +103,12 @@ def ping(
     common = PathRequest(
         path, "", questions.rate, questions.size, length, out, end, prediction, watch, nodes
     )
-    _paths(path, words, common, json_=questions.json, ramp=questions.ramp)
+    _paths(path, words, common, json=questions.json, ramp=questions.ramp)
 
 
-def _paths(kind: str, target: list[str], common: PathRequest, *, json_: bool, ramp: bool) -> None:
+def _paths(
+    kind: str, target: list[str], common: PathRequest, *, json: Path | None, ramp: bool
+) -> None:
     """One path, several of them, or one at rising rates."""
     from bridge.cli.ping_path import ping_path, requests
     from cosim.base.errors import ScenarioError
@@ -126,13 +128,13 @@ def _paths(kind: str, target: list[str], common: PathRequest, *, json_: bool, ra
                 "one path and a length of each rate",
                 "cosim ping",
             )
-        ping_ramp(found[0], json_=json_)
+        ping_ramp(found[0], json)
     elif len(found) == 1:
-        ping_path(found[0], json_=json_)
+        ping_path(found[0], json)
     else:
         from bridge.cli.ping_several import ping_several
 
-        ping_several(found, json_=json_)
+        ping_several(found, json)
 
 
 def _nodes(scenario: Path, deploy: str, target: list[str], settings: list[str]) -> PingedNodes:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import typer
+
+from cosim.cli.options import write_json
 
 if TYPE_CHECKING:
     from bridge.cli.ping_path import EndOptions
@@ -15,7 +17,8 @@ if TYPE_CHECKING:
 
 
 def ping_listen(
-    target: Sequence[str], *, identifier: str, connect: str, duration: float, json_: bool,
+    target: Sequence[str], *, identifier: str, connect: str, duration: float,
+    json: Path | None,
     end: EndOptions,
 ) -> None:  # fmt: skip
     """Listen to ``can CHANNEL`` or ``zenoh KEY`` for `duration` (s; 0: until Ctrl-C), and print.
@@ -47,9 +50,8 @@ def ping_listen(
         raise RunError(
             f"{kind} {where}: {counts} samples heard; expected at least three of one stream"
         )
-    if json_:
-        typer.echo(json.dumps({name: stream_values(f) for name, f in figures.items()}, indent=1))
-        return
+    if json is not None:
+        write_json(json, "ping", {"streams": {n: stream_values(f) for n, f in figures.items()}})
     for name, f in figures.items():
         typer.echo("\n".join(stream_lines(name, f)))
     if heard.ignored:

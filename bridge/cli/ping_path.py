@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 import shlex
 import sys
@@ -17,7 +16,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from bridge.cli.options import PingSettings
-from cosim.cli.options import finite
+from cosim.cli.options import finite, write_json
 
 if TYPE_CHECKING:
     from bridge.can.interface import CanBusSpec
@@ -208,7 +207,7 @@ def _no_path(words: Sequence[str]) -> ScenarioError:
     )
 
 
-def ping_path(request: PathRequest, *, json_: bool) -> None:
+def ping_path(request: PathRequest, json: Path | None) -> None:
     """Measure one path, print its figures, and write its traces and a report.
 
     Raises RunError or BusError where nothing answers; exits with 1 after an alarm.
@@ -216,11 +215,11 @@ def ping_path(request: PathRequest, *, json_: bool) -> None:
 
     def say(line: str) -> None:
         end_live_line()
-        typer.echo(line, err=json_)
+        typer.echo(line)
 
-    found = measured(request, say, _live, (lambda _: None) if json_ else typer.echo)
-    if json_:
-        typer.echo(json.dumps(found.data, indent=1))
+    found = measured(request, say, _live, typer.echo)
+    if json is not None:
+        write_json(json, "ping", found.data)
     if found.sounded:
         raise typer.Exit(1)
 

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import json
 import multiprocessing
 import sys
 from collections.abc import Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, wait
 from dataclasses import asdict, dataclass, replace
 from multiprocessing.synchronize import Event
+from pathlib import Path
 from typing import Any
 
 import typer
@@ -22,6 +22,7 @@ from cosim.base.clock import monotonic_ns
 from cosim.base.errors import CosimError, RunError
 from cosim.base.interrupts import acknowledge, act_on_signal
 from cosim.base.processes import leave_signals_to_parent
+from cosim.cli.options import write_json
 
 #: Set in the process of a path: ends the measurement.
 _stop: list[Event] = []
@@ -34,7 +35,7 @@ class FailedPath:
     reason: str
 
 
-def ping_several(requests: Sequence[PathRequest], *, json_: bool) -> None:
+def ping_several(requests: Sequence[PathRequest], json: Path | None) -> None:
     """Measure paths at the same time, each written to its own folder; print them side by side.
 
     Ctrl-C ends all of them with their results. Raises RunError if one could not be measured, after
@@ -43,14 +44,13 @@ def ping_several(requests: Sequence[PathRequest], *, json_: bool) -> None:
     found = _measured(requests)
     done = {name: f for name, f in found.items() if isinstance(f, PathOutcome)}
     failed = [f.reason for f in found.values() if isinstance(f, FailedPath)]
-    if json_:
-        typer.echo(json.dumps({"paths": {name: f.data for name, f in done.items()}}, indent=1))
-    else:
-        for line in table({name: f.data for name, f in done.items()}):
-            typer.echo(line)
-        for request in requests:
-            if request.name in done:
-                typer.echo(f"report: {request.out / 'report.html'}")
+    for line in table({name: f.data for name, f in done.items()}):
+        typer.echo(line)
+    for request in requests:
+        if request.name in done:
+            typer.echo(f"report: {request.out / 'report.html'}")
+    if json is not None:
+        write_json(json, "ping", {"paths": {name: f.data for name, f in done.items()}})
     if failed:
         raise RunError("; ".join(failed))
     if any(f.sounded for f in done.values()):
@@ -133,7 +133,7 @@ def _live(
         sys.stderr.flush()
 
 
-def ping_ramp(request: PathRequest, *, json_: bool) -> None:
+def ping_ramp(request: PathRequest, json: Path | None) -> None:
     """Measure a path at rising rates from that of `request`, and print at which it breaks.
 
     Each rate takes as long as `request` says, s. Raises RunError where nothing answers.
@@ -149,13 +149,10 @@ def ping_ramp(request: PathRequest, *, json_: bool) -> None:
         return evaluate(record)
 
     def tell(step: RampStep) -> None:
-        if not json_:
-            typer.echo(step.text)
+        typer.echo(step.text)
 
-    if not json_:
-        typer.echo(HEADING)
+    typer.echo(HEADING)
     found = ramp(at, request.rate, tell)
-    if json_:
-        typer.echo(json.dumps(asdict(found), indent=1))
-    else:
-        typer.echo(f"{request.name}: {found.text(request.size)}")
+    typer.echo(f"{request.name}: {found.text(request.size)}")
+    if json is not None:
+        write_json(json, "ping", asdict(found))

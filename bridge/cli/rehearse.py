@@ -149,7 +149,7 @@ def _run(
         outcome, interrupted = _rehearsed(system, settings, folder, facts, script, options)
         verdict = _say(system, outcome, options)
         if options.json is not None:
-            write_json(options.json, as_data(system, outcome))
+            write_json(options.json, "rehearse", as_data(system, outcome))
         if interrupted:
             typer.echo(f"interrupted; recorded until then: {folder}", err=True)
             raise typer.Exit(exit_code())

@@ -69,7 +69,7 @@ def replay(
     with TemporaryDirectory() as scratch:
         found = again.replay(system, rows, again.received_by_life(run / NODES), Path(scratch))
     if json is not None:
-        write_json(json, _data(found))
+        write_json(json, "replay", _data(found))
     seconds = max(len(r) * system.nodes[life.node].h for life, r in rows.items())
     _print(found, f"{time_text(watch(), 3)} for {time_text(seconds)}")
     if found.first is not None or found.altered:

@@ -107,7 +107,7 @@ def conclude(
     result.say("\n" + "\n".join(aligned(table.facts(records))))
     (folder / SUMMARY).write_text(table.markdown(records, title), encoding="utf-8")
     report = page.write_many(records, kinds, title, folder, this_command())
-    result.save(page.many_as_data(records, folder))
+    result.save("soak", page.many_as_data(records, folder))
     for line in table.inconclusive(records):
         typer.echo(f"inconclusive: {line}", err=True)
     wrong = table.failures(records)

@@ -167,7 +167,8 @@ def run(scenario: Path, settings: Sequence[str], options: RunOptions) -> None:
     seal(folder)
     if options.json is not None:
         metrics = metrics_as_data(system.scenario, result)
-        write_json(options.json, {"folder": str(folder), "wall_s": wall, "metrics": metrics})
+        data = {"folder": str(folder), "wall_s": wall, "metrics": metrics}
+        write_json(options.json, "twin", data)
     options.say(summary_line("run folder", str(folder)))
 
 

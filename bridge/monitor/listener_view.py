@@ -23,7 +23,8 @@ def view(listener: Listener, now_ns: int) -> View:
     known = window.metrics(listener.system, heard, now_ns)
     numbers = [f"{r.label} {result(r)}" for r in known[0] if not isnan(r.value)]
     line = "; ".join((", ".join(there) or "nobody there", ", ".join(rates), *numbers))
-    return View(f"listening on {', '.join(listener.ears)}", line, _tables(listener, now_ns, known))
+    head = f"{listener.system.scenario.name}: listening on {', '.join(listener.ears)}"
+    return View(head, line, _tables(listener, now_ns, known))
 
 
 def _tables(

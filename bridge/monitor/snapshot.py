@@ -93,8 +93,9 @@ class SignalView:
 
 @dataclass(frozen=True, slots=True)
 class Snapshot:
-    """Everything at `t`, s of the run; `length`: of the whole run. `metrics`: of the span."""
+    """Everything at `t`, s of the run `run`; `length`: of all of it. `metrics`: of the span."""
 
+    run: str
     t: float
     length: float
     running: bool
@@ -116,6 +117,7 @@ def snapshot(watched: LiveRun, now_ns: int) -> Snapshot:
     losses = _losses(watched, frames)
     nodes = [_node(watched, n, rows.get(n), now_ns) for n in system.nodes]
     return Snapshot(
+        run=watched.folder.resolve().name,
         t=max((n.t for n in nodes), default=0.0),
         length=system.plan.ticks * system.plan.h,
         running=watched.running,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from math import isnan
@@ -28,17 +29,42 @@ class View:
     line: str
     tables: Sequence[TextTable]
 
-    def lines(self) -> Iterator[tuple[str, bool]]:
-        """Lines of text, and whether they want attention."""
+    @property
+    def attention(self) -> str:
+        """The first cells of all marked rows, by table; "": no row is marked."""
+        found = {t.title: [t.rows[i][0] for i in sorted(t.marked)] for t in self.tables}
+        return "; ".join(f"{title}: {', '.join(rows)}" for title, rows in found.items() if rows)
+
+    def lines(self, width: int = 0) -> Iterator[tuple[str, bool]]:
+        """Lines of text, and whether they want attention.
+
+        `width`: columns at which they are folded, so that none of them is cut; 0: not folded.
+        """
+        for text, marked in self._lines():
+            if width and len(text) > width:
+                yield from ((part, marked) for part in _folded(text, width))
+            else:
+                yield text, marked
+
+    def _lines(self) -> Iterator[tuple[str, bool]]:
         yield self.head, False
+        if self.attention:
+            yield f"look at  {self.attention}", True
         for table in self.tables:
             yield "", False
             yield from aligned(table)
 
 
+def _folded(text: str, width: int) -> list[str]:
+    """A line in parts of at most `width` columns; the further ones are indented."""
+    return textwrap.wrap(
+        text, width, subsequent_indent="      ", break_on_hyphens=False, drop_whitespace=True
+    )
+
+
 def view(s: Snapshot) -> View:
     """A snapshot to be shown."""
-    head = f"t = {s.t:.2f} of {s.length:g} s; {'runs' if s.running else 'has ended'}"
+    head = f"{s.run}: t = {s.t:.2f} of {s.length:g} s; {'runs' if s.running else 'has ended'}"
     return View(head, line(s), tables(s))
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, final
 
+from cosim.api.arguments import expect
 from cosim.base.errors import CosimError, ScenarioError
 from cosim.base.names import signal_of
 from cosim.record import Run
@@ -40,6 +41,7 @@ class RunResult:
         self._run, self._kept = run, kept
 
     def __getitem__(self, name: str) -> NDArray[np.float64]:
+        expect("RunResult[...]", {"signal": "text"}, {"signal": name})
         if name in self._run.units:
             return self._run.column(name)
         return self._run.array(name)

@@ -10,6 +10,7 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 from cosim.api import given
+from cosim.api.arguments import expect
 from cosim.api.results import RunResult
 from cosim.base.toml import as_toml, change
 from cosim.record import Run
@@ -27,6 +28,31 @@ _INDEX = re.compile(r"\[(\d+)\]")
 _OF_VARIABLES = re.compile(r"components\.[^.]+\.(parameters|start|inputs)\.")
 #: A scenario: a file, or a document with the keys of one.
 Given = str | Path | Mapping[str, Any]
+#: Kinds of arguments (cosim/api/arguments.py).
+_OF_RUN = {
+    "scenario": "scenario",
+    "set": "changes?",
+    "seed": "whole?",
+    "stop": "time?",
+    "out": "path?",
+    "progress": "function",
+}
+_OF_COMPARE = {
+    "scenario": "path",
+    **dict.fromkeys(("controllers", "operators", "links"), "texts"),
+    "variants": "path?",
+    "seeds": "count",
+    "set": "changes?",
+    "jobs": "count",
+}
+_OF_SWEEP = {
+    "study": "path",
+    "out": "path",
+    "jobs": "count",
+    "resume": "flag",
+    "limit": "count?",
+    "each": "function",
+}
 
 
 def run(
@@ -49,6 +75,7 @@ def run(
     """
     from cosim.engine.simulate import simulate
 
+    expect("run", _OF_RUN, locals())
     changes = {**({} if stop is None else {"run.stop": stop}), **(set or {})}
     loaded = _loaded(scenario, changes, seed)
     kept = TemporaryDirectory(prefix="cosim-") if out is None else None
@@ -59,6 +86,7 @@ def run(
 
 def open(folder: str | Path) -> RunResult:
     """A run folder, of a run, a rehearsal or a replay. Raises ScenarioError."""
+    expect("open", {"folder": "path"}, locals())
     return RunResult(Run.open(folder))
 
 
@@ -71,6 +99,7 @@ def check(
     from cosim.checks.preflight import check as findings
     from cosim.scenario.assemble import assemble
 
+    expect("check", {"scenario": "scenario", "set": "changes?"}, locals())
     loaded = _loaded(scenario, set, None)
     return tuple(findings(loaded, assemble(loaded)))
 
@@ -96,6 +125,7 @@ def compare(
     from cosim.comparison.documents import read_base
     from cosim.comparison.variants_file import read, variants_path
 
+    expect("compare", _OF_COMPARE, locals())
     known = read(variants or variants_path(scenario))
     chosen = known.select(list(controllers), list(operators), list(links))
     base = read_base(scenario, known, as_settings(set))
@@ -124,6 +154,7 @@ def sweep(
     from cosim.study.runner import Observer
     from cosim.study.study import load_study
 
+    expect("sweep", _OF_SWEEP, locals())
     extent = execute.Extent(resume=resume, limit=limit)
     opened, observer = partial(processes, jobs), Observer(done=each)
     return execute.sweep(load_study(Path(study)), out, opened, extent, observer)

@@ -92,7 +92,7 @@ def analyze(
         found = analyse(subject, tests=port.tests, lowest=port.lowest, progress=say)
     lines = report(found)
     if json is not None:
-        write_json(json, found.as_data())
+        write_json(json, "analyze", found.as_data())
         lines.append(f"\n{'numbers':<12} {json}")
     if port.png:
         from cosim.reporting.analysis import draw

@@ -81,7 +81,7 @@ def check(
     typer.echo("\n" + ", ".join(f"{n} {s}{'' if n == 1 else 's'}" for s, n in counts.items()))
     if json is not None:
         findings = [f.as_data() for f in found]
-        write_json(json, {"scenario": str(scenario), "findings": findings})
+        write_json(json, "check", {"scenario": str(scenario), "findings": findings})
     if counts["error"] or (strict and counts["warning"]):
         raise typer.Exit(1)
 

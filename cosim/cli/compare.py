@@ -108,7 +108,7 @@ def compare(
                 base, known, chosen, count, jobs=options.jobs, kept=kept, observer=observer
             )
         paths = _written(found, folder, options)
-    result.save(report.as_data(found, this_command()))
+    result.save("compare", report.as_data(found, this_command()))
     result.say("\n".join(report.text(found)))
     result.say(f"{len(found.outcomes)} runs in {watch():.1f} s; {', '.join(map(str, paths))}")
 

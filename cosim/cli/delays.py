@@ -30,7 +30,7 @@ def delays(
 ) -> None:
     """List delays by name: presets of networks, and frozen traces with their SHA-256 sums."""
     if json is not None:
-        write_json(json, _data())
+        write_json(json, "delays", {"delays": _data()})
     if write is not None:
         typer.echo(f"{_write(write)} traces written to {write}")
     elif verify:

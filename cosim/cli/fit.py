@@ -78,7 +78,7 @@ def fit(
             parameters,
             lambda n, rms: say(f"run {n}: differences {rms:.4g} standard deviations of the data"),
         ).run(options.runs)
-    result.save(_as_data(found))
+    result.save("fit", _as_data(found))
     result.say(f"{loaded.title}: {len(signals)} signals of {data}, {recording.t.size} times each")
     for line in (*_parameters(found), *_differences(found), _again(scenario, plan, found)):
         result.say(line)

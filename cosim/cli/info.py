@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import sys
+import textwrap
 from collections.abc import Mapping
 from pathlib import Path
+from shutil import get_terminal_size
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from cosim.base.names import extent
+from cosim.base.units import time_text
 from cosim.cli.options import Json, write_json
 
 if TYPE_CHECKING:
@@ -43,17 +47,34 @@ def info(
 
     component = _component(model)
     facts, columns, rows = _contents(component)
+    width = _columns()
     for line in aligned([list(fact) for fact in facts]):
-        typer.echo(line[2:])
+        typer.echo("\n".join(_folded(line[2:], width, 2 + max(len(name) for name, _ in facts))))
     typer.echo("")
     for line in aligned([columns, *rows]):
-        typer.echo(line)
+        typer.echo("\n".join(_folded(line, width, 6)))
     found = _problems(component) if validate else None
     if json is not None:
         signals = [dict(zip(columns, row, strict=True)) for row in rows]
-        write_json(json, {**dict(facts), "signals": signals, "problems": found})
+        write_json(json, "info", {**dict(facts), "signals": signals, "problems": found})
     if found and strict:
         raise typer.Exit(1)
+
+
+def _columns() -> int:
+    """The columns of the terminal; 0 if the output is none, whose lines are not folded."""
+    return get_terminal_size().columns if sys.stdout.isatty() else 0
+
+
+def _folded(line: str, width: int, indent: int) -> list[str]:
+    """A line of a table in parts of at most `width` columns, 0: as it is.
+
+    The further parts are indented by `indent` columns, if that leaves half of the width.
+    """
+    if not width or len(line) <= width:
+        return [line]
+    gap = " " * (indent if indent <= width // 2 else 2)
+    return textwrap.wrap(line, width, subsequent_indent=gap, break_on_hyphens=False)
 
 
 def _component(model: str) -> Component:
@@ -146,9 +167,9 @@ def _facts(component: FmuComponent) -> list[tuple[str, str]]:
         ("sha256", component.archive.sha256),
         ("platforms", ", ".join(platforms) or "none"),
         ("sources", "yes, built with build = true" if has_sources(component.archive) else "none"),
-        *([("start", _stated(d.default_start, " s"))] if d.default_start else []),
-        ("step", _stated(d.default_step, " s")),
-        ("stop", _stated(d.default_stop, " s")),
+        *([("start", _time(d.default_start))] if d.default_start else []),
+        ("step", _time(d.default_step)),
+        ("stop", _time(d.default_stop)),
         ("tolerance", _stated(d.tolerance)),
         ("capabilities", ", ".join(flags) or "none"),
         *_terminals(component),
@@ -172,8 +193,12 @@ def _interfaces(component: FmuComponent) -> str:
     return ", ".join(found)
 
 
-def _stated(value: float | None, unit: str = "") -> str:
-    return "not stated" if value is None else f"{value:g}{unit}"
+def _time(value: float | None) -> str:
+    return "not stated" if value is None else time_text(value, 6)
+
+
+def _stated(value: float | None) -> str:
+    return "not stated" if value is None else f"{value:g}"
 
 
 def _terminals(component: FmuComponent) -> list[tuple[str, str]]:

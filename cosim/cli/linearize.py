@@ -100,7 +100,7 @@ def linearize(
             lambda name: say(f"derivatives of {name}"),
         )
     if json is not None:
-        write_json(json, found.as_data())
+        write_json(json, "linearize", found.as_data())
     if options.mat is not None:
         _save(options.mat, _matlab(found))
     if not quiet:

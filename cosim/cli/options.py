@@ -9,13 +9,14 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
+import sys
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import MISSING, Field, dataclass, field, fields, is_dataclass
 from functools import wraps
 from inspect import Parameter, Signature, signature
 from math import isfinite
 from pathlib import Path
-from typing import Annotated, Any, TypeVar, get_type_hints
+from typing import Annotated, Any, TextIO, TypeVar, get_type_hints
 
 import typer
 
@@ -57,8 +58,39 @@ StrictRun = Annotated[
         "requirement passes.",
     ),
 ]
+#: The file that stands for standard output.
+STDOUT = Path("-")
+
+
+def _json_file(context: typer.Context, value: Path | None) -> Path | None:
+    """The callback of ``--json``: with ``-`` whatever else is printed goes to standard error."""
+    if value == STDOUT:
+        _streams.append(sys.stdout)
+        sys.stdout = sys.stderr
+        context.call_on_close(_restore)
+    return value
+
+
+#: Standard output, while something else is printed to standard error.
+_streams: list[TextIO] = []
+
+
+def _output() -> TextIO:
+    return _streams[-1] if _streams else sys.stdout
+
+
+def _restore() -> None:
+    sys.stdout = _streams.pop()
+
+
 Json = Annotated[
-    Path | None, typer.Option("--json", metavar="FILE", help="Write the result as JSON.")
+    Path | None,
+    typer.Option(
+        "--json",
+        metavar="FILE",
+        callback=_json_file,
+        help="Write the result as JSON; -: to standard output, and nothing else.",
+    ),
 ]
 Retry = Annotated[bool, typer.Option("--retry", help="Repeat the runs that failed.")]
 Jobs = Annotated[int, typer.Option("--jobs", "--parallel", min=1, help="Number of parallel runs.")]
@@ -121,10 +153,10 @@ class ResultOptions:
         if not self.quiet:
             typer.echo(text)
 
-    def save(self, data: Mapping[str, Any]) -> None:
-        """Write `data` where it is wanted. Raises RunError with the path."""
+    def save(self, command: str, data: Mapping[str, Any]) -> None:
+        """Write the `data` of a command where they are wanted. Raises RunError with the path."""
         if self.json is not None:
-            write_json(self.json, data)
+            write_json(self.json, command, data)
 
 
 @dataclass(frozen=True, slots=True)
@@ -173,15 +205,25 @@ def unused_folder(folder: Path) -> Path:
     return path
 
 
-def write_json(path: Path, data: Mapping[str, Any] | Sequence[Any]) -> None:
-    """Write a result as JSON; numbers that are not finite become null.
+#: Version of what ``--json`` writes; it changes when a key changes its meaning or goes.
+JSON_VERSION = 1
 
-    Raises RunError with the path if it cannot be written.
+
+def write_json(path: Path, command: str, data: Mapping[str, Any]) -> None:
+    """Write the result of a command as JSON, or print it for :data:`STDOUT`.
+
+    Its first key, ``schema``, is ``cosim.COMMAND/VERSION``. Numbers that are not finite become
+    null. Raises RunError with the path if it cannot be written.
     """
     from cosim.base.files import write_file
 
-    text = json.dumps(_plain(data), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
-    write_file(path, text)
+    document = {"schema": f"cosim.{command}/{JSON_VERSION}", **_plain(data)}
+    text = json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False, default=str) + "\n"
+    if path == STDOUT:
+        _output().write(text)
+        _output().flush()
+    else:
+        write_file(path, text)
 
 
 def _plain(data: Any) -> Any:

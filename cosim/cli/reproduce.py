@@ -87,7 +87,7 @@ def reproduce(
         rows = paper.reproduce(folder, wanted, **asdict(runs), progress=progress)
     page = paper.write_report(rows, folder, this_command())
     if json is not None:
-        write_json(json, {"folder": str(folder), "claims": rows})
+        write_json(json, "reproduce", {"folder": str(folder), "claims": rows})
     failed = [row for row in rows if not row["passed"]]
     for line in _table(failed if quiet else rows, colour=sys.stdout.isatty()):
         typer.echo(line)

@@ -186,7 +186,7 @@ def _finish(
         options.say(summary_line(what, str(path)))
     seal(folder)
     if options.json is not None:
-        write_json(options.json, as_data(loaded, result, outcome, judged))
+        write_json(options.json, "run", as_data(loaded, result, outcome, judged))
     options.say(summary_line("run folder", str(folder)))
     if options.strict:
         exit_unless_passed(judged)

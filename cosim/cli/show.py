@@ -90,7 +90,7 @@ def show(
         for line in aligned([list(fact) for fact in facts]):
             typer.echo(line)
         if json is not None:
-            write_json(json, dict(facts))
+            write_json(json, "show", dict(facts))
         return
     loaded = load(scenario, set_ or [])
     if account.bus and json is not None:
@@ -113,7 +113,7 @@ def show(
             typer.echo(f"\n{title}")
             typer.echo("\n".join(aligned(rows)))
     if json is not None:
-        write_json(json, _as_data(loaded, plan, sections))
+        write_json(json, "show", _as_data(loaded, plan, sections))
 
 
 def _as_data(

@@ -91,7 +91,7 @@ def sweep(
     for line in _written(loaded, table, folder, options):
         result.say(line)
     seal(folder, anew=True)
-    result.save({"folder": str(folder), **summary.as_data(table)})
+    result.save("sweep", {"folder": str(folder), **summary.as_data(table)})
     summary.refuse_lost_runs(table)
 
 

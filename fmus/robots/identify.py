@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
-from cosim.cli.options import Quiet, write_json
+from cosim.cli.options import Json, Quiet, write_json
 
 if TYPE_CHECKING:
     from cosim.predict.inputs import RunWithInputs
@@ -38,9 +38,7 @@ def identify(
     cutoff: Annotated[
         float, typer.Option(min=0.01, max=1000.0, help="Use what is slower than this, Hz.")
     ] = 5.0,
-    json: Annotated[
-        Path | None, typer.Option("--json", metavar="FILE", help="Write the result as JSON.")
-    ] = None,
+    json: Json = None,
     quiet: Quiet = False,
 ) -> None:
     """Identify the base parameters of an arm from a recorded run, with intervals.
@@ -219,4 +217,4 @@ def _write(path: Path, found: Identified) -> None:
         "traces": [asdict(trace) for trace in found.traces],
         "memory": found.memory.tolist(),
     }  # fmt: skip
-    write_json(path, data)
+    write_json(path, "identify", data)

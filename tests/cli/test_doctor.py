@@ -17,7 +17,7 @@ from tests.cli.command import Command
 
 
 def test_it_looks_at_everything_and_cures_what_it_can(cosim: Command) -> None:
-    done = cosim("doctor", "--json")
+    done = cosim("doctor", "--json", "-")
     assert done.code == 0, done.out
     found = json.loads(done.out)
     assert found["schema"] == "cosim.doctor/1"

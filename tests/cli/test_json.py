@@ -8,9 +8,14 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from click import Command as Command_
+from click import Context
+from typer.main import get_command
 
 from cosim.base.errors import RunError
+from cosim.cli.commands import app
 from cosim.cli.options import write_json
+from cosim.cli.overview import COMMANDS
 from fmus.models import planar2r
 from tests.cli.command import ROOT, Command
 from tests.cli.conftest import cosim as cosim  # the command as a fixture
@@ -21,10 +26,14 @@ CONFIG = ROOT / "configs" / "teleoperation.toml"
 
 def test_numbers_that_are_not_finite_are_null(tmp_path: Path) -> None:
     path = tmp_path / "a.json"
-    write_json(path, {"a": [nan, 1.0, (inf, 2)], "b": {"c": -inf}})
-    assert json.loads(path.read_text("utf-8")) == {"a": [None, 1.0, [None, 2]], "b": {"c": None}}
+    write_json(path, "run", {"a": [nan, 1.0, (inf, 2)], "b": {"c": -inf}})
+    assert json.loads(path.read_text("utf-8")) == {
+        "schema": "cosim.run/1",
+        "a": [None, 1.0, [None, 2]],
+        "b": {"c": None},
+    }
     with pytest.raises(RunError, match=r"cannot write .*none/a.json"):
-        write_json(tmp_path / "none" / "a.json", [])
+        write_json(tmp_path / "none" / "a.json", "run", {})
 
 
 @pytest.fixture
@@ -116,8 +125,53 @@ def test_a_sweep_and_a_comparison(said: Any, tmp_path: Path) -> None:
 
 def test_delays_and_claims(said: Any, tmp_path: Path) -> None:
     found, text = said("delays")
-    wifi = next(x for x in found if x["name"] == "wifi5")
+    wifi = next(x for x in found["delays"] if x["name"] == "wifi5")
     assert wifi["law"] == "preset" and f"{1e3 * wifi['p50']:.3g}" in text
     found, text = said("reproduce", "--only", "o1", "--jobs", "1", "--out", tmp_path / "paper")
     assert found["claims"] and all(claim["passed"] for claim in found["claims"])
     assert f"{len(found['claims'])} claims" in text
+
+
+#: Commands with the option, and arguments of those that need little time.
+QUICK: dict[str, tuple[str | Path, ...]] = {
+    "run": (CONFIG, "--set", "run.stop=0.01", "--no-plot"),
+    "check": (CONFIG,),
+    "show": (CONFIG,),
+    "info": ("fmus.models.planar2r",),
+    "delays": (),
+    "doctor": (),
+}
+WITH_JSON = (
+    *("analyze", "campaign", "check", "compare", "delays", "diff", "doctor", "fit", "identify"),
+    *("info", "ping", "rehearse", "replay", "reproduce", "run", "show", "soak", "sweep"),
+)
+
+
+def option(command: str) -> Any:
+    """The option ``--json`` of a command, or None."""
+    found = get_command(app).get_command(Context(Command_("cosim")), command)  # type: ignore[attr-defined]
+    return next((p for p in found.params if "--json" in p.opts), None)
+
+
+def test_the_option_is_the_same_everywhere() -> None:
+    found = {name: one for name in COMMANDS if (one := option(name)) is not None}
+    assert tuple(sorted(found)) == WITH_JSON
+    assert {(one.metavar, one.help, one.is_flag) for one in found.values()} == {
+        ("FILE", "Write the result as JSON; -: to standard output, and nothing else.", False)
+    }
+    page = (ROOT / "docs" / "running.md").read_text("utf-8")
+    section = page[page.index("## Results as JSON") :]
+    assert all(f"`{name}`" in section[: section.index("\n## ")] for name in found)
+
+
+@pytest.mark.parametrize("command", QUICK)
+def test_standard_output_has_the_document_only(
+    cosim: Command, tmp_path: Path, command: str
+) -> None:
+    done = cosim(command, *QUICK[command], "--json", "-")
+    printed = json.loads(done.out)
+    assert next(iter(printed)) == "schema" and printed["schema"] == f"cosim.{command}/1"
+    cosim(command, *QUICK[command], "--json", tmp_path / "said.json")
+    written = json.loads((tmp_path / "said.json").read_text("utf-8"))
+    assert list(written) == list(printed)
+    assert done.err.strip()  # the text

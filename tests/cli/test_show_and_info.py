@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 import cosim as package
+from cosim.cli import info
 from fmus.models import operator, planar2r, teleoperation
 from tests.cli.command import CONFIG, Command, finished
 from tests.cosim.fmi.exporter import clocked3, export
@@ -166,3 +167,18 @@ def test_show_prints_and_draws_a_simulated_bus(cosim: Command, tmp_path: Path) -
     done = cosim("show", scenario, "--bus", "can0", "--set", f"links=[{links}]")
     assert done.code != 0
     assert "bus.can0: found no link on this bus" in done.err
+
+
+@pytest.mark.parametrize("columns", [40, 80, 120])
+def test_info_fits_the_terminal(
+    columns: int, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def shown(width: int) -> list[str]:
+        monkeypatch.setattr(info, "_columns", lambda: width)
+        info.info("fmus.models.planar2r", validate=False)
+        return capsys.readouterr().out.splitlines()
+
+    whole, folded = shown(0), shown(columns)
+    assert max(map(len, whole)) > columns >= max(map(len, folded))
+    words = [" ".join(" ".join(lines).split()).replace(" ", "") for lines in (whole, folded)]
+    assert words[0] == words[1]  # a long word, as a sum, is in parts

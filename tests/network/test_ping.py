@@ -167,7 +167,7 @@ def test_the_rate_beyond_which_a_path_breaks_is_its_capacity(
                 [sys.executable, "-m", "cosim", "pong"], stderr=subprocess.PIPE, text=True
             )
         assert far.stderr is not None and "answers" in far.stderr.readline()
-        words = ["ping", "udp", network.addresses["far"], "--ramp", "--rate", "10", "--json"]
+        words = ["ping", "udp", network.addresses["far"], "--ramp", "--rate", "10", "--json", "-"]
         try:
             with network.on_host("near"):
                 done = subprocess.run(
@@ -201,7 +201,7 @@ def test_a_session_of_zenoh_is_not_late_after_as_many_messages_as_in_twenty_minu
                 [*command, "pong", "zenoh", where], stderr=subprocess.PIPE, text=True
             )
         assert far.stderr is not None and "answers" in far.stderr.readline()
-        options = ["--rate", str(rate), "--watch", str(window), "--alarm", alarm, "--json"]
+        options = ["--rate", str(rate), "--watch", str(window), "--alarm", alarm, "--json", "-"]
         duration = ["--duration", str(window * (quiet + 4)), "--out", "found"]
         with network.on_host("near"):
             near = subprocess.Popen(

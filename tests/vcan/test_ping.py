@@ -78,7 +78,7 @@ def test_frames_reach_both_ends_when_candump_sees_them(vcan: tuple[str, str]) ->
 
 def test_a_listener_finds_the_periods_and_losses_of_cangen(vcan: tuple[str, str]) -> None:
     bus, seen = vcan[0], Logged()
-    words = [*COSIM, "ping", "listen", "can", bus, "--id", "123", "--duration", "0", "--json"]
+    words = [*COSIM, "ping", "listen", "can", bus, "--id", "123", "--duration", "0", "--json", "-"]
     with (
         queueing(bus, "netem", "loss", "5%"),
         dumping(bus, seen),
@@ -86,7 +86,7 @@ def test_a_listener_finds_the_periods_and_losses_of_cangen(vcan: tuple[str, str]
     ):
         call("cangen", bus, "-g", "10", "-I", "123", "-L", "8", "-D", "i", "-n", "500")
         ours.send_signal(signal.SIGINT)
-        found = json.loads(ours.communicate(timeout=PATIENCE)[0])["123"]
+        found = json.loads(ours.communicate(timeout=PATIENCE)[0])["streams"]["123"]
     times = np.array([t for t, i, _ in seen if i == 0x123])  # us
     numbers = np.array([int.from_bytes(data, "little") for _, i, data in seen if i == 0x123])
     assert found["n"] == times.size

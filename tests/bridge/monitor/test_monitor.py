@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from bridge.monitor.journal_signals import JournalSignals, ages, lateness_names
 from bridge.monitor.snapshot import SPAN, WAITING, snapshot
-from bridge.monitor.view import line, tables
+from bridge.monitor.view import TextTable, View, line, tables, view
 from bridge.native.journal import Journal, JournalError
 from bridge.native.safety import LifeState, Why
 from bridge.recording.journal_tail import JournalTail
@@ -330,3 +330,32 @@ def test_any_bytes_are_a_journal_or_an_error(tmp_path_factory, content):
             tail.newest(10)
     except JournalError as error:
         assert "fuzzed.journal" in str(error)
+
+
+# ---- a narrow terminal ----
+
+
+@pytest.mark.parametrize("width", [40, 60])
+def test_a_narrow_terminal_hides_no_fault(width):
+    nodes = TextTable(
+        "nodes",
+        ("node", "state", "slot", "late p50", "p99", "max us", "missed", "notes"),
+        [
+            ("master", "active", "4999", "12", "40", "85", "0", ""),
+            ("slave_control", "fault", "412", "12", "40", "985", "7", "stale input; 3 injected"),
+        ],
+        frozenset({1}),
+    )
+    shown = list(View("run-1: t = 2.00 of 5 s; runs", "", [nodes]).lines(width))
+    assert all(len(text) <= width for text, _ in shown)
+    assert shown[0][0].startswith("run-1: ")
+    red = " ".join(" ".join(text.split()) for text, marked in shown if marked)
+    assert red.startswith("look at nodes: slave_control ")
+    assert red.endswith("slave_control fault 412 12 40 985 7 stale input; 3 injected")
+    wide = [text for text, _ in View("head", "", [nodes]).lines()]
+    assert wide[-1].endswith("7  stale input; 3 injected")
+
+
+def test_the_view_names_the_run(made):
+    with LiveRun.open(made[0]) as watched:
+        assert view(snapshot(watched, NOW)).head.startswith("run: t = ")

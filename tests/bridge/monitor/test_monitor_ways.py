@@ -120,7 +120,7 @@ def test_an_operator_and_pings_with_certificates(tmp_path: Path):
         return done.output
 
     system = loaded(*settings)
-    out = ("--rate", "100", "--duration", "0.1", "--ramp", "--json")
+    out = ("--rate", "100", "--duration", "0.1", "--ramp", "--json", "-")
     with node_responder(pinged_nodes(system)) as far, answering(PingResponder(far)):
         assert "steps" in call("ping", scenario, *out)
     master, slave = (open_bus(system, "net", arm) for arm in ARMS)

@@ -76,7 +76,7 @@ def test_a_path_between_nodes_is_measured_and_predicted(tmp_path: Path) -> None:
     words = [word for text in settings for word in ("--set", text)]
     with answered(settings):
         said = called(
-            str(SCENARIO), "--rate", "500", "--duration", "0.2", "--json", *words,
+            str(SCENARIO), "--rate", "500", "--duration", "0.2", "--json", "-", *words,
             "--out", str(tmp_path / "ping"),
         )  # fmt: skip
     found = json.loads(said[said.index("{") :])

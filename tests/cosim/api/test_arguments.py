@@ -1,0 +1,54 @@
+"""Arguments of a wrong type are refused by a sentence; the package lists its public names."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+import cosim
+
+SCENARIO: dict[str, Any] = {"run": {"step": 0.1, "stop": 0.2}, "components": {}}
+PATH = "a path of a scenario"
+
+
+@pytest.mark.parametrize(
+    ("call", "given", "says"),
+    [
+        ("run", {"scenario": 3}, "found scenario = 3, expected the path of a scenario, or a dict"),
+        ("run", {"scenario": None}, "found scenario = None, expected the path"),
+        ("run", {"scenario": {1: 2}}, r"found scenario = \{1: 2\}"),
+        ("run", {"set": "a"}, r"found set = 'a', expected a dict of values by path, as \{"),
+        ("run", {"set": ["run.stop=1"]}, "expected a dict of values by path"),
+        ("run", {"stop": [1]}, r"found stop = \[1\], expected a number of seconds or a text"),
+        ("run", {"stop": True}, "found stop = True"),
+        ("run", {"seed": 1.5}, "found seed = 1.5, expected a whole number"),
+        ("run", {"seed": "1"}, "found seed = '1', expected a whole number"),
+        ("run", {"out": 7}, "found out = 7, expected a path"),
+        ("run", {"progress": "yes"}, "found progress = 'yes', expected a function"),
+        ("open", {"folder": None}, "found folder = None, expected a path"),
+        ("check", {"scenario": 1.0}, "expected the path of a scenario, or a dict"),
+        ("check", {"scenario": SCENARIO, "set": 3}, "found set = 3"),
+        ("compare", {"scenario": SCENARIO}, "expected a path"),
+        ("compare", {"scenario": "x", "controllers": "a"}, "found controllers = 'a', expected a"),
+        ("compare", {"scenario": "x", "seeds": 0}, "expected a whole number of at least 1"),
+        ("compare", {"scenario": "x", "jobs": "2"}, "found jobs = '2'"),
+        ("sweep", {"study": 1, "out": "x"}, "found study = 1, expected a path"),
+        ("sweep", {"study": "x", "out": "x", "resume": 1}, "expected True or False"),
+        ("sweep", {"study": "x", "out": "x", "limit": -1}, "of at least 1"),
+    ],
+)
+def test_a_wrong_type_is_named(call: str, given: dict[str, Any], says: str) -> None:
+    given = {"scenario": SCENARIO, **given} if call == "run" else given
+    with pytest.raises(cosim.CosimError, match=rf"^cosim\.{call}: .*{says}"):
+        getattr(cosim, call)(**given)
+
+
+def test_a_long_value_is_cut() -> None:
+    with pytest.raises(cosim.CosimError, match=r"found set = '\w{56}\.\.\., expected"):
+        cosim.run(SCENARIO, set="x" * 500)  # type: ignore[arg-type]
+
+
+def test_the_package_lists_what_is_public() -> None:
+    assert dir(cosim) == sorted(cosim.__all__)
+    assert all(hasattr(cosim, name) for name in dir(cosim))

@@ -12,6 +12,7 @@ import pytest
 from typer import Typer
 from typer.testing import CliRunner
 
+from bridge.can.codec import Codec
 from bridge.cli.new import new
 from bridge.deployment.system import load_system
 from bridge.results.outcome import run_twin
@@ -226,6 +227,7 @@ def test_arms_that_slide_have_a_deployment(tmp_path: Path) -> None:
     paths, _ = write_arm("arm", gantry(tmp_path, "revolute", "prismatic"), tmp_path)
     system = load_system(paths[0], str(paths[2]), ["run.stop=2"])
     layout = next(m for m in system.messages.values() if m.name == "STATE_1").encoding
+    assert isinstance(layout, Codec)
     assert [s.unit for s in layout.signals] == ["rad", "m", "rad/s", "m/s"]
     run = Run.open(run_twin(system, tmp_path / "twin"))
     assert run.units["slave.q[1]"] == "m" and np.abs(run.array("slave.q")[-1, 1]) < 0.4

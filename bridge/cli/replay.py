@@ -115,10 +115,13 @@ def recorded_system(run: Path, scenario: Path | None = None, deploy: str | None 
     from cosim.base.errors import ScenarioError
     from cosim.record.folder import read_metadata
 
+    if not run.is_dir():
+        raise ScenarioError("there is no such run folder", str(run))
     facts = read_metadata(run).get("deployment")
     if not facts and (scenario is None or deploy is None):
         raise ScenarioError(
-            "no deployment in run.json: not a complete rehearsal; use --scenario and --deploy",
+            "no deployment in run.json; expected the folder of a rehearsal, or --scenario and "
+            "--deploy for one that was cut short",
             str(run),
         )
     facts = facts or {"settings": []}

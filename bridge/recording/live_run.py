@@ -131,7 +131,9 @@ class LiveRun:
         if not folder.is_dir():
             raise ScenarioError("there is no such run folder", str(folder))
         if not journals(folder) and not is_live(folder):
-            raise ScenarioError("no journals of nodes in this folder", str(folder))
+            raise ScenarioError(
+                "no journals of nodes in this folder; expected that of a rehearsal", str(folder)
+            )
         if scenario is not None and deployment is not None:
             facts = Facts(scenario, deployment, ())
         else:

@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 
 from bridge.replay.run_facts import is_compared, period, quanta, stored_scenario
 from cosim.base.errors import CosimError, ScenarioError
+from cosim.base.names import signal_of, unknown
 from cosim.measure import declared_metrics
 from cosim.measure.metrics import evaluate
 from cosim.record import Run
@@ -168,7 +169,9 @@ def compare_runs(
     judges = [is_compared(run) for run in (first, second)]
     names = [n for n in first.names if n in second.units and _is_selected(n, signals)]
     if not names:
-        raise ScenarioError("the runs have no such signal in common", f"{a}, {b}")
+        both = {signal_of(name) for name in first.names if name in second.units}
+        text = unknown(", ".join(signals) or "*", both, "signal of both runs")
+        raise ScenarioError(text, f"{a}, {b}")
     rows, remarks = _rows(first, second), list[str]()
     T = max(period(first, remarks), period(second, remarks))
     steps = quanta(first, remarks) | quanta(second, remarks)

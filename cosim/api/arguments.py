@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from numbers import Integral, Real
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +11,7 @@ from cosim.base.errors import ScenarioError
 
 
 def _is_whole(value: Any) -> bool:
-    return isinstance(value, int) and not isinstance(value, bool)
+    return isinstance(value, Integral) and not isinstance(value, bool)
 
 
 def _is_texts(value: Any) -> bool:
@@ -23,7 +24,7 @@ def _is_changes(value: Any) -> bool:
 
 
 def _is_time(value: Any) -> bool:
-    return isinstance(value, int | float | str) and not isinstance(value, bool)
+    return isinstance(value, Real | str) and not isinstance(value, bool)
 
 
 def _is_path(value: Any) -> bool:
@@ -41,6 +42,18 @@ _KINDS: Mapping[str, tuple[Callable[[Any], bool], str]] = {
     "whole": (_is_whole, "a whole number"),
     "count": (lambda value: _is_whole(value) and value >= 1, "a whole number of at least 1"),
     "time": (_is_time, 'a number of seconds or a text with a unit, as "500 ms"'),
+    "quantity": (_is_time, "a number or a text with a unit"),
+    "ports": (
+        lambda value: isinstance(value, Mapping),
+        'a dict of units by name, as {"q": "rad"}',
+    ),
+    "parameters": (
+        lambda value: (
+            _is_changes(value) and all(isinstance(x, tuple) and len(x) == 2 for x in value.values())
+        ),
+        'a dict of (default, unit) by name, as {"k": (10.0, "N.m/rad")}',
+    ),
+    "kind": (lambda value: value in ("sampled", "continuous"), '"sampled" or "continuous"'),
     "texts": (_is_texts, "a list of names"),
     "text": (lambda value: isinstance(value, str), "a name"),
     "flag": (lambda value: isinstance(value, bool), "True or False"),

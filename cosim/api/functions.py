@@ -5,9 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any, final
 
+from cosim.api.arguments import expect
 from cosim.base.component import Kind, Outputs, Parameter, Port, Values
-from cosim.base.errors import ScenarioError
+from cosim.base.errors import ScenarioError, UnitError
+from cosim.base.units import parse
 
+#: Kinds of arguments (cosim/api/arguments.py).
+_KINDS = {"inputs": "ports", "outputs": "ports", "parameters": "parameters?", "kind": "kind"}
 #: Of a port: its unit, or (number of entries, unit) for a vector, (shape, unit) for an array.
 PortText = str | tuple[int | tuple[int, ...], str]
 
@@ -35,6 +39,7 @@ def component(
         def spring(q, dq, k, d):
             return {"tau": -k * q - d * dq}
     """
+    expect("component", _KINDS, locals())
     found = {name: (float(value), unit) for name, (value, unit) in (parameters or {}).items()}
     ports = tuple(_port(name, text) for name, text in inputs.items())
     gives = tuple(_port(name, text) for name, text in outputs.items())
@@ -52,11 +57,20 @@ def component(
 
 def _port(name: str, text: PortText) -> Port:
     if isinstance(text, str):
-        return Port(name, (), text)
+        return Port(name, (), _unit(name, text))
     if isinstance(text, tuple) and len(text) == 2 and isinstance(text[1], str):
-        size, unit = text
+        size, unit = text[0], _unit(name, text[1])
         return Port(name, size if isinstance(size, tuple) else (size,), unit)
     raise ScenarioError(f"port {name!r} is {text!r}; expected a unit, or (number of entries, unit)")
+
+
+def _unit(name: str, text: str) -> str:
+    """The unit of a port. Raises ScenarioError for one that is not known."""
+    try:
+        parse(text)
+    except UnitError as error:
+        raise ScenarioError(str(error), f"port {name!r}") from None
+    return text
 
 
 @final

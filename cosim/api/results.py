@@ -70,6 +70,7 @@ class RunResult:
 
     def unit(self, name: str) -> str:
         """The unit of a signal."""
+        expect("RunResult.unit", {"name": "text"}, locals())
         return self._run.unit(name)
 
     @property
@@ -107,12 +108,15 @@ class RunResult:
         """
         from cosim.api import answers
 
+        kinds = {"signal": "text", "band": "quantity", "within": "quantity"}
+        expect("RunResult.settles", kinds, locals())
         return answers.settles(self._run, signal, to, band, within)
 
     def stays_below(self, signal: str, bound: Number) -> Answer:
         """True if no entry of a signal has a magnitude of `bound` (in its unit) or more."""
         from cosim.api import answers
 
+        expect("RunResult.stays_below", {"signal": "text", "bound": "quantity"}, locals())
         return answers.stays_below(self._run, signal, bound)
 
     def overshoot_stays_below(self, signal: str, bound: Number, *, to: Target) -> Answer:
@@ -123,6 +127,8 @@ class RunResult:
         """
         from cosim.api import answers
 
+        kinds = {"signal": "text", "bound": "quantity"}
+        expect("RunResult.overshoot_stays_below", kinds, locals())
         return answers.overshoot(self._run, signal, to, bound)
 
     def age_stays_below(self, link: str, bound: Number) -> Answer:
@@ -133,6 +139,7 @@ class RunResult:
         """
         from cosim.api import answers
 
+        expect("RunResult.age_stays_below", {"link": "text", "bound": "quantity"}, locals())
         return answers.age(self._run, link, bound)
 
     def passes(self, *names: str) -> Answer:
@@ -157,9 +164,9 @@ class RunResult:
         """
         from cosim.api import answers
 
-        return answers.identical(
-            self._run, other.folder if isinstance(other, RunResult) else Path(other)
-        )
+        folder = other.folder if isinstance(other, RunResult) else other
+        expect("RunResult.is_identical_to", {"other": "path"}, {"other": folder})
+        return answers.identical(self._run, Path(folder))
 
     # ---- other libraries ---------------------------------------------------------------------
 
@@ -208,6 +215,7 @@ class RunResult:
         """
         from cosim.reporting.figures import Figure, Panel, draw
 
+        expect("RunResult.plot", {"names": "texts", "path": "path?"}, locals())
         if names:
             figure = Figure(tuple(Panel((name,), title=name) for name in names), self.title)
             name = "signals"

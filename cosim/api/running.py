@@ -9,6 +9,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from cosim.api import given
 from cosim.api.arguments import expect
 from cosim.api.results import RunResult
@@ -191,6 +193,8 @@ def _document(value: Any) -> Any:
         return {key: _document(x) for key, x in value.items()}
     if isinstance(value, list | tuple):
         return [_document(x) for x in value]
+    if isinstance(value, np.generic | np.ndarray):
+        return value.tolist()
     return given.name_of(value) if callable(value) else value
 
 

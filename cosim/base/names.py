@@ -46,7 +46,7 @@ def hint(name: str, known: Iterable[str]) -> str:
 
 def unknown(name: str, known: Iterable[str], what: str) -> str:
     """The sentence for a name that is not there, with the nearest that is."""
-    names = sorted(known)
+    names = sorted(set(known))
     there = listed(names, most=CHOICES) or "none"
     return f"no {what} {name!r}{hint(name, names)} (there are: {there})"
 

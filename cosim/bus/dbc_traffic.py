@@ -45,7 +45,10 @@ def read_messages(path: Path | str) -> tuple[TrafficMessage, ...]:
     """
     try:
         text = regular(Path(path)).read_text(encoding="cp1252")
-    except (OSError, UnicodeDecodeError) as error:
+    except OSError as error:
+        why = "no such file" if isinstance(error, FileNotFoundError) else error.strerror or error
+        raise TrafficError(f"{path}: {why}; expected a DBC file") from error
+    except UnicodeDecodeError as error:
         raise TrafficError(f"{path}: {error}; expected a DBC file") from error
     defaults = dict(_DEFAULT.findall(text))
     choices = [c.strip().strip('"') for c in "".join(_CHOICES.findall(text)).split(",")]

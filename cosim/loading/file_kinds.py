@@ -40,7 +40,7 @@ EXPECTED = {
     "check": (*_SCENARIO, "a DBC file"),
     **dict.fromkeys(("compare", "rehearse", "soak"), _SCENARIO[:1]),
     "analyze": ("a scenario", "the folder of a run"),
-    **dict.fromkeys(("report", "diff", "replay"), _RUN_FOLDER),
+    **dict.fromkeys(("report", "diff", "replay", "monitor"), _RUN_FOLDER),
     "export": ("a scenario", "the folder of a run"),
     "info": ("an FMU",),
     "sweep": ("a study",),

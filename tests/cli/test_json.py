@@ -159,9 +159,9 @@ def test_the_option_is_the_same_everywhere() -> None:
     assert {(one.metavar, one.help, one.is_flag) for one in found.values()} == {
         ("FILE", "Write the result as JSON; -: to standard output, and nothing else.", False)
     }
-    page = (ROOT / "docs" / "running.md").read_text("utf-8")
+    page = (ROOT / "docs" / "testing.md").read_text("utf-8")
     section = page[page.index("## Results as JSON") :]
-    assert all(f"`{name}`" in section[: section.index("\n## ")] for name in found)
+    assert all(f"`{name}`" in section for name in found)
 
 
 @pytest.mark.parametrize("command", QUICK)

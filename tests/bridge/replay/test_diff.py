@@ -184,7 +184,7 @@ def test_signals_may_be_chosen(wanted, names, tmp_path):
 
 def test_what_cannot_be_compared_is_said(tmp_path):
     a, b = made(tmp_path / "a", {"x": WAVE}), made(tmp_path / "b", {"y": WAVE})
-    with pytest.raises(ScenarioError, match="no such signal in common"):
+    with pytest.raises(ScenarioError, match="no signal of both runs"):
         compare_runs(a, b)
     with pytest.raises(ScenarioError, match="there is no such run folder"):
         compare_runs(a, tmp_path / "c")

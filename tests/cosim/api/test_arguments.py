@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 import pytest
 
 import cosim
@@ -42,6 +43,55 @@ def test_a_wrong_type_is_named(call: str, given: dict[str, Any], says: str) -> N
     given = {"scenario": SCENARIO, **given} if call == "run" else given
     with pytest.raises(cosim.CosimError, match=rf"^cosim\.{call}: .*{says}"):
         getattr(cosim, call)(**given)
+
+
+@pytest.fixture(scope="module")
+def result() -> cosim.RunResult:
+    spring = cosim.component(inputs={}, outputs={"y": "rad"}, kind="continuous")(lambda: {"y": 1.0})
+    run = {"step": np.float64(0.1), "stop": 0.2}
+    return cosim.run({"run": run, "components": {"a": {"model": spring}}}, seed=np.int64(3))  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("method", "given", "says"),
+    [
+        ("unit", (3,), "found name = 3, expected a name"),
+        ("settles", ("a.y", 1.0, None, 1), "found band = None, expected a number or a text"),
+        ("stays_below", ("a.y", [1]), r"found bound = \[1\], expected a number or a text"),
+        ("stays_below", ("a.y", "1 Nm"), "did you mean 'N.m'"),
+        ("age_stays_below", (3, 1), "found link = 3, expected a name"),
+        ("is_identical_to", (3,), "found other = 3, expected a path"),
+        ("plot", (3,), r"found names = \(3,\), expected a list of names"),
+        ("__getitem__", (0,), "found signal = 0, expected a name"),
+    ],
+)
+def test_a_run_names_a_wrong_argument(
+    result: cosim.RunResult, method: str, given: tuple[Any, ...], says: str
+) -> None:
+    call = getattr(result, method)
+    named = {"band": given[2], "within": given[3]} if method == "settles" else {}
+    with pytest.raises(cosim.CosimError, match=says):
+        call(*given[: 2 if named else None], **named)
+
+
+@pytest.mark.parametrize(
+    ("given", "says"),
+    [
+        ({"inputs": ["q"]}, r"found inputs = \['q'\], expected a dict of units by name"),
+        ({"inputs": {"q": 3}}, "port 'q' is 3"),
+        ({"inputs": {"q": "Nm"}}, "port 'q': unknown unit 'Nm' in 'Nm'; did you mean 'N.m'"),
+        ({"inputs": {"q": (2, "Nm")}}, "did you mean 'N.m'"),
+        ({"parameters": {"k": 3}}, r"expected a dict of \(default, unit\) by name"),
+        ({"kind": "discrete"}, "found kind = 'discrete', expected \"sampled\" or"),
+    ],
+)
+def test_a_component_names_a_wrong_argument(given: dict[str, Any], says: str) -> None:
+    with pytest.raises(cosim.CosimError, match=says):
+        cosim.component(**{"inputs": {}, "outputs": {"y": "rad"}, **given})
+
+
+def test_numbers_of_numpy_are_numbers(result: cosim.RunResult) -> None:
+    assert result.t[-1] == pytest.approx(0.2) and result.metadata["seed"] == 3
 
 
 def test_a_long_value_is_cut() -> None:

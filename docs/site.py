@@ -83,7 +83,7 @@ GALLERY = (
     ("run", "A run: teleoperation over delays of 0.3 to 1.2 s",
      "run configs/teleoperation.toml --out {out}"),
     ("openarm", "Two arms of seven joints", "run configs/openarm.toml --out {out}"),
-    ("rehearsal", "A rehearsal with a process that stands still",
+    ("rehearsal", "A rehearsal: four nodes on two CAN buses",
      "rehearse configs/teleoperation.toml --deploy can -i cosim --clock simulated "
      "--set run.stop=4 --out {out}"),
     ("comparison", "Controllers side by side",
@@ -214,14 +214,14 @@ def commands() -> Iterator[tuple[str, str]]:
     from cosim.cli.overview import GROUPS as FIRST
     from cosim.cli.overview import MORE
 
-    parts, names = ["# Commands\n"], []
+    parts, entries = ["# Commands\n"], []
     for title, found in (*FIRST.items(), *MORE.items()):
         name = f"commands/{title.lower().replace(' ', '-')}"
-        names.append(name)
+        entries.append(f"{title} <{name}>")
         yield name, f"# Commands: {title}\n\n" + "\n".join(map(_help, found))
-        rows = [f"| [cosim {c}]({name}.md#cosim-{c}) | {line} |" for c, line in found.items()]
+        rows = [f"| [cosim\u00a0{c}]({name}.md#cosim-{c}) | {line} |" for c, line in found.items()]
         parts.append("\n".join([f"## {title}\n", "| | |", "|---|---|", *rows, ""]))
-    tree = "\n".join(["```{toctree}", ":hidden:", "", *names, "```", ""])
+    tree = "\n".join(["```{toctree}", ":hidden:", "", *entries, "```", ""])
     yield "commands", "\n".join([*parts, tree])
 
 
@@ -318,8 +318,8 @@ def _card(name: str, title: str, command: str) -> str:
     """A report as a small picture of itself, which leads to it."""
     page, text = f"gallery/{name}.html", escape(command.replace(" --out {out}", ""))
     return (
-        f"<figure><a href='{page}'><span><iframe src='{page}' loading='lazy' tabindex='-1' "
-        f"title='{escape(title)}'></iframe></span>{escape(title)}</a>"
+        f"<figure><a href='{page}'><span><iframe src='{page}' title='{escape(title)}' "
+        f"loading='lazy' scrolling='no' tabindex='-1'></iframe></span>{escape(title)}</a>"
         f"<code>cosim {text}</code></figure>"
     )
 

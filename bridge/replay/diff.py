@@ -157,9 +157,14 @@ class RunDifference:
 
 
 def compare_runs(
-    a: Path, b: Path, signals: Sequence[str] = (), tolerance: float | None = None
+    a: Path,
+    b: Path,
+    signals: Sequence[str] = (),
+    tolerance: float | None = None,
+    *,
+    whole: bool = True,
 ) -> RunDifference:
-    """Compare two run folders.
+    """Compare two run folders, over their common time only if not `whole`.
 
     `signals`: only these, by name or by what their names begin with; `tolerance`: in place of all
     bounds, in the unit of each signal. Raises ScenarioError for a
@@ -175,7 +180,7 @@ def compare_runs(
     rows, remarks = _rows(first, second), list[str]()
     T = max(period(first, remarks), period(second, remarks))
     steps = quanta(first, remarks) | quanta(second, remarks)
-    t = first.t[rows[0]]
+    t, (spans, same) = first.t[rows[0]], _spans(first, second, T)
     found = [
         replace(
             _difference(first, second, name, rows, t, T, steps.get(name, 0.0), tolerance),
@@ -184,7 +189,7 @@ def compare_runs(
         for name in names
     ]
     return RunDifference(
-        a, b, len(t), float(t[-1]), *_spans(first, second, T), T, tolerance,
+        a, b, len(t), float(t[-1]), spans, same or not whole, T, tolerance,
         tuple(sorted(found, key=lambda s: (not s.judged, -_share(s), -s.largest, s.name))),
         _metrics(first, second), (_missing_signals(first, second), _missing_signals(second, first)),
         tuple(dict.fromkeys(remarks)),

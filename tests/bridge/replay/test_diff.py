@@ -112,6 +112,7 @@ def test_runs_of_different_length_are_compared_over_what_both_have(tmp_path):
         "a is 9.9 s long; b is 5.9 s long"
     )
     assert f"a  {a}, to 9.9 s" in lines(found)
+    assert compare_runs(a, b, whole=False).verdict == "identical"
     cases = ElementTree.parse(write_junit(found, tmp_path / "j.xml")).getroot()
     assert cases.get("failures") == "1" and cases.get("tests") == "2"
     assert [c.get("name") for c in cases if c.find("failure") is not None] == ["length"]
@@ -281,7 +282,7 @@ def test_the_page_of_two_runs_shows_each_where_it_was(tmp_path, rows):
     b = made(tmp_path / "b", {"x": x + 1}, h=0.25)
     text = write_diff_page(compare_runs(a, b), tmp_path / "page.html").read_text(encoding="utf-8")
     assert "a: x" in text and "b: x" in text
-    assert "until" in text and f"{0.25 * (rows - 1):g} s" in text
+    assert "Until" in text and f"{0.25 * (rows - 1):g} s" in text
 
 
 def test_the_page_has_the_signals_and_then_the_metrics_of_both(runs, tmp_path):

@@ -16,8 +16,9 @@ from bridge.monitor.snapshot import snapshot
 from bridge.monitor.view import view
 from bridge.recording.live_run import LiveRun
 from cosim.base.units import printed_unit
-from cosim.reporting.arms import drawing_of
+from cosim.reporting.arms import DrawnArm, drawing_of, in_workspaces
 from cosim.reporting.html import Badge, PageData, PlottedPanel, page_text
+from cosim.scenario.spec import as_data
 
 #: s between two values that are sent, s of the run that a new page gets, and what it shows.
 STEP, BACKLOG = 0.02, 30.0
@@ -51,12 +52,16 @@ class LivePage:
 
     def _arms(self, known: JournalSignals) -> Iterator[dict[str, Any]]:
         scenario = self._watched.system.scenario
+        folder, found = Path(scenario.path).parent, []
         for name, spec in scenario.components.items():
             options = dict(spec.options or {})
-            drawing = drawing_of(str(spec.model), options, Path(scenario.path).parent)
+            drawing = drawing_of(str(spec.model), options, folder)
             if drawing is not None:
-                q = known.entries(f"{name}.{drawing.position}")
-                yield {"name": name, **drawing.data(), "q": list(q), "torque": []}
+                found.append(DrawnArm(name, drawing, options, folder))
+        links = {f"{link.source}->{link.target}": None for link in scenario.links}
+        for arm in in_workspaces(found, {"scenario": as_data(scenario), "links": links}):
+            q = known.entries(f"{arm.name}.{arm.drawing.position}")
+            yield {**arm.data(), "q": list(q), "torque": []}
 
     def text(self) -> str:
         """The page. Raises CosimError where uPlot is not installed."""

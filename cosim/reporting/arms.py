@@ -34,6 +34,11 @@ class DrawnArm(NamedTuple):
     workspace: int = 0
     base: SharedBase = SharedBase()
 
+    def data(self) -> dict[str, Any]:
+        """The data that a page reads."""
+        base = self.base.data()
+        return {"name": self.name, **self.drawing.data(), "workspace": self.workspace, "base": base}
+
 
 def first_arms(run: Run) -> tuple[list[DrawnArm], str]:
     """The arms of a picture, ARMS at the most, and a sentence if there are others ("": none)."""

@@ -79,7 +79,7 @@ def configured_delay(law: Mapping[str, Any]) -> str:
     elif kind == "constant" and "delay" in keys:
         said = engineering(keys["delay"], "s")
     else:
-        said = ", ".join([kind, *(f"{key} {_value(key, x)}" for key, x in keys.items())])
+        said = ", ".join([kind, *(_said(key, x) for key, x in keys.items() if x is not False)])
     return f"{said}, held {_value('hold', hold)}" if hold else said
 
 
@@ -89,13 +89,17 @@ _TIMES = {"hold", "delay", "low", "high", "shift", "scale", "minimum", "maximum"
           "centre", "sd", "step", "means", "levels", "dwell"}  # fmt: skip
 
 
+def _said(key: str, value: Any) -> str:
+    return _value(key, value) if key == "file" else f"{key} {_value(key, value)}".rstrip()
+
+
 def _value(key: str, value: Any) -> str:
     if isinstance(value, Mapping):
         return f"({configured_delay(value)})"
     if isinstance(value, list | tuple):
         return " / ".join(_value(key, x) for x in value)
     if isinstance(value, bool):
-        return "yes" if value else "no"
+        return ""
     if isinstance(value, int | float):
         return engineering(value, "s" if key in _TIMES else "1")
     return Path(value).name if key == "file" else str(value)

@@ -189,10 +189,18 @@ def cards(numbers: Iterable[tuple[str, str] | Card]) -> str:
 
 
 def _card(card: Card) -> str:
-    label = escape(card.label[:1].upper() + card.label[1:])
+    label = escape(whole(capital(card.label)))
     title = f' title="{escape(card.key)}"' if card.key else ""
     note = f"<i>{escape(whole(card.note))}</i>" if card.note else ""
     return f'<div class="card"{title}><span>{label}</span><b>{escape(card.value)}</b>{note}</div>'
+
+
+def capital(text: str) -> str:
+    """A text with a capital first letter, unless its first word is a symbol or a name of a file."""
+    word = re.split(r"[ ,]", text)[0]
+    return (
+        text[:1].upper() + text[1:] if len(word) > 1 and word.replace("'", "").isalpha() else text
+    )
 
 
 def whole(text: str) -> str:

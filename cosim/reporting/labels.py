@@ -9,7 +9,7 @@ from math import inf, isfinite
 from cosim.base.units import engineering
 from cosim.measure.metric_result import MetricResult
 from cosim.measure.metrics import Error, Measure, Metric
-from cosim.reporting.html import Card
+from cosim.reporting.html import Card, capital
 
 #: Signals that a label names; of more, their number.
 NAMED = 2
@@ -42,11 +42,6 @@ def metric_title(metric: Metric) -> str:
     if isinstance(metric.target, str):
         return f"Difference of {of} and {metric.target}"
     return f"Distance of {of} from the target"
-
-
-def capital(text: str) -> str:
-    """A text with a capital first letter."""
-    return text[:1].upper() + text[1:]
 
 
 def _named(signals: Sequence[str]) -> tuple[str, str]:

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from heapq import nsmallest
 from itertools import islice
-from math import isfinite
+from math import isfinite, nan
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +30,7 @@ from cosim.reporting.html import (
     Card,
     PageData,
     PlottedPanel,
+    capital,
     cards,
     command,
     folded,
@@ -233,9 +234,9 @@ def _declared(run: Run, spec: PanelSpec, data: PageData, dt: float) -> PlottedPa
         series = list(_quantiles(run, spec, [name for name, _ in series], data, dt))
     for name in (r for r in spec.reference if isinstance(r, str)):
         series += [(n, spec.reference_label or n) for n in run.entries(name)]
-    title = " ".join(x for x in (spec.title, f"({spec.ylabel})" if spec.ylabel else "") if x)
+    title = capital(spec.title or spec.ylabel or listed(spec.y))
     return PlottedPanel(
-        title or listed(spec.y),
+        f"{title} ({spec.ylabel})" if spec.title and spec.ylabel else title,
         run.units[run.entries(spec.y[0])[0]],
         tuple(series),
         tuple(float(r) for r in spec.reference if not isinstance(r, str)),
@@ -264,10 +265,7 @@ def _arms(run: Run, arms: Sequence[DrawnArm], t: Array) -> Iterator[dict[str, An
         torque = f"{name}.{drawing.torque}"
         forced = drawing.torque and recorded(run, torque, drawing.joints)
         yield {
-            "name": name,
-            **drawing.data(),
-            "workspace": arm.workspace,
-            "base": arm.base.data(),
+            **arm.data(),
             "q": _frames(run, f"{name}.{drawing.position}", t),
             "torque": _frames(run, torque, t) if forced else [],
         }
@@ -354,16 +352,14 @@ def _components(
         preset = [f"preset {spec['preset']}"] if spec.get("preset") else []
         values = ", ".join([*preset, *(f"{k} = {v}" for k, v in given.items())])
         period = spec.get("period") or scenario.get("run", {}).get("step", facts.get("step"))
-        every = period if isinstance(period, str) else f"{period} s"
+        every = period if isinstance(period, str) else engineering(float(period), "s")
         yield name, str(spec.get("model", "")), every, values
 
 
 def _origin(facts: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     yield "seed", str(facts.get("seed"))
-    yield (
-        "step, ticks, algorithm",
-        ", ".join(str(facts.get(key)) for key in ("step", "ticks", "algorithm")),
-    )
+    step = engineering(float(facts.get("step") or nan), "s")
+    yield "step, ticks, algorithm", f"{step}, {facts.get('ticks')}, {facts.get('algorithm')}"
     yield from (facts.get("versions") or {}).items()
     for name, fmu in (facts.get("fmus") or {}).items():
         yield (

@@ -12,7 +12,7 @@ from tests.cli.command import CALL
 
 pytestmark = [pytest.mark.slow, pytest.mark.browser]
 ROOT = Path(__file__).resolve().parents[2]
-TIP = """document.querySelector('[data-tip="master"]').dataset.at"""
+TIP = """document.querySelector('[data-tip="master"]')?.dataset.at"""
 HEAD = """parseFloat(document.getElementById("status").textContent.slice(4))"""  # t = ...
 NOW = """parseFloat(document.getElementById("now").textContent)"""
 

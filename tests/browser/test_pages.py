@@ -196,14 +196,23 @@ NARROW = """JSON.stringify({wide: document.documentElement.scrollWidth, broken:
   })})"""
 
 
+PLOTS = "[...document.querySelectorAll('.u-wrap')]"
+
+
 def test_on_a_phone_nothing_overflows_and_words_are_whole(
     run: Run, chromium: str, tmp_path: Path
 ) -> None:
     with Browser(chromium, tmp_path / "profile") as browser:
         browser.size(390, 1600)
-        browser.open((run.path.parent / "report.html").as_uri())
+        browser.open(f"{(run.path.parent / 'report.html').as_uri()}#t=1.5")
         browser.until("document.body?.dataset.ready === 'yes'")
         seen = json.loads(browser.ask(NARROW))
+        browser.size(360, 1600)  # turned or made narrower: diagrams keep their time
+        browser.until(
+            "Math.max(...plots().map((p) => p.clientWidth)) < 345".replace("plots()", PLOTS)
+        )
+        shown = browser.ask("document.querySelector('.u-legend .u-value').textContent")
+    assert float(shown.split()[0]) == pytest.approx(1.5, abs=0.02)
     assert seen["wide"] <= 390 and seen["broken"] == []
 
 

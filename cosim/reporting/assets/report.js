@@ -134,7 +134,9 @@
     const plot = draw(panel, place);
     new ResizeObserver(() => {
       const width = Math.max(260, place.clientWidth);
-      if (Math.abs(width - plot.width) > 1) plot.setSize({ width, height: 210 });
+      if (Math.abs(width - plot.width) <= 1) return;
+      plot.setSize({ width, height: 210 });
+      queueMicrotask(() => place_cursor(plot)); // after uPlot, which keeps its place in pixels
     }).observe(place);
     return { place, plot };
   }

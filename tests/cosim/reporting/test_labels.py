@@ -11,7 +11,7 @@ import pytest
 from cosim.base.units import conversion, engineering, engineering_range, prefixed, printed_unit
 from cosim.measure.metric_result import MetricResult
 from cosim.measure.metrics import metric
-from cosim.reporting.html import Card, cards, round_ticks, whole
+from cosim.reporting.html import Card, capital, cards, round_ticks, whole
 from cosim.reporting.labels import in_order_of_weight, metric_card, metric_title, renamed, rows
 
 
@@ -109,6 +109,19 @@ def test_cards_say_when_a_number_was_taken_and_keep_its_key() -> None:
     ]
     plain = metric("plain", "error", ["b.q"], target="a.q")
     assert in_order_of_weight([holding, plain, error]) == [error, plain, holding]
+
+
+def test_symbols_and_names_of_signals_keep_their_first_letter() -> None:
+    texts = [
+        "first coordinate",
+        "x",
+        "z, the height",
+        "master.q[0], slave.q[0]",
+        "q_h",
+        "µ-law",
+        "",
+    ]
+    assert [capital(text) for text in texts] == ["First coordinate", *texts[1:]]
 
 
 def test_ticks_are_round_and_few() -> None:

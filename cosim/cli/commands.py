@@ -40,7 +40,14 @@ _cosim() {{
         options=$(cosim "${{COMP_WORDS[1]}}" --help 2>/dev/null | grep -oE -- '--[a-z][a-z-]*')
         COMPREPLY=($(compgen -W "$options" -- "$word"))
     else
-        COMPREPLY=($(compgen -f -- "$word"))
+        local found
+        case "${{COMP_WORDS[COMP_CWORD-1]}}" in
+            --deploy|--set|--record|delays)
+                found=$(cosim completion words "${{COMP_WORDS[@]:1:COMP_CWORD}}" 2>/dev/null)
+                [[ $found == *= ]] && compopt -o nospace 2>/dev/null;;
+        esac
+        COMPREPLY=($(compgen -W "$found" -- "$word"))
+        [ -n "$found" ] || COMPREPLY=($(compgen -f -- "$word"))
     fi
 }}
 complete -o filenames -F _cosim cosim
@@ -49,6 +56,8 @@ _FISH = """\
 complete -c cosim -n __fish_use_subcommand -f -a "{commands}"
 complete -c cosim -n 'not __fish_use_subcommand' -a '(cosim (commandline -opc)[2] --help \
 2>/dev/null | string match -rag -- "(--[a-z][a-z-]*)")'
+complete -c cosim -n 'not __fish_use_subcommand' -a '(cosim completion words \
+(commandline -opc)[2..] (commandline -ct) 2>/dev/null)'
 """
 _ZSH = (
     """\
@@ -83,7 +92,8 @@ class _Commands(ProgramGroup):
             rich_markup_mode=None,
             context_settings=_SETTINGS,
         )
-        alone.command(cmd_name)(flat(function(cmd_name)))
+        words = {"ignore_unknown_options": True} if cmd_name == "completion" else {}
+        alone.command(cmd_name, context_settings={**_SETTINGS, **words})(flat(function(cmd_name)))
         one = get_command(alone)
         one.params += [_removed(*option) for option in REMOVED.get(cmd_name, {}).items()]
         return one
@@ -120,8 +130,16 @@ def function(name: str) -> Any:
 
 def completion(
     shell: Annotated[str, typer.Argument(help="Shell: bash, zsh or fish.")],
+    typed: Annotated[
+        list[str] | None, typer.Argument(hidden=True, help="Of `words`: the words to complete.")
+    ] = None,
 ) -> None:
     """Print the completion of a shell: eval "$(cosim completion bash)"."""
+    if shell == "words":
+        from cosim.loading.candidates import candidates
+
+        typer.echo("".join(f"{word}\n" for word in candidates(typed or [])), nl=False)
+        return
     scripts = {"bash": _BASH, "zsh": _ZSH, "fish": _FISH}
     if shell not in scripts:
         raise ScenarioError(unknown(shell, scripts, "completion of the shell"), "cosim completion")

@@ -101,6 +101,38 @@ def test_bash_completes_commands_options_and_files(cosim: Command, tmp_path: Pat
     assert "__fish_use_subcommand" in cosim("completion", "fish").out
 
 
+@pytest.mark.parametrize(
+    ("words", "found"),
+    [
+        (["run", str(CONFIG), "--deploy", "can-c"], ["can-cia402", "can-classic"]),
+        (["run", str(CONFIG), "--set", "run.st"], ["run.step=", "run.stop=", "run.start="]),
+        (
+            ["run", str(CONFIG), "--set", "links.1.delay.h"],
+            ["links.1.delay.high=", "links.1.delay.hold="],
+        ),
+        (["run", str(CONFIG), "--set", "links.0.delay.name=wifi"], ["links.0.delay.name=wifi5"]),
+        (["run", str(CONFIG), "--record", "master.t"], ["master.tau_h"]),
+        (["delays", "wifi"], ["wifi5"]),
+        (["run", str(CONFIG), "--out", "ru"], []),
+        (["run", "no.toml", "--set", "run.sto"], ["run.stop="]),
+        ([], []),
+    ],
+)
+def test_values_of_options_are_offered(cosim: Command, words: list[str], found: list[str]) -> None:
+    offered = cosim("completion", "words", *words).out.split()
+    assert [w for w in found if w not in offered] == []
+    assert all(w.startswith(words[-1]) for w in offered) and bool(offered) == bool(found)
+
+
+def test_a_completion_needs_no_numpy() -> None:
+    words = ["run", str(CONFIG), "--set", "links.0.delay.name="]
+    code = (
+        "import sys; from cosim.loading.candidates import candidates; "
+        f"assert candidates({words!r}); assert 'numpy' not in sys.modules"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True, timeout=60)
+
+
 #: An interactive zsh completes ``cosim rep`` and an option on a pseudo-terminal.
 ZSH = r"""
 zmodload zsh/zpty; zpty z 'zsh -f -i'
@@ -110,7 +142,9 @@ zpty -w -n z $'cosim rep\t\t'; zpty -r -m z x '*reproduce*'; print -r -- $x
 zpty -w -n z $'\x15cosim run --st\t\t'; zpty -r -m z x '*--strict*'; print -r -- $x
 zpty -d z
 """
-FISH = 'cosim completion fish | source; complete -C "cosim rep"; complete -C "cosim run --st"'
+FISH = """cosim completion fish | source; complete -C "cosim rep"; complete -C "cosim run --st"
+complete -C "cosim delays wifi"
+"""
 
 
 @pytest.mark.slow

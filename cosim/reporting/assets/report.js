@@ -286,7 +286,7 @@
       return arm.recent.map(([, p]) => p);
     }
     const step = data.frame, first = Math.max(begin, t - TRACE), found = [];
-    for (let k = Math.ceil((first - begin) / step); begin + k * step < t; k++) found.push(stand(arm, placed(arm, begin + k * step).pop()));
+    for (let k = Math.ceil((first - begin) / step); begin + k * step < t; k++) found.push(arm.recent[k] ??= stand(arm, placed(arm, begin + k * step).pop()));
     return [...found, stand(arm, placed(arm, t).pop())];
   }
   if (scene) {

@@ -80,7 +80,7 @@ def test_a_drive_that_answers_a_refresh_is_measured_without_anything_else(
     thread.start()
     end = EndOptions(interface="cosim", bitrate=RATE, ask="7FF#0100CC0000000000", answer="011")
     try:
-        ping_path(PathRequest("can", "ping-2", 50, 8, 0.4, tmp_path, end), json_=True)
+        ping_path(PathRequest("can", "ping-2", 50, 8, 0.4, tmp_path, end), tmp_path / "said.json")
     finally:
         done.set()
         thread.join()
@@ -93,7 +93,7 @@ def test_a_drive_that_answers_a_refresh_is_measured_without_anything_else(
     assert np.nanmin(rest) >= bits - 6 / RATE - 5e-6
     later = np.median(turns[1::2]) - np.median(turns[::2])
     assert abs(np.nanmin(rest[1::2]) - np.nanmin(rest[::2])) < 0.2 * later * 1e-9
-    found = json.loads(capsys.readouterr().out)
+    found = json.loads((tmp_path / "said.json").read_text("utf-8"))
     assert found["answered"] == np.isfinite(rest).sum() >= 10 and list(found["delays"]) == [
         "round trip"
     ]

@@ -145,9 +145,9 @@ def test_a_ros_topic_is_heard_over_zenoh(
         with _repeated(send):
             ping_listen(
                 ["zenoh", "0/joint_states/**"], identifier="", connect=at, duration=0.5,
-                json_=True, end=EndOptions(),
+                json=tmp_path / "said.json", end=EndOptions(),
             )  # fmt: skip
-    [(name, found)] = json.loads(capsys.readouterr().out).items()
+    [(name, found)] = json.loads((tmp_path / "said.json").read_text("utf-8"))["streams"].items()
     assert name == JOINTS and found["lost_by"] == "number"
     assert found["lost"] == pytest.approx(found["n"] / 9, abs=1.2)
     since, content = found["ages"]["since publishing"], found["ages"]["of the content"]
@@ -165,7 +165,7 @@ def test_an_identifier_is_heard_on_can(capsys: pytest.CaptureFixture[str]) -> No
 
     with _repeated(send):
         ping_listen(
-            ["can", "listen-1"], identifier="0x123", connect="", duration=0.3, json_=False,
+            ["can", "listen-1"], identifier="0x123", connect="", duration=0.3, json=None,
             end=EndOptions(interface="cosim", bitrate=500_000),
         )  # fmt: skip
     bus.close()
@@ -186,4 +186,4 @@ def test_an_identifier_is_heard_on_can(capsys: pytest.CaptureFixture[str]) -> No
 def test_what_cannot_be_heard_is_said(target: list[str], identifier: str, said: str) -> None:
     end = EndOptions(interface="cosim", bitrate=500_000)
     with pytest.raises(CosimError, match=said):
-        ping_listen(target, identifier=identifier, connect="", duration=0.01, json_=False, end=end)
+        ping_listen(target, identifier=identifier, connect="", duration=0.01, json=None, end=end)

@@ -75,11 +75,11 @@ def test_a_path_between_nodes_is_measured_and_predicted(tmp_path: Path) -> None:
     settings = [*sockets(ARMS, tmp_path), "run.stop='1 s'"]
     words = [word for text in settings for word in ("--set", text)]
     with answered(settings):
-        said = called(
-            str(SCENARIO), "--rate", "500", "--duration", "0.2", "--json", "-", *words,
-            "--out", str(tmp_path / "ping"),
+        called(
+            str(SCENARIO), "--rate", "500", "--duration", "0.2", "--json",
+            str(tmp_path / "said.json"), *words, "--out", str(tmp_path / "ping"),
         )  # fmt: skip
-    found = json.loads(said[said.index("{") :])
+    found = json.loads((tmp_path / "said.json").read_text("utf-8"))
     assert set(found["links"]) == {"there", "back"}
     assert found["prediction"]["numbers"] and len(found["prediction"]["links"]) == 2
     assert (tmp_path / "ping" / "there.csv").is_file()

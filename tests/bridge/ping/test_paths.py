@@ -46,9 +46,12 @@ def test_udp_between_two_sockets(tmp_path: Path, capsys: pytest.CaptureFixture[s
     end = UdpPath(("127.0.0.1", 0), listen=True)
     responder = PingResponder(end)
     with answering(responder):
-        ping_path(PathRequest("udp", f"127.0.0.1:{end.port}", 1000, 100, 0.1, tmp_path), json_=True)
+        ping_path(
+            PathRequest("udp", f"127.0.0.1:{end.port}", 1000, 100, 0.1, tmp_path),
+            tmp_path / "said.json",
+        )
     end.close()
-    found = json.loads(capsys.readouterr().out)
+    found = json.loads((tmp_path / "said.json").read_text("utf-8"))
     assert found["answered"] == found["sent"] == responder.answered == 100
     assert found["same_clock"] and found["uncertainty"] == 0
     delays = found["delays"]
@@ -98,7 +101,7 @@ def test_what_is_no_path_is_refused(
 ) -> None:
     with pytest.raises(CosimError, match=said):
         [request] = requests(kind, target, PathRequest(kind, "", 1, 100, 1, tmp_path))
-        ping_path(request, json_=False)
+        ping_path(request, None)
 
 
 def test_several_paths_have_folders_of_their_own(tmp_path: Path) -> None:
@@ -117,11 +120,13 @@ def test_several_paths_are_measured_at_once_and_one_that_fails_does_not_end_the_
     with answering(PingResponder(ends[0])), answering(PingResponder(ends[1])):
         common = PathRequest("", "", 200, 100, 0.2, tmp_path)
         where = [f"127.0.0.1:{end.port}" for end in ends]
-        ping_several(requests("udp", where, common), json_=False)
+        ping_several(requests("udp", where, common), None)
         printed = capsys.readouterr().out.splitlines()
         with pytest.raises(RunError, match=r"^udp nowhere\.invalid:29531: "):
-            ping_several(requests("udp", [*where[:1], "nowhere.invalid"], common), json_=True)
-        [left] = json.loads(capsys.readouterr().out)["paths"].items()
+            ping_several(
+                requests("udp", [*where[:1], "nowhere.invalid"], common), tmp_path / "said.json"
+            )
+        [left] = json.loads((tmp_path / "said.json").read_text("utf-8"))["paths"].items()
     for end in ends:
         end.close()
     assert left[0] == f"udp {where[0]}" and left[1]["answered"] == 40

@@ -160,12 +160,12 @@ def test_the_command_watches_and_exits_with_1_after_an_alarm(
         watch = WatchOptions(0.1, ("max > 0.001 us", "lost > 99 %"))
         where = f"127.0.0.1:{end.port}"
         request = PathRequest("udp", where, 500, 100, 0.3, tmp_path, watch=watch)
-        ping_path(request, json_=True)
+        ping_path(request, tmp_path / "said.json")
     end.close()
     assert exited.value.exit_code == 1
     printed = capsys.readouterr()
-    assert json.loads(printed.out)["alarms"] == ["max > 0.001 us"]
-    assert printed.err.count(" 50 questions") == 3
+    assert json.loads((tmp_path / "said.json").read_text("utf-8"))["alarms"] == ["max > 0.001 us"]
+    assert printed.out.count(" 50 questions") == 3
     assert len((tmp_path / "watch.jsonl").read_text().splitlines()) == 3
     assert (tmp_path / "report.html").is_file()
 

@@ -27,7 +27,11 @@ class DifferenceFiles:
     ] = None
     junit: Annotated[
         Path | None,
-        typer.Option("--junit", metavar="FILE", help="Write a test case a signal, as JUnit XML."),
+        typer.Option(
+            "--junit",
+            metavar="FILE",
+            help="Write a test case a signal and requirement, as JUnit XML.",
+        ),
     ] = None
 
 
@@ -98,6 +102,12 @@ def lines(found: RunDifference) -> list[str]:
             [m.label, f"{m.a:.5g}", f"{m.b:.5g}", f"{m.b - m.a:.2g}", m.unit] for m in found.metrics
         ]
         text += ["", *aligned(rows)]
+    if found.requirements:
+        rows = [["requirement", "a", "b"]]
+        rows += [[r.name, r.a.text, r.b.text] for r in found.requirements]
+        text += ["", *aligned(rows)]
+        changed = [r.name for r in found.requirements if r.changed]
+        text += [f"changed verdict: {', '.join(changed)}"] if changed else []
     for run, only in zip("ab", found.only, strict=True):
         if only:
             text.append(f"only in {run}: {', '.join(only)}")

@@ -132,12 +132,15 @@ def run(scenario: Path, settings: Sequence[str], options: RunOptions) -> None:
     from cosim.base.clock import stopwatch
     from cosim.base.interrupts import exit_code
     from cosim.cli.summary import (
+        exit_unless_passed,
         metric_facts,
         metrics_as_data,
         pictures,
+        requirement_lines,
         this_command,
         wall_time,
     )
+    from cosim.measure import requirements
     from cosim.measure.metric_result import summary_line
     from cosim.record import Run, claim_folder, held_folder, seal
 
@@ -160,16 +163,23 @@ def run(scenario: Path, settings: Sequence[str], options: RunOptions) -> None:
     wall, length = watch(), system.plan.ticks * system.plan.h
     result = Run.open(folder)
     options.say(header(system).replace("on the wall clock", "in simulated time"))
+    judged = requirements.of_run(system.scenario, result)
+    requirements.keep(folder, judged)
     for fact in (*metric_facts(system.scenario, result), wall_time(wall, length)):
         options.say(summary_line(*fact))
+    for text in requirement_lines(judged):
+        options.say(text)
     for what, path in pictures(system.scenario, result, options):
         options.say(summary_line(what, str(path)))
     seal(folder)
     if options.json is not None:
         metrics = metrics_as_data(system.scenario, result)
         data = {"folder": str(folder), "wall_s": wall, "metrics": metrics}
-        write_json(options.json, "twin", data)
+        required = {"requirements": requirements.as_data(judged)} if judged else {}
+        write_json(options.json, "twin", data | required)
     options.say(summary_line("run folder", str(folder)))
+    if options.strict:
+        exit_unless_passed(judged)
 
 
 def write_nodes(

@@ -29,6 +29,8 @@ from cosim.base.errors import CosimError, ScenarioError
 from cosim.base.names import signal_of, unknown
 from cosim.measure import declared_metrics
 from cosim.measure.metrics import evaluate
+from cosim.measure.requirements import of_run
+from cosim.measure.robustness import Robustness
 from cosim.record import Run
 
 Array = NDArray[np.float64]
@@ -72,6 +74,27 @@ class MetricDifference:
 
 
 @dataclass(frozen=True, slots=True)
+class RequirementDifference:
+    """A requirement that both scenarios declare alike, with its result on both runs."""
+
+    name: str
+    condition: str
+    a: Robustness
+    b: Robustness
+
+    @property
+    def changed(self) -> bool:
+        """True if the runs have different verdicts."""
+        return self.a.verdict != self.b.verdict
+
+    @property
+    def text(self) -> str:
+        """Both verdicts with their margins."""
+        word = "changed: " if self.changed else ""
+        return f"{word}{self.a.text} -> {self.b.text}"
+
+
+@dataclass(frozen=True, slots=True)
 class RunDifference:
     """The difference of two runs: `signals`, the largest differences by their bounds first.
 
@@ -90,6 +113,7 @@ class RunDifference:
     tolerance: float | None
     signals: tuple[SignalDifference, ...]
     metrics: tuple[MetricDifference, ...]
+    requirements: tuple[RequirementDifference, ...]
     only: tuple[tuple[str, ...], tuple[str, ...]]
     remarks: tuple[str, ...]
 
@@ -153,6 +177,10 @@ class RunDifference:
     def as_data(self) -> dict[str, Any]:
         """For JSON."""
         data = asdict(self) | {"a": str(self.a), "b": str(self.b)}
+        data["requirements"] = {
+            r.name: {"a": r.a.as_data(), "b": r.b.as_data(), "changed": r.changed}
+            for r in self.requirements
+        }
         return data | {"verdict": self.verdict, "sentence": self.sentence()}
 
 
@@ -191,7 +219,8 @@ def compare_runs(
     return RunDifference(
         a, b, len(t), float(t[-1]), spans, same or not whole, T, tolerance,
         tuple(sorted(found, key=lambda s: (not s.judged, -_share(s), -s.largest, s.name))),
-        _metrics(first, second), (_missing_signals(first, second), _missing_signals(second, first)),
+        _metrics(first, second), _requirements(first, second),
+        (_missing_signals(first, second), _missing_signals(second, first)),
         tuple(dict.fromkeys(remarks)),
     )  # fmt: skip
 
@@ -314,3 +343,17 @@ def _metrics(a: Run, b: Run) -> tuple[MetricDifference, ...]:
             settled = (x.parts["settle_s"], y.parts["settle_s"])
             found.append(MetricDifference(f"{x.label}, settles", "s", *settled))
     return tuple(found)
+
+
+def _requirements(a: Run, b: Run) -> tuple[RequirementDifference, ...]:
+    """Requirements that both scenarios declare alike; none where a run lacks its scenario."""
+    try:
+        first, second = (stored_scenario(run) for run in (a, b))
+        found = {r.name: r for r in of_run(second, b)}
+        return tuple(
+            RequirementDifference(r.name, r.condition, r, found[r.name])
+            for r in of_run(first, a)
+            if second.require.get(r.name) == first.require[r.name]
+        )
+    except CosimError:
+        return ()

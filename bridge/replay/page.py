@@ -60,6 +60,11 @@ def _tables(found: RunDifference) -> str:
         (m.label, m.unit, f"{m.a:.5g}", f"{m.b:.5g}", f"{m.b - m.a:.2g}") for m in found.metrics
     ]
     text = f"<h2>Signals</h2>{table(head, rows, 4)}"
+    if found.requirements:
+        required = [(r.name, r.condition, r.a.text, r.b.text) for r in found.requirements]
+        words = ["different" if r.changed else "equal" for r in found.requirements]
+        head = ["requirement", "condition", a, b]
+        text += f"<h2>Requirements</h2>{table(head, required, marks=words)}"
     if metrics:
         text += f"<h2>Metrics</h2>{table(['metric', 'unit', a, b, 'difference'], metrics, 3)}"
     return text
@@ -72,14 +77,17 @@ def _word(signal: SignalDifference) -> str:
 
 
 def write_junit(found: RunDifference, path: Path) -> Path:
-    """Write a test case for each signal that is judged, and one for the length of the runs.
+    """Write a test case for each signal that is judged, for each requirement, which fails where it
+    passes on the first run and not on the second, and one for the length of the runs.
 
     Raises RunError if the file cannot be written.
     """
     judged = [s for s in found.signals if s.judged]
-    failed = sum(not s.within for s in judged) + (not found.same_span)
+    lost = [r for r in found.requirements if r.changed and r.a.verdict == "passed"]
+    failed = sum(not s.within for s in judged) + len(lost) + (not found.same_span)
+    count = len(judged) + len(found.requirements) + 1
     suite = ElementTree.Element(
-        "testsuite", name=f"cosim diff {found.a} {found.b}", tests=str(len(judged) + 1),
+        "testsuite", name=f"cosim diff {found.a} {found.b}", tests=str(count),
         failures=str(failed), errors="0", skipped="0",
     )  # fmt: skip
     for s in judged:
@@ -92,6 +100,12 @@ def write_junit(found: RunDifference, path: Path) -> Path:
                 f"most {s.bound:.4g}, RMS {s.bound_rms:.4g}"
             )
             ElementTree.SubElement(case, "failure", message=message)
+    for r in found.requirements:
+        case = ElementTree.SubElement(
+            suite, "testcase", classname="cosim.requirements", name=r.name
+        )
+        if r in lost:
+            ElementTree.SubElement(case, "failure", message=r.text)
     case = ElementTree.SubElement(suite, "testcase", classname="cosim.runs", name="length")
     if not found.same_span:
         ElementTree.SubElement(case, "failure", message=found.reason())

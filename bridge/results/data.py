@@ -11,6 +11,7 @@ from bridge.results.rehearsal_outcome import RehearsalOutcome
 from bridge.results.report import NodeReport
 from bridge.results.timeline import happenings
 from bridge.results.verdict import judge
+from cosim.measure import requirements
 from cosim.record import Run
 
 
@@ -30,6 +31,7 @@ def as_data(system: System, outcome: RehearsalOutcome) -> dict[str, Any]:
             for _, r in metrics(system, outcome, run)
             if r is not None
         },
+        **({"requirements": found} if (found := requirements.as_data(outcome.required)) else {}),
         "nodes": {str(report.life): _node(report) for report in outcome.reports},
         "buses": {name: {"load": bus.load.mean()} for name, bus in outcome.buses.items()},
         "faults": [

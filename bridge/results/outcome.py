@@ -44,11 +44,19 @@ from cosim.base.clock import realtime_offset_ns
 from cosim.base.errors import CosimError, Interrupted, RunError, ScenarioError
 from cosim.base.interrupts import acknowledge
 from cosim.engine.simulate import metadata, stop_metadata
-from cosim.measure import declared_metrics
+from cosim.measure import declared_metrics, requirements
 from cosim.measure.metric_result import summary_line
 from cosim.measure.metrics import Metric, MetricResult
+from cosim.measure.robustness import Robustness
 from cosim.record import Run, seal, write_metadata
-from cosim.record.folder import FINISHED, NODES, STOPPED, journals, read_metadata
+from cosim.record.folder import (
+    FINISHED,
+    NODES,
+    STOPPED,
+    TRAJECTORIES,
+    journals,
+    read_metadata,
+)
 
 TWIN = "twin"
 #: Entries of ``run.json`` that every run has: the command that was typed, what the check found.
@@ -110,6 +118,7 @@ def complete(
         report.bus_reports(system, found.logs, _start_of_logs(system, ended.start_ns)),
         ended.notes, faults,
         tuple(unanswered(system, rows, reports, nodes)) if facts.get("real") else (),
+        _required(system, folder),
     )  # fmt: skip
     write_metadata(folder, _metadata(system, outcome, facts))
     seal(folder)
@@ -138,12 +147,20 @@ def reopen(system: System, folder: Path) -> RehearsalOutcome:
         ),
         [note_of(x) for x in facts["notes"]], [Evidence.of(x) for x in facts["faults"]],
         tuple(unanswered(system, rows, reports, nodes)) if known["deployment"].get("real") else (),
+        _required(system, folder),
     )  # fmt: skip
 
 
 def _start_of_logs(system: System, start_ns: int) -> int:
     """Time 0 of a run on the clock of its bus logs, ns; simulated buses count from it."""
     return 0 if system.deployment.clock == "simulated" else start_ns
+
+
+def _required(system: System, folder: Path) -> tuple[Robustness, ...]:
+    """The results of the scenario's requirements on what was recorded."""
+    if not system.scenario.require:
+        return ()
+    return requirements.of_run(system.scenario, Run.open(folder / TRAJECTORIES))
 
 
 def begin(system: System, folder: Path, facts: Mapping[str, Any]) -> dict[str, Any]:
@@ -246,6 +263,7 @@ def _metadata(
         **deployment_facts(system, facts),
         "status": FINISHED if outcome.finished else STOPPED,
         "marks": timeline.marks(outcome),
+        **({"requirements": found} if (found := requirements.as_data(outcome.required)) else {}),
         "rehearsal": {
             "finished": outcome.finished,
             "verdict": str(judged.word),
@@ -296,7 +314,8 @@ def metric_lines(system: System, outcome: RehearsalOutcome, run: Run) -> Iterato
 
 def lines(system: System, outcome: RehearsalOutcome) -> list[str]:
     """The summary of a rehearsal, without the metrics of the scenario."""
-    said = [summary_line("note", str(note)) for note in outcome.notes]
+    said = [summary_line("requirement", result.line) for result in outcome.required]
+    said += [summary_line("note", str(note)) for note in outcome.notes]
     said += [summary_line(str(r.life), r.text()) for r in outcome.reports]
     said += [summary_line(f"{r.life}, slots", r.parts()) for r in outcome.reports]
     said += [

@@ -12,13 +12,15 @@ from bridge.replay import replay
 from bridge.results.findings import Evidence
 from bridge.results.report import BusReport, NodeReport
 from bridge.wiring.wiring import Rows
+from cosim.measure.robustness import Robustness
 
 
 @dataclass(frozen=True, slots=True)
 class RehearsalOutcome:
     """The outcome of a rehearsal; `twin_rms`: rad, of joint positions; NaN: not compared.
 
-    `unanswered`: a sentence for each real drive that was off or did not answer its torques.
+    `unanswered`: a sentence for each real drive that was off or did not answer its torques;
+    `required`: the results of the scenario's requirements.
     """
 
     folder: Path
@@ -32,6 +34,7 @@ class RehearsalOutcome:
     notes: Sequence[Note]
     faults: Sequence[Evidence] = ()
     unanswered: Sequence[str] = ()
+    required: Sequence[Robustness] = ()
 
     @property
     def finished(self) -> bool:

@@ -2,8 +2,9 @@
 
 *Failed*: a node stopped before the end, also where it was started again, the replay differs from
 the run, more or other samples were received than sent, values were out of range, an injected fault
-is not in the report, a drive told old positions that no node noticed, or a real drive was off or
-did not answer its torques (:mod:`bridge.results.drive_answers`).
+is not in the report, a drive told old positions that no node noticed, a real drive was off or
+did not answer its torques (:mod:`bridge.results.drive_answers`), or, in a run that would have
+passed otherwise, a requirement of the scenario is not met.
 *Inconclusive*: a simulated bus was so far behind the wall clock that a node would have to stop;
 or a slow machine or bus can explain all problems (of a real drive: that it told
 nothing, or did not answer while a node stopped), and was so late that it would cause them, although
@@ -89,7 +90,17 @@ def judge(system: System, outcome: RehearsalOutcome) -> Verdict:
     if timed:
         return of_time(system, outcome, [*timed, *drives])
     missed = tuple(_missed_slots(system, outcome))
-    return Verdict(Word.INCONCLUSIVE if missed else Word.PASSED, missed)
+    if missed:
+        return Verdict(Word.INCONCLUSIVE, missed)
+    violated = tuple(_violated(outcome))
+    return Verdict(Word.FAILED if violated else Word.PASSED, violated)
+
+
+def _violated(outcome: RehearsalOutcome) -> Iterator[str]:
+    """Requirements of the scenario that the run does not meet."""
+    for result in outcome.required:
+        if result.verdict == "failed":
+            yield f"requirement {result.line}"
 
 
 def of_time(system: System, outcome: RehearsalOutcome, timed: Sequence[str]) -> Verdict:

@@ -15,6 +15,7 @@ from cosim.base.errors import ScenarioError
 from cosim.base.names import unknown
 from cosim.measure.link_ages import link_ages
 from cosim.measure.metrics import Error, Measure, MetricResult
+from cosim.measure.robustness import Robustness
 from cosim.record import Run
 from cosim.record.signals import stack
 
@@ -106,18 +107,36 @@ def age(run: Run, link: str, bound: Number) -> Answer:
     return Answer(bool(ages[worst] < most), f"{text}; expected below {most:g} s")
 
 
-def passes(results: Mapping[str, MetricResult], names: Sequence[str], place: str) -> Answer:
+def passes(
+    required: Mapping[str, Robustness],
+    results: Mapping[str, MetricResult],
+    names: Sequence[str],
+    place: str,
+) -> Answer:
     """Answer :meth:`cosim.RunResult.passes`. Raises ScenarioError."""
     bounded = {name: r for name, r in results.items() if "settle_s" in r.parts}
     for name in names:
-        if name not in bounded:
-            raise ScenarioError(unknown(name, bounded, "metric with the key 'within'"), place)
-    chosen = [bounded[name] for name in names] if names else list(bounded.values())
+        if name not in required and name not in bounded:
+            what = "requirement, or metric with the key 'within',"
+            raise ScenarioError(unknown(name, {**required, **bounded}, what), place)
+    chosen = names or tuple(required) or tuple(bounded)
     if not chosen:
-        raise ScenarioError("the scenario declares no metric with the key 'within'", place)
-    late = [r for r in chosen if not isfinite(r.value) or not isfinite(r.parts["settle_s"])]
-    said = "; ".join(f"{label}: {text}" for r in late or chosen for label, text in r.facts)
-    return Answer(not late, said)
+        text = "the scenario declares no requirement and no metric with the key 'within'"
+        raise ScenarioError(text, place)
+    said = {name: _judged(name, required, bounded) for name in chosen}
+    missed = [answer.text for answer in said.values() if not answer]
+    return Answer(not missed, "; ".join(missed or [answer.text for answer in said.values()]))
+
+
+def _judged(
+    name: str, required: Mapping[str, Robustness], bounded: Mapping[str, MetricResult]
+) -> Answer:
+    """The answer about one requirement, or one metric with a band."""
+    if name in required:
+        return Answer(required[name].verdict == "passed", required[name].line)
+    r = bounded[name]
+    settled = isfinite(r.value) and isfinite(r.parts["settle_s"])
+    return Answer(settled, "; ".join(f"{label}: {text}" for label, text in r.facts))
 
 
 def no_faults(facts: Mapping[str, Any]) -> Answer:

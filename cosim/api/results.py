@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from cosim.api.answers import Answer, Target
     from cosim.base.convert import Number
     from cosim.measure.metrics import MetricResult
+    from cosim.measure.robustness import Robustness
     from cosim.reporting.figures import Figure
     from cosim.scenario.spec import Scenario
 
@@ -97,6 +98,14 @@ class RunResult:
         found = evaluate(declared_metrics.metrics(self._scenario()), self._run)
         return {result.name: result for result in found}
 
+    @property
+    def requirements(self) -> Mapping[str, Robustness]:
+        """The results of the scenario's requirements by name: verdict, margin, time and text."""
+        from cosim.measure import requirements
+
+        found = requirements.of_run(self._scenario(), self._run)
+        return {result.name: result for result in found}
+
     # ---- questions ---------------------------------------------------------------------------
 
     def settles(self, signal: str, to: Target, *, band: Number, within: Number) -> Answer:
@@ -143,13 +152,15 @@ class RunResult:
         return answers.age(self._run, link, bound)
 
     def passes(self, *names: str) -> Answer:
-        """True if metrics of the scenario with the key ``within`` stay in their bands at the end.
+        """True if these requirements of the scenario pass, or these metrics with the key
+        ``within`` stay in their bands at the end.
 
-        Without `names` all of them have to. Raises ScenarioError where there is none.
+        Without `names` all requirements have to, or, where there is none, all such metrics. Raises
+        ScenarioError for an unknown name, and where there is neither.
         """
         from cosim.api import answers
 
-        return answers.passes(self.metrics, names, str(self.folder))
+        return answers.passes(self.requirements, self.metrics, names, str(self.folder))
 
     def has_no_faults(self) -> Answer:
         """True if the run came to its end, and a rehearsal passed with no node in a fault state."""

@@ -125,12 +125,14 @@ def compare(
     from cosim.comparison.comparison import compare as compare_all
     from cosim.comparison.documents import check as refuse
     from cosim.comparison.documents import read_base
+    from cosim.comparison.requirement_columns import with_requirements
     from cosim.comparison.variants_file import read, variants_path
 
     expect("compare", _OF_COMPARE, locals())
     known = read(variants or variants_path(scenario))
     chosen = known.select(list(controllers), list(operators), list(links))
     base = read_base(scenario, known, as_settings(set))
+    known = with_requirements(known, base)
     refuse(base, known, chosen)
     return compare_all(base, known, chosen, range(base.seed, base.seed + seeds), jobs=jobs)
 

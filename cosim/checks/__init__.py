@@ -9,6 +9,7 @@
 ``laws``          passivity, degenerate gains, gravity, what can be predicted
 ``channels``      links: bounded delays, losses, order, buffers, CAN buses, springs over them
 ``wiring``        unconnected inputs, saturation, size of what is recorded
+``requirements``  conditions that cannot fail, cannot hold, or are of times after the run
 ================  =================================================================
 
 Nothing is run, and nothing here stops a run.

@@ -50,6 +50,11 @@ def _commands(known: AnalyzedSystem) -> bool:
     return bool(known.commands)
 
 
+def _required(known: AnalyzedSystem) -> bool:
+    """True if the scenario declares requirements."""
+    return bool(known.scenario.require)
+
+
 def _plants(known: AnalyzedSystem) -> bool:
     """True if a wire connects two plants."""
     plants = {s.name for s in known.plan.components if s.component.kind == "continuous"}
@@ -91,6 +96,7 @@ RULES: tuple[Rule, ...] = (
     wiring.start_time,
     wiring.saturation,
     wiring.size,
+    *_rules("requirements", _required, "intervals", "decided"),
 )
 #: Rules that only ever note something.
 NOTES: tuple[Rule, ...] = (

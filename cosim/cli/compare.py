@@ -78,6 +78,7 @@ def compare(
     from cosim.comparison.comparison import compare as compare_all
     from cosim.comparison.documents import check, read_base
     from cosim.comparison.kept import KeptResults
+    from cosim.comparison.requirement_columns import with_requirements
     from cosim.comparison.variants_file import read, variants_path
     from cosim.engine.simulate import versions
     from cosim.record import held_folder
@@ -87,11 +88,11 @@ def compare(
     if options.list_:
         typer.echo("\n".join(_listing(known)))
         return
-    known = known.with_columns(_names(selection.columns))
+    base = read_base(scenario, known, selection.set_)
+    known = with_requirements(known, base).with_columns(_names(selection.columns))
     chosen = known.select(
         _names(selection.controllers), _names(selection.operators), _names(selection.links)
     )
-    base = read_base(scenario, known, selection.set_)
     folder = options.out or Path("runs") / f"compare-{scenario.stem}-{stamp()}"
     plans = check(base, known, chosen)  # before there is a folder
     report_unconnected_inputs(plans, strict=options.strict, quiet=result.quiet)

@@ -93,7 +93,7 @@ def read_base(path: str | Path, variants: Variants, settings: Sequence[str] = ()
 def scenario(base: Base, variants: Variants, case: Case) -> Scenario:
     """The scenario of a case. Raises ScenarioError for what makes none."""
     document = deepcopy(dict(base.document))
-    for key in ("metrics", "figures"):
+    for key in ("metrics", "figures", "require"):
         document.pop(key, None)
     signals = sorted({signal for signal, _ in signals_read(variants)})
     document["run"] |= {"seed": case.seed, "record": {"signals": signals}}

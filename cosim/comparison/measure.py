@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from cosim.base.errors import FmuError, PlanError, RunError, ScenarioError
 from cosim.comparison.aligned import AlignedError
 from cosim.comparison.documents import Case
+from cosim.comparison.requirement_columns import RequirementMargin
 from cosim.comparison.spec import Picture, PortMeasure, Stability
 from cosim.comparison.variants import MetricColumn
 from cosim.comparison.verdict import RunVerdict, judge
@@ -151,7 +152,7 @@ def _measured(task: Task, run: Run, failure: RunError | None) -> CaseOutcome:
 
 
 def _evaluated(
-    metric: Metric | AlignedError, run: Run, tables: Sequence[RecordedTable]
+    metric: Metric | AlignedError | RequirementMargin, run: Run, tables: Sequence[RecordedTable]
 ) -> MetricResult:
     if not isinstance(metric, AlignedError):
         return metric.evaluate(run)

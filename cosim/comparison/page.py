@@ -12,6 +12,7 @@ from statistics import median
 import numpy as np
 
 from cosim.comparison.comparison import Comparison
+from cosim.comparison.requirement_columns import RequirementMargin
 from cosim.comparison.rows import ComparisonRow, columns, format_number, header, notes, rows
 from cosim.comparison.spec import PortMeasure
 from cosim.comparison.variants import MetricColumn
@@ -145,7 +146,9 @@ def _kind(row: ComparisonRow) -> str:
 
 def _marks(block: Sequence[ComparisonRow], column: MetricColumn, unit: str) -> dict[int, str]:
     """Classes of the best and the worst cells of a column, by row; none if they look alike."""
-    if isinstance(column.metric, PortMeasure | PortEnergy):  # less is neither better nor worse
+    if isinstance(
+        column.metric, PortMeasure | PortEnergy | RequirementMargin
+    ):  # less is neither better nor worse
         return {}
     values = {
         i: median(found)

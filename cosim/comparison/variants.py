@@ -5,13 +5,16 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from cosim.base.errors import ScenarioError
 from cosim.comparison.aligned import AlignedError
 from cosim.comparison.spec import Picture, PortBench, PortMeasure, Stability
 from cosim.measure.metrics import Metric
 from cosim.scenario.connect import unknown
+
+if TYPE_CHECKING:
+    from cosim.comparison.requirement_columns import RequirementMargin
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,7 +106,8 @@ class LinkLaw:
 
 @dataclass(frozen=True, slots=True)
 class MetricColumn:
-    """A metric, or the number `part` of it, or a measure of the port; `only` for some operators.
+    """A metric, or the number `part` of it, a measure of the port, or the margin of a requirement;
+    `only` for some operators.
 
     An aligned error is a metric that takes the mean delay of a link besides.
     """
@@ -111,7 +115,7 @@ class MetricColumn:
     name: str
     label: str
     part: str
-    metric: Metric | AlignedError | PortMeasure
+    metric: Metric | AlignedError | PortMeasure | RequirementMargin
     only: tuple[str, ...]
 
     def applies(self, operator: Operator) -> bool:

@@ -7,7 +7,7 @@ them (``sync.settle_s``). All of them have one result, :class:`Robustness`, wher
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import inf, isfinite, nan
 from pathlib import Path
 from typing import Any
@@ -33,6 +33,8 @@ from cosim.scenario.spec import Scenario
 
 #: Rows that may be missing at the end of a run: that of its last time, which some runs do not have.
 MISSING = 1.5
+#: The end of the name of a settle time.
+SETTLES = ".settle_s"
 #: What the time of a result is called, by the outermost operator and whether it holds.
 _CALLED = {("always", True): "closest", ("always", False): "worst"}
 _CALLED |= {("eventually", True): "best", ("eventually", False): "closest"}
@@ -115,14 +117,20 @@ class Requirement:
             return self._undecided(f"the run ended at {time_text(covered)} of {time_text(end)}")
         results = [metric.evaluate(signals) for metric in self.metrics]
         numbers = {name: found for r in results for name, found in r.numbers.items()}
-        trace = RecordedTrace(np.zeros(1), lambda name: np.array([[numbers[name][0]]]), 0.0)
-        value = trace.at(self.formula, 0)
-        found = ", ".join(f"{name} is {with_unit(*numbers[name], 4)}" for name in self.names)
+        found = ", ".join(_told(name, *numbers[name]) for name in self.names)
+        value = self._of_numbers({name: x for name, (x, _) in numbers.items()})
+        if isfinite(value):
+            verdict: Verdict = "passed" if value >= 0 else "failed"
+            return self._result(verdict, value, nan, f"{self._margin(value)}, {found}")
+        if self._of_numbers({n: _at_best(n, x, end) for n, (x, _) in numbers.items()}) >= 0:
+            return self._undecided(f"{found} of the run at {time_text(end)}")
         missing = [r.text for r in results if r.value != r.value]
-        if not isfinite(value):
-            return self._result("failed", -inf, nan, missing[0] if missing else found)
-        word: Verdict = "passed" if value >= 0 else "failed"
-        return self._result(word, value, nan, f"{self._margin(value)}, {found}")
+        return self._result("failed", -inf, nan, missing[0] if missing else found)
+
+    def _of_numbers(self, numbers: Mapping[str, float]) -> float:
+        """The robustness of metrics, of which `numbers` has each in its unit."""
+        trace = RecordedTrace(np.zeros(1), lambda name: np.array([[numbers[name]]]), 0.0)
+        return trace.at(self.formula, 0)
 
     def _bad(self, lookup: Lookup, row: int) -> str:
         """The signal that is not a finite number in a row."""
@@ -144,6 +152,18 @@ class Requirement:
         return Robustness(
             self.name, verdict, value, self.unit, time, f"{verdict}, {text}", self.condition
         )
+
+
+def _told(name: str, value: float, unit: str) -> str:
+    """A number of a metric in a sentence."""
+    if value == inf and name.endswith(SETTLES):
+        return f"{name.removesuffix(SETTLES)} has not settled at the end"
+    return f"{name} is {with_unit(value, unit, 4)}"
+
+
+def _at_best(name: str, value: float, end: float) -> float:
+    """A number of a metric; a settle time that did not come is at best the end of the run, s."""
+    return end if value == inf and name.endswith(SETTLES) else value
 
 
 def _covered(t: Array, end: float | None) -> tuple[float, float]:
@@ -288,7 +308,8 @@ def of_run(scenario: Scenario, run: Run) -> tuple[Robustness, ...]:
             requirement = _requirement(scenario, name, preview, metrics)
         except CosimError as missing:
             why = str(missing).partition(": ")[2] or str(missing)
-            results.append(undecided(name, "1", why, scenario.require[name].condition))
+            found = undecided(name, "1", why, scenario.require[name].condition)
+            results.append(replace(found, recorded=False))
             continue
         if error and not error.startswith("Interrupted"):
             results.append(requirement.stopped(last))

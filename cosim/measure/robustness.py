@@ -20,7 +20,7 @@ class Robustness:
     `value`: the margin in `unit`, negative where it is violated; -inf for a run that diverged or
     stopped; NaN where nothing was recorded that it is about. `time`: of the row that decides it, s,
     or NaN. `text`: verdict, margin and time in words; `condition`: the requirement as it is
-    written.
+    written; `recorded`: whether the signals that it reads were recorded.
     """
 
     name: str
@@ -30,6 +30,7 @@ class Robustness:
     time: float
     text: str
     condition: str = ""
+    recorded: bool = True
 
     @property
     def line(self) -> str:

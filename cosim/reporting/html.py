@@ -173,13 +173,15 @@ def packed(values: NDArray[Any], kind: str) -> str:
 class Card(NamedTuple):
     """A number that matters: its `label`, its `value` with the unit, and a `note` below.
 
-    `key`: its name in files, which is seen when the pointer rests on the card.
+    `key`: its name in files, which is seen when the pointer rests on the card; `word`: a verdict
+    that the value tells.
     """
 
     label: str
     value: str
     key: str = ""
     note: str = ""
+    word: str = ""
 
 
 def cards(numbers: Iterable[tuple[str, str] | Card]) -> str:
@@ -192,7 +194,15 @@ def _card(card: Card) -> str:
     label = escape(whole(capital(card.label)))
     title = f' title="{escape(card.key)}"' if card.key else ""
     note = f"<i>{escape(whole(card.note))}</i>" if card.note else ""
-    return f'<div class="card"{title}><span>{label}</span><b>{escape(card.value)}</b>{note}</div>'
+    value = marked(card.value, card.word)
+    return f'<div class="card"{title}><span>{label}</span><b>{value}</b>{note}</div>'
+
+
+def marked(text: str, word: str) -> str:
+    """HTML of a text that tells the verdict `word`, in its colour and with its mark."""
+    if word not in _MARKS:
+        return escape(text)
+    return f'<span class="told {word}">{_MARKS[word]} {escape(text)}</span>'
 
 
 def capital(text: str) -> str:
@@ -213,16 +223,19 @@ def table(
     rows: Iterable[Sequence[str]],
     numbers: int = 0,
     links: Mapping[str, str] | None = None,
+    marks: Sequence[str] = (),
 ) -> str:
     """A table of texts; its last `numbers` columns are aligned to the right.
 
-    `links`: where texts of the first column lead to, relative to the page.
+    `links`: where texts of the first column lead to, relative to the page; `marks`: the verdict of
+    each row, which colours its first column.
     """
     first, links = len(head) - numbers, links or {}
+    words = iter(marks)
 
     def cell(tag: str, i: int, text: str) -> str:
         kind = ' class="number"' if i >= first else ""
-        inside = escape(text)
+        inside = marked(text, next(words, "")) if tag == "td" and i == 0 else escape(text)
         if tag == "td" and i == 0 and text in links:
             inside = f'<a href="{escape(links[text])}">{inside}</a>'
         return f"<{tag}{kind}>{inside}</{tag}>"

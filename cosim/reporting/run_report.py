@@ -15,10 +15,11 @@ import numpy as np
 from cosim.base.errors import CosimError
 from cosim.base.names import counted, listed, signal_of
 from cosim.base.units import engineering, engineering_range, prefixed, readable
-from cosim.measure import declared_metrics
+from cosim.measure import declared_metrics, requirements
 from cosim.measure.link_ages import link_ages
 from cosim.measure.metric_result import MetricResult
 from cosim.measure.metrics import Error, Metric, evaluate
+from cosim.measure.robustness import Robustness, worst
 from cosim.record import Run
 from cosim.record.folder import REPORT
 from cosim.reporting import many
@@ -77,17 +78,18 @@ def write_report(
             renamed(result, metric_title(metric))
             for metric, result in zip(metrics, evaluate(metrics, run), strict=True)
         )
+        required = requirements.of_run(scenario, run)
     except CosimError:  # cut short, or made by something else
-        scenario, metrics, results = None, [], ()
+        scenario, metrics, results, required = None, [], (), ()
     data = _data(run, scenario, facts, metrics)
     subtitle = f"{facts.get('scenario', {}).get('path', '')} · {folder.name}"
     title = scenario.title if scenario is not None else folder.name
     return write_page(
-        folder / REPORT, title, subtitle, judged or verdict(facts, scenario, results),
-        first + cards(_numbers(facts, metrics, results)), data,
+        folder / REPORT, title, subtitle, judged or verdict(facts, scenario, results, required),
+        first + cards([*map(_required, required), *_numbers(facts, metrics, results)]), data,
         "".join([
-            findings(facts), limits(run, facts), extend(data), _links(run, facts, data),
-            macro_section(facts), _details(run, facts, results),
+            findings(facts), requirement_table(required), limits(run, facts), extend(data),
+            _links(run, facts, data), macro_section(facts), _details(run, facts, results),
         ]),
     )  # fmt: skip
 
@@ -96,14 +98,24 @@ def write_report(
 
 
 def verdict(
-    facts: Mapping[str, Any], scenario: Scenario | None, results: tuple[MetricResult, ...]
+    facts: Mapping[str, Any],
+    scenario: Scenario | None,
+    results: tuple[MetricResult, ...],
+    required: Sequence[Robustness] = (),
 ) -> Badge:
-    """The verdict on a run: did it come to its end, and did its errors settle as declared?"""
+    """The verdict on a run: did it come to its end, and does it meet its requirements?
+
+    Without requirements: did its errors settle as declared?
+    """
     failed = failure(facts)
     if failed:
         return Badge("error", failed)
     if facts.get("ended"):
         return Badge("finished", f"{facts['ended']['component']} ended it")
+    word = worst(required)
+    if word is not None:
+        missed = "; ".join(r.line for r in required if r.verdict == word)
+        return Badge(word, missed if word != "passed" else _all_met(required))
     judged = [r for r in results if "settle_s" in r.parts]
     late = [r for r in judged if not isfinite(r.parts["settle_s"])]
     if late:
@@ -114,6 +126,26 @@ def verdict(
             "passed", f"every error with a bound stays within it from {engineering(latest, 's')} on"
         )
     return Badge("finished", "the scenario declares no bound to judge by")
+
+
+def _all_met(required: Sequence[Robustness]) -> str:
+    return "the requirement is met" if len(required) == 1 else "every requirement is met"
+
+
+def _required(result: Robustness) -> Card:
+    """The card of a requirement: its verdict, and by how much."""
+    margin = f"margin {result.margin}" if isfinite(result.value) else ""
+    return Card(result.name, result.verdict, result.condition, margin, result.verdict)
+
+
+def requirement_table(required: Sequence[Robustness]) -> str:
+    """HTML of the table of requirements; "" without any."""
+    if not required:
+        return ""
+    head = ["requirement", "condition", "result"]
+    rows = [(r.name, r.condition, r.text) for r in required]
+    words = [r.verdict for r in required]
+    return f"<h2>Requirements</h2>{table(head, rows, marks=words)}"
 
 
 def _numbers(

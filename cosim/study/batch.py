@@ -21,8 +21,6 @@ from cosim.engine.batch import can_join, together
 from cosim.engine.engine import Engine
 from cosim.engine.reset import can_rewind
 from cosim.engine.reuse import RepeatedEngine
-from cosim.measure import declared_metrics
-from cosim.measure.metrics import Metric
 from cosim.record import Column
 from cosim.scenario.assemble import assemble
 from cosim.scenario.kept import KeptComponents
@@ -33,6 +31,7 @@ from cosim.study.axes import setting_path
 from cosim.study.design import Point
 from cosim.study.memory import Memory, Rooms, record_many
 from cosim.study.run_point import (
+    RunMeasures,
     StudyRow,
     StudySetup,
     document_of,
@@ -57,7 +56,7 @@ class _Prepared:
 
     others: Sequence[str]
     plan: Plan
-    metrics: Sequence[Metric]
+    measures: RunMeasures
     columns: Sequence[Column]
     every: int
     can_reseed: bool
@@ -97,12 +96,12 @@ class _RunPlace:
         document = document_of(self._setup, settings)
         scenario = build(document, self._setup.path)
         plan = assemble(scenario, self._kept.load)
-        metrics = declared_metrics.metrics(scenario)
-        columns = needed_columns(metrics, recorded_columns(scenario, plan))
+        measures = RunMeasures.of(scenario, plan)
+        columns = needed_columns(measures, recorded_columns(scenario, plan))
         every = scenario.run.record.every
         last = all(parts(setting_path(s)) not in (["run"], ["run", "seed"]) for s in others)
         again = last and can_reseed(document, plan)
-        return _Prepared(others, plan, metrics, columns, every, again)
+        return _Prepared(others, plan, measures, columns, every, again)
 
     def free(self) -> None:
         """Free the FMUs. The processes of isolated ones wait for the next point."""
@@ -199,6 +198,6 @@ def _row(setup: StudySetup, begun: _Begun, found: Memory | BaseException) -> Stu
     if isinstance(found, BaseException):
         return failed_row(begun.point, found)
     try:
-        return measured_row(setup, begun.point, begun.prepared.metrics, found)
+        return measured_row(setup, begun.point, begun.prepared.measures, found)
     except Exception as error:
         return failed_row(begun.point, error)

@@ -61,6 +61,8 @@ def points(study: Study, fingerprint: str = "") -> Iterator[Point]:
 def point(study: Study, fingerprint: str, choices: Mapping[str, Choice]) -> Point:
     """The point with these choices, one for each axis."""
     common = [fingerprint, json.dumps(study.metrics, sort_keys=True), dict(study.stable)]
+    if study.require or study.required:
+        common += [json.dumps(study.require, sort_keys=True), list(study.required)]
     settings = (*study.settings, *_ordered(choices))
     cells = {axis.name: choices[axis.name].cell for axis in study.axes}
     return Point(_name([*common, settings]), cells, settings)

@@ -13,6 +13,7 @@ import numpy as np
 
 from cosim.base.clock import stopwatch
 from cosim.base.errors import CosimError, RunError, ScenarioError
+from cosim.base.names import unknown
 from cosim.base.toml import change
 from cosim.engine.simulate import columns, simulate
 from cosim.fmi.failures import sentence
@@ -20,6 +21,7 @@ from cosim.loading.files import read_document
 from cosim.measure import declared_metrics
 from cosim.measure.declared_metrics import Preview
 from cosim.measure.metrics import Metric, evaluate
+from cosim.measure.requirements import Requirement, requirements
 from cosim.record import Column, Run
 from cosim.record.signals import Signals
 from cosim.scenario.assemble import assemble
@@ -35,13 +37,38 @@ from cosim.study.study import RESERVED, Study
 class StudySetup:
     """The common part of all runs of a study: the scenario as parsed, at its `path`.
 
-    `stable`: the largest size of each measure; `keep`: where run folders stay, None: nowhere.
+    `stable`: the largest size of each measure; `keep`: where run folders stay, None: nowhere;
+    `required`: names of requirements that a stable run passes.
     """
 
     path: Path
     document: Mapping[str, Any]
     stable: Mapping[str, float]
     keep: Path | None = None
+    required: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class RunMeasures:
+    """The measures of a scenario's run: its metrics, and the margins of its requirements.
+
+    `end`: of the run, s.
+    """
+
+    metrics: Sequence[Metric]
+    requirements: Sequence[Requirement]
+    end: float
+
+    @classmethod
+    def of(cls, scenario: Scenario, plan: Plan) -> RunMeasures:
+        """Those that a scenario declares. Raises ScenarioError."""
+        units = {c.name: c.unit for c in recorded_columns(scenario, plan)}
+        return cls(declared_metrics.metrics(scenario), requirements(scenario, units), plan.end)
+
+    @property
+    def signals(self) -> set[str]:
+        """Names of the signals that they read."""
+        return {name for m in (*self.metrics, *self.requirements) for name in m.signals}
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,21 +90,22 @@ class StudyRow:
 
 
 def job(study: Study, keep: Path | None) -> StudySetup:
-    """The study's scenario, read once; the study's metrics are added to it, figures left out.
+    """The study's scenario, read once; the study's metrics and requirements are added to it,
+    figures left out.
 
     Raises ScenarioError.
     """
     path = study.scenario
     document = read_document(path)
-    metrics = document.setdefault("metrics", {})
-    for name, table in study.metrics.items():
-        if name in metrics:
-            raise ScenarioError(
-                f"{path} has a metric {name!r} already", study.place("metrics", name)
-            )
-        metrics[name] = table
+    added = {"metrics": ("metric", study.metrics), "require": ("requirement", study.require)}
+    for key, (what, tables) in added.items():
+        known = document.setdefault(key, {})
+        for name, table in tables.items():
+            if name in known:
+                raise ScenarioError(f"{path} has a {what} {name!r} already", study.place(key, name))
+            known[name] = table
     document["figures"] = {}
-    return StudySetup(path, document, study.stable, keep)
+    return StudySetup(path, document, study.stable, keep, study.required)
 
 
 def scenario_of(job: StudySetup, settings: Sequence[str]) -> Scenario:
@@ -105,6 +133,11 @@ def preview(job: StudySetup, point: Point) -> tuple[Plan, dict[str, str]]:
     known = Preview({c.name: c.unit for c in recorded_columns(scenario, plan)})
     for result in evaluate(declared_metrics.metrics(scenario), known):
         units |= {name: unit for name, (_, unit) in result.numbers.items()}
+    measures = RunMeasures.of(scenario, plan)
+    units |= {margin_of(r.name): r.unit for r in measures.requirements}
+    for name in job.required:
+        if name not in scenario.require:
+            raise ScenarioError(f"stable: {unknown(name, scenario.require, 'requirement')}")
     for name in job.stable:
         if name not in units:
             raise ScenarioError(f"stable: no measure {name!r}; there are: {', '.join(units)}")
@@ -125,14 +158,21 @@ def run_point(job: StudySetup, point: Point) -> StudyRow:
     return replace(row, wall=watch())
 
 
-def measured_row(
-    job: StudySetup, point: Point, metrics: Sequence[Metric], signals: Signals
-) -> StudyRow:
+def measured_row(job: StudySetup, point: Point, wanted: RunMeasures, signals: Signals) -> StudyRow:
     """The row of a run that reached its end. Raises ScenarioError."""
-    results = evaluate(metrics, signals)
+    results = evaluate(wanted.metrics, signals)
     measures = {name: value for r in results for name, (value, _) in r.numbers.items()}
     stable = _stable(job.stable, measures)
+    for requirement in wanted.requirements:
+        found = requirement.evaluate(signals, wanted.end)
+        measures[margin_of(found.name)] = found.value
+        stable &= found.verdict == "passed" or found.name not in job.required
     return StudyRow(point.run, point.cells, point.settings, stable, measures=measures)
+
+
+def margin_of(requirement: str) -> str:
+    """The name of the measure that is the margin of a requirement."""
+    return f"{requirement}.margin"
 
 
 def failed_row(point: Point, error: BaseException) -> StudyRow:
@@ -142,16 +182,16 @@ def failed_row(point: Point, error: BaseException) -> StudyRow:
     return StudyRow(point.run, point.cells, point.settings, False, reason, stopped_at)
 
 
-def _recording(job: StudySetup, point: Point) -> tuple[Sequence[Metric], Signals]:
+def _recording(job: StudySetup, point: Point) -> tuple[RunMeasures, Signals]:
     scenario = scenario_of(job, point.settings)
     plan = assemble(scenario)
-    metrics = declared_metrics.metrics(scenario)
+    wanted = RunMeasures.of(scenario, plan)
     if job.keep is not None:
         folder = job.keep / point.run
         simulate(scenario, folder, plan=plan, force=True)
-        return metrics, Run.open(folder)
-    needed = needed_columns(metrics, recorded_columns(scenario, plan))
-    return metrics, record(plan, needed, scenario.run.record.every)
+        return wanted, Run.open(folder)
+    needed = needed_columns(wanted, recorded_columns(scenario, plan))
+    return wanted, record(plan, needed, scenario.run.record.every)
 
 
 def _stable(bounds: Mapping[str, float], measures: Mapping[str, float]) -> bool:
@@ -166,8 +206,8 @@ def recorded_columns(scenario: Scenario, plan: Plan) -> list[Column]:
     return columns(plan, scenario.run.record.signals, scenario.place("run.record.signals"))
 
 
-def needed_columns(metrics: Sequence[Metric], recorded: Sequence[Column]) -> list[Column]:
-    """The columns that the metrics read."""
+def needed_columns(measures: RunMeasures, recorded: Sequence[Column]) -> list[Column]:
+    """The columns that the measures read."""
     names = Preview({c.name: c.unit for c in recorded})
-    wanted = {entry for m in metrics for signal in m.signals for entry in names.entries(signal)}
+    wanted = {entry for signal in measures.signals for entry in names.entries(signal)}
     return [column for column in recorded if column.name in wanted]

@@ -69,7 +69,9 @@ class SweepFigureSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, k
 
 
 class StudySpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """The whole file, as read. `stable`: the largest size each measure may have."""
+    """The whole file, as read. `stable`: the largest size each measure may have, and the names of
+    `requirements` that are to pass.
+    """
 
     scenario: str
     title: str = ""
@@ -80,5 +82,6 @@ class StudySpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
     sample: SampleSpec | None = None
     boundary: BoundarySpec | None = None
     metrics: dict[str, dict[str, Any]] = {}
+    require: dict[str, dict[str, Any]] = {}
     stable: dict[str, Any] = {}
     figures: dict[str, dict[str, Any]] = {}

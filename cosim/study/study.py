@@ -11,6 +11,7 @@ from typing import Any, Literal
 from cosim.base import toml
 from cosim.base.convert import convert, convert_each
 from cosim.base.errors import ScenarioError
+from cosim.formulas.spec import RequirementSpec
 from cosim.scenario.spec import MetricSpec
 from cosim.study.axes import (
     Axis,
@@ -37,7 +38,8 @@ _LAWS: tuple[Distribution, ...] = ("uniform", "loguniform", "normal", "integers"
 class Study:
     """A study, checked as far as it can be without its scenario.
 
-    `metrics`: the tables of the metrics as they are written, to be added to the scenario's.
+    `metrics`, `require`: tables of metrics and requirements as they are written, to be added to the
+    scenario's; `required`: names of requirements that a stable run passes.
     """
 
     path: Path
@@ -52,6 +54,8 @@ class Study:
     metrics: Mapping[str, Any]
     stable: Mapping[str, float]
     figures: Mapping[str, SweepFigureSpec]
+    require: Mapping[str, Any]
+    required: tuple[str, ...]
 
     def place(self, *path: str) -> str:
         """``FILE at vary.K``."""
@@ -67,11 +71,15 @@ def load_study(path: str | Path) -> Study:
     vary = convert_each(spec.vary, AxisSpec, path, "vary")
     axes = tuple(_axis(name, axis, f"{path} at vary.{name}") for name, axis in vary.items())
     convert_each(spec.metrics, MetricSpec, path, "metrics")
+    for name, requirement in convert_each(spec.require, RequirementSpec, path, "require").items():
+        requirement.tree(f"{path} at require.{name}")
+    bounds = dict(spec.stable)
+    required = _required(bounds.pop("requirements", []), f"{path} at stable.requirements")
     study = Study(
         path, text, spec.title or path.stem, _scenario(spec.scenario, path), spec.keep,
         spec.settings, (*axes, *_seeds(spec.seeds, f"{path} at seeds")), spec.sample,
-        spec.boundary, spec.metrics, _bounds(spec.stable, f"{path} at stable"),
-        convert_each(spec.figures, SweepFigureSpec, path, "figures"),
+        spec.boundary, spec.metrics, _bounds(bounds, f"{path} at stable"),
+        convert_each(spec.figures, SweepFigureSpec, path, "figures"), spec.require, required,
     )  # fmt: skip
     _check(study)
     return study
@@ -96,6 +104,12 @@ def _bounds(table: Mapping[str, Any], place: str, above: str = "") -> dict[str, 
         else:
             raise ScenarioError(f"found {value!r}, expected its maximum size", f"{place}.{name}")
     return found
+
+
+def _required(given: Any, place: str) -> tuple[str, ...]:
+    if not isinstance(given, list) or not all(isinstance(name, str) for name in given):
+        raise ScenarioError(f"found {given!r}, expected a list of names of requirements", place)
+    return tuple(given)
 
 
 def _seeds(given: int | tuple[int, ...] | None, place: str) -> tuple[Axis, ...]:

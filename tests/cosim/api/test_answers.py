@@ -142,7 +142,9 @@ def test_metrics_with_a_band_are_requirements(run):
     every = run.passes()
     assert not every and every.text.startswith("nearer: ")
     assert "expected below 1e-09 rad" in every.text
-    with pytest.raises(ScenarioError, match=r"no metric with the key 'within' 'peak'"):
+    with pytest.raises(
+        ScenarioError, match=r"no requirement, or metric with the key 'within', 'peak'"
+    ):
         run.passes("peak")
 
 

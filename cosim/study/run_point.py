@@ -61,7 +61,7 @@ class RunMeasures:
 
     @classmethod
     def of(cls, scenario: Scenario, plan: Plan) -> RunMeasures:
-        """Those that a scenario declares. Raises ScenarioError."""
+        """The measures that a scenario declares. Raises ScenarioError."""
         units = {c.name: c.unit for c in recorded_columns(scenario, plan)}
         return cls(declared_metrics.metrics(scenario), requirements(scenario, units), plan.end)
 

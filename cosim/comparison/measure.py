@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from cosim.base.errors import FmuError, PlanError, RunError, ScenarioError
 from cosim.comparison.aligned import AlignedError
 from cosim.comparison.documents import Case
-from cosim.comparison.requirement_columns import RequirementMargin
+from cosim.comparison.requirement_margin import RequirementMargin
 from cosim.comparison.spec import Picture, PortMeasure, Stability
 from cosim.comparison.variants import MetricColumn
 from cosim.comparison.verdict import RunVerdict, judge

@@ -12,7 +12,7 @@ from statistics import median
 import numpy as np
 
 from cosim.comparison.comparison import Comparison
-from cosim.comparison.requirement_columns import RequirementMargin
+from cosim.comparison.requirement_margin import RequirementMargin
 from cosim.comparison.rows import ComparisonRow, columns, format_number, header, notes, rows
 from cosim.comparison.spec import PortMeasure
 from cosim.comparison.variants import MetricColumn

@@ -6,35 +6,13 @@ has. Its name is ``NAME.margin``, as in the table of a sweep.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
-from pathlib import Path
-from typing import Any
+from collections.abc import Iterator
+from dataclasses import replace
 
 from cosim.comparison.documents import Base
+from cosim.comparison.requirement_margin import RequirementMargin
 from cosim.comparison.variants import MetricColumn, Variants
-from cosim.measure import requirements
-from cosim.measure.metric_result import MetricResult
-from cosim.record import Run
 from cosim.scenario.spec import build
-
-
-@dataclass(frozen=True, slots=True)
-class RequirementMargin:
-    """The margin of the only requirement of a `document`, a scenario without components.
-
-    `signals`: names of the signals that it reads; `path`: of the scenario.
-    """
-
-    name: str
-    document: Mapping[str, Any]
-    signals: tuple[str, ...]
-    path: Path
-
-    def evaluate(self, run: Run) -> MetricResult:
-        """The margin, with the verdict as its detail. Raises ScenarioError."""
-        found = requirements.of_run(build(self.document, self.path), run)[0]
-        return MetricResult(self.name, self.name, found.value, found.unit, found.text)
 
 
 def with_requirements(variants: Variants, base: Base) -> Variants:

@@ -5,16 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from cosim.base.errors import ScenarioError
 from cosim.comparison.aligned import AlignedError
+from cosim.comparison.requirement_margin import RequirementMargin
 from cosim.comparison.spec import Picture, PortBench, PortMeasure, Stability
 from cosim.measure.metrics import Metric
 from cosim.scenario.connect import unknown
-
-if TYPE_CHECKING:
-    from cosim.comparison.requirement_columns import RequirementMargin
 
 
 @dataclass(frozen=True, slots=True)

@@ -35,7 +35,16 @@ COSIM = str(Path(sys.executable).with_name("cosim"))
 #: The pages by what a reader wants; every page of docs/ stands in one of them.
 GROUPS: Mapping[str, tuple[str, ...]] = {
     "Begin": ("tutorial", "gallery", "running", "own-component", "your-own-arm", "testing"),
-    "Simulate": ("arm", "controllers", "fmi", "algorithms", "scale", "sweep", "analysis"),
+    "Simulate": (
+        "arm",
+        "controllers",
+        "fmi",
+        "algorithms",
+        "scale",
+        "sweep",
+        "falsify",
+        "analysis",
+    ),
     "Rehearse": ("rehearsal", "can", "bus", "network", "hardware", "safety", "faults"),
     "Concepts": ("paper", "design", "glossary"),
     "Reference": ("commands", "keys", "api", "models"),

@@ -32,6 +32,10 @@ GROUPS: dict[str, dict[str, str]] = {
         "sweep": (
             "Run a parameter study: simulate every point; write a table and a report. Resumable."
         ),
+        "falsify": (
+            "Search the smallest network that breaks a requirement; exit code 1: found, 0: none "
+            "found."
+        ),
         "fit": (
             "Fit parameters of a scenario or an FMU to measured data, with confidence intervals."
         ),

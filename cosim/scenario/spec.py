@@ -262,7 +262,7 @@ class AnalysisSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
 
 
 class Scenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """A whole scenario, as read."""
+    """A whole scenario, as read. `falsify` is for :mod:`cosim.falsify`, and read there."""
 
     path: Path
     title: str
@@ -276,6 +276,7 @@ class Scenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     buses: dict[str, ScenarioBusSpec] = msgspec.field(default_factory=dict, name="bus")
     events: tuple[EventSpec, ...] = ()
     require: dict[str, RequirementSpec] = {}
+    falsify: dict[str, Any] = {}
 
     @property
     def name(self) -> str:
@@ -295,7 +296,7 @@ T = TypeVar("T")
 _NAME = re.compile(r"[A-Za-z_]\w*$")
 _TABLES = (
     "title", "run", "graphs", "components", "links", "events", "bus", "topology", "metrics",
-    "figures", "analysis", "require",
+    "figures", "analysis", "require", "falsify",
 )  # fmt: skip
 
 
@@ -322,7 +323,7 @@ def _build(document: Mapping[str, Any], path: Path) -> Scenario:
     for key in ("run", "components"):
         if key not in document:
             raise ScenarioError(f"no [{key}] table", f"{path}")
-    keys = ("components", "bus", "metrics", "figures", "require")
+    keys = ("components", "bus", "metrics", "figures", "require", "falsify")
     tables = {k: _table(document, k, path) for k in keys}
     for name in tables["components"]:
         if not _NAME.match(name):
@@ -346,6 +347,7 @@ def _build(document: Mapping[str, Any], path: Path) -> Scenario:
         analysis=convert(document.get("analysis", {}), AnalysisSpec, path, "analysis"),
         buses=convert_each(tables["bus"], ScenarioBusSpec, path, "bus"),
         require=require,
+        falsify=tables["falsify"],
     )
 
 
@@ -380,7 +382,8 @@ def as_data(scenario: Scenario) -> dict[str, Any]:
     """A scenario as plain data: what a run's metadata keeps of it."""
     data: dict[str, Any] = msgspec.to_builtins(scenario, enc_hook=str)
     run = data["run"]
-    for table, key in ((run, "start"), (run["record"], "events"), (data, "require")):
+    optional = (run, "start"), (run["record"], "events"), (data, "require"), (data, "falsify")
+    for table, key in optional:
         if not table[key]:
             del table[key]  # few runs have it
     return data

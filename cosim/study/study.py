@@ -69,7 +69,7 @@ def load_study(path: str | Path) -> Study:
     document = toml.parse(text, str(path))
     spec = convert(document, StudySpec, path)
     vary = convert_each(spec.vary, AxisSpec, path, "vary")
-    axes = tuple(_axis(name, axis, f"{path} at vary.{name}") for name, axis in vary.items())
+    axes = tuple(axis(name, one, f"{path} at vary.{name}") for name, one in vary.items())
     convert_each(spec.metrics, MetricSpec, path, "metrics")
     for name, requirement in convert_each(spec.require, RequirementSpec, path, "require").items():
         requirement.tree(f"{path} at require.{name}")
@@ -124,7 +124,8 @@ def _seeds(given: int | tuple[int, ...] | None, place: str) -> tuple[Axis, ...]:
 # ---- one axis -----------------------------------------------------------------------------------
 
 
-def _axis(name: str, spec: AxisSpec, place: str) -> Axis:
+def axis(name: str, spec: AxisSpec, place: str) -> Axis:
+    """The axis that a table at `place` describes. Raises ScenarioError."""
     given = [k for k in ("values", "range", *_LAWS, "cases") if getattr(spec, k) is not None]
     if len(given) != 1:
         found = " and ".join(given) or "none of them"

@@ -1,0 +1,101 @@
+"""A whole falsification: the search, the shrinking, and the run of what is left, in a folder."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+from cosim.base.errors import ScenarioError
+from cosim.base.names import unknown
+from cosim.base.processes import Opened
+from cosim.engine.simulate import versions
+from cosim.falsify.evaluation import Problem
+from cosim.falsify.families import Space
+from cosim.falsify.judge import CandidateOutcome
+from cosim.falsify.paths import Candidate
+from cosim.falsify.problem import problem_of
+from cosim.falsify.rounds import perform
+from cosim.falsify.search import FAMILIES, Account, Budget, Found, search
+from cosim.falsify.shrinking import Shrinking
+from cosim.record.folder import held_folder
+from cosim.study import store as stores
+from cosim.study.runner import claim
+
+JOURNAL = "journal.jsonl"
+#: Runs of the shrinking, at most; more if the search had more.
+SHRINKING = 1000
+
+
+@dataclass(slots=True)
+class Falsification:
+    """The state of a search, during it and at its end.
+
+    `found`: the candidate that violates a requirement, None: there is none so far; `shrinking`: the
+    way from it to a small one; `nominal`: the outcome of the nominal network.
+    """
+
+    problem: Problem
+    account: Account = field(default_factory=Account)
+    found: Found | None = None
+    shrinking: Shrinking | None = None
+
+    @property
+    def small(self) -> Candidate | None:
+        """The smallest candidate that fails, so far."""
+        return None if self.shrinking is None else self.shrinking.candidate(self.shrinking.now)
+
+    @property
+    def nominal(self) -> CandidateOutcome | None:
+        """The outcome of the nominal network, once it is there."""
+        return self.account.nominal
+
+    def steps(
+        self, space: Space, budget: Budget
+    ) -> Generator[list[Candidate], list[CandidateOutcome]]:
+        """The rounds of the search, and of the shrinking of what it finds."""
+        self.found = yield from search(space, budget, self.account)
+        if self.found is not None:
+            limit = max(SHRINKING, budget.runs)
+            self.shrinking = Shrinking(self.problem, self.found, limit)
+            yield from self.shrinking.shrink()
+
+
+@dataclass(frozen=True, slots=True)
+class Watcher:
+    """Observer of a search: `begun` once, `noted` with numbers of runs, `stopping` after Ctrl-C."""
+
+    begun: Callable[[Falsification], None] = lambda falsification: None
+    noted: Callable[[int], None] = lambda n: None
+    stopping: Callable[[], None] = lambda: None
+
+
+def falsify(
+    path: Path, settings: Sequence[str], folder: Path, opened: Opened, budget: Budget,
+    watcher: Watcher = Watcher(), *, force: bool = False,
+) -> Falsification:  # fmt: skip
+    """Search the smallest network that breaks the scenario in a file.
+
+    What was run stays in `folder`, so that the same call continues where it was; with `force` it
+    begins again. Raises ScenarioError for a scenario that cannot be searched, and a folder of
+    something else; RunError if the folder cannot be written; KeyboardInterrupt once active runs
+    have ended, after which `watcher` has what there is.
+    """
+    problem, given = problem_of(path, settings)
+    families = budget.families or given.families
+    for name in families:
+        if name not in FAMILIES:
+            raise ScenarioError(unknown(name, FAMILIES, "family"), f"{path} at falsify.families")
+    budget = replace(budget, families=tuple(families))
+    with held_folder(folder):
+        if force and stores.read_state(folder):
+            for name in (JOURNAL, stores.STATE):
+                (folder / name).unlink(missing_ok=True)
+        facts = {"scenario": str(path), "problem": problem.name, "seed": budget.seed}
+        if claim(folder, "falsification", facts):
+            stores.write_state(folder, {**facts, "versions": versions()})
+        state = Falsification(problem)
+        watcher.begun(state)
+        steps = state.steps(Space(problem, budget.seed), budget)
+        perform(steps, problem, opened, folder / JOURNAL, watcher.noted, watcher.stopping)
+    return state

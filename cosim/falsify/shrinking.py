@@ -1,0 +1,442 @@
+"""The smallest candidate that still fails: fewer segments, fewer links, a shorter run, values that
+are nearer to the nominal ones, and simple numbers.
+
+Segments are removed by delta debugging (A. Zeller, R. Hildebrandt, "Simplifying and Isolating
+Failure-Inducing Input", IEEE Transactions on Software Engineering 28(2), 2002), then joined,
+shortened and rounded. What is left also has to fail if every delay is changed at random by up to
+:data:`JITTER`; if that cannot be had, it is fragile.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator, Iterable, Sequence
+from dataclasses import dataclass, field, replace
+from math import ceil
+
+import numpy as np
+
+from cosim.base.random_numbers import generator
+from cosim.falsify.evaluation import Problem
+from cosim.falsify.judge import CandidateOutcome
+from cosim.falsify.paths import Candidate, DelayPath, Piece
+from cosim.falsify.search import Found
+
+#: The change of a delay that must not matter, s, and how long it stays.
+JITTER, KEPT = 0.005, 0.03
+#: The part of the nominal margin by which a requirement stays violated.
+SLACK = 0.1
+#: Networks with jitter for each step of the way, and at the end.
+SOME, MANY = 6, 24
+#: Rounds of joining and removing.
+TURNS = 12
+#: Candidates of one round at most.
+WIDE = 128
+
+Tests = Generator[list[Candidate], list[CandidateOutcome], list[bool]]
+Steps = Generator[list[Candidate], list[CandidateOutcome], "Trial"]
+Changes = Callable[["Trial", int], Iterable["Trial"]]
+
+
+@dataclass(frozen=True, slots=True)
+class Trial:
+    """A candidate as its differences from the nominal one: pieces by channel, and axes."""
+
+    pieces: tuple[tuple[int, Piece], ...]
+    axes: tuple[float | None, ...]
+    ticks: int
+
+    @property
+    def channels(self) -> frozenset[int]:
+        """The channels that differ."""
+        return frozenset(channel for channel, _ in self.pieces)
+
+    def without(self, gone: Iterable[int]) -> Trial:
+        """The same without some pieces, by number."""
+        left = set(gone)
+        return self.having(p for i, p in enumerate(self.pieces) if i not in left)
+
+    def having(self, pieces: Iterable[tuple[int, Piece]]) -> Trial:
+        """The same with other pieces."""
+        return replace(self, pieces=tuple(sorted(pieces, key=lambda p: (p[0], p[1].begin))))
+
+    def changed(self, i: int, piece: Piece) -> Trial:
+        """The same with another piece in the place of number `i`."""
+        channel = self.pieces[i][0]
+        return self.having([*self.pieces[:i], (channel, piece), *self.pieces[i + 1 :]])
+
+
+@dataclass(slots=True)
+class Shrinking:
+    """The way from a found candidate to a small one; `now`: the smallest so far.
+
+    `slack`: by which a requirement has to be violated, in its unit, so that little jitter does not
+    matter. `runs`: the number of candidates, until there are more than `limit`; at the end
+    `outcome` is that of the small one, and `failing` how many of :data:`MANY` networks with jitter
+    fail.
+    """
+
+    problem: Problem
+    found: Found
+    limit: int
+    runs: int = 0
+    robust: bool = False
+    slack: float = 0.0
+    failing: int = -1
+    outcome: CandidateOutcome | None = None
+    now: Trial = field(init=False)
+
+    def __post_init__(self) -> None:
+        """Begin with what was found."""
+        self.now = self._trial(self.found.candidate)
+        if not self.found.outcome.reason:
+            violated = -self.found.outcome.margins[self.found.requirement].value
+            self.slack = min(SLACK * self.found.scale, 0.5 * violated)
+
+    def _trial(self, candidate: Candidate) -> Trial:
+        pieces = [
+            (i, piece)
+            for i, (channel, path) in enumerate(
+                zip(self.problem.channels, candidate.paths, strict=True)
+            )
+            for piece in path.pieces(channel.nominal, candidate.ticks)
+        ]
+        return Trial(tuple(pieces), candidate.axes, candidate.ticks)
+
+    def candidate(self, trial: Trial) -> Candidate:
+        """The candidate of a trial."""
+        paths = []
+        for i, channel in enumerate(self.problem.channels):
+            mine = [p for c, p in trial.pieces if c == i and p.begin < trial.ticks]
+            paths.append(DelayPath.changed(channel.nominal, mine))
+        return Candidate(tuple(paths), trial.axes, trial.ticks)
+
+    def jittered(self, trial: Trial, number: int) -> Candidate:
+        """The candidate with other delays by up to :data:`JITTER`, one of many."""
+        paths = []
+        for channel, path in zip(self.problem.channels, self.candidate(trial).paths, strict=True):
+            held = max(channel.step, round(KEPT / channel.h))
+            ticks = np.arange(0, trial.ticks, channel.step)
+            random = generator(number, f"falsify:jitter:{channel.name}")
+            noise = random.uniform(-JITTER, JITTER, -(-trial.ticks // held) + 1)
+            paths.append(DelayPath.of(ticks, path.at(ticks) + noise[ticks // held]))
+        return Candidate(tuple(paths), trial.axes, trial.ticks)
+
+    def _fails(self, outcome: CandidateOutcome) -> bool:
+        """True if the requirement is violated by more than the slack."""
+        if outcome.reason:
+            return True
+        return outcome.margins[self.found.requirement].value < -self.slack
+
+    # ---- tests ----------------------------------------------------------------------------------
+
+    def fails(self, trials: Sequence[Trial], jitter: int = 0) -> Tests:
+        """True for each of these that fails, also with `jitter` networks with jitter."""
+        found: list[bool] = []
+        each = WIDE // (1 + jitter) or 1
+        for first in range(0, len(trials), each):
+            some = trials[first : first + each]
+            candidates = [
+                c
+                for t in some
+                for c in (self.candidate(t), *(self.jittered(t, k) for k in range(jitter)))
+            ]
+            self.runs += len(candidates)
+            outcomes = yield candidates
+            failed = [self._fails(x) for x in outcomes]
+            n = 1 + jitter
+            found += [all(failed[i * n : (i + 1) * n]) for i in range(len(some))]
+        return found
+
+    def first(self, trials: Iterable[Trial], jitter: int = 0) -> Generator[
+        list[Candidate], list[CandidateOutcome], Trial | None
+    ]:  # fmt: skip
+        """The first of these that fails; it is the smallest so far."""
+        listed = list(trials)
+        if not listed or self.exhausted:
+            return None
+        failed = yield from self.fails(listed, jitter)
+        for trial, one in zip(listed, failed, strict=True):
+            if one:
+                self.now = trial
+                return trial
+        return None
+
+    @property
+    def exhausted(self) -> bool:
+        """True if there are no more runs."""
+        return self.runs > self.limit
+
+    # ---- steps ----------------------------------------------------------------------------------
+
+    def shrink(self) -> Steps:
+        """The smallest trial that fails."""
+        start = self.now
+        start = yield from self._axes(start)
+        if self.found.outcome.reason:
+            start = yield from self._stop(start)
+        small = yield from self._fewer(start, 0)
+        self.robust = (yield from self.fails([small], SOME))[0]
+        if not self.robust and (yield from self.fails([start], SOME))[0]:
+            self.robust, small = True, (yield from self._fewer(start, SOME))
+        jitter = SOME if self.robust else 0
+        small = yield from self._nearer(small, jitter)
+        small = yield from self._stop(small)
+        small = yield from self._simpler(small, jitter)
+        self.now = small
+        outcomes = yield [self.candidate(small), *(self.jittered(small, k) for k in range(MANY))]
+        self.outcome, *others = outcomes
+        self.failing = sum(x.fails(self.found.requirement) for x in others)
+        return small
+
+    def _axes(self, trial: Trial) -> Steps:
+        """Values as the scenario has them, as far as they can be."""
+        none = (None,) * len(trial.axes)
+        moved = [i for i, u in enumerate(trial.axes) if u is not None]
+        if not moved:
+            return trial
+        trials = [replace(trial, axes=none)] if trial.pieces else []
+        for i in moved:
+            only = tuple(u if j == i else None for j, u in enumerate(trial.axes))
+            trials.append(replace(trial, axes=only))
+        trial = (yield from self.first(trials)) or trial
+        for i in moved:
+            if trial.axes[i] is not None:
+                axes = tuple(None if j == i else u for j, u in enumerate(trial.axes))
+                if trial.pieces or any(u is not None for u in axes):
+                    trial = (yield from self.first([replace(trial, axes=axes)])) or trial
+        return trial
+
+    def _stop(self, trial: Trial) -> Steps:
+        """The shortest run in which it fails and the nominal one does not."""
+        h, lengths = self.problem.h, list[int]()
+        [outcome] = yield [self.candidate(trial)]
+        margin = outcome.margins.get(self.found.requirement)
+        at = outcome.stopped_at if margin is None else margin.time
+        last = max([p.begin for _, p in trial.pieces if p.begin < trial.ticks], default=0)
+        least = max(last * h, at if at == at else 0.0)
+        for more in (1.0, 1.05, 1.1, 1.2, 1.35, 1.5, 1.75, 2.0, 2.5, 3.0):
+            ticks = _round_up(least * more, h)
+            if 0 < ticks < trial.ticks and ticks not in lengths:
+                lengths.append(ticks)
+        trials = [replace(trial, ticks=ticks) for ticks in lengths]
+        for first in range(0, len(trials), 4):
+            some = trials[first : first + 4]
+            nominal = [replace(self.problem.nominal, ticks=t.ticks) for t in some]
+            outcomes = yield [*(self.candidate(t) for t in some), *nominal]
+            for t, mine, others in zip(some, outcomes, outcomes[len(some) :], strict=False):
+                if self._fails(mine) and others.passes:
+                    self.now = replace(t, pieces=_until(t))
+                    return self.now
+        return trial
+
+    def _fewer(self, trial: Trial, jitter: int) -> Steps:
+        """Fewer channels, a shorter part of the run, fewer pieces."""
+        for channel in sorted(trial.channels):
+            if len(trial.channels) > 1:
+                rest = trial.having(p for p in trial.pieces if p[0] != channel)
+                trial = (yield from self.first([rest], jitter)) or trial
+        trial = yield from self._window(trial, jitter)
+        trial = yield from self._coarser(trial, jitter)
+        trial = yield from self._delta(trial, jitter)
+        for _ in range(TURNS):
+            before = len(trial.pieces)
+            trial = yield from self._joined(trial, jitter)
+            trial = yield from self._delta(trial, jitter)
+            if len(trial.pieces) == before or self.exhausted:
+                break
+        return trial
+
+    def _window(self, trial: Trial, jitter: int) -> Steps:
+        """Pieces of a part of the run only: none before, and none after a time."""
+        for late in (True, False):
+            low, high = 0, trial.ticks  # between them is the time to be found
+            while high - low > max(1, trial.ticks // 256) and not self.exhausted:
+                cuts = sorted({low + (high - low) * k // 8 for k in range(1, 8)})
+                trials = [_cut(trial, None if late else c, c if late else None) for c in cuts]
+                if not late:
+                    cuts, trials = cuts[::-1], trials[::-1]
+                failed = yield from self.fails(trials, jitter)
+                if True not in failed:
+                    low, high = (cuts[-1], high) if late else (low, cuts[-1])
+                    continue
+                i = failed.index(True)
+                trial = self.now = trials[i]
+                before = cuts[i - 1] if i else (low if late else high)
+                low, high = (before, cuts[i]) if late else (cuts[i], before)
+        return trial
+
+    def _coarser(self, trial: Trial, jitter: int) -> Steps:
+        """The same on a coarse grid of time: each cell has its extreme, its mean, or its first."""
+        h = self.problem.h
+        trials = [
+            coarse
+            for length in (2.0, 1.0, 0.5, 0.2, 0.1, 0.05)
+            for how in ("far", "mean", "first")
+            if (cell := round(length / h)) >= 1
+            and len((coarse := self._on_grid(trial, cell, how)).pieces) < len(trial.pieces)
+        ]
+        return (yield from self.first(trials, jitter)) or trial
+
+    def _on_grid(self, trial: Trial, cell: int, how: str) -> Trial:
+        pieces = []
+        candidate = self.candidate(trial)
+        for i in sorted(trial.channels):
+            channel, path = self.problem.channels[i], candidate.paths[i]
+            ticks = np.arange(0, trial.ticks, channel.step)
+            values, cells = path.at(ticks), ticks // cell
+            starts = np.searchsorted(cells, np.arange(cells[-1] + 1))
+            found = []
+            for a, b in zip(starts, [*starts[1:], len(values)], strict=True):
+                some = values[a:b]
+                if how == "first" or np.isnan(some).any():
+                    found.append(float(some[0]))
+                elif how == "mean":
+                    found.append(float(some.mean()))
+                else:
+                    found.append(float(some[np.argmax(np.abs(some - channel.nominal))]))
+            grid = DelayPath.of(cell * np.arange(len(found)), found)
+            pieces += [(i, p) for p in grid.pieces(channel.nominal, trial.ticks)]
+        return trial.having(pieces)
+
+    def _delta(self, trial: Trial, jitter: int) -> Steps:
+        """Delta debugging over pieces: none can be left out alone."""
+        n = 2
+        while len(trial.pieces) > 1 and not self.exhausted:
+            parts = np.array_split(np.arange(len(trial.pieces)), min(n, len(trial.pieces)))
+            every = set(range(len(trial.pieces)))
+            trials = [trial.without(every - set(part.tolist())) for part in parts]
+            trials += [trial.without(part.tolist()) for part in parts] if len(parts) > 2 else []
+            smaller = yield from self.first(trials, jitter)
+            if smaller is not None:
+                n = 2 if len(smaller.pieces) <= len(parts[0]) else max(2, n - 1)
+                trial = smaller
+            elif len(parts) == len(trial.pieces):
+                break
+            else:
+                n = min(2 * n, len(trial.pieces))
+        return trial
+
+    def _joined(self, trial: Trial, jitter: int) -> Steps:
+        """Two neighbours of a channel as one, as long as that fails."""
+        while not self.exhausted:
+            smaller = yield from self.first(self._joints(trial), jitter)
+            if smaller is None:
+                return trial
+            trial = smaller
+        return trial
+
+    def _joints(self, trial: Trial) -> list[Trial]:
+        """All ways to make two neighbours one, the closest first."""
+        found: list[tuple[int, int, Trial]] = []
+        for i, ((c, a), (d, b)) in enumerate(zip(trial.pieces, trial.pieces[1:], strict=False)):
+            if c != d:
+                continue
+            channel = self.problem.channels[c]
+            values = dict.fromkeys(x for x in (a.value, b.value, channel.low, channel.high))
+            for value in values:
+                if value != channel.nominal:
+                    rest = trial.without([i, i + 1]).pieces
+                    one = trial.having([*rest, (c, Piece(a.begin, b.end, value))])
+                    found.append((b.begin - a.end, i, one))
+        return [one for _, _, one in sorted(found, key=lambda x: x[:2])]
+
+    def _nearer(self, trial: Trial, jitter: int) -> Steps:
+        """Shorter pieces, with values nearer to the nominal delay."""
+        for _ in range(3):
+            before = trial
+            for i in range(len(trial.pieces)):
+                for changes in (self._later, self._sooner, self._milder):
+                    for _ in range(4):
+                        smaller = yield from self.first(changes(trial, i), jitter)
+                        if smaller is None:
+                            break
+                        trial = smaller
+            if trial == before or self.exhausted:
+                break
+        return trial
+
+    def _later(self, trial: Trial, i: int) -> Iterable[Trial]:
+        channel, piece = trial.pieces[i]
+        step, n = self.problem.channels[channel].step, piece.end - piece.begin
+        for by in _shares(n, step):
+            yield trial.changed(i, replace(piece, begin=piece.begin + by))
+
+    def _sooner(self, trial: Trial, i: int) -> Iterable[Trial]:
+        channel, piece = trial.pieces[i]
+        step, n = self.problem.channels[channel].step, piece.end - piece.begin
+        for by in _shares(n, step):
+            yield trial.changed(i, replace(piece, end=piece.end - by))
+
+    def _milder(self, trial: Trial, i: int) -> Iterable[Trial]:
+        channel, piece = trial.pieces[i]
+        nominal = self.problem.channels[channel].nominal
+        if piece.value != piece.value:
+            yield trial.changed(i, replace(piece, value=self.problem.channels[channel].high))
+            return
+        for share in (0.1, 0.25, 0.5, 0.75, 0.9, 0.97):
+            value = round(nominal + share * (piece.value - nominal), 3)
+            if value not in (nominal, piece.value):
+                yield trial.changed(i, replace(piece, value=value))
+
+    def _simpler(self, trial: Trial, jitter: int) -> Steps:
+        """Times and delays of few digits."""
+        for i in range(len(trial.pieces)):
+            trial = (yield from self.first(self._rounded(trial, i), jitter)) or trial
+            trial = (yield from self.first(self._rounded_value(trial, i), jitter)) or trial
+        return trial
+
+    def _rounded(self, trial: Trial, i: int) -> Iterable[Trial]:
+        channel, piece = trial.pieces[i]
+        step, h = self.problem.channels[channel].step, self.problem.h
+        for size in (1.0, 0.5, 0.2, 0.1, 0.05, 0.02, 0.01, step * h):
+            n = max(1, round(size / h))
+            a, b = round(piece.begin / n) * n, round(piece.end / n) * n
+            if a < b and (size == step * h or b - a <= 1.5 * (piece.end - piece.begin) + step):
+                one = trial.changed(i, replace(piece, begin=a, end=b))
+                if _apart(one):
+                    yield one
+
+    def _rounded_value(self, trial: Trial, i: int) -> Iterable[Trial]:
+        channel, piece = trial.pieces[i]
+        bounds = self.problem.channels[channel]
+        if piece.value == piece.value:
+            for size in (0.5, 0.1, 0.05, 0.01, 0.005, 0.001):
+                value = round(round(piece.value / size) * size, 6)
+                if bounds.low <= value <= bounds.high and value != bounds.nominal:
+                    yield trial.changed(i, replace(piece, value=value))
+
+
+def _shares(n: int, step: int) -> list[int]:
+    """Parts of a length of `n` ticks, the largest first, in steps."""
+    found = dict.fromkeys(int(n * share) // step * step for share in (0.75, 0.5, 0.25, 0.1))
+    return [x for x in (*found, step) if 0 < x < n]
+
+
+def _round_up(seconds: float, h: float) -> int:
+    """A length of at least this, in ticks, that is a simple number of seconds."""
+    unit = 0.1 if seconds < 5 else 0.5 if seconds < 20 else 1.0
+    return round(max(unit, ceil(round(seconds / unit, 6)) * unit) / h)
+
+
+def _until(trial: Trial) -> tuple[tuple[int, Piece], ...]:
+    """The pieces before the end of the run."""
+    return tuple(
+        (c, replace(p, end=min(p.end, trial.ticks))) for c, p in trial.pieces
+        if p.begin < trial.ticks
+    )  # fmt: skip
+
+
+def _cut(trial: Trial, begin: int | None, end: int | None) -> Trial:
+    """The parts of pieces from `begin` on, and before `end`."""
+    a, b = begin or 0, trial.ticks if end is None else end
+    return trial.having(
+        (c, replace(p, begin=max(p.begin, a), end=min(p.end, b)))
+        for c, p in trial.pieces
+        if p.end > a and p.begin < b
+    )
+
+
+def _apart(trial: Trial) -> bool:
+    """True if no two pieces of a channel overlap."""
+    pairs = zip(trial.pieces, trial.pieces[1:], strict=False)
+    return all(c != d or a.end <= b.begin for (c, a), (d, b) in pairs)

@@ -33,6 +33,8 @@ SUMMARY = (
     "operator effort",
     "holding torque",
     "peak torque",
+    "requirement",
+    "requirement",
     "link age",
     "link age",
     "wall time",

@@ -16,6 +16,8 @@ from bridge.results import overload, verdict
 from bridge.results.findings import Evidence
 from bridge.results.timeline import FIRST, FirstCause, causes_text, happenings
 from bridge.results.verdict import Word
+from cosim.measure.robustness import Robustness
+from cosim.measure.robustness import Verdict as RequirementVerdict
 from tests.bridge.deployments import named
 
 INLET = [("held", "<i8"), ("transit_ns", "<i8")]
@@ -57,7 +59,7 @@ def outcome(system: System, *notes: Any, faults: tuple[Evidence, ...] = ()) -> A
     return SimpleNamespace(
         reports=reports, rows={life: rows(system, life.node) for life in lives}, notes=notes,
         faults=faults, finished=True, replayed=SimpleNamespace(first=None, altered=()),
-        unanswered=(), replay_error="",
+        unanswered=(), replay_error="", required=(),
     )  # fmt: skip
 
 
@@ -85,6 +87,27 @@ def test_a_run_on_time_passes(system: System) -> None:
     found = outcome(system)
     assert verdict.judge(system, found).word is Word.PASSED
     assert happenings(system, found) == []
+
+
+def required(verdict: RequirementVerdict) -> tuple[Robustness, ...]:
+    return (Robustness("near", verdict, -1.0, "rad", 2.0, f"{verdict}, margin -1 rad"),)
+
+
+def test_a_requirement_that_is_not_met_fails_a_run_that_would_pass(system: System) -> None:
+    found = outcome(system)
+    found.required = required("failed")
+    judged = verdict.judge(system, found)
+    assert (judged.word, judged.exit_code) == (Word.FAILED, 1)
+    assert judged.reasons == ("requirement near: failed, margin -1 rad",)
+    for word in ("passed", "inconclusive"):
+        found.required = required(word)
+        assert verdict.judge(system, found).word is Word.PASSED
+
+
+def test_an_inconclusive_run_stays_so_whatever_its_requirements(system: System) -> None:
+    found = outcome(system, LAG)
+    found.required = required("failed")
+    assert verdict.judge(system, found).word is Word.INCONCLUSIVE
 
 
 def test_a_bus_that_stood_still_makes_a_run_inconclusive_even_if_nothing_stopped(

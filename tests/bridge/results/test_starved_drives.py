@@ -29,7 +29,7 @@ def outcome(failure: str, reasons: tuple[str, ...] = ("drive",), off: bool = Tru
     return SimpleNamespace(
         reports=[report], replayed=replayed, faults=(), finished=False,
         rows={Life("master_control"): np.zeros(0, [("slot", np.int64), ("state", np.int32)])},
-        unanswered=(OFF,) if off else (), notes=(),
+        unanswered=(OFF,) if off else (), notes=(), required=(),
     )  # fmt: skip
 
 

@@ -44,6 +44,7 @@ GROUPS: Mapping[str, tuple[str, ...]] = {
         "sweep",
         "falsify",
         "analysis",
+        "certificates",
     ),
     "Rehearse": ("rehearsal", "can", "bus", "network", "hardware", "safety", "faults"),
     "Concepts": ("paper", "design", "glossary"),

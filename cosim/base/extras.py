@@ -9,6 +9,7 @@ from cosim.base.errors import ScenarioError
 #: By library: the extra that it comes with, and a sentence about what needs it.
 _EXTRAS = {
     "PIL": ("figures", "a GIF needs Pillow"),
+    "clarabel": ("certify", "a certificate needs Clarabel; to verify one, nothing is needed"),
     "matplotlib": ("figures", "figures need matplotlib; report.html does not"),
 }
 

@@ -13,4 +13,5 @@ proves it, or None; and the exact decision that such a file holds::
     inequalities  linear matrix inequalities, by a packaged solver
     peak_gain, small_gain, lyapunov, search    candidates: nothing here is trusted
     scenario      the cut loop of a scenario
+    steps         from a scenario to a certificate, in words
 """

@@ -3,34 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.base.errors import ScenarioError
-
 Matrix = NDArray[np.float64]
-_MISSING = "--certify needs Clarabel and SciPy: pip install 'cosim-bridge[certify]'"
-
-
-def clarabel() -> Any:
-    """The solver. Raises ScenarioError with what to install if it is missing."""
-    try:
-        import clarabel
-        import scipy.sparse  # noqa: F401
-    except ImportError:
-        raise ScenarioError(_MISSING) from None
-    return clarabel
-
-
-def scipy_linalg() -> Any:
-    """The module scipy.linalg. Raises ScenarioError if it is missing."""
-    try:
-        import scipy.linalg
-    except ImportError:
-        raise ScenarioError(_MISSING) from None
-    return scipy.linalg
 
 
 def symmetric(n: int) -> Matrix:
@@ -46,9 +23,9 @@ def interior(inequalities: Sequence[Matrix], weights: Matrix) -> Matrix | None:
     """Factors x (n,) with sum_i x_i F_i > 0 for each F (n, k, k) of `inequalities`, well inside.
 
     `weights` (n,), without a unit: weights . x = 1. The least eigenvalue t of all sums is as great
-    as possible. None if t is not above 0, or the solver fails. Raises ScenarioError without it.
+    as possible. None if t is not above 0, or the solver fails.
     """
-    module = clarabel()
+    import clarabel as module
     from scipy.sparse import csc_array
 
     n = len(weights)

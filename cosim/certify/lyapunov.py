@@ -29,10 +29,7 @@ def few(parts: ClosedParts) -> bool:
 
 
 def candidates(parts: ClosedParts) -> Iterator[Mapping[Ages, Matrix]]:
-    """A common P (n, n), without a unit, of all combinations of ages, then one for each.
-
-    Raises ScenarioError without the solver.
-    """
+    """A common P (n, n), without a unit, of all combinations of ages, then one for each."""
     if not few(parts):
         return
     n_m, n = size(parts)

@@ -10,7 +10,7 @@ from fractions import Fraction
 
 import numpy as np
 
-from cosim.certify.inequalities import Matrix, scipy_linalg
+from cosim.certify.inequalities import Matrix
 from cosim.certify.model import OpenParts
 
 #: Steps of the impulse responses at most, and the distance from 1 that a gain keeps.
@@ -18,7 +18,7 @@ _STEPS, _ROOM = 40_000, 1e-3
 
 
 def candidates(parts: OpenParts) -> Iterator[tuple[Matrix, Fraction, list[Fraction]]]:
-    """P (n, n), rho and the weights (m,), or nothing. Raises ScenarioError without SciPy."""
+    """P (n, n), rho and the weights (m,), or nothing."""
     A, B, C, D = (
         np.array(x.floats()).reshape(len(x), x.width) for x in (parts.A, parts.B, parts.C, parts.D)
     )
@@ -39,7 +39,9 @@ def candidates(parts: OpenParts) -> Iterator[tuple[Matrix, Fraction, list[Fracti
     rho = 1.0 - 0.5 * (1.0 - radius)
     scale = float(np.trace(C.T @ C)) / len(A)
     Q = C.T @ C + 1e-3 * scale * np.eye(len(A))
-    P = scipy_linalg().solve_discrete_lyapunov(A.T / rho, Q)
+    from scipy.linalg import solve_discrete_lyapunov
+
+    P = solve_discrete_lyapunov(A.T / rho, Q)
     yield (
         P,
         Fraction(rho).limit_denominator(1 << 20),

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from cosim.base.extras import require
 from cosim.certify import lyapunov, peak_gain, small_gain
 from cosim.certify.certificate import (
     Certificate,
@@ -36,9 +37,10 @@ _SMALL = 1e-11
 def certify(loop: CutLoop) -> Certificate | None:
     """A certificate for the bounds of the links of `loop`, or None if none was found.
 
-    By peak gains it is for all ages, whatever the bounds. Raises ScenarioError without the solver,
-    ValueError for a loop that cannot be certified.
+    By peak gains it is for all ages, whatever the bounds. Raises ScenarioError without the solver
+    (the extra `certify`), ValueError for a loop that cannot be certified.
     """
+    require("clarabel")
     neutral, pivots = echelon(np.array(loop.neutral.floats()).reshape(len(loop.A), -1))
     loop = replace(loop, neutral=Exact.of(neutral.tolist(), neutral.shape[1]))
     every = tuple(LinkBounds(x.name, x.size, 0, None) for x in loop.links)

@@ -14,7 +14,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.certify.inequalities import interior, scipy_linalg, symmetric
+from cosim.certify.inequalities import interior, symmetric
 from cosim.certify.nominal import Nominal
 
 Matrix = NDArray[np.float64]
@@ -25,10 +25,7 @@ _ROOM = (1e-3, 1e-5, 1e-7)
 
 
 def candidates(found: Nominal, squared: Sequence[float]) -> Iterator[tuple[Matrix, list[Matrix]]]:
-    """P (n, n) and the X_i, without units, for g_i^2 = `squared` (samples squared), if any.
-
-    Raises ScenarioError without the solver.
-    """
+    """P (n, n) and the X_i, without units, for g_i^2 = `squared` (samples squared), if any."""
     F, V = (np.array(x.floats()).reshape(len(x), x.width) for x in (found.F, found.V))
     n = len(F)
     A, B, C, D = F[:, :n], F[:, n:], V[:, :n], V[:, n:]
@@ -87,12 +84,13 @@ def _riccati(
     A: Matrix, B: Matrix, C: Matrix, D: Matrix, X: Matrix, G: Matrix, room: float
 ) -> Matrix | None:
     """P of the bounded real lemma, with `room` added to what must be negative."""
-    linalg = scipy_linalg()
+    from scipy.linalg import solve_discrete_are
+
     scale = float(np.trace(C.T @ G @ C)) / len(A)
     Q = C.T @ G @ C + room * scale * np.eye(len(A))
     R = D.T @ G @ D - X * (1.0 - room)
     try:
-        P = linalg.solve_discrete_are(A, B, Q, R, s=C.T @ G @ D)
+        P = solve_discrete_are(A, B, Q, R, s=C.T @ G @ D)
     except (np.linalg.LinAlgError, ValueError):
         return None
     return np.asarray((P + P.T) / 2) if np.isfinite(P).all() else None

@@ -41,11 +41,62 @@ class LayoutOptions:
     ] = False
 
 
+@dataclass(frozen=True, slots=True)
+class CertifyOptions:
+    """Certificates."""
+
+    certify: Annotated[
+        bool,
+        typer.Option(
+            "--certify",
+            help="Prove instead that the linear loop is stable for all delays of its links, "
+            "however they vary, and write the proof.",
+        ),
+    ] = False
+    verify: Annotated[
+        Path | None,
+        typer.Option(
+            "--verify",
+            metavar="CERTIFICATE",
+            help="Check instead, in integers, that this certificate holds for the scenario.",
+        ),
+    ] = None
+    delays: Annotated[
+        str,
+        typer.Option(
+            "--delays",
+            metavar="LOW,HIGH",
+            help="With --certify: ages of what all links hold, s.",
+            show_default="those that the links allow",
+        ),
+    ] = ""
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            "--out",
+            help="With --certify: folder for the proof.",
+            show_default="runs/NAME-certified",
+        ),
+    ] = None
+
+    @property
+    def chosen(self) -> bool:
+        """True if a certificate is asked for. Raises ScenarioError for options that do not fit."""
+        from cosim.base.errors import ScenarioError
+
+        if self.certify and self.verify is not None:
+            raise ScenarioError("found --certify and --verify; expected one of them")
+        if not self.certify and (self.delays or self.out is not None):
+            raise ScenarioError("found --delays or --out without --certify; expected both")
+        return self.certify or self.verify is not None
+
+
 def check(
     scenario: Annotated[
         Path, typer.Argument(help="Scenario file (.toml), or messages of a CAN bus (.dbc).")
     ],
     layout: LayoutOptions,
+    proof: CertifyOptions,
     set_: Set = None,
     deploy: Annotated[
         str | None,
@@ -61,10 +112,19 @@ def check(
     For a DBC file: the load of the bus, the response time of each message by analysis and on the
     simulated bus, and the control rate that the messages of the shortest period can reach.
 
-    Exit status 1 if there is an error, or with --strict a warning.
+    Exit status 1 if there is an error, or with --strict a warning; with --certify, if no
+    certificate was found.
     """
     from cosim.base.errors import ScenarioError
 
+    if proof.chosen:
+        if scenario.suffix == ".dbc" or deploy is not None or json is not None:
+            raise ScenarioError(
+                "found --certify or --verify with a .dbc file, --deploy or --json; expected a "
+                "scenario alone"
+            )
+        _prove(scenario, set_ or [], proof)
+        return
     if scenario.suffix == ".dbc":
         if deploy is not None or set_:
             raise ScenarioError("found --deploy or --set besides a .dbc file; expected neither")
@@ -83,6 +143,27 @@ def check(
         findings = [f.as_data() for f in found]
         write_json(json, "check", {"scenario": str(scenario), "findings": findings})
     if counts["error"] or (strict and counts["warning"]):
+        raise typer.Exit(1)
+
+
+def _prove(path: Path, settings: Sequence[str], options: CertifyOptions) -> None:
+    """Write a certificate, or verify one. Exit status 1 if none was found."""
+    from cosim.certify.steps import certified, verified
+    from cosim.cli.summary import announced
+    from cosim.loading.files import load
+
+    scenario = load(path, list(settings))
+    typer.echo(scenario.title)
+    if options.verify is not None:
+        with announced(False, "checking the certificate"):
+            lines = verified(scenario, options.verify)
+        proven = True
+    else:
+        folder = options.out or Path("runs") / f"{path.stem}-certified"
+        with announced(False, "searching for a certificate"):
+            proven, lines = certified(scenario, options.delays, folder)
+    typer.echo("\n".join(lines))
+    if not proven:
         raise typer.Exit(1)
 
 

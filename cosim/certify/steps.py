@@ -1,0 +1,89 @@
+"""The way from a scenario to a certificate, or its verification, with the result as text."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from fractions import Fraction
+from math import isfinite
+from pathlib import Path
+
+from cosim.base.errors import ScenarioError
+from cosim.base.extras import require
+from cosim.base.files import write_file
+from cosim.base.names import listed
+from cosim.certify.certificate import Certificate, read, span, verify
+from cosim.certify.model import CutLoop, LinkBounds
+from cosim.certify.scenario import cut_loop
+from cosim.certify.search import certify
+from cosim.scenario.spec import Scenario
+
+#: The file of a certificate in its folder.
+FILE = "certificate.json"
+
+
+def verified(scenario: Scenario, certificate: Path) -> list[str]:
+    """Verify the certificate of a scenario. Raises ScenarioError for one that does not hold."""
+    found, loop = read(certificate), cut_loop(scenario)
+    return list(_claim(found, verify(found, loop), loop))
+
+
+def certified(scenario: Scenario, delays: str, folder: Path) -> tuple[bool, list[str]]:
+    """Certify a scenario and write the proof into `folder`; True: there is one.
+
+    `delays`: "LOW,HIGH", the ages of what all links hold (s), or "", those that the links allow.
+    Raises ScenarioError for a scenario that cannot be certified.
+    """
+    require("clarabel")
+    loop = cut_loop(scenario, _delays(delays))
+    try:
+        proof = certify(loop)
+    except ValueError as error:
+        raise ScenarioError(f"the linear loop cannot be certified: {error}") from None
+    if proof is None:
+        return False, list(_unknown(loop))
+    changed = verify(proof, loop)
+    folder.mkdir(parents=True, exist_ok=True)
+    write_file(folder / FILE, proof.text())
+    return True, [*_claim(proof, changed, loop), f"{'proof':<12} {folder / FILE}"]
+
+
+def _delays(text: str) -> tuple[float, float] | None:
+    """Two times of one option, s. Raises ScenarioError."""
+    if not text:
+        return None
+    try:
+        low, high = (float(part) for part in text.split(","))
+    except ValueError:
+        low = high = -1.0
+    if not (0.0 <= low <= high and isfinite(high)):
+        raise ScenarioError(f"--delays {text}: expected LOW,HIGH in s, such as 0.1,0.5")
+    return low, high
+
+
+def _claim(found: Certificate, changed: Fraction, loop: CutLoop) -> Iterator[str]:
+    yield "certified: the linear loop is stable for all delays, however they vary"
+    yield from _links(found.links, found.period)
+    yield f"{'method':<12} {found.method}, checked in integers"
+    if found.pivots:
+        names = sorted({loop.states[i].partition("[")[0] for i in found.pivots})
+        yield f"{'apart from':<12} {', '.join(names)}: any value is an equilibrium"
+        yield f"{'model':<12} changed by {float(changed):.1g} of its greatest entry for that"
+    yield f"{'not covered':<12} large motions: this is the linear loop at the end of the run"
+
+
+def _unknown(loop: CutLoop) -> Iterator[str]:
+    yield "unknown: no certificate was found, which does not mean that the loop is unstable"
+    yield from _links(loop.links, loop.period)
+    if any(x.greatest is None for x in loop.links):
+        yield "    -> ages without a bound need a loop of small gain; try --delays LOW,HIGH"
+    else:
+        yield "    -> shorter delays, --delays LOW,HIGH, or semantics that keep the order"
+
+
+def _links(links: Sequence[LinkBounds], period: float) -> Iterator[str]:
+    """A line for all links with the same bounds."""
+    alike: dict[str, list[str]] = {}
+    for link in links:
+        alike.setdefault(span(link, period), []).append(link.name)
+    for text, names in alike.items():
+        yield f"{'ages':<12} {text}: {listed(names)}"

@@ -1,0 +1,75 @@
+"""The command, from a scenario to a verified file, and what it refuses."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from tests.cli.command import CONFIG, ROOT, Command
+
+GRIP = ["--set", "components.master.parameters.k_p=100", "--set",
+        "components.master.parameters.k_d=10"]  # fmt: skip
+
+
+def test_the_pair_of_the_paper_is_certified_for_all_delays(cosim: Command, tmp_path: Path) -> None:
+    """Theorem 5 says so in continuous time; here with its periods, at rest, with either grip.
+
+    The stiff grip is stable at rest, although one changed entry of a table breaks a large motion.
+    """
+    pytest.importorskip("clarabel")
+    for settings in ([], GRIP):
+        done = cosim("check", "--certify", CONFIG, "--out", "proof", *settings)
+        assert done.code == 0 and "stable for all delays" in done.out, done.err
+        assert "from 0 s up to any" in done.out and "peak gain" in done.out
+        again = cosim("check", "--verify", "proof/certificate.json", CONFIG, *settings)
+        assert again.code == 0 and "stable for all delays" in again.out
+    other = cosim("check", "--verify", "proof/certificate.json", CONFIG)
+    assert other.code == 2 and "for the model" in other.err and other.err.count("\n") == 1
+    document = json.loads((tmp_path / "proof" / "certificate.json").read_text())
+    document["links"][0]["least"] = 1
+    (tmp_path / "changed.json").write_text(json.dumps(document))
+    refused = cosim("check", "--verify", "changed.json", CONFIG)
+    assert refused.code == 2 and "seal" in refused.err
+
+
+def test_the_example_of_the_page(cosim: Command) -> None:
+    pytest.importorskip("clarabel")
+    page = (ROOT / "docs" / "certificates.md").read_text(encoding="utf-8")
+    example = page.split("<!-- certify -->")[1].split("<!-- end -->")[0].strip().splitlines()[1:-1]
+    done = cosim("check", "--certify", CONFIG)
+    assert len(example) == 4 and set(example) <= set(done.out.splitlines())
+
+
+def test_what_is_not_certified_is_unknown(cosim: Command, tmp_path: Path) -> None:
+    pytest.importorskip("clarabel")
+    free = ["--set", "components.master.parameters.k_p=0", "--set",
+            "components.master.parameters.k_d=0", "--set", "run.stop=1"]  # fmt: skip
+    done = cosim("check", "--certify", CONFIG, "--delays", "0,30", *free)
+    assert done.code == 1 and done.out.splitlines()[1].startswith("unknown")
+    assert "0 to 30 s" in done.out and not list(tmp_path.iterdir())
+
+
+def test_the_solver_is_needed_to_certify_only(
+    cosim: Command, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("cosim.base.extras.find_spec", lambda name: None)
+    done = cosim("check", "--certify", CONFIG)
+    assert done.code == 2 and "pip install 'cosim-bridge[certify]'" in done.err
+
+
+@pytest.mark.parametrize("words", [
+    ("--certify", "--verify", "x.json"),
+    ("--delays", "0,1"),
+    ("--out", "x"),
+    ("--certify", "--json", "x.json"),
+    ("--certify", "--delays", "1"),
+    ("--certify", "--delays", "2,1"),
+    ("--certify", "--delays", "0,inf"),
+    ("--verify", "none.json"),
+])  # fmt: skip
+def test_options_that_do_not_fit_are_refused(cosim: Command, words: tuple[str, ...]) -> None:
+    pytest.importorskip("clarabel")
+    done = cosim("check", CONFIG, *words)
+    assert done.code == 2 and done.err.startswith("error: ") and done.err.count("\n") == 1

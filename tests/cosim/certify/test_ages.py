@@ -1,0 +1,44 @@
+"""Ages that laws and rules allow, in samples."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cosim.certify.scenario import age_limits
+from cosim.links.laws import Constant, Uniform
+from cosim.links.losses import Independent, Lossy
+from cosim.links.semantics import Grid, PacketSemantics, PlayoutSemantics, SignalSemantics
+from cosim.links.table import DrawnTable
+
+
+def limits(law: Any, rule: Any) -> tuple[int, int | None, bool]:
+    return age_limits(DrawnTable("link", Grid(5, 5, 0.001), law, rule, 0), 1000)
+
+
+def test_ages_that_laws_allow() -> None:
+    """In samples of 5 ms; a stale sample that arrives last waits for the next one."""
+    law = Uniform(0.1, 0.2, 0.03)
+    assert limits(law, SignalSemantics()) == (20, 40, False)
+    assert limits(law, PacketSemantics("newest-stamp")) == (20, 40, True)
+    assert limits(law, PacketSemantics("last-arrival")) == (20, 60, False)
+    assert limits(law, PlayoutSemantics(0.2)) == (40, 40, True)
+    assert limits(law, PlayoutSemantics(0.15)) == (30, None, True)
+    assert limits(Constant(0.1), PacketSemantics("fifo")) == (20, 20, True)
+    lost = Lossy(Constant(0.1), Independent(0.1))
+    assert limits(lost, PacketSemantics("newest-stamp")) == (20, None, True)
+
+
+@pytest.mark.parametrize("order", ["last-arrival", "newest-stamp", "fifo"])
+@pytest.mark.parametrize("hold", [None, 0.05, 0.2])
+def test_drawn_ages_keep_to_the_limits(order: Any, hold: float | None) -> None:
+    table = DrawnTable("x", Grid(5, 5, 0.001), Uniform(0.02, 0.11, hold), PacketSemantics(order), 3)
+    least, greatest, ordered = age_limits(table, 1000)
+    rows = table.stream().rows(20_000)
+    held = rows[rows >= 0]
+    ages = np.flatnonzero(rows >= 0) - held
+    assert greatest is not None and least <= ages.min() and ages.max() <= greatest
+    assert ages.max() >= (greatest - 6 if ordered else (least + greatest) // 2)
+    assert not ordered or (np.diff(held) >= 0).all()

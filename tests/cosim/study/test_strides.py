@@ -37,7 +37,7 @@ def study(keep: Path | None = None) -> StudySetup:
     document = teleoperation(stop=0.303)
     for link in document["links"]:
         link["delay"] |= {"low": "30 ms", "high": "120 ms"}
-    document["figures"] = {}
+    document["figures"], document["require"] = {}, {}
     document["metrics"] = {
         f"{kind} {of}": {"kind": kind, "of": [of]}
         for kind in ("rms", "final")

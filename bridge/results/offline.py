@@ -24,10 +24,10 @@ from bridge.deployment.system import System
 from bridge.recording.run_folder import at_hits, places
 from bridge.records.node_lives import Life
 from bridge.wiring.wiring import Rows
-from cosim.analysis.memory_run import RepeatedValues
 from cosim.base.convert import replace as replace_struct
 from cosim.base.errors import PlanError
 from cosim.base.names import signal_of
+from cosim.engine.memory_run import RepeatedValues
 from cosim.engine.simulate import simulate
 from cosim.scenario.assemble import assemble
 from cosim.scenario.recorded import with_recorded_links

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from cosim.analysis.memory_run import SignalTrace, trace
 from cosim.base.errors import CosimError, ScenarioError
 from cosim.base.names import listed, signal_of
+from cosim.engine.memory_run import SignalTrace, trace
 from cosim.loading.files import load
 from cosim.predict.inputs import RunWithInputs
 from cosim.predict.port import PortSignals, port_of

@@ -13,8 +13,8 @@ from math import exp, inf, log, sqrt
 
 import numpy as np
 
-from cosim.analysis.memory_run import Change, SignalTrace, changed, trace
 from cosim.base.errors import RunError, ScenarioError
+from cosim.engine.memory_run import Change, SignalTrace, changed, trace
 from cosim.predict.facts import Arm, Array, DynamicFeedback, Vector
 from cosim.predict.frequency import MultiSine, PortGain
 from cosim.predict.inputs import is_driven

@@ -5,14 +5,15 @@
 
 ================  =================================================================
 ``reachability``  robots: reached from the operator's arm, with senders, within their limits
-``sampling``      sampling periods against inertia and adaptation; stiff grips and walls
-``laws``          passivity, degenerate gains, gravity, what can be predicted
-``channels``      links: bounded delays, losses, order, buffers, CAN buses, springs over them
-``wiring``        unconnected inputs, saturation, size of what is recorded
+``loops``         the run from the start, and the poles of the whole loop where robots rest
+``ports``         passivity of ports, how long a hand takes
+``laws``          degenerate gains, gravity, what can be predicted
+``channels``      links: bounded delays, losses, order, buffers, CAN buses
+``wiring``        unconnected inputs, size of what is recorded
 ``requirements``  conditions that cannot fail, cannot hold, or are of times after the run
 ================  =================================================================
 
-Nothing is run, and nothing here stops a run.
+Only ``loops`` and ``ports`` run the scenario, in memory; nothing here stops a run.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
-"""Links: what their laws bound, lose and reorder; springs over them, and the buses they are on."""
+"""Links: what their laws bound, lose and reorder, and the buses they are on."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from math import inf, isinf, sqrt
+from math import inf, isinf
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -124,53 +124,6 @@ def zero_minimum_delay(system: AnalyzedSystem) -> Iterator[Finding]:
                 unit="s",
                 reason="its minimum delay is 0: sender and receiver are ordered as for a wire",
             )
-
-
-def ground_damping(system: AnalyzedSystem) -> Iterator[Finding]:
-    """2 ground >= T_rt stiffness (means over the two sides): the delayed spring makes energy.
-
-    T_rt, the longest delay there and back. Lee and Spong (2006): K_d >= T_rt K_p/2; Nuño et al.
-    (2009): 4 B_l B_r > (T_l + T_r)² K_l K_r.
-    """
-    springs = system.with_facts(SpringDamper)
-    for (a, b), (there, back) in sorted(_pairs(system).items()):
-        one, other = springs[a], springs[b]
-        if not (one.needs_ground or other.needs_ground) or not (
-            min(one.stiffness) and min(other.stiffness)
-        ):
-            continue
-        T = there + back
-        needs = T * sqrt(max(one.stiffness) * max(other.stiffness)) / 2
-        has = sqrt(min(one.ground) * min(other.ground))
-        if needs <= has:
-            continue
-        yield Finding(
-            rule="damping",
-            severity="warning",
-            where=f"{a}, {b}",
-            number=has,
-            unit="N.m.s/rad",
-            reason=f"{one.law}: the damping to ground is {has:.3g} N.m.s/rad; a round-trip delay"
-            f" of up to {T:.3g} s needs T_rt K/2 = {needs:.3g}",
-            advice="raise the damping, lower the stiffness, or shorten the delay",
-        )
-
-
-def _pairs(system: AnalyzedSystem) -> Mapping[tuple[str, str], tuple[float, float]]:
-    """Longest delay each way of every two coupled controllers, s."""
-    springs = system.with_facts(SpringDamper)
-    longest: dict[tuple[str, str], float] = {}
-    for link in system.plan.links:
-        source = system.controls.get(link.source.component, link.source.component)
-        target = link.target.component
-        if source in springs and target in springs:
-            ends = (source, target)
-            longest[ends] = max(longest.get(ends, 0.0), longest_delay(link))
-    return {
-        (a, b): (T, longest.get((b, a), 0.0))
-        for (a, b), T in longest.items()
-        if a < b or (b, a) not in longest
-    }
 
 
 def longest_delay(link: Link) -> float:

@@ -3,22 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from math import inf, isfinite, log, nan
+from math import inf, isfinite, nan
 
 import numpy as np
 
 from cosim.base.errors import ScenarioError
-from cosim.checks import Finding, Severity
-from cosim.checks.peaks import settling
-from cosim.checks.sampling import known_laws
+from cosim.checks import Finding
 from cosim.predict import closed_form as closed
-from cosim.predict.facts import Arm, DynamicFeedback
+from cosim.predict.facts import Arm, DynamicFeedback, Law, SpringDamper
 from cosim.predict.network import RobotNetwork, network, spread
-from cosim.predict.passivity import PassiveRange, is_passive, passive_range, worst_posture
 from cosim.predict.system import AnalyzedSystem
 
 #: Torques of gravity that are this close are compensated, N.m.
 COMPENSATED = 1e-3
+
+
+def known_laws(system: AnalyzedSystem) -> Iterator[tuple[str, Law, Arm]]:
+    """All controllers whose law and arm are known."""
+    for arm, name in sorted(system.controls.items()):
+        law = system.facts.get(name)
+        if isinstance(law, SpringDamper) or (isinstance(law, DynamicFeedback) and law.K):
+            yield name, law, system.arms[arm]
 
 
 def dynamic(system: AnalyzedSystem) -> Iterator[tuple[str, DynamicFeedback, Arm]]:
@@ -26,92 +31,6 @@ def dynamic(system: AnalyzedSystem) -> Iterator[tuple[str, DynamicFeedback, Arm]
     for name, law, arm in known_laws(system):
         if isinstance(law, DynamicFeedback):
             yield name, law, arm
-
-
-def passivity(system: AnalyzedSystem) -> Iterator[Finding]:
-    """O9: lambda_M <= alpha + lambda_min(K M⁻¹), or alpha + lambda_c, in the heaviest posture.
-
-    Of coupled robots it is the limit of the whole network at this port.
-    """
-    for name, law, arm in dynamic(system):
-        if law.task is not None and not law.lambda_c:
-            continue  # its gain depends on the posture: checks.tasks
-        if law.beyond or not law.feeds_forward:
-            continue  # without M_hat it is passive
-        found = _not_passive(system, name, law, arm)
-        if found is None:
-            continue
-        known, joint = found
-        many = arm.workspace is not None and not law.lambda_c
-        least = f", least for joint {joint + 1}" if many else ""
-        above = known.limit < law.lambda_M
-        limit = known.limit if above else known.least
-        cures = ", raise K, or use lambda_c (Remark 3)" if not law.lambda_c and above else ""
-        yield Finding(
-            rule="passivity",
-            severity="warning",
-            where=name,
-            number=known.margin(law.lambda_M),
-            unit="1/s",
-            reason=f"lambda_M = {law.lambda_M:g} 1/s is {'above' if above else 'below'} the passive"
-            f" limit {limit:.3g} 1/s (exact estimates, heaviest posture{least}): oscillations with"
-            " a stiff grip or contact can grow",
-            advice=f"{'lower' if above else 'raise'} lambda_M to {limit:.3g}{cures}",
-        )
-
-
-def _not_passive(
-    system: AnalyzedSystem, name: str, law: DynamicFeedback, arm: Arm
-) -> tuple[PassiveRange, int] | None:
-    """The passive range of a law outside it, in the worst posture, and the joint that limits it.
-
-    Of laws that are coupled in a way that no network describes, the limit for a fast hand.
-    """
-    port = next(each for each, control in system.controls.items() if control == name)
-    net = network(system, port)
-    if net is not None and net.around[net.port]:
-        posture, joint = worst_posture(net)
-        return None if is_passive(net, posture) else (passive_range(net, posture), joint)
-    alone, joint = closed.worst_passive_limit(law, arm)
-    limit = alone + law.lambda_ * system.received_weight(name)
-    return None if law.lambda_M <= limit else (PassiveRange(0.0, limit), joint)
-
-
-def grip(system: AnalyzedSystem) -> Iterator[Finding]:
-    """The scenario's own grip, theta known: where det(1 + (k_p + k_d jω) G) would reach 0.
-
-    Only looked into where one arm alone fails by Routh. An error at the start, a warning elsewhere.
-    """
-    for start in system.held():
-        net = network(system, start)
-        if net is None or net.law.lambda_c or not min(net.arms[net.port].grip.stiffness):
-            continue
-        arm, law = net.arms[net.port], net.law
-        if not law.feeds_forward or len(net.laws) * len(arm.q) > closed.MANY:
-            continue  # without M_hat it is stable; many robots would take minutes
-        stiffness, damping = arm.grip.stiffness, arm.grip.damping
-        k_p, k_d = max(stiffness), min(damping)
-        failing = [
-            q for q in (arm.q, arm.heaviest)
-            if not all(closed.grip_stable(law, float(M), min(law.K), k_p, k_d)
-                       for M in np.linalg.eigvalsh(arm.inertia(arm.parameters, q)))
-            and closed.stiffest_network_grip(net, q, stiffness, damping, 300) < 1.0
-        ]  # fmt: skip
-        if not failing:
-            continue
-        starts = failing[0] == arm.q
-        where = "where it starts" if starts else "in the heaviest posture"
-        severity: Severity = "error" if starts else "warning"
-        yield Finding(
-            rule="grip",
-            severity=severity,
-            where=start,
-            number=k_p,
-            unit="N.m/rad",
-            reason=f"with lambda_M = {law.lambda_M:g} 1/s a grip of {k_p:g} N.m/rad and {k_d:g}"
-            f" N.m.s/rad is unstable {where} once the estimates are exact",
-            advice="lower lambda_M, raise K, or use a softer grip (or more k_d)",
-        )
 
 
 def degenerate(system: AnalyzedSystem) -> Iterator[Finding]:
@@ -213,7 +132,7 @@ def _weight(name: str, arm: Arm, knows: Sequence[float]) -> Iterator[Finding]:
 
 
 def prediction(system: AnalyzedSystem) -> Iterator[Finding]:
-    """O3, O4, O5 of whoever is held: felt damping, stiffness, slowest pole."""
+    """O4 and O5 of an arm that is held: felt damping and stiffness."""
     for start in system.held():
         net = network(system, start)
         if net is None or net.law.lambda_c:
@@ -244,7 +163,6 @@ def prediction(system: AnalyzedSystem) -> Iterator[Finding]:
                 f"a hand will feel a spring of {_each(stiffness)} N.m/rad (O2)",
             )
         yield from _coupling(net, where, [K for K, _ in joints])
-        yield from _pole(net, where)
 
 
 def _each(values: Sequence[float]) -> str:
@@ -263,35 +181,6 @@ def _coupling(net: RobotNetwork, where: str, K: Sequence[float]) -> Iterator[Fin
             f"at rest the arms are coupled by a spring of {_each(kappa)} N.m/rad (O5): a larger"
             " lambda_M is easier to move, and softer",
         )  # fmt: skip
-
-
-def _pole(net: RobotNetwork, where: str) -> Iterator[Finding]:
-    arm = net.arms[net.port]
-    if not any(arm.grip.stiffness) or not net.law.lambda_M:
-        return
-    place = arm.grip.place
-    roots = closed.poles(net, place, net.true_estimates(), arm.grip.stiffness, arm.grip.damping)
-    if not len(roots) or roots[0].real >= 0:
-        return
-    rate = float(roots[0].real)
-    away = float(np.abs(np.asarray(place) - np.asarray(arm.q)).max())
-    text = f"the slowest pole with the hand is {rate:.3g} 1/s with exact estimates (O3)"
-    if arm.workspace is not None:  # the pole is that of one joint, the error perhaps of another
-        text += _settling(net)
-    elif away > 0.05:
-        soonest = log(away / 0.05) / -rate
-        text += f"; the error is below 0.05 rad after {soonest:.2g} s at the earliest"
-    yield _note("slow-pole", where, rate, "1/s", text)
-
-
-def _settling(net: RobotNetwork) -> str:
-    seconds = settling(net, 0.05)
-    if not isfinite(seconds):
-        return ""
-    return (
-        f"; every joint is within 0.05 rad of the hand after about {seconds:.2g} s (linear motion"
-        " of each joint alone, without delays)"
-    )
 
 
 def _note(rule: str, where: str, number: float, unit: str, reason: str) -> Finding:

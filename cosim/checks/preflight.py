@@ -12,7 +12,6 @@ from cosim.checks import (
     laws,
     merge_findings,
     reachability,
-    sampling,
     wiring,
 )
 from cosim.predict.facts import DynamicFeedback, TipContact
@@ -62,24 +61,17 @@ def _plants(known: AnalyzedSystem) -> bool:
     return any(w.source.component in plants and w.target.component in plants for w in wires)
 
 
-#: Rules that can find an error or a warning; they take milliseconds together.
+#: Other rules that can find an error or a warning; they take milliseconds together.
 RULES: tuple[Rule, ...] = (
     reachability.unreached_robots,
     reachability.spanning_tree,
     reachability.unconnected_rows,
     reachability.age_limit_without_age,
-    sampling.feedback,
-    sampling.adaptation,
-    sampling.contact,
-    sampling.sampled_hand,
-    laws.passivity,
-    laws.grip,
     laws.degenerate,
     laws.no_integral,
     laws.gravity,
-    *_rules("tasks", _tips, "feedback", "passivity", "singular", "missing", "spanning_tree"),
+    *_rules("tasks", _tips, "passivity", "singular", "missing", "spanning_tree"),
     *_rules("tasks", _tips, "sampled_contact"),
-    channels.ground_damping,
     channels.constant_delay,
     *_rules("plants", _plants, "coupled"),
     *_rules("servos", _commands, "gains", "inertia", "torque", "bandwidth", "holding"),
@@ -94,12 +86,16 @@ RULES: tuple[Rule, ...] = (
     wiring.ignored_values,
     lambda known: wiring.ignored_descriptions(known.plan),
     wiring.start_time,
-    wiring.saturation,
     wiring.size,
     *_rules("requirements", _required, "intervals", "decided"),
 )
+#: Rules that run the scenario and compute its poles: tenths of a second together.
+COMPUTED: tuple[Rule, ...] = (
+    *_rules("loops", lambda known: True, "nominal", "poles", "saturation"),
+)
 #: Rules that only ever note something.
 NOTES: tuple[Rule, ...] = (
+    *_rules("ports", lambda known: True, "passivity", "settling", "delays_to_spare"),
     laws.prediction,
     *_rules("tasks", _tips, "stiffness", "free_joints"),
     channels.simulated_response,
@@ -113,14 +109,18 @@ NOTES: tuple[Rule, ...] = (
 def check(scenario: Scenario, plan: Plan, *, notes: bool = True) -> tuple[Finding, ...]:
     """Findings about a scenario and its plan, worst first; without `notes`, no mere notes.
 
+    The scenario is run and its poles are computed.
+
     An error in the facts of a model is not raised; it becomes a note.
     """
     return findings(system(scenario, plan), notes=notes)
 
 
-def findings(known: AnalyzedSystem, *, notes: bool = True) -> tuple[Finding, ...]:
-    """The same of a scenario whose roles are known."""
-    found = [f for rule in RULES for f in rule(known)]
+def findings(
+    known: AnalyzedSystem, *, notes: bool = True, computed: bool = True
+) -> tuple[Finding, ...]:
+    """The same of a scenario whose roles are known; without `computed`, nothing is run."""
+    found = [f for rule in (*(COMPUTED if computed else ()), *RULES) for f in rule(known)]
     if notes:
         found += [f for rule in NOTES for f in rule(known)]
     return merge_findings(f for f in found if notes or f.severity != "note")

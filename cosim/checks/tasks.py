@@ -7,9 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cosim.checks import Finding, Severity
+from cosim.checks import Finding
 from cosim.checks.laws import dynamic
-from cosim.checks.sampling import CLOSE
 from cosim.predict.facts import Arm, Array, DynamicFeedback, SpringDamper, TipContact, TipTask
 from cosim.predict.network import spread
 from cosim.predict.system import AnalyzedSystem, Edge
@@ -50,37 +49,6 @@ def _coupled(system: AnalyzedSystem, tip: _Tip) -> Array:
             heard = np.array([tip.task.hears(e.row, c) for c in own])
             found += tip.law.lambda_ * e.weight * heard
     return found
-
-
-def feedback(system: AnalyzedSystem) -> Iterator[Finding]:
-    """T_s lambda_max(M⁻¹ (K + J' K_x J)) < 2 over the workspace, as ``sampling.feedback``."""
-    share = 1.0 if system.plan.algorithm == "jacobi" else 2.0
-    for tip in _tips(system):
-        if tip.law.lambda_c:
-            continue
-        T, arm = system.period(tip.name), tip.arm
-        postures = [arm.q, arm.heaviest] if arm.postures is None else arm.postures
-        first, *others = (_fastest(tip, q) for q in postures)
-        ratio, start = T * max(first, *others) / share, T * first / share
-        severity: Severity = "error" if start > 1 else "warning" if ratio > CLOSE else "note"
-        yield Finding(
-            rule="sampling",
-            severity=severity,
-            where=tip.name,
-            number=ratio,
-            unit="1",
-            reason=f"T_s (K + J' K_x J), T_s = {T:g} s, is {ratio * 100:.0f} % of {share:g} times"
-            " the inertia in the posture where it is the most"
-            + (", and exceeds it at the start" if start > 1 else ""),
-            advice="" if severity == "note" else f"lower K and K_x to {50 / ratio:.0f} %, or sample"
-            f" every {0.5 * T / ratio * 1e3:.2g} ms",
-        )  # fmt: skip
-
-
-def _fastest(tip: _Tip, q: Sequence[float]) -> float:
-    """The greatest eigenvalue of M⁻¹ (K + J' K_x J), 1/s."""
-    M = tip.arm.inertia(tip.arm.parameters, q)
-    return float(np.linalg.eigvals(np.linalg.solve(M, tip.task.feedback(q))).real.max())
 
 
 def passivity(system: AnalyzedSystem) -> Iterator[Finding]:

@@ -7,7 +7,6 @@ from collections.abc import Iterator
 import numpy as np
 
 from cosim.checks import Finding, Severity
-from cosim.checks.peaks import held_networks
 from cosim.fmi.components import default_start, has_unit, is_simulator, simulator_remarks
 from cosim.fmi.components import ignored as ignored_in
 from cosim.predict.system import AnalyzedSystem
@@ -16,8 +15,6 @@ from cosim.schedule.plan import Plan
 
 #: A recording of more bytes is worth a warning.
 LARGE = 2e9
-#: A limit of a torque that a ratio can be formed with, N.m.
-_NO_TORQUE = 1e-12
 
 
 def unconnected_inputs(plan: Plan) -> Iterator[Finding]:
@@ -147,26 +144,6 @@ def _connected_inputs(plan: Plan) -> list[Slot]:
     found = [w.target for w in plan.wires] + [x.target for x in plan.links]
     found += [x.age for x in plan.links if x.age is not None]
     return found + [p.target for p in plan.players]
-
-
-def saturation(system: AnalyzedSystem) -> Iterator[Finding]:
-    """tau_max of each joint against the torque that the linear behaviour from the start wants."""
-    for net, found in held_networks(system):
-        for name, law, tau in zip(net.names, net.laws, found.tau, strict=True):
-            limits = np.resize(law.tau_max, tau.shape)
-            j = int(np.argmax(tau / np.maximum(limits, _NO_TORQUE)))
-            if tau[j] <= limits[j]:
-                continue
-            yield Finding(
-                rule="saturation",
-                severity="warning",
-                where=name,
-                number=float(tau[j]),
-                unit="N.m",
-                reason=f"joint {j} needs about {tau[j]:.2g} N.m, but tau_max is {limits[j]:g}: the"
-                " torque saturates, and adaptation stops meanwhile",
-                advice="raise tau_max, or use smaller forces",
-            )
 
 
 def size(system: AnalyzedSystem) -> Iterator[Finding]:

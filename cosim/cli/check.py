@@ -107,7 +107,7 @@ def check(
     ] = False,
     json: Json = None,
 ) -> None:
-    """Check a scenario without running it: stability margins, links, wiring, predictions.
+    """Check a scenario: stability of its loop, links, wiring, predictions.
 
     For a DBC file: the load of the bus, the response time of each message by analysis and on the
     simulated bus, and the control rate that the messages of the shortest period can reach.
@@ -194,8 +194,12 @@ def paragraph(finding: Finding) -> list[str]:
     return [*lines, f"    -> {finding.advice}"] if finding.advice else lines
 
 
-def print_warnings(scenario: Scenario, plan: Plan, *, strict: bool, quiet: bool) -> dict[str, Any]:
+def print_warnings(
+    scenario: Scenario, plan: Plan, *, strict: bool, quiet: bool, computed: bool = True
+) -> dict[str, Any]:
     """Print errors and warnings of the check before a run to standard error, one line each.
+
+    Without `computed` the scenario is not run for it, and no poles are computed.
 
     Return what ``run.json`` keeps: these `findings`, and `limits` of joints, where there are some.
     A check that fails is also a line: it does not prevent a run. Raises ScenarioError for all of
@@ -210,7 +214,8 @@ def print_warnings(scenario: Scenario, plan: Plan, *, strict: bool, quiet: bool)
     try:
         with announced(quiet, "checking the scenario"):
             known = system(scenario, plan)
-            found, limits = findings(known, notes=False), joint_limits(known.arms)
+            found = findings(known, notes=False, computed=computed)
+            limits = joint_limits(known.arms)
     except Exception as error:  # whatever a check comes across, the run goes on
         found = (_failed(error),)
     lines = [f.line for f in found]

@@ -14,9 +14,7 @@ GROUPS: dict[str, dict[str, str]] = {
         "run": (
             "Run a scenario; write trajectories, metadata, link tables and a report to a folder."
         ),
-        "check": (
-            "Check a scenario without running it: stability margins, links, wiring, predictions."
-        ),
+        "check": ("Check a scenario: stability of its loop, links, wiring, predictions."),
         "info": (
             "Print the ports and units of an FMU, a model or a scene of MuJoCo; validate an FMU."
         ),

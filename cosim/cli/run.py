@@ -86,7 +86,9 @@ def run(
         )
     folder = options.folder(loaded.name)
     options.say(header(loaded, plan))
-    found = print_warnings(loaded, plan, strict=options.strict, quiet=options.quiet)
+    found = print_warnings(
+        loaded, plan, strict=options.strict, quiet=options.quiet, computed=options.strict
+    )
     further = {"command": this_command(), **found}
     outcome = _simulated(loaded, plan, folder, further, options)
     _print_notes(outcome, plan, options)

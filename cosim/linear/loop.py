@@ -9,9 +9,10 @@ With links cut (:mod:`cosim.linear.opened`) what is held is an input, what is se
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Hashable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from math import lcm
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +20,7 @@ from numpy.typing import NDArray
 from cosim.base.errors import ScenarioError
 from cosim.engine.engine import Engine
 from cosim.engine.tables import LinkRows
+from cosim.fmi.components import model_name
 from cosim.linear.component import Matrix, StepDerivatives, step_derivatives
 from cosim.native.enums import Code
 from cosim.schedule.operations import Operation
@@ -155,14 +157,24 @@ def linear_loop(
     return _Period(plan, at, models, inputs, only).run(outputs)
 
 
+#: Derivatives that were made before, by what they are a function of.
+KnownDerivatives: TypeAlias = dict[Hashable, StepDerivatives]
+
+
 def cut_loop(
-    plan: Plan, at: OperatingPoint, inputs: Sequence[Slot], outputs: Sequence[Slot], size: float
+    plan: Plan,
+    at: OperatingPoint,
+    inputs: Sequence[Slot],
+    outputs: Sequence[Slot],
+    size: float,
+    known: KnownDerivatives | None = None,
 ) -> tuple[LinearLoop, tuple[CutLink, ...]]:
     """The linear model with all links cut, of one difference of `size` for each value.
 
     `size` is in the unit of a value up to 1, and relative above.
-    Before `inputs` come the values that receivers hold, before `outputs` those that are sent.
-    Raises RunError and ScenarioError.
+    Before `inputs` come the values that receivers hold, before `outputs` those that are sent. What
+    is in `known` is not made again, and what is made comes into it. Raises RunError and
+    ScenarioError.
     """
     _check(plan, "")
     fed = np.zeros(plan.n_signals, bool)
@@ -171,14 +183,37 @@ def cut_loop(
             fed[o.target : o.target + o.count] = True
     for slot in inputs:
         fed[slot.start : slot.start + slot.size] = True
+    made: KnownDerivatives = {} if known is None else known
     models = {
-        i: step_derivatives(
-            step, _seen(plan, at, step), plan.time(at.tick), step.period * plan.h, size, fed=fed
+        i: _once(
+            step, _seen(plan, at, step), (plan.time(at.tick), step.period * plan.h, size), fed, made
         )
         for i, step in enumerate(plan.components)
     }
     links = _cut_links(plan, at.ticks)
     return _Period(plan, at, models, inputs, "", links).run(outputs), links
+
+
+def _once(
+    step: Step,
+    seen: tuple[Matrix, Matrix, Matrix],
+    numbers: tuple[float, float, float],
+    fed: NDArray[np.bool_],
+    made: KnownDerivatives,
+) -> StepDerivatives:
+    """The derivatives of a step, or those of another one of the same model in the same state.
+
+    `numbers`: its time and its length (s), and the size.
+    """
+    ports = [slice(s.start, s.start + s.size) for s in (*step.inputs, *step.outputs)]
+    own = b"".join(x[p].tobytes() for x in (*seen, fed) for p in ports)
+    model = model_name(step.component)
+    key = (model, step.kind, tuple(sorted(step.values.items())), own, numbers)
+    if key not in made:
+        made[key] = step_derivatives(step, seen, *numbers, fed=fed)
+    slots = {s.port: s for s in step.outputs}
+    states = tuple(slots[s.port] for s in made[key].states)
+    return replace(made[key], name=step.name, states=states)
 
 
 def _seen(plan: Plan, at: OperatingPoint, step: Step) -> tuple[Matrix, Matrix, Matrix]:

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from cosim.base.errors import RunError
 from cosim.linear.component import Matrix, StepDerivatives
-from cosim.linear.loop import CutLink, OperatingPoint, cut_loop
+from cosim.linear.loop import CutLink, KnownDerivatives, OperatingPoint, cut_loop
 from cosim.linear.model import reduced
 from cosim.linear.pieces import Index, pieces
 from cosim.schedule.parts import Slot
@@ -34,8 +34,8 @@ SIZE = 1e-4
 NEUTRAL = 1e-6
 #: The least and the greatest number of first points on half a circle, and rounds of more points.
 _FEW, _MANY, _ROUNDS = 120, 3000, 24
-#: The largest turn of the determinant from one point to the next, rad.
-_TURN = 1.0
+#: The largest change of the logarithm of the determinant from one point to the next.
+_STEP = 0.8
 #: Norm of the open loop below which the determinant cannot turn about 0.
 _SMALL = 0.3
 
@@ -177,21 +177,26 @@ class OpenLoop:
         least = min(1e-3, np.pi / most) * self.period
         angle = np.unique(np.concatenate([
             [0.0], np.geomspace(least, np.pi, _FEW), np.linspace(0.0, np.pi, _FEW)]))  # fmt: skip
-        value, norm = back.determinant(_circle(radius, angle))
+        value, size, norm = back.determinant(_circle(radius, angle))
         for _ in range(_ROUNDS):
-            step = np.abs(np.angle(value[1:] / value[:-1]))
+            if not (np.isfinite(size).all() and np.isfinite(norm).all()):
+                raise RunError("a pole is too near to the circle to be counted")
+            step = np.hypot(np.angle(value[1:] / value[:-1]), np.diff(size))
             near = np.maximum(norm[1:], norm[:-1]) > _SMALL
             wide = near & (np.diff(angle) * back.depth > 2.0)
-            split = np.flatnonzero((step > _TURN) | wide)
+            split = np.flatnonzero((step > _STEP) | wide)
             split = split[np.diff(angle)[split] > 1e-12]
             if not len(split):
                 break
             if len(angle) + len(split) > 20 * _MANY:
                 raise RunError("the poles are too many to be counted")
             middle = 0.5 * (angle[split] + angle[split + 1])
-            more, size = back.determinant(_circle(radius, middle))
+            more = back.determinant(_circle(radius, middle))
             angle = np.insert(angle, split + 1, middle)
-            value, norm = np.insert(value, split + 1, more), np.insert(norm, split + 1, size)
+            value, size, norm = (
+                np.insert(old, split + 1, new)
+                for old, new in zip((value, size, norm), more, strict=True)
+            )
         turned = float(np.angle(value[1:] / value[:-1]).sum()) / np.pi
         if not abs(turned - round(turned)) < 0.05:
             raise RunError("a pole is too near to the circle to be counted")
@@ -268,17 +273,19 @@ class _Return:
             found[:, out[:, None], into] += C[out] @ reached
         return found
 
-    def determinant(self, z: Complex) -> tuple[Complex, Matrix]:
-        """det(1 - Δ G) at `z` (k,), up to a positive factor, and the norm of Δ G, (k,)."""
+    def determinant(self, z: Complex) -> tuple[Complex, Matrix, Matrix]:
+        """The direction of det(1 - Δ G) at `z` (k,), the logarithm of its size, and the norm of
+        Δ G, (k,) each.
+        """
         links = slice(0, self.size)
-        L = self.gain(z, links, links) / z[:, None, None] ** self.back[:, None]
-        sign, _ = np.linalg.slogdet(np.eye(self.size) - L)
-        return np.asarray(sign), np.asarray(np.linalg.norm(L, axis=(1, 2)))
+        L = self.gain(z, links, links) * (1.0 / z)[:, None, None] ** self.back[:, None]
+        sign, size = np.linalg.slogdet(np.eye(self.size) - L)
+        return np.asarray(sign), np.asarray(size), np.asarray(np.linalg.norm(L, axis=(1, 2)))
 
     def response(self, z: Complex) -> Complex:
         """The gain from the other inputs to the other outputs, with the links closed."""
         links, rest = slice(0, self.size), slice(self.size, None)
-        late = 1.0 / z[:, None, None] ** self.back[:, None]
+        late = (1.0 / z)[:, None, None] ** self.back[:, None]
         direct = self.gain(z, rest, rest)
         if not self.size:
             return direct
@@ -288,15 +295,21 @@ class _Return:
 
 
 def open_loop(
-    plan: Plan, at: OperatingPoint, inputs: Sequence[Slot] = (), outputs: Sequence[Slot] = ()
+    plan: Plan,
+    at: OperatingPoint,
+    inputs: Sequence[Slot] = (),
+    outputs: Sequence[Slot] = (),
+    known: KnownDerivatives | None = None,
 ) -> OpenLoop:
     """The model of `plan` at an operating point with its links cut.
+
+    `known`: derivatives that need not be made again.
 
     The locals that are states must be among the outputs of the plan's FMUs
     (:func:`cosim.linear.scenario.observed`). Raises RunError for a component that has no linear
     model, ScenarioError for a plan that has none.
     """
-    loop, links = cut_loop(plan, at, inputs, outputs, SIZE)
+    loop, links = cut_loop(plan, at, inputs, outputs, SIZE, known)
     n_u, n_y = (sum(part.size for c in links for part in (getattr(c, name),))
                 for name in ("held", "sent"))  # fmt: skip
     names = [(n, s.unit) for s in inputs for n in s.scalars()]

@@ -30,12 +30,14 @@ QUANTILES = 48
 class Age:
     """Age of the held sample, s: `mean`, and `bound` (inf: unbounded).
 
-    `spread`: differences from the mean, s, equally likely; () if the age is constant.
+    `spread`: differences from the mean, s, equally likely; () if the age is constant. `least`: of
+    the ages that were drawn.
     """
 
     mean: float = 0.0
     bound: float = 0.0
     spread: tuple[float, ...] = ()
+    least: float = 0.0
 
 
 def kind_of(table: TableSpec) -> Hashable:
@@ -58,7 +60,8 @@ def age(table: TableSpec) -> Age:
     middle = float(ages.mean())
     parts = quantiles(ages - middle, (np.arange(QUANTILES) + 0.5) / QUANTILES)
     spread = tuple((parts - parts.mean()).tolist()) if np.ptp(ages) > table.grid.h else ()
-    return Age(middle if declared is None else declared, age_bound(table), spread)
+    mean, least = middle if declared is None else declared, float(ages.min())
+    return Age(mean, age_bound(table), spread, least)
 
 
 def _ages(table: TableSpec) -> Array:

@@ -11,8 +11,8 @@ import pytest
 from cosim.analysis.analysis import analyse
 from cosim.analysis.analyzed_port import of_run, of_scenario
 from cosim.analysis.contacts import by_grip
-from cosim.analysis.memory_run import trace
 from cosim.base.errors import ScenarioError
+from cosim.engine.memory_run import trace
 from cosim.predict.inputs import RunWithInputs, is_driven
 from cosim.predict.system import system
 from cosim.scenario.assemble import assemble

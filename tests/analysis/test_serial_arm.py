@@ -13,9 +13,9 @@ from cosim.analysis.analysis import analyse
 from cosim.analysis.analyzed_port import find_port, of_scenario
 from cosim.analysis.experiments import Bench
 from cosim.analysis.force_tests import by_push, sweep
-from cosim.analysis.memory_run import trace
 from cosim.checks import Finding
 from cosim.checks.preflight import check
+from cosim.engine.memory_run import trace
 from cosim.predict import closed_form as closed
 from cosim.predict.facts import DynamicFeedback
 from cosim.predict.frequency import PortGain
@@ -177,8 +177,8 @@ def test_the_passive_limit_is_that_of_the_joint_that_is_worst() -> None:
     limits = [np.linalg.eigvals(np.linalg.inv(M) * damped).real.min() for M in arm.workspace]
     said = findings(scenario)["passivity"]
     fast = 0.5 + min(limits) + 2.0  # lambda w of the other arm, whose echo takes a little away
-    assert fast - 0.5 < said.number + 40.0 <= fast
-    assert "least for joint 1" in said.reason
+    limit = float(said.reason.split("up to lambda_M = ")[1].split(" ")[0])
+    assert fast - 0.5 < limit <= fast and said.number < -0.01
 
 
 @pytest.mark.parametrize(("natural", "adaptation"), [(0.0, "Gamma"), (0.5, "natural")])
@@ -193,10 +193,8 @@ def test_gamma_counts_unless_adaptation_is_natural(natural: float, adaptation: s
 # ---- sampling -----------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("share", "severity"), [(0.85, "warning"), (1.15, "error")])
-def test_a_joint_swings_up_where_the_check_says_that_its_period_is_too_long(
-    share: float, severity: str
-) -> None:
+@pytest.mark.parametrize("share", [0.85, 1.15])
+def test_a_joint_swings_up_where_the_check_says_that_its_period_is_too_long(share: float) -> None:
     """Only the light last joint has a gain that is too high for its inertia with its rotor."""
     rods = scenario_of()
     arm = find_port(rods, assemble(rods))[0].arms["master"]
@@ -211,9 +209,9 @@ def test_a_joint_swings_up_where_the_check_says_that_its_period_is_too_long(
         parts[part]["parameters"] = {**TABLE, "damping": 0.0}
     changed = build({"run": {"step": 0.001, "stop": 1.0}, "components": parts,
                      "links": document()["links"]}, Path("rods.toml"))  # fmt: skip
-    said = next(f for f in check(scenario, assemble(scenario)) if f.rule == "sampling")
-    assert "K of joint 3" in said.reason
-    assert (said.severity == "error") == (severity == "error")
+    said = [f for f in check(scenario, assemble(scenario)) if f.rule == "poles"]
+    assert bool(said) == (share > 1)
+    assert all("dq[2]" in f.reason for f in said)
     moved = np.abs(trace(assemble(changed), ["slave.dq"]).array("slave.dq")[:, 2])
     assert (moved[-50:].max() > 1e-3) == (share > 1)
 
@@ -253,18 +251,17 @@ def test_a_payload_that_the_controller_does_not_know_holds_the_arms_apart() -> N
 
 
 @pytest.mark.parametrize("name", first_fast(["six_axis.toml", "openarm.toml"]))
-def test_a_run_settles_as_the_slowest_pole_says(name: str) -> None:
-    """When the check says, to about a third; the rate beside the slowest pole."""
+def test_a_run_settles_as_the_check_and_the_slowest_pole_say(name: str) -> None:
+    """The check has it from the same run; the rate is beside the slowest pole."""
     found = of_scenario(ROOT / "configs" / name)
     assert found.system is not None
     scenario = found.system.scenario
     notes = check(scenario, found.system.plan)
-    said = next(f for f in notes if f.rule == "slow-pole")
-    soonest = float(said.reason.split("after about ")[1].split(" s")[0])
+    said = next(f for f in notes if f.rule == "settling")
     t, q = found.signals.t, found.signals.array("master.q")
     away = np.abs(q - found.system.arms["master"].grip.place).max(axis=1)
     settled = float(t[np.flatnonzero(away > 0.05)[-1] + 1])
-    assert 0.7 * soonest < settled < (1.4 if name == "six_axis.toml" else 2.0) * soonest
+    assert said.number == pytest.approx(settled, abs=0.05)
     numbers = {q.name: q for q in analyse(found, tests=False).quantities}
     rate = numbers["approach"]
     assert abs(rate.values[0] - rate.expected[0]) <= rate.error[0] + 0.05 * abs(rate.expected[0])

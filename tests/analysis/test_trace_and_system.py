@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cosim.analysis.memory_run import Change, SignalTrace, changed, trace
 from cosim.base.errors import ScenarioError
+from cosim.engine.memory_run import Change, SignalTrace, changed, trace
 from cosim.predict.ages import Age, age
 from cosim.predict.closed_form import felt_damping
 from cosim.predict.facts import Arm, DynamicFeedback, facts_function

@@ -16,7 +16,8 @@ from tests.cli.command import Command
 from tests.cli.conftest import cosim as cosim  # the command as a fixture
 
 TELEOPERATION = CONFIGS / "teleoperation.toml"
-SHORT = ("--set", "run.stop=0.05")
+HOLDING = "components.master_control.parameters.lambda_M=0"
+SHORT = ("--set", "run.stop=0.05", "--set", HOLDING)
 
 
 def test_what_the_check_warns_of_is_in_the_folder_of_a_twin(cosim: Command, tmp_path: Path) -> None:
@@ -25,25 +26,25 @@ def test_what_the_check_warns_of_is_in_the_folder_of_a_twin(cosim: Command, tmp_
     assert done.code == 0, done.err
     said = json.loads((tmp_path / "check.json").read_text())["findings"]
     serious = [f for f in said if f["severity"] in ("error", "warning")]
-    assert any(f["rule"] == "passivity" for f in serious)
+    assert any(f["rule"] == "no-integral" for f in serious)
     done = cosim("run", *words, "--out", str(tmp_path / "twin"))
     assert done.code == 0, done.err
     kept = json.loads((tmp_path / "twin" / "run.json").read_text())["findings"]
     assert kept == serious
     assert all(f["reason"] in " ".join(done.checked) for f in kept), done
     page = (tmp_path / "twin" / "report.html").read_text()
-    assert "no error and no warning" not in page and "passive limit" in page
+    assert "no error and no warning" not in page and "manipulability is finite" in page
 
 
 def test_a_rehearsal_checks_scenario_and_deployment(capsys: pytest.CaptureFixture[str]) -> None:
     system = load_system(TELEOPERATION, "can", ["run.stop=0.05"])
-    settings = ["run.stop=0.05", "deploy.latency=false"]
+    settings = ["run.stop=0.05", HOLDING, "deploy.latency=false"]
     found = checked(system, TELEOPERATION, settings, OutputOptions())
     places = [(f["rule"], f["where"]) for f in found]
-    assert ("passivity", "master_control, slave_control") in places
+    assert ("no-integral", "master_control") in places
     assert len(set(places)) == len(places)
     assert capsys.readouterr().err.count("check: warning: ") == len(found)
-    with pytest.raises(ScenarioError, match="passivity"):
+    with pytest.raises(ScenarioError, match="lambda_M = 0"):
         checked(system, TELEOPERATION, settings, OutputOptions(strict=True, quiet=True))
 
 

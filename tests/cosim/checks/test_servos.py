@@ -11,9 +11,9 @@ import pytest
 from cosim.analysis.analyzed_port import find_port
 from cosim.analysis.experiments import Bench
 from cosim.analysis.force_tests import by_push
-from cosim.analysis.memory_run import Change, changed, trace
 from cosim.checks import Finding
 from cosim.checks.preflight import check
+from cosim.engine.memory_run import Change, changed, trace
 from cosim.loading.files import load
 from cosim.scenario.assemble import assemble
 from cosim.scenario.spec import Scenario, build

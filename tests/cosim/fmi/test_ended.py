@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from cosim.analysis.memory_run import trace
 from cosim.cli.commands import app
+from cosim.engine.memory_run import trace
 from cosim.engine.simulate import columns
 from cosim.loading.files import load
 from cosim.record import Run

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cosim.analysis.memory_run import Change, changed, trace
 from cosim.base.component import Port
 from cosim.base.errors import RunError, ScenarioError
 from cosim.base.toml import as_toml
+from cosim.engine.memory_run import Change, changed, trace
 from cosim.engine.simulate import simulate
 from cosim.linear.loop import operating_point
 from cosim.linear.model import LinearModel

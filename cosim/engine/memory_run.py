@@ -11,15 +11,16 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cosim.base.convert import replace as replace_struct
 from cosim.base.errors import RunError, ScenarioError
 from cosim.engine.engine import Engine
-from cosim.predict.facts import Array
 from cosim.scenario.connect import unknown
 from cosim.schedule.parts import Player, Slot, Step
 from cosim.schedule.plan import Plan, compile_plan
 
+Array = NDArray[np.float64]
 #: Values that are recorded at once, and ticks.
 _CHUNK, _TICKS = 1 << 18, 8192
 

@@ -14,6 +14,7 @@ from dataclasses import dataclass, field, replace
 from math import ceil
 
 import numpy as np
+from numpy.random import Generator as RandomGenerator
 
 from cosim.base.random_numbers import generator
 from cosim.falsify.evaluation import Problem
@@ -29,6 +30,8 @@ SLACK = 0.1
 SOME, MANY = 6, 24
 #: Rounds of joining and removing.
 TURNS = 12
+#: Rounds of an evolution, and its candidates in each.
+GENERATIONS, BROOD = 8, 48
 #: Candidates of one round at most.
 WIDE = 128
 
@@ -244,7 +247,7 @@ class Shrinking:
             trial = yield from self._delta(trial, jitter)
             if len(trial.pieces) == before or self.exhausted:
                 break
-        return trial
+        return (yield from self._evolved(trial))
 
     def _window(self, trial: Trial, jitter: int) -> Steps:
         """Pieces of a part of the run only: none before, and none after a time."""
@@ -340,6 +343,54 @@ class Shrinking:
                     found.append((b.begin - a.end, i, one))
         return [one for _, _, one in sorted(found, key=lambda x: x[:2])]
 
+    def _evolved(self, trial: Trial) -> Steps:
+        """One piece less, where the others may change: an evolution with a generation a round."""
+        random = generator(len(trial.pieces), "falsify:evolution")
+        while len(trial.pieces) > 1 and not self.exhausted:
+            base, least = trial, float("inf")
+            some = [trial.without([i]) for i in range(len(trial.pieces))]
+            smaller = None
+            for _ in range(GENERATIONS):
+                scores = yield from self._scores(some)
+                best = min(range(len(some)), key=lambda i: scores[i])
+                if scores[best] < -self.slack:
+                    smaller = some[best]
+                    break
+                if scores[best] < least:
+                    base, least = some[best], scores[best]
+                some = [self._mutant(base, random) for _ in range(BROOD)]
+            if smaller is None:
+                break
+            trial = self.now = smaller
+        return trial
+
+    def _scores(self, trials: Sequence[Trial]) -> Generator[
+        list[Candidate], list[CandidateOutcome], list[float]
+    ]:  # fmt: skip
+        """The margin of each trial, in its unit."""
+        self.runs += len(trials)
+        outcomes = yield [self.candidate(trial) for trial in trials]
+        name = self.found.requirement
+        return [-1e300 if x.reason else x.margins[name].value for x in outcomes]
+
+    def _mutant(self, trial: Trial, random: RandomGenerator) -> Trial:
+        """The same with some edges at other times, some values at a bound, some on other links."""
+        pieces: list[tuple[int, Piece]] = []
+        sd = float(np.exp(random.uniform(np.log(0.02), np.log(1.0)))) / self.problem.h
+        for channel, piece in trial.pieces:
+            begin, end, value = piece.begin, piece.end, piece.value
+            if random.random() < 0.7:
+                shift = random.normal(0.0, sd, 2)
+                begin, end = round(begin + shift[0]), round(end + shift[1])
+            if random.random() < 0.1:
+                channel = int(random.integers(len(self.problem.channels)))
+            bounds = self.problem.channels[channel]
+            if random.random() < 0.3 and value == value:
+                value = float(random.choice((bounds.low, bounds.high)))
+            begin, end = max(0, begin), min(trial.ticks, max(end, begin + bounds.step))
+            pieces.append((channel, Piece(begin, end, value)))
+        return _without_overlaps(trial.having(pieces))
+
     def _nearer(self, trial: Trial, jitter: int) -> Steps:
         """Shorter pieces, with values nearer to the nominal delay."""
         for _ in range(3):
@@ -434,6 +485,16 @@ def _cut(trial: Trial, begin: int | None, end: int | None) -> Trial:
         for c, p in trial.pieces
         if p.end > a and p.begin < b
     )
+
+
+def _without_overlaps(trial: Trial) -> Trial:
+    """The same with pieces that end where the next one of their channel begins."""
+    pieces = []
+    for (c, a), (d, b) in zip(trial.pieces, [*trial.pieces[1:], (-1, None)], strict=True):
+        end = min(a.end, b.begin) if b is not None and c == d else a.end
+        if end > a.begin:
+            pieces.append((c, replace(a, end=end)))
+    return trial.having(pieces)
 
 
 def _apart(trial: Trial) -> bool:

@@ -88,11 +88,11 @@ def falsify(
             raise ScenarioError(unknown(name, FAMILIES, "family"), f"{path} at falsify.families")
     budget = replace(budget, families=tuple(families))
     with held_folder(folder):
-        if force and stores.read_state(folder):
-            for name in (JOURNAL, stores.STATE):
-                (folder / name).unlink(missing_ok=True)
+        again = force and bool(stores.read_state(folder))
         facts = {"scenario": str(path), "problem": problem.name, "seed": budget.seed}
-        if claim(folder, "falsification", facts):
+        if again:
+            (folder / JOURNAL).unlink(missing_ok=True)
+        if again or claim(folder, "falsification", facts):
             stores.write_state(folder, {**facts, "versions": versions()})
         state = Falsification(problem)
         watcher.begun(state)

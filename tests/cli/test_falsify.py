@@ -77,13 +77,14 @@ def test_no_failure_is_told_with_the_least_margin(cosim: Command, tmp_path: Path
     done = cosim("falsify", loop(tmp_path, 0.1), "--runs", "30", "--jobs", "1")
     assert done.code == 0, done.err
     assert "no failure       found in 3" in done.out
-    assert "least margin     decays: 0.9" in done.out or "least margin     decays: 0.8" in done.out
+    assert "least margin     decays: margin 0.8" in done.out
     assert not Path("runs/loop-falsified/failing.toml").exists()
     assert json.loads(Path("runs/loop-falsified/falsify.json").read_text())["found"] is False
 
 
 def test_the_test_in_the_folder_holds_the_failure(cosim: Command, tmp_path: Path) -> None:
-    assert cosim("falsify", loop(tmp_path), "--runs", "60", "--jobs", "1", "--out", "out").code == 1
+    path = loop(tmp_path, 0.4)  # too much for the nominal delay
+    assert cosim("falsify", path, "--jobs", "1", "--out", "out").code == 1
     done = subprocess.run(
         ["python", "-m", "pytest", "-q", "-p", "no:cacheprovider", "out/test_failing.py"],
         capture_output=True, text=True, env=_environment(),

@@ -123,9 +123,14 @@ Once the controller is repaired, this test fails as XPASS. Then remove the mark.
 """
 
 import pytest
+from cosim.base.errors import RunError
+
+FAILS = pytest.mark.xfail(
+    raises=(AssertionError, RunError), strict=True, reason="cosim falsify has found this network"
+)
 
 
-@pytest.mark.xfail(strict=True, reason="cosim falsify has found this network")
+@FAILS
 def test_{_identifier(name)}_holds(cosim_run):
     run = cosim_run("{FAILING}", set={{"run.seed": 0}})
     assert run.passes("{name}")

@@ -12,12 +12,10 @@ Source: own construction.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
 
-from cosim.base.errors import CosimError
 from cosim.falsify.bounds import MovingChannel
 from cosim.falsify.evaluation import Problem, document_of
 from cosim.falsify.families import Space
@@ -55,22 +53,17 @@ class _Choices:
 
 
 def greedy(space: Space, turn: int) -> Iterator[Candidate]:
-    """One candidate for each weight and time; none where there is no linear model."""
+    """One candidate for each aim. Raises RunError where there is no linear model."""
     problem = space.problem
     if turn or not problem.channels:
         return
-    with suppress(CosimError, np.linalg.LinAlgError):
-        loops = _loops(problem)
-        for loop, start in loops:
-            delays, says = _adversary(problem, loop, start)
-            for chosen, text in zip(delays, says, strict=True):
-                paths = [
-                    _path(c, d, loop, packets)
-                    for c, d, packets in zip(
-                        problem.channels, chosen, _packets(problem), strict=True
-                    )
-                ]
-                yield space.candidate(paths, f"the greedy adversary, {text}")
+    packets = _packets(problem)
+    for loop, start in _loops(problem):
+        delays, says = _adversary(problem, loop, start)
+        for chosen, text in zip(delays, says, strict=True):
+            each = zip(problem.channels, chosen, packets, strict=True)
+            paths = [_path(channel, d, loop, late) for channel, d, late in each]
+            yield space.candidate(paths, f"the greedy adversary, {text}")
 
 
 def _loops(problem: Problem) -> list[tuple[OpenLoop, Matrix]]:

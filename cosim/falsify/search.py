@@ -9,9 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from itertools import count, islice
 from math import inf
 
+import numpy as np
+
+from cosim.base.errors import CosimError
 from cosim.falsify.families import ROUND, Family, Space, constant, draw, segment, single, wave
 from cosim.falsify.greedy import greedy
 from cosim.falsify.judge import CandidateOutcome, Margin, scales_of, score
@@ -47,12 +51,13 @@ class Account:
 
     `least`: for each requirement its least margin, and the family and the candidate that had it.
     `runs`: candidates so far, by family; `best`: the least score, in sizes of the margins of the
-    `nominal` run.
+    `nominal` run. `notes`: why a family had no candidates.
     """
 
     runs: dict[str, int] = field(default_factory=dict)
     least: dict[str, tuple[Margin, str, Candidate]] = field(default_factory=dict)
     best: float = inf
+    notes: dict[str, str] = field(default_factory=dict)
     nominal: CandidateOutcome | None = None
 
     @property
@@ -106,7 +111,8 @@ def search(space: Space, budget: Budget, account: Account) -> Outcomes:
             family, part = FAMILIES[name]
             share = max(1, round(budget.runs * part / total))
             left = share
-            for some in _rounds(family, space, turn, share):
+            failed = partial(account.notes.__setitem__, name)
+            for some in _rounds(family, space, turn, share, failed):
                 if budget.over():
                     return None
                 outcomes = yield some
@@ -120,9 +126,19 @@ def search(space: Space, budget: Budget, account: Account) -> Outcomes:
     return None
 
 
-def _rounds(family: Family, space: Space, turn: int, share: int) -> Generator[list[Candidate]]:
+def _rounds(
+    family: Family, space: Space, turn: int, share: int, failed: Callable[[str], None]
+) -> Generator[list[Candidate]]:
+    """The candidates of a family in rounds; `failed` gets a sentence if it can give none."""
     drawn = islice(family(space, turn), share)
-    while some := list(islice(drawn, ROUND)):
+    while True:
+        try:
+            some = list(islice(drawn, ROUND))
+        except (CosimError, np.linalg.LinAlgError) as error:
+            failed(str(error))
+            return
+        if not some:
+            return
         yield some
 
 

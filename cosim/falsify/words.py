@@ -19,6 +19,8 @@ def lines(state: Falsification) -> Iterator[tuple[str, str]]:
     searched = ", ".join(f"{name} {n}" for name, n in account.runs.items() if name != "nominal")
     if state.found is None:
         yield "no failure", f"found in {account.total} runs: {searched or 'the nominal one only'}"
+        for family, why in account.notes.items():
+            yield "left out", f"{family}: {why}"
         for name, (margin, family, candidate) in account.least.items():
             yield "least margin", f"{name}: {_margin(margin)}, {family}: {candidate.says}"
         return
@@ -111,6 +113,7 @@ def as_data(state: Falsification) -> dict[str, Any]:
         "found": state.found is not None,
         "runs": account.total,
         "families": dict(account.runs),
+        "left_out": dict(account.notes),
         "nominal": _outcome(account.nominal),
         "least": {
             name: {**_as_margin(margin), "family": family, "candidate": candidate.says}

@@ -21,7 +21,7 @@ STIFF = [
     "--set", "components.master.parameters.k_p=100",
     "--set", "components.master.parameters.k_d=10",
     "--set", 'run.stop="2 s"',
-    "--set", 'require.near={always="abs(master.q[0]) < 20 rad"}',
+    "--set", 'require={near={always="abs(master.q[0]) < 20 rad"}}',
 ]  # fmt: skip
 
 

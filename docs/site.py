@@ -34,7 +34,15 @@ COSIM = str(Path(sys.executable).with_name("cosim"))
 
 #: The pages by what a reader wants; every page of docs/ stands in one of them.
 GROUPS: Mapping[str, tuple[str, ...]] = {
-    "Begin": ("tutorial", "gallery", "running", "own-component", "your-own-arm", "testing"),
+    "Begin": (
+        "tutorial",
+        "gallery",
+        "running",
+        "own-component",
+        "your-own-arm",
+        "requirements",
+        "testing",
+    ),
     "Simulate": (
         "arm",
         "controllers",

@@ -12,6 +12,8 @@ proves it, or None; and the exact decision that such a file holds::
     certificate   the file, and its verification
     inequalities  linear matrix inequalities, by a packaged solver
     peak_gain, small_gain, lyapunov, search    candidates: nothing here is trusted
+    witness       delays with which a motion grows
+    region        what is certified, broken or unknown, over the bounds; figure: as a page
     scenario      the cut loop of a scenario
     steps         from a scenario to a certificate, in words
 """

@@ -11,7 +11,7 @@ from cosim.certify.model import ClosedParts
 from cosim.certify.switched import Ages, follow, modes, n_modes, switched
 
 #: Combinations of ages and states up to which a common function is looked for (seconds).
-MODES, STATES = 100, 24
+MODES, STATES = 64, 24
 #: Unknowns up to which one function for each combination is looked for.
 _UNKNOWNS = 240
 

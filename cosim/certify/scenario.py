@@ -28,8 +28,10 @@ _ROUGH = 0.1
 _ROUNDING, _NEUTRAL = 1e-6, 1e-6
 
 
-def cut_loop(scenario: Scenario, delays: tuple[float, float] | None = None) -> CutLoop:
-    """The loop of `scenario` at the end of its run, cut at its links.
+def cut_loop(
+    scenario: Scenario, delays: tuple[float, float] | None = None
+) -> tuple[CutLoop, OpenLoop]:
+    """The loop of `scenario` at the end of its run, cut at its links, and what it comes from.
 
     `delays`: ages of all links from the first to the second (s), varying in any way, instead of
     those that their laws allow. Raises ScenarioError for what has no certificate.
@@ -60,7 +62,7 @@ def cut_loop(scenario: Scenario, delays: tuple[float, float] | None = None) -> C
         held += cut.held[0].tolist()
         sent += cut.sent[0].tolist()
         links.append(_bounds(plan, link, len(cut.held[0]), delays))
-    return _loop(found, links, held, sent)
+    return _loop(found, links, held, sent), found
 
 
 def _loop(

@@ -34,11 +34,11 @@ _BITS = 32
 _SMALL = 1e-11
 
 
-def certify(loop: CutLoop) -> Certificate | None:
+def certify(loop: CutLoop, *, peaks: bool = True) -> Certificate | None:
     """A certificate for the bounds of the links of `loop`, or None if none was found.
 
-    By peak gains it is for all ages, whatever the bounds. Raises ScenarioError without the solver
-    (the extra `certify`), ValueError for a loop that cannot be certified.
+    By peak gains, if `peaks`, it is for all ages, whatever the bounds. Raises ScenarioError without
+    the solver (the extra `certify`), ValueError for a loop that cannot be certified.
     """
     require("clarabel")
     neutral, pivots = echelon(np.array(loop.neutral.floats()).reshape(len(loop.A), -1))
@@ -46,7 +46,7 @@ def certify(loop: CutLoop) -> Certificate | None:
     every = tuple(LinkBounds(x.name, x.size, 0, None) for x in loop.links)
     given = loop.digest, loop.period
     proof: Proof
-    for proof in _by_peaks(loop, pivots):
+    for proof in _by_peaks(loop, pivots) if peaks else ():
         return Certificate(*given, every, loop.neutral, pivots, proof)
     if any(x.greatest is None for x in loop.links):
         return None

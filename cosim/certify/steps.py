@@ -23,7 +23,7 @@ FILE = "certificate.json"
 
 def verified(scenario: Scenario, certificate: Path) -> list[str]:
     """Verify the certificate of a scenario. Raises ScenarioError for one that does not hold."""
-    found, loop = read(certificate), cut_loop(scenario)
+    found, (loop, _) = read(certificate), cut_loop(scenario)
     return list(_claim(found, verify(found, loop), loop))
 
 
@@ -34,7 +34,7 @@ def certified(scenario: Scenario, delays: str, folder: Path) -> tuple[bool, list
     Raises ScenarioError for a scenario that cannot be certified.
     """
     require("clarabel")
-    loop = cut_loop(scenario, _delays(delays))
+    loop, _ = cut_loop(scenario, _delays(delays))
     try:
         proof = certify(loop)
     except ValueError as error:

@@ -70,6 +70,26 @@ class CertifyOptions:
             show_default="those that the links allow",
         ),
     ] = ""
+    map_: Annotated[
+        float | None,
+        typer.Option(
+            "--map",
+            callback=finite,
+            min=0.0,
+            metavar="HIGH",
+            help="With --certify: map what is certified, unknown or broken over the least and the "
+            "greatest delay, up to this, s.",
+            show_default="no map",
+        ),
+    ] = None
+    falsified: Annotated[
+        Path | None,
+        typer.Option(
+            "--falsified",
+            metavar="FOLDER",
+            help="With --map: mark the failure that cosim falsify wrote into this folder.",
+        ),
+    ] = None
     out: Annotated[
         Path | None,
         typer.Option(
@@ -86,8 +106,10 @@ class CertifyOptions:
 
         if self.certify and self.verify is not None:
             raise ScenarioError("found --certify and --verify; expected one of them")
-        if not self.certify and (self.delays or self.out is not None):
-            raise ScenarioError("found --delays or --out without --certify; expected both")
+        if not self.certify and (self.delays or (self.out, self.map_) != (None, None)):
+            raise ScenarioError("found --delays, --map or --out; expected --certify with it")
+        if self.falsified is not None and self.map_ is None:
+            raise ScenarioError("found --falsified without --map; expected both")
         return self.certify or self.verify is not None
 
 
@@ -149,20 +171,26 @@ def check(
 def _prove(path: Path, settings: Sequence[str], options: CertifyOptions) -> None:
     """Write a certificate, or verify one. Exit status 1 if none was found."""
     from cosim.certify.steps import certified, verified
-    from cosim.cli.summary import announced
+    from cosim.cli.summary import announced, live_line
     from cosim.loading.files import load
 
     scenario = load(path, list(settings))
+    folder = options.out or Path("runs") / f"{path.stem}-certified"
     typer.echo(scenario.title)
     if options.verify is not None:
         with announced(False, "checking the certificate"):
             lines = verified(scenario, options.verify)
         proven = True
     else:
-        folder = options.out or Path("runs") / f"{path.stem}-certified"
+        from cosim.certify.page import mapped
+
         with announced(False, "searching for a certificate"):
             proven, lines = certified(scenario, options.delays, folder)
     typer.echo("\n".join(lines))
+    if options.map_ is not None:
+        with live_line(False) as say:
+            lines = mapped(scenario, options.map_, options.falsified, folder, say)
+        typer.echo("\n".join(lines))
     if not proven:
         raise typer.Exit(1)
 

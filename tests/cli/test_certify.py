@@ -51,6 +51,16 @@ def test_what_is_not_certified_is_unknown(cosim: Command, tmp_path: Path) -> Non
     assert "0 to 30 s" in done.out and not list(tmp_path.iterdir())
 
 
+def test_a_map_of_what_is_certified_for_all_delays(cosim: Command, tmp_path: Path) -> None:
+    pytest.importorskip("clarabel")
+    done = cosim("check", "--certify", CONFIG, "--map", "1.5", "--out", "proof")
+    assert done.code == 0 and "certified from 0 s up to 1.5 s; not broken" in done.out
+    page = (tmp_path / "proof" / "region.html").read_text(encoding="utf-8")
+    assert "0.3 to 1.2 s" in page and page.count("<rect") == 136
+    refused = cosim("check", "--certify", CONFIG, "--map", "1.5", "--falsified", "none")
+    assert refused.code == 2 and "no failing.toml" in refused.err
+
+
 def test_the_solver_is_needed_to_certify_only(
     cosim: Command, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -63,6 +73,8 @@ def test_the_solver_is_needed_to_certify_only(
     ("--certify", "--verify", "x.json"),
     ("--delays", "0,1"),
     ("--out", "x"),
+    ("--map", "1"),
+    ("--certify", "--falsified", "x"),
     ("--certify", "--json", "x.json"),
     ("--certify", "--delays", "1"),
     ("--certify", "--delays", "2,1"),

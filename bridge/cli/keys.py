@@ -25,7 +25,13 @@ def keys(
 ) -> None:
     """Create a test authority and one certificate per node, for configs/zenoh/secure.json5."""
     from bridge.zenoh.certificates import HOSTS, make_keys
+    from cosim.base.errors import ScenarioError
+    from cosim.loading.file_kinds import use
 
+    for name in nodes:
+        if (kind := use(Path(name))) or name.endswith(".toml"):
+            found = f"{name}, which {kind}" if kind else f"{name}, the name of a file"
+            raise ScenarioError(f"found {found}; expected names of nodes: master slave", "NODES")
     for path in make_keys(folder, nodes, tuple(host) if host else HOSTS, days):
         typer.echo(str(path))
     typer.echo(f"keep {folder / 'ca.key'} away from machines that run nodes")

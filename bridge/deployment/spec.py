@@ -211,6 +211,8 @@ def find(scenario: str | Path, given: str) -> Path:
         return path
     found = folder / f"{given}.toml"
     if not found.is_file():
+        if not Path(scenario).exists():
+            raise ScenarioError("no such file; expected a scenario", str(scenario))
         known = [p.stem for p in folder.glob("*.toml")]
         cure = "" if known else "; --deploy takes the path of a file, and `cosim new` writes one"
         raise ScenarioError(unknown(given, known, "deployment") + cure, str(folder))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from inspect import signature
 from numbers import Integral, Real
 from pathlib import Path
 from typing import Any
@@ -31,6 +32,21 @@ def _is_path(value: Any) -> bool:
     return isinstance(value, str | Path)
 
 
+def _takes(value: Any, count: int) -> bool:
+    """True if `value` is a function of `count` arguments, or one that does not tell its own."""
+    if not callable(value):
+        return False
+    try:
+        known = signature(value)
+    except (TypeError, ValueError):
+        return True
+    try:
+        known.bind(*range(count))
+    except TypeError:
+        return False
+    return True
+
+
 #: What each kind of argument takes, and the words for it.
 _KINDS: Mapping[str, tuple[Callable[[Any], bool], str]] = {
     "path": (_is_path, "a path"),
@@ -57,7 +73,8 @@ _KINDS: Mapping[str, tuple[Callable[[Any], bool], str]] = {
     "texts": (_is_texts, "a list of names"),
     "text": (lambda value: isinstance(value, str), "a name"),
     "flag": (lambda value: isinstance(value, bool), "True or False"),
-    "function": (callable, "a function"),
+    "of two": (lambda f: _takes(f, 2), "a function of two numbers: ticks done, ticks in all"),
+    "of one": (lambda f: _takes(f, 1), "a function of one argument: a row of the table"),
 }
 
 

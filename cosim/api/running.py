@@ -37,7 +37,7 @@ _OF_RUN = {
     "seed": "whole?",
     "stop": "time?",
     "out": "path?",
-    "progress": "function",
+    "progress": "of two",
 }
 _OF_COMPARE = {
     "scenario": "path",
@@ -53,7 +53,7 @@ _OF_SWEEP = {
     "jobs": "count",
     "resume": "flag",
     "limit": "count?",
-    "each": "function",
+    "each": "of one",
 }
 
 

@@ -19,6 +19,7 @@ import numpy as np
 from cosim.base.errors import ScenarioError
 from cosim.base.toml import is_usable_number
 from cosim.base.urdf import OF_INERTIA, unread, wrong_word
+from cosim.loading.file_kinds import use
 from fmus.arms.body import Placement, RigidBody, from_rpy, symmetric
 from fmus.model.numeric import Array
 
@@ -157,7 +158,9 @@ def _parse(path: Path) -> ElementTree.Element:
     try:
         root = ElementTree.fromstring(text)
     except (ElementTree.ParseError, ValueError, LookupError) as error:
-        raise ScenarioError(f"is not XML: {error}", str(path)) from None
+        kind = "" if path.suffix == ".urdf" else use(path)
+        found = kind or f"is not XML: {error}"
+        raise ScenarioError(f"{found}; expected a URDF file", str(path)) from None
     for element in root.iter():
         words = (str(element.tag), *element.keys(), *element.attrib.values())
         if any("xacro}" in word or "${" in word for word in words):

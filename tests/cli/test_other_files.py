@@ -56,6 +56,21 @@ def test_every_command_names_the_right_one(
     assert done.code == 2 and f"{path}: {said}" in done.err
 
 
+def test_keys_are_of_nodes(cosim: Command, tmp_path: Path) -> None:
+    done = cosim("keys", ROOT / "configs" / "teleoperation.toml", "--folder", tmp_path / "keys")
+    assert done.code == 2 and "which is a scenario; " in done.err
+    assert "expected names of nodes: master slave" in done.err
+    none = cosim("keys", "none.toml", "--folder", tmp_path / "keys")
+    assert none.code == 2 and "found none.toml, the name of a file" in none.err
+    assert not (tmp_path / "keys").exists()
+
+
+@pytest.mark.parametrize("command", ["soak", "rehearse"])
+def test_a_missing_scenario_is_named_before_its_deployment(cosim: Command, command: str) -> None:
+    done = cosim(command, "nofile.toml")
+    assert done.code == 2 and "nofile.toml: no such file; expected a scenario" in done.err
+
+
 def test_a_file_in_place_of_a_command(cosim: Command) -> None:
     done = cosim(CONFIG)
     assert done.code == 2 and f"is a scenario; it is for `cosim run {CONFIG}`" in done.err

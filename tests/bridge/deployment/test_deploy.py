@@ -72,14 +72,17 @@ def test_a_deployment_is_found_by_name_or_as_a_file(given):
     assert find(TELEOPERATION, given) == CONFIGS / "deploy" / "can.toml"
 
 
-def test_one_that_is_not_there_is_answered_with_those_that_are():
+def test_one_that_is_not_there_is_answered_with_those_that_are(tmp_path):
     with pytest.raises(
         ScenarioError,
         match=r"no deployment 'cna'; did you mean 'can'.*can-classic, ",
     ):
         find(TELEOPERATION, "cna")
+    (tmp_path / "x.toml").touch()
     with pytest.raises(ScenarioError, match=r"there are: none.*cosim new"):
-        find(TELEOPERATION.parent / "deploy" / "x.toml", "can")
+        find(tmp_path / "x.toml", "can")
+    with pytest.raises(ScenarioError, match=r"y.toml: no such file; expected a scenario"):
+        find(tmp_path / "y.toml", "can")
 
 
 # ---- what is wrong, and where -------------------------------------------------------------------

@@ -27,6 +27,7 @@ PATH = "a path of a scenario"
         ("run", {"seed": "1"}, "found seed = '1', expected a whole number"),
         ("run", {"out": 7}, "found out = 7, expected a path"),
         ("run", {"progress": "yes"}, "found progress = 'yes', expected a function"),
+        ("run", {"progress": lambda done: None}, "expected a function of two numbers: ticks done"),
         ("open", {"folder": None}, "found folder = None, expected a path"),
         ("check", {"scenario": 1.0}, "expected the path of a scenario, or a dict"),
         ("check", {"scenario": SCENARIO, "set": 3}, "found set = 3"),
@@ -36,6 +37,7 @@ PATH = "a path of a scenario"
         ("compare", {"scenario": "x", "jobs": "2"}, "found jobs = '2'"),
         ("sweep", {"study": 1, "out": "x"}, "found study = 1, expected a path"),
         ("sweep", {"study": "x", "out": "x", "resume": 1}, "expected True or False"),
+        ("sweep", {"study": "x", "out": "x", "each": lambda: 0}, "a function of one argument: a r"),
         ("sweep", {"study": "x", "out": "x", "limit": -1}, "of at least 1"),
     ],
 )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import struct
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from difflib import get_close_matches
 from fractions import Fraction
 
@@ -54,6 +54,12 @@ class Signal:
         last = most if high >= most else math.floor(high + 1e-9 * max(1.0, abs(high)))
         first, last = max(first, least), min(last, most)
         return first + (first == self.invalid), last - (last == self.invalid)
+
+    def converted(self, gain: float, offset: float, unit: str) -> Signal:
+        """The same bits as gain · value + offset, in `unit`."""
+        low, high = sorted((gain * self.low + offset, gain * self.high + offset))
+        scale, at = gain * self.scale, gain * self.offset + offset
+        return replace(self, scale=scale, offset=at, low=low, high=high, unit=unit)
 
     def bits(self) -> list[int]:
         """Its bits in the data, least significant first; bit b of byte B is 8 B + b."""

@@ -10,7 +10,7 @@ from dataclasses import replace
 
 from bridge.can.codec import Codec
 from bridge.can.codec_check import verify
-from bridge.can.layout import MessageLayout, Signal
+from bridge.can.layout import MessageLayout
 from bridge.deployment.cut import Outlet
 from bridge.deployment.spec import Deployment, MessageSpec
 from bridge.drives.profile_files import load_profile
@@ -94,13 +94,7 @@ def _si_signals(
     """Signals of the part as values at the joint, in SI."""
     carried = set(part.signals)
     signals = tuple(
-        _converted(s, *profile.conversion(part, s.name, joint)) if s.name in carried else s
+        s.converted(*profile.conversion(part, s.name, joint), s.unit) if s.name in carried else s
         for s in layout.signals
     )
     return replace(layout, signals=signals)
-
-
-def _converted(s: Signal, gain: float, offset: float) -> Signal:
-    """The same bits, as gain · value + offset."""
-    low, high = sorted((gain * s.low + offset, gain * s.high + offset))
-    return replace(s, scale=gain * s.scale, offset=gain * s.offset + offset, low=low, high=high)

@@ -23,7 +23,9 @@ from bridge.deployment.gateways import Forward
 from bridge.deployment.services import Encoding, Service, services_on
 from bridge.deployment.spec import Deployment
 from bridge.native.bus import Accept
-from cosim.base.errors import ScenarioError
+from cosim.base.errors import ScenarioError, UnitError
+from cosim.base.units import conversion
+from cosim.fmi.components import has_unit, unit_of
 from cosim.loading.files import load as load_scenario
 from cosim.scenario.assemble import assemble
 from cosim.scenario.spec import Scenario
@@ -207,9 +209,36 @@ def _carried(
     if spec.bus not in layouts:
         return _timed(outlet, node, _streamed(outlet, node, d, signals), plan, d)
     layout = find(layouts[spec.bus], spec.name or outlet.message)
-    codec = Codec(layout, signals)
-    verify(codec)
-    return _timed(outlet, node, codec, plan, d)
+    verify(Codec(layout, signals))  # before units are converted
+    made = _in_units(layout, signals, outlet, plan, f"{place}.carries")
+    return _timed(outlet, node, Codec(made, signals), plan, d)
+
+
+def _in_units(
+    layout: MessageLayout, names: Sequence[str], outlet: Outlet, plan: Plan, place: str
+) -> MessageLayout:
+    """The layout with the signals `names` in the units of the values that they carry.
+
+    A signal or a value without a unit is taken as it is. Raises ScenarioError for a unit that does
+    not fit or that is unknown.
+    """
+    entries = [(part, i, name) for part in outlet.parts for i, name in enumerate(part.scalars())]
+    found = {s.name: s for s in layout.signals}
+    for name, (part, i, entry) in zip(names, entries, strict=True):
+        signal, unit = layout.signal(name), part.unit_of(i)
+        component = plan.component(part.component).component
+        if signal.unit in ("", unit) or not has_unit(component, part.port):
+            continue
+        try:
+            gain, offset = conversion(signal.unit, unit_of(component, unit))
+        except UnitError as error:
+            raise ScenarioError(
+                f"{layout.place}: signal {name} is in [{signal.unit}], but {entry} is in [{unit}]:"
+                f" {error}; expected a unit that fits, or none, in the DBC file",
+                place,
+            ) from None
+        found[name] = signal.converted(gain, offset, unit)
+    return replace(layout, signals=tuple(found.values()))
 
 
 def _streamed(outlet: Outlet, node: str, d: Deployment, signals: Sequence[str]) -> Encoding:

@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+import re
+from pathlib import Path
+
+import numpy as np
 import pytest
 
+from bridge.can import dbc
 from bridge.deployment.system import load_system
 from bridge.wiring.wiring import row_dtype
 from cosim.base.errors import CosimError, ScenarioError
@@ -60,10 +65,41 @@ def test_another_name_and_other_signals_may_be_said(tmp_path):
     found["messages"]["here"] = found["messages"].pop("STATE_1") | {
         "name": "STATE_5",
         "signals": ["dq1", "dq2", "q1", "q2"],
+        "carries": ["master.dq", "master.q"],
     }
     carried = system_of(found, tmp_path).messages["here"]
     assert carried.encoding.message.id == 0x4A5
     assert [s.name for s in carried.encoding.signals] == ["dq1", "dq2", "q1", "q2"]
+
+
+def with_units(folder, unit):
+    """The messages on buses whose DBC file has joint positions in another unit."""
+    found = document()
+    for name, bus in found["buses"].items():
+        text = Path(bus["dbc"]).read_text(encoding="cp1252")
+        changed = re.sub(r'( SG_ q\d .*)"rad"', rf'\1"{unit}"', text)
+        assert changed != text
+        bus["dbc"] = str(folder / f"{name}.dbc")
+        Path(bus["dbc"]).write_text(changed, encoding="cp1252")
+    return system_of(found, folder).messages
+
+
+@pytest.mark.parametrize(("unit", "factor"), [("deg", 180 / np.pi), ("mrad", 1e3), ("", 1.0)])
+def test_values_are_in_the_units_of_the_dbc_file_on_the_bus(tmp_path, unit, factor):
+    codec = with_units(tmp_path, unit)["STATE_1"].encoding
+    data = codec.encode([0.5, -0.25, 1.0, 2.0])
+    seen = dbc.CantoolsMessage(codec.layout).decode(data, scaling=True)
+    assert [seen[s] for s in ("q1", "q2")] == pytest.approx([0.5 * factor, -0.25 * factor], 1e-4)
+    assert [seen[s] for s in ("dq1", "dq2")] == pytest.approx([1.0, 2.0], 1e-4)
+
+
+@pytest.mark.parametrize(
+    ("unit", "why"), [("m", r"\[m\] cannot feed \[rad\]"), ("degree", "unknown unit 'degree'")]
+)
+def test_a_unit_of_a_dbc_file_that_does_not_fit_is_refused(tmp_path, unit, why):
+    says = rf"STATE_1: signal q1 is in \[{unit}\], but master.q\[0\] is in \[rad\]: {why}.*; expect"
+    with pytest.raises(ScenarioError, match=says):
+        with_units(tmp_path, unit)
 
 
 def test_settings_reach_scenario_and_deployment():

@@ -38,7 +38,7 @@ def as_data(system: System, outcome: RehearsalOutcome) -> dict[str, Any]:
             {"index": f.index, "kind": f.kind, "verdict": f.verdict, "text": f.text()}
             for f in outcome.faults
         ],
-        "twin_rms_rad": outcome.twin_rms,
+        "twin_rms": dict(outcome.twin_rms),
         "replay": {
             "exact": replayed is not None and first is None,
             "greatest": replayed.greatest if replayed is not None else None,

@@ -18,7 +18,6 @@ import json
 import shutil
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
-from math import nan
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -103,10 +102,10 @@ def complete(
     found = run_folder.collect(system, rows, nodes, folder, wall_ns=offset, formats=formats)
     reports = report.node_reports(system, rows, nodes)
     replayed, error = _replay_run(system, rows, heard)
-    rms = float("nan")
+    rms: Mapping[str, float] = {}
     if with_twin:
         other = run_twin(system, folder / TWIN, facts["settings"])
-        rms = positions_rms(system, folder, other, found.ticks)
+        rms = positions_rms(system, folder, other)
     faults: Sequence[Evidence] = ()
     if script is not None:
         strange = replayed.altered if replayed else ()
@@ -141,7 +140,7 @@ def reopen(system: System, folder: Path) -> RehearsalOutcome:
     reports = report.node_reports(system, rows, nodes)
     return RehearsalOutcome(
         folder, len(Run.open(folder)), rows, reports, replayed, error,
-        nan if facts["twin_rms"] is None else facts["twin_rms"],
+        facts["twin_rms"],
         report.bus_reports(
             system, run_folder.bus_logs(system, nodes), _start_of_logs(system, start_ns)
         ),
@@ -217,24 +216,27 @@ def run_twin(
     return folder
 
 
-def positions_rms(system: System, a: Path, b: Path, ticks: int) -> float:
-    """RMS difference of all recorded angles (rad) of two runs, over their common time."""
-    names = [
-        name
-        for step in system.plan.components
-        if step.kind == "continuous"
-        for slot in step.outputs
-        for i, name in enumerate(slot.scalars())
-        if slot.unit_of(i) == "rad"
-    ]
+def positions_rms(system: System, a: Path, b: Path) -> dict[str, float]:
+    """RMS difference of all recorded angles (rad) and lengths (m) of two runs, by unit.
+
+    Over their common time; a unit that no recorded position has is left out.
+    """
     first, second = Run.open(a), Run.open(b)
     n = min(len(first), len(second))
-    squares = [
-        float(np.mean((first.column(name)[:n] - second.column(name)[:n]) ** 2))
-        for name in names
-        if name in first.units and name in second.units
-    ]
-    return float(np.sqrt(np.mean(squares))) if squares else float("nan")
+    squares: dict[str, list[float]] = {"rad": [], "m": []}
+    for step in system.plan.components:
+        for slot in step.outputs if step.kind == "continuous" else ():
+            for i, name in enumerate(slot.scalars()):
+                unit = slot.unit_of(i)
+                if unit in squares and name in first.units and name in second.units:
+                    apart = first.column(name)[:n] - second.column(name)[:n]
+                    squares[unit].append(float(np.mean(apart**2)))
+    return {unit: float(np.sqrt(np.mean(found))) for unit, found in squares.items() if found}
+
+
+def twin_text(rms: Mapping[str, float]) -> str:
+    """The differences of positions from the twin, by unit: ``0.0012 rad RMS, 0.003 m RMS``."""
+    return ", ".join(f"{value:.2g} {unit} RMS" for unit, value in rms.items())
 
 
 def deployment_facts(system: System, facts: Mapping[str, Any]) -> dict[str, Any]:
@@ -332,8 +334,8 @@ def lines(system: System, outcome: RehearsalOutcome) -> list[str]:
     said += report.forward_lines(outcome.reports)
     said += report.fault_lines(outcome.reports)
     said += [summary_line(f"fault {f.index}", f.text()) for f in outcome.faults]
-    if outcome.twin_rms == outcome.twin_rms:
-        text = f"joint positions differ by {outcome.twin_rms:.2g} rad RMS"
+    if outcome.twin_rms:
+        text = f"positions differ by {twin_text(outcome.twin_rms)}"
         said.append(summary_line("twin", text))
     said.append(summary_line("replay", replay_text(outcome)))
     found = outcome.replayed.altered if outcome.replayed else ()

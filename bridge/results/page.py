@@ -9,7 +9,7 @@ import numpy as np
 
 from bridge.deployment.system import System
 from bridge.results import overload
-from bridge.results.outcome import lines, metric_lines
+from bridge.results.outcome import lines, metric_lines, twin_text
 from bridge.results.rehearsal_outcome import RehearsalOutcome
 from bridge.results.report import NodeReport, signal_ages
 from bridge.results.timeline import FIRST, frame_lanes, happenings, lanes
@@ -79,8 +79,8 @@ def _causes(system: System, outcome: RehearsalOutcome, found: Verdict) -> str:
 
 def _facts(system: System, outcome: RehearsalOutcome) -> Iterator[tuple[str, str]]:
     """The numbers of a rehearsal: how far it is from its twin, what was late, its replay."""
-    if outcome.twin_rms == outcome.twin_rms:
-        yield "apart from the twin", f"{outcome.twin_rms:.2g} rad RMS"
+    if outcome.twin_rms:
+        yield "apart from the twin", twin_text(outcome.twin_rms)
     slots = sum(r.slots for r in outcome.reports)
     yield "slots missed", f"{sum(r.lateness.missed for r in outcome.reports)} of {slots}"
     for lag in overload.bus_lags(system, outcome, overload.limit(system) / 2)[:2]:

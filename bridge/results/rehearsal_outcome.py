@@ -17,7 +17,7 @@ from cosim.measure.robustness import Robustness
 
 @dataclass(frozen=True, slots=True)
 class RehearsalOutcome:
-    """The outcome of a rehearsal; `twin_rms`: rad, of joint positions; NaN: not compared.
+    """The outcome of a rehearsal; `twin_rms`: of positions, by unit (rad, m); {}: not compared.
 
     `unanswered`: a sentence for each real drive that was off or did not answer its torques;
     `required`: the results of the scenario's requirements.
@@ -29,7 +29,7 @@ class RehearsalOutcome:
     reports: Sequence[NodeReport]
     replayed: replay.ReplayReport | None
     replay_error: str
-    twin_rms: float
+    twin_rms: Mapping[str, float]
     buses: Mapping[str, BusReport]
     notes: Sequence[Note]
     faults: Sequence[Evidence] = ()

@@ -56,7 +56,7 @@ def test_its_commands_give_what_it_shows(tmp_path: Path) -> None:
     assert printed.count("0 errors, 0 warnings") == 3
     assert printed.count("below 0.02 from 6.4") == 4  # alone, load known, 4G, twin
     assert "together         0.6" in printed  # with a load that is not known
-    assert "twin                   joint positions differ by 0 rad RMS" in printed
+    assert "twin                   positions differ by 0 rad RMS" in printed
     assert "no slot missed, replays exactly" in printed
     written = prepared(tmp_path / "again") / "deploy/hardware.toml"
     assert (tmp_path / "my_arm/deploy/hardware.toml").read_text() == written.read_text()

@@ -31,7 +31,7 @@ def test_processes_in_simulated_time_are_the_twin(cosim, name, tmp_path):
     done = rehearse(cosim, tmp_path / "run", "--deploy", name, "--clock", "simulated")
     assert done.code == 0, done
     assert "0.5 s in simulated time" in done.out
-    assert "joint positions differ by 0 rad RMS" in done.out
+    assert "positions differ by 0 rad RMS" in done.out
     assert "no slot missed, replays exactly" in done.out
     difference = cosim("diff", tmp_path / "run", tmp_path / "run/twin")
     assert "identical to the bit in 42 signals, 500 rows" in difference.out
@@ -56,7 +56,7 @@ def test_two_openarms_on_simulated_buses_are_their_twin(cosim, period, tmp_path)
     words = ("rehearse", OPENARM, "-i", "cosim", "--clock", "simulated", "--set", "run.stop=1")
     done = cosim(*words, "--no-plot", "--out", tmp_path / "run", *changes)
     assert done.code == 0, done
-    assert "joint positions differ by 0 rad RMS" in done.out
+    assert "positions differ by 0 rad RMS" in done.out
     assert "no slot missed, replays exactly" in done.out
     expected = 100 * 14 * 50.3e-6 / (2e-3 if period == "2 ms" else 4e-3)
     for bus in ("left", "right"):
@@ -69,7 +69,7 @@ def test_two_arms_that_take_positions_are_their_twin(cosim, tmp_path):
     words = ("rehearse", SIX_AXIS_POSITION, "-i", "cosim", "--clock", "simulated")
     done = cosim(*words, "--set", "run.stop=1", "--no-plot", "--out", tmp_path / "run")
     assert done.code == 0, done
-    assert "joint positions differ by 0 rad RMS" in done.out
+    assert "positions differ by 0 rad RMS" in done.out
     assert "master_command.q_c -> master_servo.q_c" in done.out
     assert "no slot missed, replays exactly" in done.out
 

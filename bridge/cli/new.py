@@ -63,18 +63,16 @@ def new(
     typer.echo(f"test it:      {where}pytest test_{name}.py")
 
 
-def _held(given: Sequence[str]) -> dict[str, float]:
-    """The values at which joints are held, rad or m. Raises ScenarioError."""
-    from cosim.base.convert import number
+def _held(given: Sequence[str]) -> dict[str, float | str]:
+    """The values at which joints are held: numbers, or texts with a unit. Raises ScenarioError."""
     from cosim.base.errors import ScenarioError
 
-    found = {}
+    found: dict[str, float | str] = {}
     for text in given:
         joint, equals, value = text.partition("=")
         if not (joint and equals):
             raise ScenarioError(f"found {text!r}, expected JOINT=VALUE", "--fixed")
-        unit = "m" if value.rstrip().endswith("m") else "rad"
-        found[joint] = number(_plain(value), unit, f"--fixed {joint}")
+        found[joint] = _plain(value)
     return found
 
 

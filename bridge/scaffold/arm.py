@@ -166,13 +166,14 @@ def write_arm(
     folder: Path,
     base: str = "",
     tip: str = "",
-    fixed: Mapping[str, float] | None = None,
+    fixed: Mapping[str, float | str] | None = None,
 ) -> tuple[list[Path], str]:
     """Write a scenario, a deployment with a DBC file and a test of an arm from `base` to `tip`.
 
     "": the root of the file, and its only end. `fixed`: joints that are held, with their values
-    (rad or m). Returns the paths, and why there is no deployment, or "". Raises ScenarioError for a
-    file that is no arm, ends that are not unique, and if one of the files exists.
+    (rad or m, or texts with a unit). Returns the paths, and why there is no deployment, or "".
+    Raises ScenarioError for a file that is no arm, ends that are not unique, and if one of the
+    files exists.
     """
     check_name(name, "a test", "my_arm")
     found = read(urdf)
@@ -211,7 +212,7 @@ def _slides(robot: Robot) -> list[bool]:
 
 
 def _words(
-    robot: Robot, name: str, folder: Path, base: str, tip: str, fixed: Mapping[str, float]
+    robot: Robot, name: str, folder: Path, base: str, tip: str, fixed: Mapping[str, float | str]
 ) -> dict[str, object]:
     """The words of the templates, as TOML."""
     slides = np.array(_slides(robot))
@@ -242,7 +243,7 @@ def _words(
     }
 
 
-def _held(fixed: Mapping[str, float]) -> str:
+def _held(fixed: Mapping[str, float | str]) -> str:
     """The option with the joints that are held, or ""."""
     return f", fixed = {as_toml(dict(fixed))}" if fixed else ""
 

@@ -200,19 +200,30 @@ def in_units(struct: msgspec.Struct, **units: str) -> None:
 
 
 def numbers(
-    value: Value, shape: tuple[int, ...], unit: str | Unit, place: str
+    value: Value, shape: tuple[int, ...], unit: str | Unit | tuple[str, ...], place: str
 ) -> tuple[float, ...]:
     """Flattened values, in `unit`, for a signal of `shape`; a single value applies to all entries.
 
+    A tuple has a unit for each entry.
     Raises ScenarioError if the nesting does not match the shape, or an entry is not a number.
     """
     if not isinstance(value, list | tuple):
         if isinstance(value, bool | int | float | str):
+            if isinstance(unit, tuple):
+                return tuple(number(value, each, place) for each in unit)
             return (number(value, unit, place),) * prod(shape)
         raise ScenarioError(f"expected a number, found {value!r}", place)
     if not shape or len(value) != shape[0]:
         expected = f"{list(shape)}" if shape else "a single number"
         raise ScenarioError(f"expected shape {expected}, found {len(value)} entries", place)
+    n = prod(shape[1:])
     return tuple(
-        x for i, item in enumerate(value) for x in numbers(item, shape[1:], unit, f"{place}[{i}]")
+        x
+        for i, item in enumerate(value)
+        for x in numbers(
+            item,
+            shape[1:],
+            unit[i * n : (i + 1) * n] if isinstance(unit, tuple) else unit,
+            f"{place}[{i}]",
+        )
     )

@@ -190,15 +190,15 @@ def _values(
         given |= {k: (v, "preset") for k, v in presets[spec.preset].items()}
     given |= {k: (v, "parameters") for k, v in spec.parameters.items()}
     given |= {k: (v, "start") for k, v in spec.start.items()}
-    given = sort.joined(given, place)
+    given = sort.joined(given, place, prepared.units)
     fmu = fmu_of(component)
     taken = () if fmu is None else fmu.taken
     values: dict[str, tuple[float, ...]] = {}
     starts: dict[str, tuple[float, ...]] = {}
-    for key, (value, table) in given.items():
+    for key, value in given.items():
         if key not in taken:
             into = values if key in sort.parameters else starts
-            into[key] = sort.numbers(key, value, place, table)
+            into[key] = sort.numbers(key, value, place, prepared.units)
     return values, starts
 
 

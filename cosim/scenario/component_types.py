@@ -35,7 +35,7 @@ class Sort:
         self._layout = tuple([(p, next(places)) for p in side] for side in (inputs, outputs))
         self._size = next(places)
         self._fmu = fmu_of(component)
-        self._known: dict[str, tuple[Any, tuple[float, ...]]] = {}
+        self._known: dict[str, tuple[Any, tuple[float, ...], tuple[str, ...]]] = {}
         self.inputs = {p.name: p for p in inputs}
         self.parameters = {p.name: p for p in parameters}
         self.discrete = discrete_inputs(component)
@@ -56,14 +56,18 @@ class Sort:
         )  # fmt: skip
         return inputs, outputs, start + self._size
 
-    def numbers(self, key: str, value: Any, place: str, table: str) -> tuple[float, ...]:
+    def numbers(
+        self, key: str, given: Given, place: str, units: Mapping[str, tuple[str, ...]]
+    ) -> tuple[float, ...]:
         """A value of the file for a parameter or an input, flattened, in its unit.
 
-        `table`: in which it is given, of the component at `place`. What is the same object for
+        `given`: the value, and the table of the component at `place` that has it; `units`: as in
+        :meth:`slots`. What is the same object for
         several components is converted once. Raises ScenarioError.
         """
-        known = self._known.get(key)
-        if known is not None and known[0] is value:
+        value, table = given
+        known, of_entries = self._known.get(key), units.get(key, ())
+        if known is not None and known[0] is value and known[2] == of_entries:
             return known[1]
         where = f"{place}.{table}.{key}" if table in ("parameters", "start") else f"{place}.{table}"
         parameter = self.parameters.get(key)
@@ -71,15 +75,18 @@ class Sort:
         if port is None:
             names = [*self.parameters, *self.inputs]
             raise ScenarioError(unknown(key, names, "parameter or start"), where)
-        found = self._numbers(port, value, where)
+        found = self._numbers(port, value, where, of_entries)
         if parameter is not None:
             _check_type(parameter, found, where)
-        self._known[key] = value, found
+        self._known[key] = value, found, of_entries
         return found
 
-    def joined(self, given: Mapping[str, Given], place: str) -> dict[str, Given]:
+    def joined(
+        self, given: Mapping[str, Given], place: str, units: Mapping[str, tuple[str, ...]]
+    ) -> dict[str, Given]:
         """Given values with those of entries, such as ``q[1]``, put into their arrays.
 
+        `units`: as in :meth:`slots`.
         Raises ScenarioError for an entry that an array has not.
         """
         found = {k: v for k, v in given.items() if self._array(k) is None}
@@ -88,12 +95,15 @@ class Sort:
             if array is None:
                 continue
             where = f"{place}.{table}.{key}"
+            of_entries = units.get(array.name, ())
             whole, _ = found.get(array.name, (None, table))
             if whole is None:
                 entries = list(array.default or (0.0,) * array.size)
             else:
-                entries = list(self._numbers(array, whole, where))
-            entries[_place(array, key, where)] = self._entry(array, value, where)
+                entries = list(self._numbers(array, whole, where, of_entries))
+            at = _place(array, key, where)
+            entry, unit = replace(array, shape=()), of_entries[at : at + 1]
+            (entries[at],) = self._numbers(entry, value, where, unit)
             found[array.name] = nested(entries, array.shape), table
         return found
 
@@ -105,18 +115,17 @@ class Sort:
         found = self.parameters.get(name) or self.inputs.get(name)
         return found if found is not None and found.shape else None
 
-    def _entry(self, array: Parameter | Port, value: Any, place: str) -> float:
-        return self._numbers(replace(array, shape=()), value, place)[0]
-
-    def _numbers(self, p: Parameter | Port, value: Any, place: str) -> tuple[float, ...]:
-        """In an FMU with its own units and names of items."""
+    def _numbers(
+        self, p: Parameter | Port, value: Any, place: str, units: tuple[str, ...]
+    ) -> tuple[float, ...]:
+        """In an FMU with its own units and names of items; `units`: of the entries, or ()."""
         if self._fmu is None:
-            return numbers(value, p.shape, p.unit, place)
+            return numbers(value, p.shape, units or p.unit, place)
         try:
             value = self._fmu.number(p.name, value)
         except FmuError as error:
             raise ScenarioError(str(error), place) from None
-        return numbers(value, p.shape, self._fmu.unit(p.unit), place)
+        return numbers(value, p.shape, units or self._fmu.unit(p.unit), place)
 
 
 def nested(values: Sequence[Any], shape: tuple[int, ...]) -> Any:

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from cosim.base.convert import numbers
 from cosim.base.errors import ScenarioError, UnitError
 from cosim.base.names import unknown as unknown
-from cosim.base.units import Unit, conversion
+from cosim.base.units import Unit, conversion, unit_text
 from cosim.fmi.components import has_unit, is_text, text_type, unit_of
 from cosim.scenario.component_types import Sort
 from cosim.scenario.spec import InputSpec, Scenario
@@ -93,7 +93,7 @@ class ScenarioComponents:
 
     def values(self, slot: Slot, value: Any, place: str) -> tuple[float, ...]:
         """A value of the file for a slot, flattened, in the slot's unit. Raises ScenarioError."""
-        return numbers(value, slot.shape, self.unit(slot), place)
+        return numbers(value, slot.shape, slot.units or self.unit(slot), place)
 
     def held(self, slot: Slot) -> float:
         """The value that a scalar input holds until something changes it."""
@@ -187,7 +187,7 @@ def fit(parts: ScenarioComponents, source: Slot, target: Slot, place: str) -> tu
     it is (``cosim check`` names such connections).
     """
     sorts = parts.sorts[source.component], parts.sorts[target.component]
-    key = (*sorts, source.port, source.shape, target.port, target.shape)
+    key = (*sorts, *((s.port, s.shape, s.units, "[" in s.name) for s in (source, target)))
     if key not in parts.fits:
         parts.fits[key] = _fit(parts, source, target, place)
     return parts.fits[key]
@@ -206,8 +206,10 @@ def _fit(parts: ScenarioComponents, source: Slot, target: Slot, place: str) -> t
             f"{list(target.shape)}",
             place,
         )
-    if source.unit == target.unit:
+    if source.unit == target.unit and _of_any_joints(source, target):
         return 1.0, 0.0
+    if source.units or target.units:
+        return _fit_entries(parts, source, target, place)
     try:
         return conversion(parts.unit(source), parts.unit(target))
     except UnitError:
@@ -218,6 +220,40 @@ def _fit(parts: ScenarioComponents, source: Slot, target: Slot, place: str) -> t
             f"[{target.unit}]",
             place,
         ) from None
+
+
+def _of_any_joints(source: Slot, target: Slot) -> bool:
+    """True unless the units of entries have to be compared, of two slots in one unit.
+
+    A law for a vector of joints does not know which of them slide; a component with one number
+    does.
+    """
+    known = [bool(s.units) or not (s.shape or "[" in s.name) for s in (source, target)]
+    return not all(known) or not (source.units or target.units)
+
+
+def _fit_entries(
+    parts: ScenarioComponents, source: Slot, target: Slot, place: str
+) -> tuple[float, float]:
+    """(gain, offset) of slots whose entries have units of their own. Raises ScenarioError."""
+    found = {}
+    for i, names in enumerate(zip(source.scalars(), target.scalars(), strict=True)):
+        units = [s.units[i] if s.units else parts.unit(s) for s in (source, target)]
+        try:
+            found[conversion(*units)] = names
+        except UnitError:
+            raise ScenarioError(
+                f"units do not fit: {names[0]} is in [{unit_text(units[0])}], {names[1]} expects "
+                f"[{unit_text(units[1])}]",
+                place,
+            ) from None
+    if len(found) > 1:
+        (a, _), (b, _) = list(found.values())[:2]
+        raise ScenarioError(
+            f"{a} and {b} need different factors of their units; expected a connection of each",
+            place,
+        )
+    return next(iter(found), (1.0, 0.0))
 
 
 # ---- edge weights ---------------------------------------------------------------------------

@@ -145,13 +145,15 @@ def _from_file(
 def _conversion(
     parts: ScenarioComponents, unit: str | None, target: Slot, what: str, place: str
 ) -> tuple[float, float]:
-    if unit is None or unit == target.unit:
+    same = len(set(target.units)) == 1  # of entries with units of their own
+    expected = target.units[0] if same else target.unit
+    if unit is None or unit == expected:
         return 1.0, 0.0
     try:
-        return conversion(unit, parts.unit(target))
+        return conversion(unit, expected if same else parts.unit(target))
     except UnitError:
         raise ScenarioError(
-            f"units do not fit: {what} is in [{unit}], {target.name} expects [{target.unit}]", place
+            f"units do not fit: {what} is in [{unit}], {target.name} expects [{expected}]", place
         ) from None
 
 

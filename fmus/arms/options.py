@@ -117,7 +117,7 @@ def robot_of(options: Mapping[str, Any], folder: Path) -> Robot:
         if key not in _KEYS:
             raise ScenarioError(f"unknown key {key!r}; expected one of {', '.join(_KEYS)}")
     urdf, base, tip = (_text(options, key) for key in _KEYS[:3])
-    return serial(folder / urdf, base, tip, _fixed(options), _payload(options))
+    return serial(folder / urdf, base, tip, _table(options, "fixed"), _payload(options))
 
 
 def _text(options: Mapping[str, Any], key: str) -> str:
@@ -133,18 +133,6 @@ def _table(options: Mapping[str, Any], key: str) -> Mapping[str, Any]:
     if not isinstance(value, dict):
         raise ScenarioError(f"found {key} = {value!r}, expected a table")
     return value
-
-
-def _fixed(options: Mapping[str, Any]) -> dict[str, float]:
-    """The joints that are held; a text has a unit of an angle or of a length."""
-    return {
-        name: number(value, _unit_of(value), f"fixed.{name}")
-        for name, value in _table(options, "fixed").items()
-    }
-
-
-def _unit_of(value: Any) -> str:
-    return "m" if isinstance(value, str) and value.rstrip().endswith("m") else "rad"
 
 
 def _payload(options: Mapping[str, Any]) -> RigidBody | None:

@@ -14,6 +14,7 @@ from typing import final
 
 import numpy as np
 
+from cosim.base.convert import numbers
 from cosim.base.errors import ScenarioError
 from fmus.arms.body import Placement, RigidBody
 from fmus.arms.chain import MOST, Table, skew
@@ -59,16 +60,17 @@ def serial(
     path: str | Path,
     base: str,
     tip: str,
-    fixed: Mapping[str, float] | None = None,
+    fixed: Mapping[str, float | str] | None = None,
     payload: RigidBody | None = None,
 ) -> Robot:
     """The arm of a URDF file from link `base` to link `tip`.
 
-    `fixed`: joints that are held, with their values (rad or m). `payload`: a body in the frame of
+    `fixed`: joints that are held, with their values: numbers in rad (m where a joint slides), or
+    texts with a unit. `payload`: a body in the frame of
     the tip. Gravity points along -z of the root of the file. Raises ScenarioError.
     """
-    chain = _Chain(read(path), dict(fixed or {}))
-    chain.check_held()
+    urdf = read(path)
+    chain = _Chain(urdf, _held(urdf, fixed or {}))
     parts = list(_parts(chain, base, tip))
     if not 1 <= len(parts) <= MOST:
         raise ScenarioError(
@@ -87,6 +89,31 @@ def serial(
         unread=chain.urdf.unread,
         **{name: np.array([getattr(joint, name) for joint in moving]) for name in _OF_JOINTS},
     )
+
+
+def _held(urdf: Urdf, fixed: Mapping[str, float | str]) -> dict[str, float]:
+    """The values of the joints that are held, rad or m.
+
+    Raises ScenarioError for a joint that cannot be held, or not at its value.
+    """
+    moving = {joint.name: joint for joint in urdf.joints if joint.moves}
+    found = {}
+    for name, given in fixed.items():
+        if name not in moving:
+            known = ", ".join(moving) or "none"
+            raise ScenarioError(
+                f"no moving joint {name!r} to hold, as in `fixed`; there are: {known}",
+                str(urdf.path),
+            )
+        joint, place = moving[name], urdf.place("joint", name)
+        how, unit = ("slides", "m") if joint.type == "prismatic" else ("turns", "rad")
+        (value,) = numbers(given, (), unit, f"{place}, which {how}, in `fixed`")
+        if not joint.lower <= value <= joint.upper:
+            raise ScenarioError(
+                f"held at {value:g} in `fixed`, expected {joint.lower:g} to {joint.upper:g}", place
+            )
+        found[name] = value
+    return found
 
 
 @final
@@ -116,22 +143,6 @@ class _Chain:
     def at(self) -> str:
         """The place of the file in messages."""
         return str(self.urdf.path)
-
-    def check_held(self) -> None:
-        """Raise ScenarioError for a joint that cannot be held, or not at its value."""
-        moving = {joint.name: joint for joint in self.urdf.joints if joint.moves}
-        for name, value in self.held.items():
-            if name not in moving:
-                known = ", ".join(moving) or "none"
-                raise ScenarioError(
-                    f"no moving joint {name!r} to hold, as in `fixed`; there are: {known}", self.at
-                )
-            if not moving[name].lower <= value <= moving[name].upper:
-                raise ScenarioError(
-                    f"held at {value:g} in `fixed`, expected {moving[name].lower:g} to"
-                    f" {moving[name].upper:g}",
-                    self.urdf.place("joint", name),
-                )
 
     def is_free(self, joint: UrdfJoint) -> bool:
         """True if it moves."""

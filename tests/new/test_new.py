@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import subprocess
 import sys
@@ -13,7 +14,7 @@ from typer import Typer
 from typer.testing import CliRunner
 
 from bridge.can.codec import Codec
-from bridge.cli.new import new
+from bridge.cli.new import _held, new
 from bridge.deployment.system import load_system
 from bridge.results.outcome import run_twin
 from bridge.scaffold import write_arm, write_controller
@@ -27,6 +28,7 @@ from cosim.measure import declared_metrics
 from cosim.measure.metrics import evaluate
 from cosim.record import Run
 from cosim.scenario.assemble import assemble
+from cosim.schedule.parts import Wire
 from tests.cli.command import CALL
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -154,6 +156,7 @@ JOINT = """<joint name="{name}" type="{kind}"><parent link="{parent}"/><child li
 
 def gantry(folder: Path, *kinds: str, finger: str = "") -> Path:
     """A URDF file of a chain of joints of these kinds; `finger`: one more on the last link."""
+    folder.mkdir(exist_ok=True)
     links = [LINK.format(name=f"l{i}", mass=9 - i) for i in range(len(kinds))]
     joints = [
         JOINT.format(
@@ -215,6 +218,64 @@ def test_what_slides_is_measured_in_m_and_apart_from_angles(
     assert found["together_sliding"].parts["max"] == pytest.approx(apart[:, slides].max())
 
 
+@pytest.fixture(scope="module")
+def slider(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The scenario of two arms whose first joint turns and whose second slides."""
+    folder = tmp_path_factory.mktemp("slider")
+    return write_arm("arm", gantry(folder, "revolute", "prismatic"), folder)[0][0]
+
+
+def test_start_values_of_a_joint_have_its_unit(slider: Path) -> None:
+    def start(text: str) -> dict[str, tuple[float, ...]]:
+        plan = assemble(load(slider, [f"components.master.{text}"]))
+        return dict(next(c for c in plan.components if c.name == "master").values)
+
+    assert start('start.q=["9 deg", "100 mm"]')["q"] == pytest.approx((math.pi / 20, 0.1))
+    assert start('start={"q[1]" = "50 mm"}')["q"] == (0.0, 0.05)
+    assert start('parameters.k_d=["2 N.m.s/rad", "3 N.s/m"]')["k_d"] == (2.0, 3.0)
+    for wrong in ("['1 mm', 0]", "[0, '5 deg']", "'5 deg'"):
+        with pytest.raises(ScenarioError, match=r"start\.q.*cannot feed \[(m|rad)\]"):
+            start(f"start.q={wrong}")
+    with pytest.raises(ScenarioError, match=r"start\.q\[1\]: \[deg\] cannot feed \[m\]"):
+        start('start={"q[1]" = "5 deg"}')
+
+
+def test_connections_of_joints_have_their_units(slider: Path) -> None:
+    folder = slider.parent
+    document = load(slider, [])
+    other = gantry(folder / "other", "prismatic", "revolute")
+    assert assemble(document)
+    with pytest.raises(
+        ScenarioError, match=r"tau\[0\] is in \[N.m\], slave.tau\[0\] expects \[N\]"
+    ):
+        assemble(load(slider, [f"components.slave.options.urdf={other}"]))
+
+
+def test_a_number_of_one_component_fits_the_joint_that_it_feeds(
+    slider: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.syspath_prepend(str(slider.parent))
+    (slider.parent / "hands.py").write_text(
+        "import cosim\n"
+        + "".join(
+            f'@cosim.component(outputs={{"f": "{unit}"}}, inputs={{}})\n'
+            f"def {name}():\n    return {{'f': 2.0}}\n"
+            for name, unit in (("force", "kN"), ("torque", "N.m"))
+        )
+    )
+
+    def fed(name: str, entry: int) -> Wire:
+        hand = f'components.hand={{model="hands:{name}", period="4 ms"}}'
+        wire = f'components.master.inputs={{tau="master_control.tau", "tau_ext[{entry}]"="hand.f"}}'
+        plan = assemble(load(slider, [hand, wire]))
+        return next(w for w in plan.wires if w.source.component == "hand")
+
+    assert fed("force", 1).gain == 1000.0 and fed("torque", 0).gain == 1.0
+    for name, entry in (("force", 0), ("torque", 1)):
+        with pytest.raises(ScenarioError, match=rf"units do not fit: hand.f .*\[{entry}\] expects"):
+            fed(name, entry)
+
+
 def test_a_metric_of_angles_and_lengths_is_refused(tmp_path: Path) -> None:
     paths, _ = write_arm("arm", gantry(tmp_path, "revolute", "prismatic"), tmp_path)
     both = ["metrics.both={kind='error', of=['slave.q'], target='master.q'}"]
@@ -265,11 +326,24 @@ def test_a_controller_hides_no_module(tmp_path: Path, name: str, says: str) -> N
 
 @pytest.mark.parametrize(
     ("given", "says"),
-    [("grip", "expected JOINT=VALUE"), ("grip=1Nm", "'1Nm'"), ("grip=1 Nm", "'N.m'")],
+    [
+        ("grip", "expected JOINT=VALUE"),
+        ("grip=1Nm", "'1Nm'"),
+        ("grip=1 Nm", "'N.m'"),
+        ("grip=1 rad", r"'grip', which slides, .*\[rad\] cannot feed \[m\]"),
+        ("j0=1 mm", r"'j0', which turns, .*\[mm\] cannot feed \[rad\]"),
+    ],
 )
-def test_values_of_held_joints_have_a_unit_or_none(given: str, says: str) -> None:
-    from bridge.cli.new import _held
-
+def test_values_of_held_joints_have_a_unit_that_fits_or_none(
+    tmp_path: Path, given: str, says: str
+) -> None:
+    urdf = gantry(tmp_path, "revolute", finger='<mimic joint="j0"/>')
     with pytest.raises(CosimError, match=says):
-        _held([given])
-    assert _held(["grip=10 mm", "j=5"]) == {"grip": 0.01, "j": 5.0}
+        write_arm("arm", urdf, tmp_path, tip="l0", fixed=_held([given]))
+    assert _held(["grip=10 mm", "j=5"]) == {"grip": "10 mm", "j": 5.0}
+
+
+def test_a_scenario_is_no_urdf(tmp_path: Path) -> None:
+    scenario = ROOT / "configs" / "teleoperation.toml"
+    with pytest.raises(ScenarioError, match=r"n.toml: is a scenario; .*; expected a URDF file"):
+        write_arm("arm", scenario, tmp_path)

@@ -107,7 +107,7 @@ def test_ports_that_are_made_anew_do_not_confuse_sorts() -> None:
     sorts = Sorts()
     units = ["s", "ms", "min", "h"] * 5
     found = [sorts.of(Made(unit)) for unit in units]  # type: ignore[arg-type]
-    assert [sort.slots("x", 7)[0][0].unit for sort in found] == units
+    assert [sort.slots("x", 7, {})[0][0].unit for sort in found] == units
 
 
 def test_units_are_converted_for_each_sort_at_both_ends() -> None:
@@ -143,7 +143,7 @@ def test_what_is_wrong_in_the_second_of_a_sort_is_refused(
 def test_slots_follow_each_other() -> None:
     ports: Ports = ((Port("u", (2,)), Port("v")), (Port("y", (2, 3)), Port("z")), ())
     component = Made("s")
-    inputs, outputs, end = Sort(component, ports).slots("x", 10)  # type: ignore[arg-type]
+    inputs, outputs, end = Sort(component, ports).slots("x", 10, {})  # type: ignore[arg-type]
     assert [(s.name, s.start, s.shape) for s in (*inputs, *outputs)] == [
         ("x.u", 10, (2,)), ("x.v", 12, ()), ("x.y", 13, (2, 3)), ("x.z", 19, ()),
     ]  # fmt: skip

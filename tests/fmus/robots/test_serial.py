@@ -175,13 +175,16 @@ def test_a_joint_held_at_a_value_merges_its_links(tmp_path: Path) -> None:
         ("a", "nose", {}, "no link 'nose' as tip; there are: a, b, finger"),
         ("finger", "b", {}, "link 'finger' does not carry 'b'; expected a base between the root"),
         ("a", "b", {"slide": 0.2}, "joint 'slide': held at 0.2 in `fixed`, expected 0 to 0.05"),
+        ("a", "b", {"slide": "1 rad"}, r"'slide', which slides, .*: \[rad\] cannot feed \[m"),
+        ("a", "b", {"j": "1 m"}, r"joint 'j', which turns, in `fixed`: \[m\] cannot feed \[rad\]"),
+        ("a", "b", {"j": [1]}, "in `fixed`: expected shape|expected a single number"),
         ("a", "b", {"elbow": 0.0}, "no moving joint 'elbow' to hold, .* there are: j, slide"),
         ("a", "b", {"slide": 0.0, "j": 0.0}, "0 moving joints between 'a' and 'b', expected 1 to"),
         ("b", "finger", {}, "joint 'j': it moves the base 'b', expected it in `fixed`"),
     ],
 )  # fmt: skip
 def test_a_chain_that_cannot_be_is_refused(
-    tmp_path: Path, base: str, tip: str, fixed: dict[str, float], message: str
+    tmp_path: Path, base: str, tip: str, fixed: dict[str, float | str], message: str
 ) -> None:
     with pytest.raises(ScenarioError, match=message):
         serial(gripper(tmp_path), base, tip, fixed)

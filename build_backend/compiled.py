@@ -15,7 +15,6 @@ import hashlib
 import json
 import sys
 from collections.abc import Iterable
-from importlib.util import find_spec
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -31,26 +30,9 @@ def build(platform: str | None = None) -> list[Path]:
         if str(folder) not in sys.path:
             sys.path.insert(0, str(folder))
     import c_structs
+    import plots
 
-    return [*c_structs.write(), *_libraries(platform), *_models(platform), *_plots()]
-
-
-def _plots() -> list[Path]:
-    """Files of uPlot (MIT licence), as ``uplot-python`` has them; that package is not imported."""
-    spec, output = find_spec("uplot"), ROOT / "cosim" / "reporting" / "assets"
-    wanted = {name: output / name for name in ("uPlot.iife.js", "uPlot.min.css")}
-    if spec is None or spec.origin is None:
-        lacking = [name for name, path in wanted.items() if not path.is_file()]
-        if lacking:
-            raise ModuleNotFoundError(f"no {', '.join(lacking)}: pip install uplot-python")
-        return []
-    static, made = Path(spec.origin).parent / "static", []
-    for name, path in wanted.items():
-        content = (static / name).read_bytes()
-        if not path.is_file() or path.read_bytes() != content:
-            path.write_bytes(content)
-            made.append(path)
-    return made
+    return [*c_structs.write(), *_libraries(platform), *_models(platform), *plots.take()]
 
 
 def _libraries(platform: str | None) -> list[Path]:

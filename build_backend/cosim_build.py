@@ -1,6 +1,6 @@
 """The build backend (PEP 517, PEP 660): setuptools, after the compiled parts are made.
 
-* ``ziglang`` is asked for only where no C compiler works.
+* ``ziglang`` is asked for only where no C compiler works, ``uplot-python`` only without pip.
 * The wheel is for one platform and any Python 3: the engine is a plain shared library.
 * Nothing is built in ``build/``: what an earlier version left there cannot get into a wheel.
 """
@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import compiled
+import plots
 from setuptools import build_meta
 from setuptools.command.bdist_wheel import bdist_wheel
 
@@ -49,13 +50,13 @@ class PlatformWheel(bdist_wheel):
 def get_requires_for_build_wheel(config_settings: Settings = None) -> list[str]:
     """The requirements of `build_wheel` besides ``build-system.requires``."""
     with _outside_the_sources():
-        return build_meta.get_requires_for_build_wheel(config_settings) + _compiler()
+        return build_meta.get_requires_for_build_wheel(config_settings) + _others()
 
 
 def get_requires_for_build_editable(config_settings: Settings = None) -> list[str]:
     """The requirements of `build_editable` besides ``build-system.requires``."""
     with _outside_the_sources():
-        return build_meta.get_requires_for_build_editable(config_settings) + _compiler()
+        return build_meta.get_requires_for_build_editable(config_settings) + _others()
 
 
 def get_requires_for_build_sdist(config_settings: Settings = None) -> list[str]:
@@ -107,10 +108,11 @@ def build_editable(
         return build_meta.build_editable(wheel_directory, config_settings, metadata_directory)
 
 
-def _compiler() -> list[str]:
+def _others() -> list[str]:
     from fmus.build.toolchain import host_compiler
 
-    return [] if host_compiler() else ["ziglang>=0.13"]
+    compiler = [] if host_compiler() else ["ziglang>=0.13"]
+    return [*compiler, *plots.requirements()]
 
 
 @contextmanager

@@ -2,7 +2,7 @@
 
 Each is built by zig in a copy of the committed sources, for the oldest systems that zig's targets
 name, also for the platform of this machine: its own compiler would need this system's C library.
-Needs the packages setuptools, ziglang and uplot-python (``pip install -e '.[dev]'``).
+Needs the packages setuptools and ziglang (``pip install -e '.[dev]'``).
 """
 
 from __future__ import annotations

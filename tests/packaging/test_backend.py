@@ -117,6 +117,54 @@ def test_a_source_distribution_needs_no_compiler(
     assert not any("ziglang" in need for need in backend.get_requires_for_build_sdist())
 
 
+class Pip:
+    """A pip that "downloads" a wheel with the files of uPlot, or fails."""
+
+    def __init__(self, *, works: bool) -> None:
+        self.works, self.calls = works, list[list[str]]()
+
+    def run(self, call: list[str], **_: object) -> subprocess.CompletedProcess[bytes]:
+        self.calls.append(call)
+        if self.works and "download" in call:
+            with zipfile.ZipFile(Path(call[call.index("-d") + 1], "uplot.whl"), "w") as wheel:
+                for name in ("uPlot.iife.js", "uPlot.min.css"):
+                    wheel.writestr(f"uplot/static/{name}", name)
+        return subprocess.CompletedProcess(call, 0 if self.works else 1)
+
+
+@pytest.fixture
+def page_files(backend: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
+    """The folder of uPlot's files, empty; no ``uplot-python`` is installed."""
+    monkeypatch.setattr(backend.plots, "FOLDER", tmp_path)
+    monkeypatch.setattr(backend.plots, "find_spec", lambda _: None)
+    return tmp_path
+
+
+def test_files_of_uplot_are_taken_from_its_wheel_without_its_requirements(
+    backend: ModuleType, page_files: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pip = Pip(works=True)
+    monkeypatch.setattr(subprocess, "run", pip.run)
+    assert "uplot-python>=1.1" not in backend._others()
+    assert {f.name: f.read_text() for f in page_files.iterdir()} == {
+        name: name for name in ("uPlot.iife.js", "uPlot.min.css")
+    }
+    assert backend.plots.take() == []
+    (call,) = [call for call in pip.calls if "download" in call]
+    assert {"-I", "--no-deps", "uplot-python>=1.1"} <= set(call)
+
+
+def test_without_pip_the_package_of_uplot_is_asked_for(
+    backend: ModuleType, page_files: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    host_compiler()  # looked for before nothing can be called
+    monkeypatch.setattr(subprocess, "run", Pip(works=False).run)
+    assert backend._others()[-1] == "uplot-python>=1.1"
+    with pytest.raises(ModuleNotFoundError, match="pip install 'uplot-python"):
+        backend.plots.take()
+    assert not list(page_files.iterdir())
+
+
 @pytest.mark.slow
 def test_what_is_up_to_date_is_left_alone(built: Path) -> None:
     assert make(built) == []

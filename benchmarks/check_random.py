@@ -41,8 +41,9 @@ Document = dict[str, Any]
 TRUE = (3.34, 1.20, 0.97)
 #: Angle by which a joint is moved, rad, and the length of a scenario and of the run beside it, s.
 SMALL, STOP, LONG = 1e-5, 20.0, 80.0
-#: Ratio of speeds that tells growth; speeds (rad/s) that a stable motion does not reach, and rest.
-RATIO, LARGE, FLOOR = 1.3, 0.01, 1e-10
+#: Ratio of speeds that tells growth; speeds (rad/s) that a stable small motion does not reach, that
+#: one from anywhere does not have at last, and that are rest.
+RATIO, LARGE, FAST, FLOOR = 1.3, 0.01, 1.0, 1e-10
 
 
 @dataclass(frozen=True)
@@ -311,7 +312,8 @@ def unstable_from_start(found: RandomScenario) -> bool | None:
             return True
         n = len(v)
         last, before = v[3 * n // 4 :], v[n // 2 : 3 * n // 4]
-        if last.max() < 1e-3 or np.sqrt((last**2).mean()) < 0.9 * np.sqrt((before**2).mean()):
+        decays = np.sqrt((last**2).mean()) < 0.9 * np.sqrt((before**2).mean())
+        if last.max() < 1e-3 or (decays and last.max() < FAST):
             return False
     return True
 

@@ -196,28 +196,10 @@ def passive_limit(law: DynamicFeedback, M: Array, K: Sequence[float]) -> float:
     return float(law.alpha + np.linalg.eigvals(diagonal @ np.linalg.inv(M)).real.min())
 
 
-def worst_passive_limit(law: DynamicFeedback, arm: Arm) -> tuple[float, int]:
-    """The passive limit of a robot alone where it is least in the workspace, 1/s, and its joint."""
-    if law.lambda_c:
-        return law.alpha + law.lambda_c, 0
-    least, joint, _ = arm.slowest(damped(law.K, arm))
-    return law.alpha + least, joint
-
-
 def damped(K: Sequence[float], arm: Arm) -> tuple[float, ...]:
     """The feedback gain of each joint with its viscous friction, N.m.s/rad."""
     friction = arm.friction
     return tuple((spread(K, len(friction)) + friction).tolist())
-
-
-def grip_stable(law: DynamicFeedback, M: float, K: float, k_p: float, k_d: float) -> bool:
-    """True if a grip on a robot of inertia M, theta known, is stable (Routh).
-
-    M p³ + (K + alpha M + k_d) p² + (alpha K + lambda_M k_d + k_p) p + lambda_M k_p = 0, with `M` in
-    kg.m2, `k_p` in N.m/rad, `K` and `k_d` in N.m.s/rad.
-    """
-    inner = (K + law.alpha * M + k_d) * (law.alpha * K + law.lambda_M * k_d + k_p)
-    return inner > M * law.lambda_M * k_p
 
 
 def stiffest_network_grip(

@@ -102,28 +102,20 @@ class Arm:
         """The viscous friction of each joint, N.m.s/rad."""
         return self.damping or (0.0,) * len(self.q)
 
-    def fastest(self, gains: Sequence[float]) -> tuple[float, int]:
-        """The greatest eigenvalue of M⁻¹ diag(gains) in the workspace, and the joint it is most at.
+    def slowest(self, gains: Sequence[float]) -> tuple[float, int, Vector]:
+        """The least eigenvalue of M⁻¹ diag(gains) in the workspace, the joint, and the posture.
 
         `gains`: one for all joints or one each, N.m.s/rad (the result is 1/s) or N.m/rad (1/s²).
         """
-        return self._extreme(gains, greatest=True)[:2]
-
-    def slowest(self, gains: Sequence[float]) -> tuple[float, int, Vector]:
-        """The least eigenvalue of M⁻¹ diag(gains) in the workspace, the joint, and the posture."""
-        return self._extreme(gains, greatest=False)
-
-    def _extreme(self, gains: Sequence[float], *, greatest: bool) -> tuple[float, int, Vector]:
         if self.workspace is None or self.postures is None:
-            i, gain = (0, max(gains)) if greatest else (1, min(gains))
-            return float(gain) / self.inertia_range[i], list(gains).index(gain), self.heaviest
+            gain = min(gains)
+            return float(gain) / self.inertia_range[1], list(gains).index(gain), self.heaviest
         each = np.broadcast_to(np.asarray(gains, dtype=np.float64), (len(self.q),))
         root = np.sqrt(each)
         values, vectors = np.linalg.eigh(root[:, None] * np.linalg.inv(self.workspace) * root)
-        at = -1 if greatest else 0
-        k = int(np.argmax(values[:, -1]) if greatest else np.argmin(values[:, 0]))
-        joint = int(np.argmax(np.abs(vectors[k, :, at])))
-        return float(values[k, at]), joint, tuple(self.postures[k].tolist())
+        k = int(np.argmin(values[:, 0]))
+        joint = int(np.argmax(np.abs(vectors[k, :, 0])))
+        return float(values[k, 0]), joint, tuple(self.postures[k].tolist())
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

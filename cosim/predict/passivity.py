@@ -68,14 +68,6 @@ def passive_range(net: RobotNetwork, q: Sequence[float]) -> PassiveRange:
     return PassiveRange(bottom, top)
 
 
-def is_passive(net: RobotNetwork, q: Sequence[float]) -> bool:
-    """True if lambda_M of the port is in its passive range, all robots at `q` (m,)."""
-    alone, fast = _fast_limits(net, q)
-    if fast == alone or fast < net.law.lambda_M or len(net.laws) * len(q) > closed.WHOLE:
-        return net.law.lambda_M <= fast
-    return _Response.of(net, q).passive(net.law.lambda_M)
-
-
 def worst_posture(net: RobotNetwork) -> tuple[Vector, int]:
     """The posture of the workspace where O9 allows least, (m,) rad, and the joint of it."""
     arm = net.arms[net.port]

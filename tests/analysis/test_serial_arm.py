@@ -107,7 +107,6 @@ def test_inertia_gravity_and_extremes_are_those_of_the_table() -> None:
     assert (np.abs(arm.postures[:, :2]) <= (1.0, 0.4)).all()
     gains = (5.0, 1.0, 0.2)
     rates = [np.linalg.eigvals(np.linalg.inv(M) * gains).real for M in arm.workspace]
-    assert arm.fastest(gains)[0] == pytest.approx(np.max(rates))
     least, _, q = arm.slowest(gains)
     there = np.linalg.inv(arm.inertia(arm.parameters, q)) * gains
     assert least == pytest.approx(np.min(rates)) == pytest.approx(np.linalg.eigvals(there).min())

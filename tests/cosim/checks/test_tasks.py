@@ -44,7 +44,7 @@ def test_tips_that_touch_nothing_are_checked_as_well() -> None:
 
 def test_the_shipped_scenario_is_only_noted(shipped: Document) -> None:
     found = said(shipped)
-    assert found.keys() == {"size", "backwards", "stiffness"}
+    assert found.keys() == {"size", "backwards", "stiffness", "delay-margin"}
     # K_x lambda alpha/lambda_M, and what the joints' K adds
     assert [where for where, *_ in found["stiffness"]] == [
         "master_control", "planar_control", "slave_control",

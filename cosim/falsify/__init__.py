@@ -11,6 +11,7 @@ own links). Output: a folder with a scenario that breaks one of them, made as sm
     problem     a scenario as a problem: what of it may move
     families    candidates of each kind, simple ones first
     greedy      the adversary that injects most power into the linear model
+    optimizer   segments chosen by CMA-ES
     search      the families in order, until one breaks a requirement
     rounds      candidates spread over workers; their results kept, so that a search is resumable
     shrinking   the smallest candidate that still fails

@@ -8,7 +8,8 @@ segment    constant segments of 0.1 to 2 s
 single     a single changed segment: at any time, long and short, on one channel or on all
 =========  =========================================================================================
 
-A further one, ``greedy``, is in :mod:`cosim.falsify.greedy`.
+Two more have modules of their own: :mod:`cosim.falsify.greedy`, and :mod:`cosim.falsify.optimizer`,
+which learns from its runs.
 """
 
 from __future__ import annotations

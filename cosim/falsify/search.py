@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass, field
-from functools import partial
 from itertools import count, islice
 from math import inf
 
@@ -19,13 +18,30 @@ from cosim.base.errors import CosimError
 from cosim.falsify.families import ROUND, Family, Space, constant, draw, segment, single, wave
 from cosim.falsify.greedy import greedy
 from cosim.falsify.judge import CandidateOutcome, Margin, scales_of, score
+from cosim.falsify.optimizer import optimizer
 from cosim.falsify.paths import Candidate
 
+#: Rounds of a family, which gets the scores of each.
+Rounds = Generator[list[Candidate], Sequence[float], None]
 Outcomes = Generator[list[Candidate], list[CandidateOutcome], "Found | None"]
+
+
+def drawn(family: Family) -> Callable[[Space, int, int], Rounds]:
+    """The rounds of a family that learns nothing."""
+
+    def rounds(space: Space, turn: int, share: int) -> Rounds:
+        candidates = islice(family(space, turn), share)
+        while some := list(islice(candidates, ROUND)):
+            yield some
+
+    return rounds
+
+
 #: The families in their order, each with its share of the runs.
-FAMILIES: dict[str, tuple[Family, float]] = {
-    "constant": (constant, 0.1), "wave": (wave, 0.15), "draw": (draw, 0.1),
-    "greedy": (greedy, 0.05), "segment": (segment, 0.25), "single": (single, 0.2),
+FAMILIES: dict[str, tuple[Callable[[Space, int, int], Rounds], float]] = {
+    "constant": (drawn(constant), 0.1), "wave": (drawn(wave), 0.15), "draw": (drawn(draw), 0.1),
+    "greedy": (drawn(greedy), 0.05), "segment": (drawn(segment), 0.2),
+    "single": (drawn(single), 0.15), "optimizer": (optimizer, 0.25),
 }  # fmt: skip
 #: Runs of one pass through all families.
 RUNS = 4000
@@ -98,48 +114,45 @@ def search(space: Space, budget: Budget, account: Account) -> Outcomes:
     """The first candidate found that violates a requirement; None: there was none."""
     problem = space.problem
     [nominal] = yield [problem.nominal]
-    account.nominal = nominal
-    account.add("nominal", [(problem.nominal, nominal)], scales_of(nominal), 1.0)
+    account.nominal, scales = nominal, scales_of(nominal)
+    account.add("nominal", [(problem.nominal, nominal)], scales, 1.0)
     if nominal.fails():
-        return _found("nominal", [(problem.nominal, nominal)], scales_of(nominal), 1.0)
-    scales, end = scales_of(nominal), problem.ticks * problem.h
+        return _found("nominal", [(problem.nominal, nominal)], scales, 1.0)
     names = budget.families or tuple(FAMILIES)
     total = sum(FAMILIES[name][1] for name in names)
     for turn in count() if budget.passes else range(1):
         before = account.total
         for name in names:
             family, part = FAMILIES[name]
-            share = max(1, round(budget.runs * part / total))
-            left = share
-            failed = partial(account.notes.__setitem__, name)
-            for some in _rounds(family, space, turn, share, failed):
-                if budget.over():
-                    return None
-                outcomes = yield some
-                pairs = list(zip(some, outcomes, strict=True))
-                account.add(name, pairs, scales, end)
-                if any(outcome.fails() for outcome in outcomes):
-                    return _found(name, pairs, scales, end)
-                left -= len(some)
+            rounds = family(space, turn, max(1, round(budget.runs * part / total)))
+            found = yield from _family(name, rounds, space, budget, account)
+            if found is not None or budget.over():
+                return found
         if account.total == before:
             return None
     return None
 
 
-def _rounds(
-    family: Family, space: Space, turn: int, share: int, failed: Callable[[str], None]
-) -> Generator[list[Candidate]]:
-    """The candidates of a family in rounds; `failed` gets a sentence if it can give none."""
-    drawn = islice(family(space, turn), share)
-    while True:
+def _family(name: str, rounds: Rounds, space: Space, budget: Budget, account: Account) -> Outcomes:
+    """The candidate of a family that violates a requirement, if it has one."""
+    assert account.nominal is not None
+    scales, end = scales_of(account.nominal), space.ticks * space.problem.h
+    scores: list[float] | None = None
+    while not budget.over():
         try:
-            some = list(islice(drawn, ROUND))
+            some = next(rounds) if scores is None else rounds.send(scores)
+        except StopIteration:
+            return None
         except (CosimError, np.linalg.LinAlgError) as error:
-            failed(str(error))
-            return
-        if not some:
-            return
-        yield some
+            account.notes[name] = str(error)
+            return None
+        outcomes = yield some
+        pairs = list(zip(some, outcomes, strict=True))
+        account.add(name, pairs, scales, end)
+        if any(outcome.fails() for outcome in outcomes):
+            return _found(name, pairs, scales, end)
+        scores = [score(outcome, scales, end) for outcome in outcomes]
+    return None
 
 
 def _found(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from functools import partial
 
 import numpy as np
@@ -15,7 +16,7 @@ from cosim.falsify.problem import problem_of
 from cosim.falsify.rounds import perform
 from cosim.falsify.scenario_text import text
 from cosim.falsify.search import Account, Budget, search
-from cosim.falsify.words import as_data
+from cosim.falsify.words import as_data, lines
 from cosim.study.workers import threads
 from tests.cosim.falsify.plants import integrator
 
@@ -153,3 +154,22 @@ def test_values_of_the_scenario_vary_with_the_network(tmp_path):
     data = as_data(state)
     assert data["found"] and data["segments"] == []
     assert data["settings"][0].startswith("components.one.parameters.a=")
+
+
+def test_the_optimizer_goes_down_the_margin(tmp_path):
+    """Of x[k+1] = x[k] - a x[k - d[k]] with a gain that random segments do not break."""
+    pytest.importorskip("cma")
+    state = searched(scenario(tmp_path, 1.6, 60.0), tmp_path / "out", "optimizer", runs=640)
+    rows = (tmp_path / "out" / JOURNAL).read_bytes()
+    again = searched(scenario(tmp_path, 1.6, 60.0), tmp_path / "out", "optimizer", runs=640)
+    assert as_data(again) == as_data(state)
+    assert (tmp_path / "out" / JOURNAL).read_bytes() == rows  # nothing had to be run
+    assert state.found is not None and state.found.family == "optimizer"
+    assert state.account.runs["optimizer"] > 64
+
+
+def test_a_family_without_its_library_is_left_out(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "cma", None)
+    state = searched(scenario(tmp_path, 0.9), tmp_path / "out", "optimizer", "single", runs=40)
+    assert "pip install 'cosim-bridge[falsify]'" in state.account.notes["optimizer"]
+    assert any(what == "left out" for what, _ in lines(state))

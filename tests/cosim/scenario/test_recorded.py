@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cosim.base.errors import ScenarioError
+from cosim.base.errors import RunError, ScenarioError
 from cosim.engine.simulate import simulate
 from cosim.links.storage import load_table
 from cosim.loading.files import load
@@ -71,3 +71,23 @@ def test_tables_that_do_not_fit(settings: list[str], said: str, run: Path):
 def test_a_folder_that_is_not_there(tmp_path: Path):
     with pytest.raises(ScenarioError, match="there is no such run folder"):
         with_recorded_links(assemble(load(CONFIG)), tmp_path / "none")
+
+
+def test_the_tables_of_a_run_that_stopped_are_continued_to_its_end(tmp_path: Path):
+    """They are drawn for some ticks at a time, of a run that diverges at 0.8 s up to 16.384 s."""
+    grip = [f"components.master.parameters.{k}={v}" for k, v in (("k_p", 400), ("k_d", 20))]
+    own = ["run.stop=20", "run.seed=7", *LATE, *LOSS]
+    with pytest.raises(RunError):
+        simulate(load(CONFIG, [*own, *grip]), tmp_path / "stopped")
+    scenario = load(CONFIG, ["run.stop=20"])
+    simulate(
+        scenario,
+        tmp_path / "on",
+        plan=with_recorded_links(assemble(scenario), tmp_path / "stopped"),
+    )
+    simulate(load(CONFIG, own), tmp_path / "whole")
+    for name, path in Run.open(tmp_path / "whole").link_tables.items():
+        found = load_table(Run.open(tmp_path / "on").link_tables[name])[1]
+        assert np.array_equal(found, load_table(path)[1])
+    with pytest.raises(ScenarioError, match="expected a run[.]stop that is no later"):
+        with_recorded_links(assemble(load(CONFIG, ["run.stop=21"])), tmp_path / "stopped")

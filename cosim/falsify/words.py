@@ -71,7 +71,8 @@ def sentence(state: Falsification) -> str:
 
 def _why(outcome: CandidateOutcome, name: str) -> str:
     if outcome.reason:
-        return f"the run stops ({outcome.reason})"
+        at = f" at {outcome.stopped_at:.4g} s" if outcome.stopped_at == outcome.stopped_at else ""
+        return f"the run stops{at} ({outcome.reason.partition(' (')[0]})"
     return _margin(outcome.margins[name])
 
 

@@ -1,4 +1,4 @@
-"""docs/tutorial.md: every command of the page, one after the other, in a folder of its own."""
+"""docs/tutorial.md, docs/falsify.md: the commands of a page, in order, in a folder of its own."""
 
 from __future__ import annotations
 
@@ -21,11 +21,14 @@ def blocks(page: str) -> list[tuple[str, str, str]]:
     return [(m["mark"] or "", m["kind"], m["text"]) for m in _BLOCK.finditer(text)]
 
 
-def test_its_commands_work_and_print_what_it_says(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("page", "tested"), [("tutorial.md", "2 passed"), ("falsify.md", "1 xfailed")]
+)
+def test_its_commands_work_and_print_what_it_says(page: str, tested: str, tmp_path: Path) -> None:
     (tmp_path / "configs").symlink_to(ROOT / "configs")
     path = os.pathsep.join((str(Path(sys.executable).parent), os.environ["PATH"]))
     printed, shown = "", []
-    for mark, kind, text in blocks("tutorial.md"):
+    for mark, kind, text in blocks(page):
         if mark.startswith("file "):
             (tmp_path / mark.removeprefix("file ")).write_text(text, encoding="utf-8")
         elif kind == "text":
@@ -38,7 +41,7 @@ def test_its_commands_work_and_print_what_it_says(tmp_path: Path) -> None:
             assert done.returncode == 0, done.stdout + done.stderr
             printed += done.stdout
     assert shown and all(line in printed for line in shown)
-    assert "2 passed" in printed  # pytest of my_law
+    assert tested in printed  # by pytest
     assert "verdict                passed" in printed and "verdict                failed" in printed
     assert "exactly 0 in every signal" in printed
     for name in ("first", "slow", "compared", "mine", "gains", "rehearsal", "frozen"):

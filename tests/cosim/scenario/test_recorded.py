@@ -89,5 +89,5 @@ def test_the_tables_of_a_run_that_stopped_are_continued_to_its_end(tmp_path: Pat
     for name, path in Run.open(tmp_path / "whole").link_tables.items():
         found = load_table(Run.open(tmp_path / "on").link_tables[name])[1]
         assert np.array_equal(found, load_table(path)[1])
-    with pytest.raises(ScenarioError, match="expected a run[.]stop that is no later"):
+    with pytest.raises(ScenarioError, match=r"expected a run\.stop that is no later"):
         with_recorded_links(assemble(load(CONFIG, ["run.stop=21"])), tmp_path / "stopped")

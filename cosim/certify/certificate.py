@@ -221,10 +221,11 @@ def verify(found: Certificate, loop: CutLoop) -> Fraction:
 
 def span(link: LinkBounds, period: float) -> str:
     """The bounds of a link in words, with times in s."""
-    least, order = link.least * period, ", in order" if link.ordered else ""
+    sent = period / link.sends
+    least, order = link.least * sent, ", in order" if link.ordered else ""
     if link.greatest is None:
         return f"from {least:g} s up to any{order}"
-    return f"{least:g} to {link.greatest * period:g} s{order}"
+    return f"{least:g} to {link.greatest * sent:g} s{order}"
 
 
 def _ages(link: LinkBounds) -> str:

@@ -27,17 +27,20 @@ def small_gain_holds(
 ) -> bool:
     """True if P and X prove that the loop is stable with any ages within the bounds."""
     found = nominal(parts, centres)
-    n, m = len(found.F), found.V.width - len(found.F)
+    n, m = len(found.F), parts.B.width
     if len(P) != n or [len(x) for x in X] != [len(p) for p in found.places]:
         return False
     if not all(positive_definite(x) for x in (P, *X)):
         return False
     state = beside(Exact.eye(n), Exact.zeros(n, m))
     falls = state.T @ P @ state - found.F.T @ P @ found.F
-    for link, centre, x, place in zip(parts.links, centres, X, found.places, strict=True):
-        v = found.V.take(place)
+    every = zip(parts.links, centres, X, found.places, found.steps, strict=True)
+    for link, centre, x, place, steps in every:
         w = beside(Exact.zeros(len(place), n), Exact.eye(m).take(place))
-        falls = falls - (v.T @ x @ v).times(squared_gain(link, centre)) + w.T @ x @ w
+        falls = falls + w.T @ x @ w
+        for i in range(0, len(steps), len(place)):
+            v = found.V.take(steps[i : i + len(place)])
+            falls = falls - (v.T @ x @ v).times(squared_gain(link, centre))
     return positive_definite(falls)
 
 

@@ -25,6 +25,8 @@ def size(parts: ClosedParts) -> tuple[int, int]:
 def few(parts: ClosedParts) -> bool:
     """True if states and combinations of ages are few enough for a search."""
     n_m, n = size(parts)
+    if any(x.sends > 1 for x in parts.links):
+        return False
     return n_m <= MODES and 0 < n <= STATES
 
 

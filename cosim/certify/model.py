@@ -18,6 +18,8 @@ ROUNDING = Fraction(1, 10**7)
 class LinkBounds:
     """The ages of what a link holds: from `least` to `greatest` samples, at any time any of them.
 
+    Samples are sent `sends` times a period, and the receiver looks once, as the first is sent.
+
     None as the greatest: as old as it may be, if only each sample is replaced in the end.
     `ordered`: no sample follows a newer one, so that an age grows by at most 1 a sample; the link
     carries `size` numbers.
@@ -28,6 +30,7 @@ class LinkBounds:
     least: int
     greatest: int | None
     ordered: bool = False
+    sends: int = 1
 
     @property
     def most(self) -> int:
@@ -38,7 +41,8 @@ class LinkBounds:
 
     def within(self, other: LinkBounds) -> bool:
         """True if every sequence of ages of this link is one of `other`, too."""
-        if (self.name, self.size) != (other.name, other.size) or self.least < other.least:
+        mine, theirs = ((x.name, x.size, x.sends) for x in (self, other))
+        if mine != theirs or self.least < other.least:
             return False
         if other.greatest is None:
             return self.ordered or not other.ordered
@@ -51,7 +55,8 @@ class LinkBounds:
 class CutLoop:
     """x[k+1] = `A` x[k] + `B` u[k], y[k] = `C` x[k] + `D` u[k], and the links u_i[k] = y_i[k-age].
 
-    A (n, n), B (n, m), C (m, n), D (m, m); u and y are those of `links`, one after the other.
+    A (n, n), B (n, m), C (p, n), D (p, m). u are the numbers that the `links` hold, one link after
+    the other, y those that they send in a period, of each link one sample after the other.
     `neutral` (n, k): columns x that stay as they are if all links hold what is sent; `period`: the
     time from k to k + 1, s.
     """
@@ -70,22 +75,23 @@ class CutLoop:
         """SHA-256 of the matrices and of the names and sizes of the links, not of their bounds."""
         parts = [f"{len(x)} {x.width} {x.over} {x.rows}" for x in map(Exact.lowest, (
             self.A, self.B, self.C, self.D))]  # fmt: skip
-        named = [f"{x.name} {x.size}" for x in self.links]
+        named = [f"{x.name} {x.size} {x.sends}" for x in self.links]
         return sha256("\n".join([*parts, *named, self.period.hex()]).encode()).hexdigest()
 
 
 @dataclass(frozen=True, slots=True)
 class ClosedParts:
-    """A loop without feed-through, D = 0, and with exact neutral directions.
+    """A loop with exact neutral directions, and without feed-through to what is sent at a look.
 
-    x[k+1] = `A` x[k] + `B` u[k], y[k] = `C` x[k], u_i[k] = y_i[k-age]; x = `X` a, y = `Y` a stays
-    so. The rows `pivots` of X are the identity. `changed`: by how much entries of A and C were
-    changed, relative to the greatest of each.
+    x[k+1] = `A` x[k] + `B` u[k], y[k] = `C` x[k] + `D` u[k]; x = `X` a, u = `Y` a stays so. The
+    rows `pivots` of X are the identity. `changed`: by how much entries of A and C were changed,
+    relative to the greatest of each.
     """
 
     A: Exact
     B: Exact
     C: Exact
+    D: Exact
     X: Exact
     Y: Exact
     pivots: tuple[int, ...]
@@ -93,48 +99,71 @@ class ClosedParts:
     changed: Fraction
 
     def places(self) -> list[range]:
-        """The rows of y of each link."""
-        ends = [sum(x.size for x in self.links[: i + 1]) for i in range(len(self.links))]
-        return [range(e - x.size, e) for e, x in zip(ends, self.links, strict=True)]
+        """The places in u of each link."""
+        return _ranges([x.size for x in self.links])
+
+    def sent(self) -> list[range]:
+        """The places in y of each link."""
+        return _ranges([x.size * x.sends for x in self.links])
+
+
+def _ranges(sizes: Sequence[int]) -> list[range]:
+    ends = [sum(sizes[: i + 1]) for i in range(len(sizes))]
+    return [range(e - x, e) for e, x in zip(ends, sizes, strict=True)]
+
+
+def _sources(links: Sequence[LinkBounds]) -> list[int]:
+    """For each row of y, the place in u of the same number."""
+    ranges = _ranges([x.size for x in links])
+    return [i for x, r in zip(links, ranges, strict=True) for _ in range(x.sends) for i in r]
+
+
+def _at_looks(links: Sequence[LinkBounds]) -> list[int]:
+    """The rows of y that are sent when the receiver looks."""
+    return [i for x, r in zip(links, _ranges([x.size * x.sends for x in links]), strict=True)
+            for i in r[: x.size]]  # fmt: skip
 
 
 def closed_parts(loop: CutLoop, pivots: Sequence[int]) -> ClosedParts:
-    """The loop with its neutral directions exactly neutral, and with D = 0.
+    """The loop with its neutral directions exactly neutral, and nothing sent at once.
 
-    Where D is not 0, each link gives one sample of its age to the loop, whose states then include
-    what receivers hold. The columns `pivots` of A and C are changed so that X and Y are neutral,
-    which is a change in the size of rounding errors. Raises ValueError for a loop of which this is
-    not true, or that depends on itself at once.
+    Where u acts on what is sent at a look, each link gives one sample of its age to the loop, whose
+    states then include what receivers hold. The columns `pivots` of A and C are changed so that X
+    and Y are neutral, which is a change in the size of rounding errors. Raises ValueError for a
+    loop of which this is not true, or that depends on itself at once.
     """
-    A, B, C, X, links = loop.A, loop.B, loop.C, loop.neutral, loop.links
+    A, B, C, D, X, links = loop.A, loop.B, loop.C, loop.D, loop.neutral, loop.links
     _check_pivots(X, pivots)
-    Y = C @ X
-    if loop.D.greatest():
-        if any(x.least < 1 for x in links):
+    looks = _at_looks(links)
+    Y = C.take(looks) @ X
+    if D.take(looks).greatest():
+        if any(x.least < 1 or x.sends > 1 for x in links):
             raise ValueError("a link without delay feeds through at once; expected 1 sample")
         m = len(C)
         # Y of the open loop is what receivers hold: the sum of C X + D Y, to rounding.
-        Y = _held(loop.D, Y)
+        Y = _held(D, Y)
         A = above(beside(A, B), Exact.zeros(m, len(A) + m))
         B = above(Exact.zeros(len(loop.A), m), Exact.eye(m))
-        C, X = beside(C, loop.D), above(X, Y)
+        C, D, X = beside(C, D), Exact.zeros(m, m), above(X, Y)
         links = tuple(LinkBounds(x.name, x.size, x.least - 1, x.most - 1, x.ordered) for x in links)
     A, first = _with(A, X, X - B @ Y, pivots)
-    C, second = _with(C, X, Y, pivots)
-    return ClosedParts(A, B, C, X, Y, tuple(pivots), links, max(first, second))
+    C, second = _with(C, X, Y.take(_sources(links)) - D @ Y, pivots)
+    return ClosedParts(A, B, C, D, X, Y, tuple(pivots), links, max(first, second))
 
 
 @dataclass(frozen=True, slots=True)
 class OpenParts:
     """The cut loop without states that stay as they are and are not sent: A X = X, C X = 0.
 
-    `changed`: by how much entries of A and C were changed, relative to the greatest of each.
+    `sources`: for each row of C and D the place in u of the same number. `changed`: by how much
+    entries of A and C were changed, relative to the greatest of each.
     """
 
     A: Exact
     B: Exact
     C: Exact
     D: Exact
+    sources: tuple[int, ...]
     changed: Fraction
 
 
@@ -153,7 +182,8 @@ def open_parts(loop: CutLoop, pivots: Sequence[int]) -> OpenParts:
     rows, inputs = range(n), range(n, n + loop.B.width)
     return OpenParts(
         full.take(rows, rows).lowest(), full.take(rows, inputs).lowest(),
-        found.take(range(len(C)), rows).lowest(), loop.D, max(first, second),
+        found.take(range(len(C)), rows).lowest(), loop.D,
+        tuple(_sources(loop.links)), max(first, second),
     )  # fmt: skip
 
 

@@ -38,7 +38,7 @@ _FINE = 1 << 20
 
 @dataclass(frozen=True, slots=True)
 class Centre:
-    """The fixed lateness of a link: `samples`, made of `sections` all-pass filters."""
+    """The fixed lateness of a link: `samples` of a period, made of `sections` all-pass filters."""
 
     samples: int
     sections: int
@@ -57,23 +57,25 @@ class Centre:
 class Nominal:
     """x[k+1] = F (x[k], w[k]) and v[k+1] = V (x[k], w[k]) without neutral directions.
 
-    `F` (n, n + m), `V` (m, n + m); `places`: the rows of v and of w of each link.
+    `F` (n, n + m), `V` (p, n + m); `places`: the places in w of each link, `steps` those in v, the
+    increments from one sample that is sent to the next.
     """
 
     F: Exact
     V: Exact
     places: tuple[range, ...]
+    steps: tuple[range, ...]
 
 
 def nominal(parts: ClosedParts, centres: Sequence[Centre]) -> Nominal:
     """The loop with each link late by its centre, from the errors w to the increments v."""
-    n, m, places = len(parts.A), len(parts.C), parts.places()
+    n, m, places, sent = len(parts.A), parts.B.width, parts.places(), parts.sent()
     late = sum(c.sections * len(p) for c, p in zip(centres, places, strict=True))
     width = n + late + m
-    y = beside(parts.C, Exact.zeros(m, late + m))
+    y = beside(parts.C, Exact.zeros(len(parts.C), late + m))
     held, next_rows, rest, first = [], [], [parts.X], n
-    for centre, place in zip(centres, places, strict=True):
-        a, r = centre.a if centre.sections else Fraction(0), y.take(place)
+    for centre, place, rows in zip(centres, places, sent, strict=True):
+        a, r = centre.a if centre.sections else Fraction(0), y.take(rows[: len(place)])
         for _ in range(centre.sections):
             state = _unit(len(place), first, width)
             next_rows.append(state.times(a) + r)
@@ -82,14 +84,22 @@ def nominal(parts: ClosedParts, centres: Sequence[Centre]) -> Nominal:
             first += len(place)
         held.append(r + _unit(len(place), n + late + place.start, width))
     x = beside(parts.A, Exact.zeros(n, late + m))
-    after = x + parts.B @ above(*held) if held else x
-    V = parts.C @ (after - beside(Exact.eye(n), Exact.zeros(n, late + m)))
+    after = x + parts.B @ above(*held)
+    y = y + parts.D @ above(*held)
+    next_y = parts.C @ after  # of the samples at a look, on which u does not act
+    steps = []
+    for place, rows in zip(places, sent, strict=True):
+        size = len(place)
+        ends = above(y.take(rows[size:]), next_y.take(rows[:size]))
+        steps.append(ends - y.take(rows))
+    V = above(*steps)
     F = above(after, *next_rows)
     X = above(*rest)
     return Nominal(
         quotient(F, X, parts.pivots, m, following=True).lowest(),
         quotient(V, X, parts.pivots, m, following=False).lowest(),
         tuple(places),
+        tuple(sent),
     )
 
 
@@ -101,13 +111,19 @@ def _unit(rows: int, first: int, width: int) -> Exact:
 
 def squared_gain(link: LinkBounds, centre: Centre) -> Fraction:
     """An upper bound of (gamma + epsilon)^2, samples squared, rational."""
-    return _square_of_sum(squared_gamma(link, centre.samples), squared_epsilon(centre))
+    return _square_of_sum(squared_gamma(link, centre.samples), squared_epsilon(centre) * link.sends)
 
 
 def squared_gamma(link: LinkBounds, c: int) -> Fraction:
-    """gamma^2: of what is held from what was sent c samples before."""
-    over, under = max(0, link.most - c), max(0, c - link.least)
-    return Fraction(max(over, under) ** 2 if link.ordered else over**2 + under**2)
+    """gamma^2: of what is held from what was sent c periods before.
+
+    An increment is in the sums of at most one look in `sends` samples.
+    """
+    middle = c * link.sends
+    over, under = (
+        x * -(-x // link.sends) for x in (max(0, link.most - middle), max(0, middle - link.least))
+    )
+    return Fraction(max(over, under) if link.ordered else over + under)
 
 
 def squared_epsilon(centre: Centre) -> Fraction:

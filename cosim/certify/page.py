@@ -141,7 +141,8 @@ def mapped(
     found = region(loop, opened, delays, say)
     known = [x for x in loop.links if x.greatest is not None]
     if known:
-        low, top = min(x.least for x in known), max(x.most for x in known)
+        low = min(x.least / x.sends for x in known)
+        top = max(x.most / x.sends for x in known)
         marks.append(Mark("○", "the delays of the links", low * loop.period, top * loop.period))
     folder.mkdir(parents=True, exist_ok=True)
     path = write(found, scenario.title, marks, folder)

@@ -31,7 +31,9 @@ def candidates(parts: OpenParts) -> Iterator[tuple[Matrix, Fraction, list[Fracti
         H, x = H + part, A @ x
         if part.max() < 1e-9 * H.max(initial=1e-9):
             break
-    values, vectors = np.linalg.eig(H + 1e-9)
+    greatest = np.zeros((B.shape[1], B.shape[1]))
+    np.maximum.at(greatest, np.array(parts.sources, np.intp), H)
+    values, vectors = np.linalg.eig(greatest + 1e-9)
     first = int(np.argmax(values.real))
     if values[first].real > 1.0 - _ROOM:
         return

@@ -27,15 +27,16 @@ _Row = list[tuple[int, int]]
 def peaks_hold(parts: OpenParts, P: Exact, rho: Fraction, weights: Sequence[Fraction]) -> bool:
     """True if P (n, n), rho and `weights` (m,) prove that the loop is stable for all ages."""
     A, B, C = parts.A, parts.B, parts.C
-    if not 0 < rho < 1 or len(P) != len(A) or len(weights) != len(C) or min(weights) <= 0:
+    m = B.width
+    if not 0 < rho < 1 or len(P) != len(A) or len(weights) != m or min(weights) <= 0:
         return False
     if not positive_definite(P - C.T @ C):
         return False
     if not positive_definite(P.times(rho * rho) - A.T @ P @ A):
         return False
     error = _up(P, 1) / (1 - rho)  # of a state, |.|_P in units of the last place
-    direct = [[abs(parts.D.at(i, j)) for j in range(len(C))] for i in range(len(C))]
-    sums = [[0] * len(C) for _ in C.rows]  # of each output and input
+    direct = [[abs(parts.D.at(i, j)) for j in range(m)] for i in range(len(C))]
+    sums = [[0] * m for _ in C.rows]  # of each output and input
     columns = [[(x << _POINT) // B.over for x in column] for column in B.T.rows]
     rows, outputs = _sparse(A), _sparse(C)
     for k in range(1, _MOST + 1):
@@ -47,12 +48,12 @@ def peaks_hold(parts: OpenParts, P: Exact, rho: Fraction, weights: Sequence[Frac
             rest = [(_norm(P, x) + error) / (1 - rho) + k * error for x in columns]
             unit = Fraction(1, 1 << _POINT)
             H = [
-                [direct[i][j] + (sums[i][j] + rest[j]) * unit for j in range(len(C))]
+                [direct[i][j] + (sums[i][j] + rest[j]) * unit for j in range(m)]
                 for i in range(len(C))
             ]
             if all(
-                sum(h * d for h, d in zip(row, weights, strict=True)) < own
-                for row, own in zip(H, weights, strict=True)
+                sum(h * d for h, d in zip(row, weights, strict=True)) < weights[own]
+                for row, own in zip(H, parts.sources, strict=True)
             ):
                 return True
     return False

@@ -20,7 +20,7 @@ _GROWTH = 1e-3
 
 @dataclass(frozen=True, slots=True)
 class Region:
-    """The states of all intervals between some `delays` (samples of `period`, s), in order.
+    """The states of all intervals between some `delays` (of `period` s each), in order.
 
     `highest`: for each least delay the index of the greatest up to which it is certified, -1: none.
     `unstable`: constant delays with which all links make the loop unstable. `grown`: pairs of
@@ -47,7 +47,7 @@ def region(
     delays: Sequence[int],
     say: Callable[[str], None] = lambda text: None,
 ) -> Region:
-    """The region over `delays` (samples), the same bounds for all links.
+    """The region over `delays` (periods), the same bounds for all links.
 
     What is certified between two delays is so between any within, so that 2 n searches find it of
     n delays. Raises ScenarioError without the solver.
@@ -95,7 +95,10 @@ def _proof(loop: CutLoop, *, peaks: bool) -> Certificate | None:
 
 
 def _bounded(loop: CutLoop, least: int, greatest: int) -> CutLoop:
-    links = tuple(replace(x, least=least, greatest=greatest) for x in loop.links)
+    """The loop with these bounds of all links, in periods."""
+    links = tuple(
+        replace(x, least=least * x.sends, greatest=greatest * x.sends) for x in loop.links
+    )
     return replace(loop, links=links)
 
 

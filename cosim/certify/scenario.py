@@ -11,6 +11,7 @@ from cosim.base.errors import ScenarioError
 from cosim.certify.exact import Exact
 from cosim.certify.model import CutLoop, LinkBounds
 from cosim.linear.component import Matrix
+from cosim.linear.loop import CutLink
 from cosim.linear.opened import OpenLoop
 from cosim.linear.scenario import opened
 from cosim.links.losses import Lossy
@@ -54,14 +55,14 @@ def cut_loop(
             )
     links, held, sent = [], list[int](), list[int]()
     for link, cut in zip(plan.links, found.links, strict=True):
-        if len(cut.held) != 1 or len(cut.sent) != 1:
+        if len(cut.held) != 1:
             raise ScenarioError(
-                f"links.{link.name} is sent every {cut.send * found.h:g} s and read every "
-                f"{cut.look * found.h:g} s in a loop of {found.period:g} s; expected one period"
+                f"links.{link.name} is read every {cut.look * found.h:g} s in a loop of "
+                f"{found.period:g} s; expected receivers that read once a period"
             )
         held += cut.held[0].tolist()
-        sent += cut.sent[0].tolist()
-        links.append(_bounds(plan, link, len(cut.held[0]), delays))
+        sent += cut.sent.ravel().tolist()
+        links.append(_bounds(plan, link, cut, delays))
     return _loop(found, links, held, sent), found
 
 
@@ -72,7 +73,8 @@ def _loop(
         Exact.of(x.tolist(), x.shape[1])
         for x in (found.A, found.B[:, held], found.C[sent], found.D[np.ix_(sent, held)])
     )
-    X = _neutral(found.A + found.B[:, held] @ _closed(found, held, sent))
+    looks = [i for cut in found.links for i in cut.sent[0].tolist()]
+    X = _neutral(found.A + found.B[:, held] @ _closed(found, held, looks))
     neutral = Exact.of(X.tolist(), X.shape[1])
     names = tuple(name for name, _ in found.states)
     return CutLoop(A, B, C, D, neutral, tuple(links), found.period, names)
@@ -92,7 +94,8 @@ def _neutral(A: Matrix) -> Matrix:
     return np.asarray(rows[values <= _NEUTRAL].T)
 
 
-def _bounds(plan: Plan, link: Link, size: int, delays: tuple[float, float] | None) -> LinkBounds:
+def _bounds(plan: Plan, link: Link, cut: CutLink, delays: tuple[float, float] | None) -> LinkBounds:
+    size, sends = len(cut.held[0]), len(cut.sent)
     if link.age is not None:
         raise ScenarioError(
             f"links.{link.name}: the receiver reads the age of what it holds, which changes the "
@@ -100,16 +103,16 @@ def _bounds(plan: Plan, link: Link, size: int, delays: tuple[float, float] | Non
         )
     grid = link.table.grid
     if delays is not None:
-        first, last = (ceil(round(d / (grid.n_r * grid.h), 9)) for d in delays)
-        return LinkBounds(link.name, size, first, last)
-    return LinkBounds(link.name, size, *age_limits(link.table, plan.ticks))
+        first, last = (ceil(round(d / (grid.n_s * grid.h), 9)) for d in delays)
+        return LinkBounds(link.name, size, first, last, sends=sends)
+    return LinkBounds(link.name, size, *age_limits(link.table, plan.ticks), sends)
 
 
 def age_limits(table: TableSpec, ticks: int) -> tuple[int, int | None, bool]:
     """The least and the greatest age of what a link holds, samples, and if its order is kept.
 
-    For a sender and a receiver of one period. Of a stored table these are the extremes of its rows
-    in the first `ticks` ticks. None: there is no greatest age.
+    Of a receiver whose period is that of the sender or a multiple of it. Of a stored table these
+    are the extremes of its rows in the first `ticks` ticks. None: there is no greatest age.
     """
     grid = table.grid
     if not isinstance(table, DrawnTable):
@@ -129,7 +132,7 @@ def age_limits(table: TableSpec, ticks: int) -> tuple[int, int | None, bool]:
         return least, None, ordered
     oldest = rule.greatest(law, grid)
     if longest:
-        oldest += grid.ticks(longest) + grid.n_s
+        oldest += grid.ticks(longest) + grid.n_r
     if last:  # an old sample that arrives last is held until the next one arrives
         oldest += grid.ticks(law.maximum) - grid.ticks(law.minimum)
     return least, oldest // grid.n_s, ordered

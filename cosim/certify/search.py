@@ -43,7 +43,7 @@ def certify(loop: CutLoop, *, peaks: bool = True) -> Certificate | None:
     require("clarabel")
     neutral, pivots = echelon(np.array(loop.neutral.floats()).reshape(len(loop.A), -1))
     loop = replace(loop, neutral=Exact.of(neutral.tolist(), neutral.shape[1]))
-    every = tuple(LinkBounds(x.name, x.size, 0, None) for x in loop.links)
+    every = tuple(LinkBounds(x.name, x.size, 0, None, sends=x.sends) for x in loop.links)
     given = loop.digest, loop.period
     proof: Proof
     for proof in _by_peaks(loop, pivots) if peaks else ():
@@ -128,11 +128,11 @@ def _none(link: LinkBounds) -> int:
 
 
 def _least(link: LinkBounds) -> int:
-    return link.least
+    return link.least // link.sends
 
 
 def _middle(link: LinkBounds) -> int:
-    return (link.least + link.most) // 2
+    return (link.least + link.most) // (2 * link.sends)
 
 
 def _exact(matrix: Matrix) -> Exact:

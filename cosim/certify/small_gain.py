@@ -34,11 +34,11 @@ def candidates(found: Nominal, squared: Sequence[float]) -> Iterator[tuple[Matri
         return
     T = C @ np.linalg.solve(z[:, None, None] * np.eye(n) - A, np.broadcast_to(
         B.astype(np.complex128), (len(z), *B.shape))) + D  # fmt: skip
-    X = _scales(T, found.places, squared)
+    X = _scales(T, found, squared)
     if X is None:
         return
     for room in _ROOM:
-        P = _riccati(A, B, C, D, X, _weighted(X, found.places, squared), room)
+        P = _riccati(A, B, C, D, X, _weighted(X, found, squared), room)
         if P is not None:
             yield P, [X[np.ix_(p, p)] for p in found.places]
 
@@ -53,27 +53,28 @@ def _grid(A: Matrix) -> NDArray[np.complex128] | None:
     return np.exp(1j * np.unique(angles))
 
 
-def _weighted(X: Matrix, places: Sequence[range], squared: Sequence[float]) -> Matrix:
-    """diag(g_i^2 X_i)."""
-    found = X.copy()
-    for place, g in zip(places, squared, strict=True):
-        found[place.start : place.stop] *= g
-    return found
+def _weighted(X: Matrix, found: Nominal, squared: Sequence[float]) -> Matrix:
+    """g_i^2 X_i for each increment of each link, on the diagonal."""
+    G = np.zeros((len(found.V), len(found.V)))
+    for place, steps, g in zip(found.places, found.steps, squared, strict=True):
+        own = X[place.start : place.stop, place.start : place.stop] * g
+        for i in range(0, len(steps), len(place)):
+            at = slice(steps[i], steps[i] + len(place))
+            G[at, at] = own
+    return G
 
 
-def _scales(
-    T: NDArray[np.complex128], places: Sequence[range], squared: Sequence[float]
-) -> Matrix | None:
-    """X with T* diag(g_i^2 X_i) T < X at every point, T (k, m, m), as far from it as possible."""
-    m = T.shape[1]
+def _scales(T: NDArray[np.complex128], found: Nominal, squared: Sequence[float]) -> Matrix | None:
+    """X with T* diag(g_i^2 X_i) T < X at every point, T (k, p, m), as far from it as possible."""
+    m = T.shape[2]
     basis = []
-    for place in places:
+    for place in found.places:
         own = symmetric(len(place))
         some = np.zeros((len(own), m, m))
         some[:, place.start : place.stop, place.start : place.stop] = own
         basis.append(some)
     E = np.concatenate(basis)
-    G = np.concatenate([b * g for b, g in zip(basis, squared, strict=True)])
+    G = np.array([_weighted(e, found, squared) for e in E])
     inside = E[:, None] - T.conj().transpose(0, 2, 1) @ G[:, None] @ T
     whole = np.block([[inside.real, -inside.imag], [inside.imag, inside.real]])
     x = interior([E, *whole.transpose(1, 0, 2, 3)], np.trace(E, axis1=1, axis2=2) / m)

@@ -34,7 +34,7 @@ def follow(links: Sequence[LinkBounds], before: Ages, after: Ages) -> bool:
 
 def switched(parts: ClosedParts, ages: Ages) -> Exact:
     """The matrix of one step with these ages, without the neutral directions."""
-    n, m, places = len(parts.A), len(parts.C), parts.places()
+    n, m, places = len(parts.A), parts.B.width, parts.places()
     late = sum(x.most * x.size for x in parts.links)
     y = beside(parts.C, Exact.zeros(m, late))
     held, moved, rest, first = [], [], [parts.X], n

@@ -28,11 +28,11 @@ _NEUTRAL = 1e-6
 def adversary(loop: CutLoop, steps: int = 4000, seed: int = 0) -> Sequences | None:
     """Ages, (steps, links), in samples, with which a motion grows, or None if none were found.
 
-    None also of a loop that is too large, or has direct feed-through.
+    None also of a loop that is too large, has feed-through, or sends several times a period.
     """
     n, m = len(loop.A), len(loop.C)
     depth = max(link.most for link in loop.links)
-    if n + depth * m > _STATES or loop.D.greatest():
+    if n + depth * m > _STATES or loop.D.greatest() or any(x.sends > 1 for x in loop.links):
         return None
     A, B, C = (np.array(x.floats()).reshape(len(x), x.width) for x in (loop.A, loop.B, loop.C))
     mode = _mode(loop, A, B, C, depth)

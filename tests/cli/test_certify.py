@@ -42,6 +42,36 @@ def test_the_example_of_the_page(cosim: Command) -> None:
     assert len(example) == 4 and set(example) <= set(done.out.splitlines())
 
 
+ARM = """
+[components.{0}]
+model = "fmus.models.planar2r"
+start = {{ q = [0.5, 0.9] }}
+inputs = {{ tau = "{0}_control.tau" }}
+[components.{0}_control]
+model = "fmus.models.p_d"
+period = "5 ms"
+preset = "P+d violating"
+inputs = {{ q = "{0}.q", dq = "{0}.dq" }}
+[[links]]
+from = "{1}.q"
+to = "{0}_control.q_j"
+delay = {{ law = "uniform", low = "50 ms", high = "200 ms", hold = "30 ms" }}
+"""
+
+
+def test_springs_and_dampers_up_to_their_condition(cosim: Command, tmp_path: Path) -> None:
+    """P+d with B = 3 and K = 10: delays up to 0.3 s. The arms send every ms, read every 5 ms."""
+    pytest.importorskip("clarabel")
+    run = 'title = "P+d"\n[run]\nstep = "1 ms"\nstop = "0.1 s"\n'
+    text = run + ARM.format("master", "slave") + ARM.format("slave", "master")
+    (tmp_path / "pd.toml").write_text(text, encoding="utf-8")
+    done = cosim("check", "--certify", "pd.toml", "--delays", "0,0.29", "--out", "proof")
+    assert done.code == 0 and "0 to 0.29 s" in done.out and "small gain" in done.out
+    again = cosim("check", "--verify", "proof/certificate.json", "pd.toml")
+    assert again.code == 0, again.err
+    assert cosim("check", "--certify", "pd.toml", "--delays", "0,0.4").code == 1
+
+
 def test_what_is_not_certified_is_unknown(cosim: Command, tmp_path: Path) -> None:
     pytest.importorskip("clarabel")
     free = ["--set", "components.master.parameters.k_p=0", "--set",

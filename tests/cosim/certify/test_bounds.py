@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -13,12 +15,12 @@ from cosim.certify.nominal import Centre, squared_epsilon, squared_gain, squared
 N = 60
 
 
-def error_gain(ages: list[int], c: int) -> float:
-    """The norm of v -> y[k - age] - y[k - c] with y = v summed up, over these steps."""
+def error_gain(ages: list[int], c: int, sends: int = 1) -> float:
+    """The norm of v -> y[k - age] - y[k - c] with y = v summed up, for each k-th of `sends`."""
     total = np.tril(np.ones((N, N)))
-    k = np.arange(N)
-    rows = np.vstack([np.zeros(N), total])  # nothing before the start
-    held = rows[np.maximum(k - np.array(ages) + 1, 0)] - rows[np.maximum(k - c + 1, 0)]
+    k = np.arange(0, N, sends)
+    rows = np.vstack([np.zeros(N), total])  # nothing before the start; c in samples
+    held = rows[np.maximum(k - np.array(ages)[: len(k)] + 1, 0)] - rows[np.maximum(k - c + 1, 0)]
     return float(np.linalg.norm(held, 2))
 
 
@@ -46,6 +48,19 @@ def test_no_sequence_of_ages_has_a_greater_gain(given: tuple[LinkBounds, list[in
 def test_no_ordered_sequence_has_a_greater_gain(given: tuple[LinkBounds, list[int], int]) -> None:
     link, ages, c = given
     assert error_gain(ages, c) ** 2 <= float(squared_gamma(link, c)) + 1e-9
+
+
+@given(sequences(ordered=False), st.integers(2, 5))
+def test_looks_at_some_of_the_samples(given: tuple[LinkBounds, list[int], int], sends: int) -> None:
+    """A receiver that looks once in some samples; of these the lateness is a whole number."""
+    link, ages, c = given
+    link = replace(link, sends=sends)
+    found = error_gain(ages, c * sends, sends)
+    assert found**2 <= float(squared_gamma(link, c)) + 1e-9
+    k = np.arange(len(ages))
+    kept = (np.diff(sends * k - np.array(ages)) >= 0).all()
+    if kept:
+        assert found**2 <= float(squared_gamma(replace(link, ordered=True), c)) + 1e-9
 
 
 def test_order_is_needed_for_the_smaller_bound() -> None:

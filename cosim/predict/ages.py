@@ -14,7 +14,7 @@ import numpy as np
 
 from cosim.base.errors import ScenarioError
 from cosim.links.laws import Law
-from cosim.links.semantics import PlayoutSemantics, SignalSemantics
+from cosim.links.semantics import PacketSemantics, PlayoutSemantics, SignalSemantics
 from cosim.links.table import DrawnTable, TableSpec
 from cosim.predict.facts import Array
 
@@ -101,6 +101,8 @@ def age_bound(table: TableSpec) -> float:
         if law.maximum > table.rule.buffer:
             return inf  # what comes later than the buffer is never played
         oldest = table.rule.buffer
+    if isinstance(table.rule, PacketSemantics) and table.rule.order == "last-arrival":
+        oldest += law.maximum - law.minimum  # a stale sample is held until the next one arrives
     return inf if law.loses_packets else oldest + longest + slack
 
 

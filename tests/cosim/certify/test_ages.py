@@ -10,8 +10,10 @@ import pytest
 from cosim.certify.scenario import age_limits
 from cosim.links.laws import Constant, Uniform
 from cosim.links.losses import Independent, Lossy
+from cosim.links.segments import Segment, Segments
 from cosim.links.semantics import Grid, PacketSemantics, PlayoutSemantics, SignalSemantics
 from cosim.links.table import DrawnTable
+from cosim.predict.ages import age_bound
 
 
 def limits(law: Any, rule: Any) -> tuple[int, int | None, bool]:
@@ -42,3 +44,17 @@ def test_drawn_ages_keep_to_the_limits(order: Any, hold: float | None) -> None:
     assert greatest is not None and least <= ages.min() and ages.max() <= greatest
     assert ages.max() >= (greatest - 6 if ordered else (least + greatest) // 2)
     assert not ordered or (np.diff(held) >= 0).all()
+
+
+def test_a_stale_sample_that_arrives_last_is_held() -> None:
+    """Sample 0 takes 0.2 s, the next 19 take 0.1 s, then 0.2 s: it is held up to an age of 0.3 s."""
+    slow = (Segment(0.0, 0.005, 0.2), Segment(0.1, 1.0, 0.2))
+    table = DrawnTable(
+        "x", Grid(5, 5, 0.001), Segments(0.1, slow), PacketSemantics("last-arrival"), 0
+    )
+    rows = table.stream().rows(100)
+    held = np.flatnonzero(rows == 0)
+    assert held.max() == 59  # looks, of 5 ms each
+    _, greatest, _ = age_limits(table, 1000)
+    assert greatest is not None and held.max() <= greatest
+    assert held.max() * 0.005 <= age_bound(table)

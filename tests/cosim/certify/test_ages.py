@@ -47,7 +47,7 @@ def test_drawn_ages_keep_to_the_limits(order: Any, hold: float | None) -> None:
 
 
 def test_a_stale_sample_that_arrives_last_is_held() -> None:
-    """Sample 0 takes 0.2 s, the next 19 take 0.1 s, then 0.2 s: it is held up to an age of 0.3 s."""
+    """Sample 0 takes 0.2 s, the next 19 take 0.1 s, then 0.2 s: it is held up to 0.3 s."""
     slow = (Segment(0.0, 0.005, 0.2), Segment(0.1, 1.0, 0.2))
     table = DrawnTable(
         "x", Grid(5, 5, 0.001), Segments(0.1, slow), PacketSemantics("last-arrival"), 0

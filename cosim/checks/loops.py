@@ -173,13 +173,11 @@ def _delays(system: AnalyzedSystem, plan: Plan) -> LoopDelays:
     least, mean, most = list[int](), list[int](), list[int]()
     for link in plan.links:
         age = system.age(link)
-        short = round(age.least / plan.h)
+        short, long = round(age.least / plan.h), round(age.most / plan.h)
         between = plan.component(link.source.component).period - 1  # ticks from sample to sample
-        if not age.spread or max(age.spread) - min(age.spread) < (between + 0.5) * plan.h:
-            middle = long = short
-        else:
-            middle = round(age.mean / plan.h)
-            long = round((age.mean + max(age.spread)) / plan.h)
+        one = long - short <= between  # one delay, seen at several moments
+        middle = short if one else round(age.mean / plan.h)
+        long = short if one else long
         least.append(short)
         mean.append(middle)
         most.append(long)

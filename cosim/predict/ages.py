@@ -30,14 +30,15 @@ QUANTILES = 48
 class Age:
     """Age of the held sample, s: `mean`, and `bound` (inf: unbounded).
 
-    `spread`: differences from the mean, s, equally likely; () if the age is constant. `least`: of
-    the ages that were drawn.
+    `spread`: differences from the mean, s, equally likely; () if the age is constant or jumps by a
+    base step. `least` and `most`: of the ages that were drawn.
     """
 
     mean: float = 0.0
     bound: float = 0.0
     spread: tuple[float, ...] = ()
     least: float = 0.0
+    most: float = 0.0
 
 
 def kind_of(table: TableSpec) -> Hashable:
@@ -60,8 +61,8 @@ def age(table: TableSpec) -> Age:
     middle = float(ages.mean())
     parts = quantiles(ages - middle, (np.arange(QUANTILES) + 0.5) / QUANTILES)
     spread = tuple((parts - parts.mean()).tolist()) if np.ptp(ages) > table.grid.h else ()
-    mean, least = middle if declared is None else declared, float(ages.min())
-    return Age(mean, age_bound(table), spread, least)
+    mean = middle if declared is None else declared
+    return Age(mean, age_bound(table), spread, float(ages.min()), float(ages.max()))
 
 
 def _ages(table: TableSpec) -> Array:

@@ -215,8 +215,13 @@ def test_what_has_no_linear_model_is_told() -> None:
     assert said and said[0].severity == "note" and "hand: cannot be linearized" in said[0].reason
 
 
-@pytest.mark.parametrize("number", range(20))
-def test_random_scenarios_are_judged_as_their_runs_judge_them(number: int) -> None:
+#: Random scenarios, number and seed, that were judged wrongly once: estimates that differ where a
+#: run ends, samples of two ages that are one delay, delays of one or two steps.
+HARD = [(209, 0), (526, 0), (32, 0), (508, 0)]
+
+
+@pytest.mark.parametrize(("number", "seed"), [*((n, 1) for n in range(20)), *HARD])
+def test_random_scenarios_are_judged_as_their_runs_judge_them(number: int, seed: int) -> None:
     """Two of each family; benchmarks/README.md has the table of a thousand."""
-    judged = outcome(scenario(number, 1), start=False)
+    judged = outcome(scenario(number, seed), start=False)
     assert judged.unstable is None or judged.alarm == judged.unstable, judged

@@ -363,9 +363,9 @@ def line(finding: Finding) -> str:
     return finding.line[:300]
 
 
-def outcomes(count: int, seed: int, *, start: bool) -> Iterator[Outcome]:
+def outcomes(numbers: range, seed: int, *, start: bool) -> Iterator[Outcome]:
     """All of them, in order."""
-    for number in range(count):
+    for number in numbers:
         yield outcome(scenario(number, seed, start=start), start=start)
 
 
@@ -375,13 +375,14 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawTextHelpFormatter
     )
     parser.add_argument("--count", type=int, default=1000)
+    parser.add_argument("--first", type=int, default=0, help="number of the first scenario")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--from-start", action="store_true")
     parser.add_argument("--show", action="store_true", help="print what is missed or invented")
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
-    found = []
-    for one in outcomes(options.count, options.seed, start=options.from_start):
+    found, numbers = [], range(options.first, options.first + options.count)
+    for one in outcomes(numbers, options.seed, start=options.from_start):
         found.append(one)
         wrong = one.unstable is not None and one.unstable != one.alarm
         if options.show and wrong:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict
+from math import nan
 from typing import Any
 
 from bridge.deployment.system import System
@@ -38,7 +39,7 @@ def as_data(system: System, outcome: RehearsalOutcome) -> dict[str, Any]:
             {"index": f.index, "kind": f.kind, "verdict": f.verdict, "text": f.text()}
             for f in outcome.faults
         ],
-        "twin_rms": dict(outcome.twin_rms),
+        **{f"twin_rms_{unit}": outcome.twin_rms.get(unit, nan) for unit in ("rad", "m")},
         "replay": {
             "exact": replayed is not None and first is None,
             "greatest": replayed.greatest if replayed is not None else None,

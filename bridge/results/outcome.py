@@ -140,7 +140,7 @@ def reopen(system: System, folder: Path) -> RehearsalOutcome:
     reports = report.node_reports(system, rows, nodes)
     return RehearsalOutcome(
         folder, len(Run.open(folder)), rows, reports, replayed, error,
-        facts["twin_rms"],
+        facts["twin_rms"] if isinstance(facts["twin_rms"], dict) else {},
         report.bus_reports(
             system, run_folder.bus_logs(system, nodes), _start_of_logs(system, start_ns)
         ),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from math import inf, nan
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,7 @@ from typer.main import get_command
 
 from cosim.base.errors import RunError
 from cosim.cli.commands import app
-from cosim.cli.options import write_json
+from cosim.cli.options import JSON_VERSION, write_json
 from cosim.cli.overview import COMMANDS
 from fmus.models import planar2r
 from tests.cli.command import ROOT, Command
@@ -142,8 +143,9 @@ QUICK: dict[str, tuple[str | Path, ...]] = {
     "doctor": (),
 }
 WITH_JSON = (
-    *("analyze", "campaign", "check", "compare", "delays", "diff", "doctor", "fit", "identify"),
-    *("info", "ping", "rehearse", "replay", "reproduce", "run", "show", "soak", "sweep"),
+    *("analyze", "campaign", "check", "compare", "delays", "diff", "doctor", "falsify", "fit"),
+    *("identify", "info", "ping", "rehearse", "replay", "reproduce", "run", "show", "soak"),
+    "sweep",
 )
 
 
@@ -159,9 +161,18 @@ def test_the_option_is_the_same_everywhere() -> None:
     assert {(one.metavar, one.help, one.is_flag) for one in found.values()} == {
         ("FILE", "Write the result as JSON; -: to standard output, and nothing else.", False)
     }
+
+
+def test_the_table_of_schemas_is_complete() -> None:
+    """Of what the source writes, by `write_json` or by `save` of :class:`ResultOptions`."""
+    call = re.compile(r'\b(?:write_json\([^,()]+, |result\.save\()"(\w+)"')
+    sources = [p for room in ("bridge", "cosim", "fmus") for p in (ROOT / room).rglob("*.py")]
+    written = {name for path in sources for name in call.findall(path.read_text("utf-8"))}
     page = (ROOT / "docs" / "testing.md").read_text("utf-8")
-    section = page[page.index("## Results as JSON") :]
-    assert all(f"`{name}`" in section for name in found)
+    rows = re.findall(r"^\| `cosim\.([\w-]+)/(\d+)` \| `([\w-]+)", page, re.MULTILINE)
+    assert [name for name, _, _ in rows] == sorted(written)
+    assert {int(version) for _, version, _ in rows} == {JSON_VERSION}
+    assert {command for _, _, command in rows} == set(WITH_JSON)
 
 
 @pytest.mark.parametrize("command", QUICK)

@@ -118,7 +118,8 @@ def by_frequency(swept: PortSweep, bench: Bench) -> Iterator[Quantity]:
         expected=form.least()[2] if form else (),
         formula=sampling_note(bench) if form else "",
         error=error,
-        note=f"{_VERDICT[gain.passive()]} from {lowest:.3g} to {gain.omega[-1]:.3g} rad/s; {said}",
+        note=f"{_VERDICT[gain.passive()]} from {lowest:.3g} rad/s to {gain.omega[-1]:.3g} rad/s; "
+        + said,
     )  # fmt: skip
     yield from _bands(gain, form, tag, bench)
 
@@ -137,7 +138,7 @@ def sampling_note(bench: Bench) -> str:
     period = system.period(system.controls.get(bench.port.arm, bench.port.arm))
     net = bench.network
     late = max(net.law.feedback) * period / 2 if net is not None else 0.0
-    of_inertia = f", of inertia ± {late:.2g}" if late else ""
+    of_inertia = f", of inertia ± {late:.2g} {bench.units['inertia']}" if late else ""
     return f"closed form, ± {100 * HIGHEST * period / 4:.2g} %{of_inertia}: not sampled"
 
 
@@ -164,7 +165,7 @@ def _bands(gain: PortGain, form: PortGain | None, tag: str, bench: Bench) -> Ite
         ("inertia", 0, high),
         ("damping", 1, high),
     ):
-        how = f"Z = jωI + D + S/(jω) from {band[0]:.2g} to {band[1]:.2g} rad/s"
+        how = f"Z = jωI + D + S/(jω) from {band[0]:.2g} rad/s to {band[1]:.2g} rad/s"
         speed = "slowly" if band is low else "quickly"
         found = gain.fitted_impedance(*band)
         value = found[index]
@@ -187,7 +188,8 @@ def by_push(bench: Bench) -> Iterator[Quantity]:
     """O4: the response to a constant force from rest, and its ratio to the greatest one, M^t."""
     seconds = PUSH[len(bench.system.arms) > 2]
     kind = f", {title_of(bench)}" if bench.known else ""
-    how = f"constant push of {FORCE:g} on every joint for {seconds:g} s, from rest{kind}"
+    force = bench.units["damping"].split(".s/")[0]
+    how = f"constant push of {FORCE:g} {force} on every joint for {seconds:g} s, from rest{kind}"
     try:
         run = bench.push(seconds)
     except CosimError as error:

@@ -10,9 +10,11 @@ from math import sqrt
 import numpy as np
 
 from cosim.analysis.quantity import Quantity, absent, quantity
+from cosim.base.units import time_text
 from cosim.measure.energy import effort, observer
 from cosim.measure.felt_impedance import fit_impedance, is_operator
 from cosim.measure.manipulability import growth, manipulability, running_integral
+from cosim.measure.metric_result import with_unit
 from cosim.predict.closed_form import manipulability_bound, poles, quasi_static_poles
 from cosim.predict.facts import Array, Hand
 from cosim.predict.finite_gain import network_gain
@@ -137,10 +139,12 @@ def _manipulability(
         limit = manipulability_bound(net, t[-1:], least_feedback(net))
     bound = limit
     if broken:
-        why = f"no bound: O6 ({', '.join(f'{x:.4g}' for x in limit)}) needs {'; '.join(broken)}"
+        bounds = ", ".join(with_unit(x, found.unit, 4) for x in limit)
+        why = f"no bound: O6 ({bounds}) needs {'; '.join(broken)}"
         limit = np.empty(0)
     what = "" if found.mean is None else ", y the mean of all robots"
-    how = f"‖y‖₂/‖f‖₂ over [0, {t[-1]:.4g}] s{what}"
+    end, half = time_text(float(t[-1])), time_text(float(t[-1]) / 2)
+    how = f"‖y‖₂/‖f‖₂ from 0 s to {end}{what}"
     yield quantity(
         "manipulability", "M^t of this run", M[-1], found.unit, how,
         expected=limit, formula="O6, at most" if len(limit) else "", note=why,
@@ -149,7 +153,7 @@ def _manipulability(
         yield _gain(net, found.response[-1], float(t[-1]), bound)
     yield quantity(
         "growth", "growth of M^t", growth(t, M, t[-1] / 2, t[-1]), "1",
-        f"d log M/d log t, {t[-1] / 2:.4g} to {t[-1]:.4g} s",
+        f"d log M/d log t, from {half} to {end}",
         note="constant push 1, hand at rest 1/2, finite 0",
     )  # fmt: skip
 
@@ -161,8 +165,8 @@ def _gain(net: RobotNetwork, q: Array, t: float, limit: Array) -> Quantity:
     """
     label = "M^t, gain"
     how = (
-        f"sup ‖y‖₂/‖f‖₂ over all f on [0, {t:.4g}] s, linear about the end of the run, from rest, "
-        "theta known, mean of graphs and delays"
+        f"sup ‖y‖₂/‖f‖₂ over all f from 0 s to {time_text(t)}, linear about the end of the run, "
+        "from rest, theta known, mean of graphs and delays"
     )
     if not np.isfinite(q).all():
         return absent("gain", label, "rad/(N.m)", how, "the run did not end at rest")
@@ -178,7 +182,7 @@ def _effort(found: RecordedPort) -> Iterator[Quantity]:
     yield quantity("effort", "effort ‖f‖₂", e.norm, f"{unit}.√s", "sqrt(∫ |f|² dt)")
     yield quantity("impulse", "effort ∫|f|", e.integral, f"{unit}.s", "∫ |f| dt")
     yield quantity("peak_force", "peak |f_i|", e.peak, unit, "largest entry")
-    how = f"mean of |f| over the last {e.window:.3g} s"
+    how = f"mean of |f| over the last {time_text(e.window, 3)}"
     yield quantity("holding", "holding torque", e.holding, unit, how)
 
 
@@ -194,7 +198,7 @@ def _energy(found: RecordedPort) -> Iterator[Quantity]:
     how = "min of E(t) = ∫ (τ1ᵀ dq1 - τ2ᵀ dq2)" if found.far else "min of E(t) = ∫ τᵀ dq"
     yield quantity(
         "observer_min", "passivity observer", E[at], "J", how,
-        note=f"at {found.t[at]:.4g} s; E ends at {E[-1]:.4g} J",
+        note=f"at {time_text(float(found.t[at]))}; E ends at {E[-1]:.4g} J",
     )  # fmt: skip
 
 
@@ -202,14 +206,19 @@ def _felt(found: RecordedPort) -> Iterator[Quantity]:
     assert found.rate is not None
     window = max(float(found.t[-1]) / 12, 2.0)
     windows = fit_impedance(found.t, found.force, found.response, found.rate, window)
-    label, how = "felt in windows", f"f = I ddq + D dq + S q by least squares, {window:.3g} s each"
+    label, how = (
+        "felt in windows",
+        f"f = I ddq + D dq + S q by least squares, {time_text(window, 3)} each",
+    )
     if not windows:
         yield absent("felt", label, "", how, "nothing moves in enough ways to tell")
         return
     if all(is_operator(w) for w in windows):
         D, S = (np.median([getattr(w, x) for w in windows]) for x in ("damping", "stiffness"))
+        force, length = found.units
+        k_d, k_p = f"{-D:.4g} {force}.s/{length}", f"{-S:.4g} {force}/{length}"
         why = (
-            f"what is found is the hand's own spring and damper (k_d = {-D:.4g}, k_p = {-S:.4g});"
+            f"what is found is the hand's own spring and damper (k_d = {k_d}, k_p = {k_p});"
             " see the tests"
         )
         yield absent("felt", label, "", how, why)
@@ -240,7 +249,7 @@ def _approach(found: RecordedPort, net: RobotNetwork, hand: Hand) -> Quantity:
     roots = poles(net, found.response[-1], estimates, hand.stiffness, hand.damping)
     close, names = _not_told_apart(roots, seconds)
     simple = quasi_static_poles(net.law, least_feedback(net), *_softest(hand))[0].real
-    o3 = f"; O3 without inertia {simple:.4g}" if len(net.laws) == 1 else ""
+    o3 = f"; O3 without inertia {simple:.4g} 1/s" if len(net.laws) == 1 else ""
     return quantity(
         "approach", label, rate, "1/s", how, error=uncertain + close,
         expected=roots[0].real if len(roots) else (),
@@ -262,7 +271,7 @@ def _not_told_apart(roots: Complex, seconds: float) -> tuple[float, str]:
     last = min(p.real for p in faster)
     return (
         float(roots[0].real - last),
-        f"modes down to {last:.4g} 1/s are not told from the slowest in {seconds:.3g} s",
+        f"modes down to {last:.4g} 1/s are not told from the slowest in {time_text(seconds, 3)}",
     )
 
 

@@ -116,33 +116,42 @@ def status() -> Iterator[Callable[[str], None]]:
 
 
 def report(found: Analysis) -> list[str]:
-    """The numbers in two tables, each with its closed form, and how they came about below."""
+    """The numbers, one fact per line, each with its closed form; below, how they came about."""
     footnotes: dict[str, int] = {}
     port = found.port
     force = f"{port.force} + {port.external}" if port.external else port.force
     names = ", ".join(name for name in (force, port.response, port.inject) if name)
     lines = [found.title, f"port {port.arm}: {names}"]
-    tests = (
-        f"the port, by {'tests' if found.tested else 'closed forms'}"
-        " (as it starts: estimates of the scenario, posture of the run's end; "
-        "M_hat = M: true estimates that stay, heaviest posture)"
-    )
-    for title, quantities in (("the run", found.run), (tests, found.tests)):
-        if quantities:
-            lines += ["", title, *_table(quantities, footnotes)]
+    if found.run:
+        lines += ["", "the run", *_facts(found.run, footnotes)]
+    if found.tests:
+        lines += ["", f"the port, by {'tests' if found.tested else 'closed forms'}"]
+        lines += [f"  {words}" for words in _POSTURES]
+        lines += _facts(found.tests, footnotes)
     lines += ["", *(f"  [{number}] {text}" for text, number in footnotes.items())]
     lines += [f"note: {remark}" for remark in found.remarks]
     return lines
 
 
-def _table(quantities: Sequence[Quantity], footnotes: dict[str, int]) -> list[str]:
+#: What the words behind the name of a test mean.
+_POSTURES = (
+    "as it starts: estimates of the scenario, posture of the run's end",
+    "M_hat = M: true estimates that stay, heaviest posture",
+)
+
+
+def _facts(quantities: Sequence[Quantity], footnotes: dict[str, int]) -> list[str]:
+    """The lines of numbers: each with its footnote, then its closed form and a note."""
     from cosim.cli.show import aligned
 
-    rows = [("", "found", "closed form", "")]
+    rows = []
     for q in quantities:
         number = footnotes.setdefault(q.how, len(footnotes) + 1)
-        notes = f"[{number}]" + (f" {q.note}" if q.note and not q.missing else "")
-        form = q.expected_text.replace(" = ", "  ", 1)
-        rows.append((q.label, q.text if not q.missing else "-", form, notes if not q.missing
-                     else f"{notes} no number: {q.note}"))  # fmt: skip
+        rows.append((q.label, f"{q.text}  [{number}]"))
+        if q.expected:
+            value, _, formula = q.expected_text.partition(" = ")
+            formula = formula.removeprefix("closed form").removeprefix(", ")
+            rows.append(("  closed form", f"{value}, {formula}" if formula else value))
+        if q.note and not q.missing:
+            rows.append(("  note", q.note))
     return aligned(rows)

@@ -22,7 +22,8 @@ SHORT = ("--set", "run.stop=3")
 def test_a_scenario_gives_numbers_figures_and_json(cosim: Command) -> None:
     done = cosim("analyze", TEACHING, "--png", "--json", "a.json", "--out", "here")
     assert (done.code, done.err) == (0, "")
-    for said in ("degree of manipulability", "felt damping, push", "5.333 N.m.s/rad  O4, Kα/λ_M",
+    for said in ("degree of manipulability", "felt damping, push",
+                 "closed form  ", "5.333 N.m.s/rad, O4, Kα/λ_M",
                  "passivity margin, worst posture", "stiffest grip, M_hat = M"):  # fmt: skip
         assert said in done.out
     for name in ("manipulability", "port", "effort"):
@@ -33,6 +34,17 @@ def test_a_scenario_gives_numbers_figures_and_json(cosim: Command) -> None:
     assert numbers["push_damping"]["values"][0] == pytest.approx(16 / 3, rel=1e-3)
     assert numbers["push_damping"]["unit"] == "N.m.s/rad" and numbers["push_damping"]["how"]
     assert data["port"]["force"] == "robot.tau_h" and len(data["gain"]) == 2
+
+
+def test_every_fact_has_a_line_and_its_units(cosim: Command) -> None:
+    lines = cosim("analyze", TEACHING).out.splitlines()
+    pushed = next(i for i, line in enumerate(lines) if "felt damping, push" in line)
+    assert re.search(r"N\.m\.s/rad  \[\d+\]$", lines[pushed])
+    assert lines[pushed + 1].startswith("    closed form  ") and "[" not in lines[pushed + 1]
+    assert lines[pushed + 1].endswith("5.333 N.m.s/rad, O4, Kα/λ_M")
+    assert any("constant push of 1e-06 N.m on every joint" in line for line in lines)
+    assert any("‖y‖₂/‖f‖₂ from 0 s to 20 s" in line for line in lines)
+    assert not any("closed form, closed form" in line for line in lines)
 
 
 def test_every_footnote_is_there(cosim: Command) -> None:
@@ -83,8 +95,8 @@ def test_many_robots_are_not_tested_unless_that_is_asked_for(
     monkeypatch.setattr(experiments.Bench, "run", None)  # no test is simulated
     done = cosim(*arguments, "--set", "graphs.net.n=260")
     assert (done.code, done.err) == (0, "")
-    assert "the port, by closed forms (" in done.out and "--tests applies them" in done.out
-    assert len(done.out.splitlines()) < 60
+    assert "the port, by closed forms\n" in done.out and "--tests applies them" in done.out
+    assert len(done.out.splitlines()) < 80
     found = json.loads(Path("a.json").read_text("utf-8"))
     numbers = {q["name"]: q for q in found["run"] + found["tests"]}
     assert numbers["gain"]["values"][0] > 0 and len(found["port"]["members"]) == 260
@@ -124,7 +136,11 @@ def test_what_cannot_be_analysed_is_refused(
 
 def test_a_signal_that_was_not_recorded_is_refused(cosim: Command) -> None:
     record = 'run.record.signals=["slave.q"]'
-    bare = ("--set", record, "--set", "metrics={}", "--set", "figures={}")
+    bare = (
+        "--set",
+        record,
+        *(x for key in ("metrics", "require", "figures") for x in ("--set", f"{key}={{}}")),
+    )
     cosim("run", CONFIG, *SHORT, *bare, "--out", "run", "--no-plot", "--quiet")
     said = cosim.refused("analyze", "run")
     assert "master.tau_h was not recorded; recorded are slave.q" in said

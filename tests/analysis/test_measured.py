@@ -47,7 +47,7 @@ def test_numbers_of_the_paper_s_single_arm() -> None:
     assert number(found, "growth").values == pytest.approx([0.5], abs=0.1)
     M = number(found, "manipulability")
     assert M.values == pytest.approx([0.429], rel=3e-3)
-    assert not M.expected and "no bound: O6 (2.419) needs θ known" in M.note
+    assert not M.expected and "no bound: O6 (2.419 rad/(N.m)) needs θ known" in M.note
     assert number(found, "observer_min").values[0] >= -1e-9
 
 
@@ -74,7 +74,7 @@ def test_a_push_gets_the_share_of_the_gain_that_the_reading_says() -> None:
 
 def test_a_pd_hand_is_recognised_as_such() -> None:
     felt = number(analysed("single-6"), "felt")
-    assert felt.missing and "k_d = 5, k_p = 10" in felt.note
+    assert felt.missing and "k_d = 5 N.m.s/rad, k_p = 10 N.m/rad" in felt.note
 
 
 # ---- degree: lambda_M, alpha --------------------------------------------------------------------
@@ -228,7 +228,7 @@ def test_a_lossless_mass_is_passive_and_its_units_are_those_of_a_line() -> None:
     share = number(analysed_mass(), "real_part_started")
     assert abs(share.values[0]) < 1e-9
     assert (
-        share.note.startswith("passive from 0.03 to 60 rad/s; Re Y =")
+        share.note.startswith("passive from 0.03 rad/s to 60 rad/s; Re Y =")
         and "m/(N.s) at" in share.note
     )
     assert number(analysed_mass(), "inertia_quickly_started").unit == "kg"

@@ -111,7 +111,7 @@ def test_a_failed_test_shows_numbers_seed_and_commands_and_keeps_its_run(project
     name = "checks/test_ramp.py::test_fails"
     seed = crc32(name.encode()) & 0x7FFFFFFF
     text = result.stdout.str()
-    assert "the greatest ramp.x is 0.297 m at 0.099 s (ramp.x); expected below 0.2 m" in text
+    assert "the greatest ramp.x is 0.297 m at 99 ms (ramp.x); expected below 0.2 m" in text
     assert f"seed         {seed} (from {name})" in text
     assert f"repeat it    cd {project.path} && pytest {name}" in text
     kept = project.path / "kept" / "checks_test_ramp.py_test_fails"

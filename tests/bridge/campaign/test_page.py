@@ -30,7 +30,7 @@ def test_a_run_that_was_not_as_expected_fails_the_campaign(tmp_path: Path) -> No
     assert "1 of 2 runs were not as expected: drop-2" in page
     assert '<a href="drop/report.html">drop</a>' in page and "drop-2/report.html" not in page
     assert "NO: a torque of 2 times its limit" in page and "cosim campaign x.toml" in page
-    assert "<span>frames corrupted</span><b>6</b>" in page
+    assert "<span>Frames corrupted</span><b>6</b>" in page
     assert 'class="verdict passed"' in write_campaign(
         runs[:1], "Faults", tmp_path, ""
     ).read_text("utf-8")  # fmt: skip

@@ -18,7 +18,7 @@ from cosim.predict.system import AnalyzedSystem
 #: A real part of the admittance that is no more than rounding, as a share of it.
 ROUNDING = 1e-6
 #: Frequencies at which a port is looked into, evenly on a logarithmic scale, and from which on.
-COUNT, LOWEST = 160, 0.02
+COUNT, LOWEST = 100, 0.02
 #: The distance to a hand's place that counts as there, rad.
 WITHIN = 0.05
 #: The times to settle with other seeds, as shares of that of the nominal run.
@@ -98,7 +98,7 @@ def _limit(system: AnalyzedSystem, port: str) -> str:
 
 
 def settling(system: AnalyzedSystem) -> Iterator[Finding]:
-    """The time until a hand has its arm where it wants it, and the slowest pole."""
+    """The time until a hand has its arm where it wants it, or the slowest pole."""
     found = computed(system)
     for port in system.held():
         hand, arm = system.hand(port), system.arms[port]
@@ -107,8 +107,6 @@ def settling(system: AnalyzedSystem) -> Iterator[Finding]:
             continue
         away = np.abs(q - np.asarray(hand.place)).max(axis=1) > WITHIN
         last = int(np.flatnonzero(away)[-1]) + 1 if away.any() else 0
-        rate = slowest(found)
-        pole = "" if rate is None else f"; the slowest pole of the loop is about {-rate:.2g} 1/s"
         if last < len(q):
             time = float(found.run.t[last])
             text = f"every joint stays within {WITHIN:g} rad of the hand from {time:.3g} s on, in"
@@ -116,11 +114,12 @@ def settling(system: AnalyzedSystem) -> Iterator[Finding]:
             if found.delays.least != found.delays.most:
                 text += f"; from {time * EARLIER:.2g} to {time * LATER:.2g} s on with other delays"
                 text += " that the links draw"
-            text += pole
         else:
             time = float("nan")
             text = f"the hand has not reached its place within the {found.run.time:.4g} s of the"
-            text += f" nominal run{pole}"
+            rate = slowest(found)
+            text += " nominal run"
+            text += "" if rate is None else f"; the slowest pole is about {-rate:.2g} 1/s"
         yield Finding(
             rule="settling", severity="note", where=port, number=time, unit="s", reason=text
         )

@@ -42,7 +42,10 @@ def test_its_commands_work_and_print_what_it_says(page: str, tested: str, tmp_pa
             printed += done.stdout
     assert shown and all(line in printed for line in shown)
     assert tested in printed  # by pytest
-    assert "verdict                passed" in printed and "verdict                failed" in printed
+    if page != "tutorial.md":
+        return
+    assert re.search(r"^verdict +passed", printed, re.MULTILINE)
+    assert re.search(r"^verdict +(failed|inconclusive)", printed, re.MULTILINE)  # a busy machine
     assert "exactly 0 in every signal" in printed
     for name in ("first", "slow", "compared", "mine", "gains", "rehearsal", "frozen"):
         assert (tmp_path / "runs" / name / "report.html").is_file(), name

@@ -71,6 +71,11 @@ class CutLoop:
     states: tuple[str, ...] = field(default=())
 
     @property
+    def feeds_through(self) -> bool:
+        """True if what is held acts at once on what is sent when the receiver looks."""
+        return bool(self.D.take(_at_looks(self.links)).greatest())
+
+    @property
     def digest(self) -> str:
         """SHA-256 of the matrices and of the names and sizes of the links, not of their bounds."""
         parts = [f"{len(x)} {x.width} {x.over} {x.rows}" for x in map(Exact.lowest, (

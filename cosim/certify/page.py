@@ -95,7 +95,7 @@ def write(region: Region, title: str, marks: Sequence[Mark], folder: Path) -> Pa
     )
     note = (
         "<p>Each link has the same bounds. The map is of the linear loop at the end of the run; "
-        "large motions may need shorter delays.</p>"
+        "large motions may need shorter delays. Proofs of the map are checked and not kept.</p>"
     )
     return write_page(
         folder / "region.html", title, "certified region", Badge("finished", said(region)),
@@ -134,7 +134,7 @@ def mapped(
     """
     marks = [] if falsified is None else [failure(falsified)]
     loop, opened = cut_loop(scenario)
-    first = int(bool(loop.D.greatest()))  # samples
+    first = int(loop.feeds_through)  # periods
     last = max(first + 1, round(high / loop.period))
     few = min(_STEPS, last - first + 1)
     delays = sorted({round(first + k * (last - first) / (few - 1)) for k in range(few)})

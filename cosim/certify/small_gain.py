@@ -87,7 +87,7 @@ def _riccati(
     """P of the bounded real lemma, with `room` added to what must be negative."""
     from scipy.linalg import solve_discrete_are
 
-    scale = float(np.trace(C.T @ G @ C)) / len(A)
+    scale = float(np.trace(C.T @ G @ C) or np.trace(C.T @ C)) / len(A)
     Q = C.T @ G @ C + room * scale * np.eye(len(A))
     R = D.T @ G @ D - X * (1.0 - room)
     try:

@@ -7,6 +7,9 @@ from pathlib import Path
 
 import pytest
 
+from cosim.certify.region import region
+from cosim.certify.scenario import cut_loop
+from cosim.loading.files import load
 from tests.cli.command import CONFIG, ROOT, Command
 
 GRIP = ["--set", "components.master.parameters.k_p=100", "--set",
@@ -70,6 +73,9 @@ def test_springs_and_dampers_up_to_their_condition(cosim: Command, tmp_path: Pat
     again = cosim("check", "--verify", "proof/certificate.json", "pd.toml")
     assert again.code == 0, again.err
     assert cosim("check", "--certify", "pd.toml", "--delays", "0,0.4").code == 1
+    loop, opened = cut_loop(load(tmp_path / "pd.toml"))
+    found = region(loop, opened, [0, 40, 56, 68, 80])  # periods of 5 ms
+    assert found.highest == (2, 2, 2, -1, -1) and found.unstable == (False,) * 3 + (True,) * 2
 
 
 def test_what_is_not_certified_is_unknown(cosim: Command, tmp_path: Path) -> None:

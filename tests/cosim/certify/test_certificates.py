@@ -50,6 +50,13 @@ def test_coupled_masses_up_to_the_closed_condition(period: float, limit: int) ->
         assert ordered is not None
 
 
+def test_ages_that_do_not_vary() -> None:
+    """No delay at all, and one of 20 samples."""
+    for age in (0, 20):
+        found = certify(masses(0.01, both(age, age)))
+        assert found is not None and found.method == "small gain"
+
+
 def test_a_long_delay_takes_few_states() -> None:
     """Ages of 100 to 104 samples: a filter of a few sections stands for the delay."""
     heavy = masses(0.005, both(100, 104), spring=4.0, damping=4.0)

@@ -203,7 +203,8 @@ def checked(
 
     alone = load(path, [s for s in settings if not s.startswith("deploy.")])
     strict, quiet = options.strict, options.quiet
-    found = print_warnings(alone, assemble(alone), strict=strict, quiet=quiet)["findings"]
+    plan = assemble(alone)
+    found = print_warnings(alone, plan, strict=strict, quiet=quiet, computed=strict)["findings"]
     more = [f for f in deployment.check(system) if f.as_data() not in found]
     return [*found, *report_findings(more, strict=strict, quiet=quiet)]
 

@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import Any
 
 from cosim.base.errors import ScenarioError
+from cosim.base.names import listed
 from cosim.certify.checker import lyapunov_holds, small_gain_holds
 from cosim.certify.exact import Exact
 from cosim.certify.model import CutLoop, LinkBounds, closed_parts, open_parts
@@ -182,8 +183,8 @@ def certificate(data: Mapping[str, Any]) -> Certificate:
     if data["seal"] != _seal(given):
         raise ValueError("its seal does not fit its content, which was changed")
     found = Certificate(
-        given["model"], given["period"], tuple(LinkBounds(**x) for x in given["links"]),
-        _exact(given["neutral"]), tuple(given["pivots"]), _proof(given),
+        given["model"], float(given["period"]), tuple(map(_link, given["links"])),
+        _exact(given["neutral"]), tuple(map(_natural, given["pivots"])), _proof(given),
     )  # fmt: skip
     if found.as_data() != data:
         raise ValueError("it contains what no certificate does")
@@ -194,9 +195,28 @@ def _proof(data: Mapping[str, Any]) -> Proof:
     if data["method"] == "peak gain":
         return PeakProof(_exact(data["P"]), Fraction(*data["rho"]), _exact(data["weights"]))
     if data["method"] == "small gain":
-        centres = tuple(Centre(**x) for x in data["centres"])
+        centres = tuple(
+            Centre(_natural(x["samples"]), _natural(x["sections"])) for x in data["centres"]
+        )
         return GainProof(_exact(data["P"]), tuple(_exact(x) for x in data["X"]), centres)
-    return SwitchedProof(tuple(_exact(x) for x in data["P"]), tuple(data["of"]))
+    return SwitchedProof(tuple(_exact(x) for x in data["P"]), tuple(map(_natural, data["of"])))
+
+
+def _link(data: Mapping[str, Any]) -> LinkBounds:
+    for key in ("size", "least", "sends"):
+        _natural(data[key])
+    if data["greatest"] is not None:
+        _natural(data["greatest"])
+    if type(data["ordered"]) is not bool or min(data["size"], data["sends"]) < 1:
+        raise ValueError(f"a link is {dict(data)}")
+    return LinkBounds(**data)
+
+
+def _natural(value: Any) -> int:
+    """The value if it is an integer of 0 or more, not a float. Raises ValueError."""
+    if type(value) is not int or value < 0:
+        raise ValueError(f"found {value!r}, expected an integer of 0 or more")
+    return value
 
 
 def verify(found: Certificate, loop: CutLoop) -> Fraction:
@@ -204,14 +224,17 @@ def verify(found: Certificate, loop: CutLoop) -> Fraction:
 
     Every age that the links of `loop` may have must be within its bounds. Raises ScenarioError.
     """
-    named = {x.name: x for x in found.links}
-    for link in loop.links:
-        covered = named.get(link.name)
-        if covered is None or not link.within(covered):
-            said = "nothing" if covered is None else _ages(covered)
+    names = [x.name for x in loop.links]
+    if [x.name for x in found.links] != names or found.period != loop.period:
+        raise ScenarioError(
+            f"the certificate is for the links {listed([x.name for x in found.links])} at "
+            f"{found.period:g} s, and the scenario has {listed(names)} at {loop.period:g} s"
+        )
+    for link, covered in zip(loop.links, found.links, strict=True):
+        if not link.within(covered):
             raise ScenarioError(
                 f"the certificate does not cover links.{link.name}: found {_ages(link)}, "
-                f"and it covers {said}; certify this scenario"
+                f"and it covers {_ages(covered)}; certify this scenario"
             )
     try:
         return found.holds(loop)

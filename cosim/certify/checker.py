@@ -46,6 +46,8 @@ def small_gain_holds(
 
 def lyapunov_holds(parts: ClosedParts, P: Mapping[Ages, Exact] | Exact) -> bool:
     """True if P, common or one for each combination of ages, proves stability with any ages."""
+    if any(x.sends > 1 for x in parts.links):
+        return False
     every = modes(parts.links)
     given = {m: P for m in every} if isinstance(P, Exact) else P
     if set(given) != set(every):

@@ -227,9 +227,19 @@ def test_a_seal_that_fits_proves_nothing(proofs: list[tuple[CutLoop, Certificate
         verify(forged(gain, links=wide), loop)
     with pytest.raises(ScenarioError, match="does not hold"):
         verify(forged(switched, links=(replace(switched.links[0], greatest=4),)), few)
+    twice = replace(switched.links[0], sends=2)
+    doubled = replace(few, links=(twice,), C=exact([[1.0], [1.0]]), D=exact([[0.0], [0.0]]))
+    with pytest.raises(ScenarioError, match="do not prove"):
+        verify(forged(switched, links=(twice,), model=doubled.digest), doubled)
     negative = replace(gain.proof, P=-gain.proof.P)  # type: ignore[type-var, operator]
     with pytest.raises(ScenarioError, match="do not prove"):
         verify(forged(gain, proof=negative), loop)
+    for changes in ({"links": gain.links[::-1]}, {"period": 0.001}):
+        with pytest.raises(ScenarioError, match="is for the links"):
+            verify(forged(gain, **changes), loop)
+    for wrong in (float("nan"), 20.0, -1, True):
+        with pytest.raises(ValueError, match="expected an integer"):
+            forged(gain, links=tuple(replace(x, greatest=wrong) for x in gain.links))
     n = len(loop.A)
     every = exact(np.eye(n))
     with pytest.raises(ScenarioError, match="change of the model"):

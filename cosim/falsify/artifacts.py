@@ -19,6 +19,7 @@ from cosim.falsify.scenario_text import failing_document, text
 from cosim.links.laws import decimal_fraction
 from cosim.links.netem import LIMIT
 from cosim.links.segments import Segments
+from cosim.measure.requirements import of_run
 from cosim.record import Run, seal
 from cosim.reporting.run_report import write_report
 from cosim.scenario.spec import build
@@ -50,11 +51,22 @@ def write(
     write_file(folder / FAILING, text(found["failing"], comments))
     yield "scenario", folder / FAILING
     runs = [_run(found[name], folder / FAILING, folder / name) for name in RUNS]
+    _require_failure(state.found.requirement, found["failing"], folder, runs[0])
     yield "report", write_comparison(state, runs[0], runs[1], folder, repeat)
     write_file(folder / NETEM, netem_script(problem, small))
     yield "tc netem", folder / NETEM
     write_file(folder / TEST, test_text(state))
     yield "test", folder / TEST
+
+
+def _require_failure(name: str, document: Mapping[str, Any], folder: Path, run: Run) -> None:
+    """Raise RunError if the run of the file that was written does not violate the requirement."""
+    verdicts = {r.name: r.verdict for r in of_run(build(document, folder / FAILING), run)}
+    if verdicts[name] != "failed":
+        raise RunError(
+            f"{folder / FAILING}: {name} is {verdicts[name]} when the file runs alone, expected it "
+            "to fail as in the search"
+        )
 
 
 def _run(document: Mapping[str, Any], path: Path, folder: Path) -> Run:

@@ -14,7 +14,7 @@ from math import inf
 
 import numpy as np
 
-from cosim.base.errors import CosimError
+from cosim.base.errors import CosimError, ScenarioError
 from cosim.falsify.families import ROUND, Family, Space, constant, draw, segment, single, wave
 from cosim.falsify.greedy import greedy
 from cosim.falsify.judge import CandidateOutcome, Margin, scales_of, score
@@ -116,6 +116,13 @@ def search(space: Space, budget: Budget, account: Account) -> Outcomes:
     [nominal] = yield [problem.nominal]
     account.nominal, scales = nominal, scales_of(nominal)
     account.add("nominal", [(problem.nominal, nominal)], scales, 1.0)
+    for name, margin in nominal.margins.items():
+        if margin.value != margin.value:
+            raise ScenarioError(
+                f"require.{name} is undecided in a run of {space.ticks * problem.h:g} s with the "
+                "nominal delays; expected a longer run, or an interval within it",
+                str(problem.path),
+            )
     if nominal.fails():
         return _found("nominal", [(problem.nominal, nominal)], scales, 1.0)
     names = budget.families or tuple(FAMILIES)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from typing import Any
 
 from cosim.base.component import Parameter, Port
@@ -49,3 +50,82 @@ def integrator(a: float, longest: int, stop: float) -> Document:
         "links": [{"from": "one.x", "to": "one.u", "delay": delay}],
         "require": {"decays": {"always": "abs(one.x) < 0.9", "after": 0.9 * stop}},
     }
+
+
+class Side:
+    """Sampled: a mass m on a line, m ddq = -K (q - q_j) - B dq - D (dq - dq_j), forces held.
+
+    What is received, q_j and dq_j, is of the other side, and late.
+    """
+
+    kind = "sampled"
+    inputs = (Port("q_j"), Port("dq_j"))
+    outputs = (Port("q"), Port("dq"))
+    parameters = tuple(
+        Parameter(name, (value,))
+        for name, value in (
+            ("q", 1.0),
+            ("dq", 0.0),
+            ("m", 1.0),
+            ("K", 10.0),
+            ("B", 3.0),
+            ("D", 0.0),
+        )
+    )
+
+    def initialize(self, values: Any) -> None:
+        self.x = [float(values.get("q", 1.0)), float(values.get("dq", 0.0))]
+        self.gains = [float(values[name]) for name in ("m", "K", "B", "D")]
+
+    def initial(self, u: Any) -> Any:
+        return {"q": self.x[0], "dq": self.x[1]}
+
+    def step(self, t: float, h: float, u: Any) -> Any:
+        (q, dq), (m, K, B, D) = self.x, self.gains
+        a = -(K * (q - float(u["q_j"])) + B * dq + D * (dq - float(u["dq_j"]))) / m
+        self.x = [q + h * dq + 0.5 * h * h * a, dq + h * a]
+        return {"q": self.x[0], "dq": self.x[1]}
+
+    def get_state(self) -> Any:
+        return list(self.x)
+
+    def set_state(self, state: Any) -> None:
+        self.x = list(state)
+
+
+#: The sampling time of a pair, s.
+SAMPLE = 0.02
+
+
+def pair(longest: float, stop: float, **gains: float) -> Document:
+    """Two sides, whose delays are up to `longest` (s); they begin 2 m apart."""
+    delay = {"law": "uniform", "low": SAMPLE, "high": longest + SAMPLE, "hold": SAMPLE}
+    sides = {
+        name: {
+            "model": "tests.cosim.falsify.plants:Side",
+            "period": SAMPLE,
+            "parameters": {"q": q, **gains},
+        }
+        for name, q in (("a", 1.0), ("b", -1.0))
+    }
+    links = [
+        {"from": f"{x}.{s}", "to": f"{y}.{s}_j", "delay": delay, "channel": f"{x} to {y}"}
+        for x, y in (("a", "b"), ("b", "a"))
+        for s in ("q", "dq")
+    ]
+    return {
+        "run": {"step": SAMPLE, "stop": stop},
+        "components": sides,
+        "links": links,
+        "require": {"together": {"always": "abs(a.q - b.q) < 1", "after": 0.9 * stop}},
+    }
+
+
+class Brittle(Decay):
+    """A loop whose process ends once x has overshot far: a crash."""
+
+    def step(self, t: float, h: float, u: Any) -> Any:
+        found = super().step(t, h, u)
+        if self.x < -0.25:
+            os._exit(3)
+        return found

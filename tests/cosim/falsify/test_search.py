@@ -147,6 +147,25 @@ def test_what_cannot_be_searched_is_refused_in_a_sentence(tables, words, tmp_pat
     assert not (tmp_path / "out" / JOURNAL).exists()
 
 
+def test_a_requirement_that_the_run_is_too_short_for_is_refused(tmp_path):
+    late = {"decays": {"always": "abs(one.x) < 0.9", "within": [190.0, 300.0]}}
+    with pytest.raises(ScenarioError, match=r"require\.decays is undecided in a run of 200 s"):
+        searched(scenario(tmp_path, 0.5, require=late), tmp_path / "out")
+
+
+@pytest.mark.slow
+def test_a_run_that_kills_its_worker_is_a_failure(tmp_path):
+    """And of the others that were with it none is lost."""
+    path = scenario(tmp_path, 0.9)
+    path.write_text(path.read_text().replace("plants:Decay", "plants:Brittle"))
+    budget = Budget(20, False, ("constant",))
+    problem, _ = problem_of(path)
+    steps = search(Space(problem, 0), budget, account := Account())
+    found = perform(steps, problem, partial(processes, 1), tmp_path / JOURNAL)
+    assert found is not None and "died" in found.outcome.reason
+    assert account.runs["constant"] == 20
+
+
 def test_values_of_the_scenario_vary_with_the_network(tmp_path):
     vary = {"a": {"path": "components.one.parameters.a", "uniform": [0.01, 0.5]}}
     path = scenario(tmp_path, 0.5, 100.0, falsify={"vary": vary})

@@ -111,7 +111,10 @@ class Budget:
 
 
 def search(space: Space, budget: Budget, account: Account) -> Outcomes:
-    """The first candidate found that violates a requirement; None: there was none."""
+    """The first candidate found that violates a requirement; None: there was none.
+
+    Raises ScenarioError for a requirement that the nominal run leaves undecided.
+    """
     problem = space.problem
     [nominal] = yield [problem.nominal]
     account.nominal, scales = nominal, scales_of(nominal)

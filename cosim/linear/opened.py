@@ -175,8 +175,9 @@ class OpenLoop:
             return 0
         most = min(_MANY, max(_FEW, 3 * back.depth))
         least = min(1e-3, np.pi / most) * self.period
-        angle = np.unique(np.concatenate([
-            [0.0], np.geomspace(least, np.pi, _FEW), np.linspace(0.0, np.pi, _FEW)]))  # fmt: skip
+        angle = np.sort(np.concatenate([
+            np.geomspace(least, np.pi, _FEW), np.linspace(0.0, np.pi, _FEW)]))  # fmt: skip
+        angle = angle[np.diff(angle, prepend=-1.0) > 0.0]
         value, size, norm = back.determinant(_circle(radius, angle))
         for _ in range(_ROUNDS):
             if not (np.isfinite(size).all() and np.isfinite(norm).all()):

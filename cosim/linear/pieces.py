@@ -28,5 +28,5 @@ def pieces(rows: Matrix, of: NDArray[np.bool_]) -> Iterator[tuple[Index, Index]]
         if (found == label).all():
             break
         label = found
-    for one in np.unique(of_row[of & (of_row < rows.shape[1])]):
+    for one in sorted(set(of_row[of & (of_row < rows.shape[1])].tolist())):
         yield np.flatnonzero(of_row == one), np.flatnonzero(label == one)

@@ -88,7 +88,7 @@ def test_options_of_a_port_and_a_linear_model_exclude_each_other(
         ),
         (
             ["check", TELEOPERATION],
-            390,
+            460,
             {"pyarrow", "numpy.ma", "matplotlib", "pandas", "rich", "pydantic"},
         ),
         (

@@ -9,7 +9,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bridge.cli.new import _held
 from bridge.faults.load import load as load_faults
 from bridge.safety.limits import to_si
 from cosim.base.convert import number
@@ -38,13 +37,15 @@ def delay(value: str) -> None:
     assemble(load(CONFIG, [f'links.0.delay.high="{value}"']))
 
 
+ARM: dict[str, Any] = {"urdf": "fr3.urdf", "base": "base", "tip": "hand"}
+
+
 def held(value: str) -> None:
-    _held([f"finger={value}"])
+    robot_of({**ARM, "fixed": {"joint3": value}}, CONFIGS / "robots")
 
 
 def payload(value: str) -> None:
-    options: dict[str, Any] = {"urdf": "fr3.urdf", "base": "base", "tip": "hand"}
-    robot_of({**options, "payload": {"mass": value}}, CONFIGS / "robots")
+    robot_of({**ARM, "payload": {"mass": value}}, CONFIGS / "robots")
 
 
 def limit(value: str) -> None:

@@ -54,7 +54,7 @@ def plan_of_many(
     at, steps, sorts = 0, [], Sorts()
     for i, (component, given) in enumerate(zip(components, values, strict=True)):
         name = f"x{i:02}"
-        inputs, outputs, at = sorts.of(component).slots(name, at)
+        inputs, outputs, at = sorts.of(component).slots(name, at, {})
         steps.append(Step(name, component, component.kind, 1, given, inputs, outputs, {}))
     made = [Wire(steps[a].outputs[0], steps[b].inputs[0], 2.0, 0.5) for a, b in wires]
     return compile_plan(0.1, 3, steps, made, [])

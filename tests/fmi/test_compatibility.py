@@ -39,7 +39,8 @@ def test_versions_are_at_least_those_that_the_project_asks_for() -> None:
 
     project = tomllib.loads((page.ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     extras = project["optional-dependencies"]
-    asked = dict(text.split(">=") for text in extras["test"] + extras["oracles"] if ">=" in text)
+    texts = [*project["dependencies"], *extras["test"], *extras["oracles"]]
+    asked = dict(text.split(">=") for text in texts if ">=" in text)
     for name, found in versions().items():
         least = asked[name].split(",")[0]
         assert [*map(int, found.split("."))] >= [*map(int, least.split("."))], name

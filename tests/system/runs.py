@@ -31,7 +31,7 @@ def teleoperation(*, stop: float = 60.0, seed: int = 0, lambda_M: float = 10.0) 
     document["run"] |= {"stop": stop, "seed": seed}
     for side in SIDES:
         document["components"][f"{side}_control"]["parameters"]["lambda_M"] = lambda_M
-    for key in ("metrics", "figures"):
+    for key in ("metrics", "require", "figures"):
         del document[key]
     return document
 

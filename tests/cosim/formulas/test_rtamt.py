@@ -14,7 +14,6 @@ from cosim.formulas.syntax import read
 from tests.cosim.formulas import naive, texts
 from tests.cosim.formulas.recorded import requirement, rows
 
-rtamt: Any = pytest.importorskip("rtamt")
 pytestmark = pytest.mark.slow
 UNITS = {"a.x": "m", "b.x": "m"}
 
@@ -28,6 +27,7 @@ def _translated(text: str) -> str:
 
 
 def _of_rtamt(text: str, t: list[float], x: dict[str, list[float]]) -> float:
+    rtamt: Any = pytest.importorskip("rtamt")
     spec = rtamt.StlDiscreteTimeSpecification()
     spec.declare_var("a", "float")
     spec.declare_var("b", "float")

@@ -125,14 +125,16 @@ def test_felt_damping_of_a_switching_network_is_that_of_the_mean_graph() -> None
 
 
 @pytest.mark.parametrize(
-    ("semantics", "mean"),
-    [("signal", 0.75), ("last-arrival", 0.712), ("newest-stamp", 0.474), ("fifo", 1.031)],
-)
-def test_mean_ages_are_those_of_the_reading(semantics: str, mean: float) -> None:
+    ("semantics", "mean", "bound"),
+    [("signal", 0.75, 1.2), ("last-arrival", 0.712, 2.1), ("newest-stamp", 0.474, 1.2),
+     ("fifo", 1.031, 1.2)],
+)  # fmt: skip
+def test_mean_ages_are_those_of_the_reading(semantics: str, mean: float, bound: float) -> None:
+    """After a stale packet of 1.2 s, the next to arrive may be 0.9 s younger and as slow."""
     link = {"delay": {"law": "uniform", "low": 0.3, "high": 1.2, "hold": 0.03}}
     plan = planned(teleoperator(5.0, link={**link, "semantics": semantics}))
     assert age(plan.links[0].table).mean == pytest.approx(mean, rel=0.05)
-    assert 1.2 <= age(plan.links[0].table).bound < 1.25
+    assert bound <= age(plan.links[0].table).bound < bound + 0.05
 
 
 def test_losses_at_random_leave_the_age_without_a_bound() -> None:

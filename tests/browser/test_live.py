@@ -13,7 +13,7 @@ from tests.cli.command import CALL
 pytestmark = [pytest.mark.slow, pytest.mark.browser]
 ROOT = Path(__file__).resolve().parents[2]
 TIP = """document.querySelector('[data-tip="master"]')?.dataset.at"""
-HEAD = """parseFloat(document.getElementById("status").textContent.slice(4))"""  # t = ...
+HEAD = """parseFloat(/t = ([\\d.]+)/.exec(document.getElementById("status").textContent)?.[1])"""
 NOW = """parseFloat(document.getElementById("now").textContent)"""
 
 

@@ -58,7 +58,7 @@ class RandomScenario:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What was true, what the check said, and what it took (s of processor time)."""
+    """The result of a scenario: the truth, the findings, and the cost (s of processor time)."""
 
     number: int
     family: str

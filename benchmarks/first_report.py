@@ -1,4 +1,4 @@
-"""How long a new user waits from ``git clone`` to the first report, and for what comes next.
+"""The time of a new user from ``git clone`` to the first report, and of the steps after it.
 
     python benchmarks/first_report.py [--rounds 3] [--no-cache] [--json FILE]
 

@@ -1,4 +1,4 @@
-"""A delay that is constant but for some segments of time: a network that somebody wrote down.
+"""A delay that is constant but for some segments of time, which the scenario lists.
 
 ::
 

@@ -60,7 +60,7 @@ def tip(place: str) -> tuple[float, float]:
 
 
 def expected(run: Run, name: str, t: float) -> tuple[float, float]:
-    """Where the tip of a planar arm with links of 1 m is."""
+    """The position of the tip of a planar arm with links of 1 m."""
     q = [np.interp(t, run.t, run.column(f"{name}.q[{i}]")) for i in (0, 1)]
     angle = q[0] + q[1]
     return np.cos(q[0]) + np.cos(angle), np.sin(q[0]) + np.sin(angle)

@@ -17,7 +17,7 @@ GRIP = ["--set", "components.master.parameters.k_p=100", "--set",
 
 
 def test_the_pair_of_the_paper_is_certified_for_all_delays(cosim: Command, tmp_path: Path) -> None:
-    """Theorem 5 says so in continuous time; here with its periods, at rest, with either grip.
+    """Theorem 5 states it in continuous time; here with its periods, at rest, with either grip.
 
     The stiff grip is stable at rest, although one changed entry of a table breaks a large motion.
     """

@@ -164,7 +164,7 @@ def test_the_option_is_the_same_everywhere() -> None:
 
 
 def test_the_table_of_schemas_is_complete() -> None:
-    """Of what the source writes, by `write_json` or by `save` of :class:`ResultOptions`."""
+    """The schemas that the source writes, by `write_json` or `save` of :class:`ResultOptions`."""
     call = re.compile(r'\b(?:write_json\([^,()]+, |result\.save\()"(\w+)"')
     sources = [p for room in ("bridge", "cosim", "fmus") for p in (ROOT / room).rglob("*.py")]
     written = {name for path in sources for name in call.findall(path.read_text("utf-8"))}

@@ -65,7 +65,7 @@ def outcome(system: System, *notes: Any, faults: tuple[Evidence, ...] = ()) -> A
 
 @pytest.fixture(autouse=True)
 def no_journals(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What is read from journals is not there."""
+    """The numbers that are read from journals are missing."""
     for name in ("extra_frames", "extra_services", "_old_torques", "silent_ends"):
         monkeypatch.setattr(verdict, name, lambda *_: ())
     monkeypatch.setattr(overload, "_late_buses", lambda *_: iter(()))
@@ -154,7 +154,7 @@ def test_what_no_lag_explains_fails(system: System, wrong: str) -> None:
 
 
 def test_a_lag_shows_in_the_samples_that_nodes_held(system: System) -> None:
-    """Also if the bus is served by another process, which nobody watches."""
+    """It also holds if the bus is served by another process, whose lag is not watched."""
     found = outcome(system)
     life = Life("master_control")
     bus = system.messages[system.nodes[life.node].inlets[0].message].bus

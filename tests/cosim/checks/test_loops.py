@@ -1,4 +1,4 @@
-"""What the check computes: runs from the start, poles where robots rest, and where they come from.
+"""The computation of the check: runs from the start, poles at rest, and the causes of poles.
 
 The cases were found by runs; closed forms of one step tell where some of the limits are.
 """
@@ -87,7 +87,7 @@ def all_to_all(n: int, weight: float, theta: list[float]) -> Document:
 
 
 def errors(document: Document) -> list[Finding]:
-    """What the check computed that stops a run with --strict."""
+    """A computed finding stops a run with --strict."""
     return [f for f in found(document) if f.severity == "error"]
 
 

@@ -132,7 +132,7 @@ def test_a_law_under_which_an_arm_never_moves_is_not_the_best(tmp_path: Path) ->
 def test_numbers_that_look_alike_are_neither_best_nor_worst(
     found: Comparison, tmp_path: Path
 ) -> None:
-    """Of the errors of two rows, 1e-9 and 2e-9 rad, neither is better; of 0.1 and 0.2, one is."""
+    """Errors of 1e-9 and 2e-9 rad in two rows are alike; of 0.1 and 0.2 rad, one is better."""
     column = next(c for c, _ in columns(found) if c.name == "apart")
 
     def marked(*values: float) -> list[str]:

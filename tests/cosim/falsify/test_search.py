@@ -176,7 +176,7 @@ def test_values_of_the_scenario_vary_with_the_network(tmp_path):
 
 
 def test_the_optimizer_goes_down_the_margin(tmp_path):
-    """Of x[k+1] = x[k] - a x[k - d[k]] with a gain that random segments do not break."""
+    """The loop x[k+1] = x[k] - a x[k - d[k]], with a gain that random segments do not break."""
     pytest.importorskip("cma")
     state = searched(scenario(tmp_path, 1.6, 60.0), tmp_path / "out", "optimizer", runs=640)
     rows = (tmp_path / "out" / JOURNAL).read_bytes()

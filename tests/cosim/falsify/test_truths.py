@@ -70,7 +70,7 @@ def test_constant_delays_are_too_long_from_the_limit_on(gains, stop, tmp_path) -
 
 @pytest.mark.slow
 def test_the_greedy_adversary_breaks_the_light_pair_long_before(tmp_path) -> None:
-    """Where every constant delay is good."""
+    """Constant delays are harmless at the delays that this adversary uses."""
     assert limit(LIGHT) > 1.0
     assert found(LIGHT, 0.6, tmp_path, "greedy")
     assert not found(LIGHT, 0.28, tmp_path, "greedy")

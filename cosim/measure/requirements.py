@@ -116,7 +116,8 @@ class Requirement:
         if covered < end:
             return self._undecided(f"the run ended at {time_text(covered)} of {time_text(end)}")
         results = [metric.evaluate(signals) for metric in self.metrics]
-        numbers = {name: found for r in results for name, found in r.numbers.items()}
+        numbers = {name: (nan, "1") for name in self.names}  # of a metric without a number
+        numbers |= {name: found for r in results for name, found in r.numbers.items()}
         found = ", ".join(_told(name, *numbers[name]) for name in self.names)
         value = self._of_numbers({name: x for name, (x, _) in numbers.items()})
         if isfinite(value):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,10 +11,11 @@ import pytest
 
 from cosim.base.errors import ScenarioError
 from cosim.certify.page import Mark, drawing, failure, said, write
+from cosim.certify.model import LinkBounds
 from cosim.certify.region import Region
 from cosim.certify.witness import adversary
 from tests.cli.command import CONFIG
-from tests.cosim.certify.loops import both, integrator, masses
+from tests.cosim.certify.loops import both, cut, exact, growth, integrator, masses
 
 REGION = Region((0, 2, 4, 6), 0.5, (1, 2, -1, -1), (False, False, False, True), frozenset({(0, 2)}))
 
@@ -53,10 +55,32 @@ def test_an_adversary_finds_what_no_constant_delay_does(d: int) -> None:
     assert adversary(integrator(0.97 * law, d)) is None
 
 
+def test_an_adversary_drives_the_slowest_mode() -> None:
+    """x+ = -0.775 x - 0.264 x[k - age] alternates: only its mode tells that an age of 2 drives it."""
+    loop = cut([[-0.775]], [[-0.264]], [[1.0]], [LinkBounds("link", 1, 2, 3)])
+    found = adversary(loop)
+    assert found is not None and (found[-100:] == 2).all() and growth(loop, [[2]]) > 1.0
+
+
 def test_an_adversary_keeps_to_the_order() -> None:
-    found = adversary(masses(0.05, both(0, 9, ordered=True)))
+    loop = masses(0.05, both(0, 9, ordered=True))
+    found = adversary(loop)
     assert found is not None and (np.diff(found, axis=0) <= 1).all()
+    assert growth(loop, found[-300:].tolist()) > 1.0
     assert adversary(masses(0.05, both(0, 5))) is None
+
+
+def test_an_adversary_of_receivers_that_look_at_some_samples() -> None:
+    """The same loop of one sample a period, and of two: ages in halves of a period."""
+    plain = integrator(1.0, 3)
+    twice = replace(
+        plain, C=exact([[1.0], [1.0]]), D=exact([[0.0], [-0.5]]),
+        links=(LinkBounds("link", 1, 0, 6, sends=2),),
+    )  # fmt: skip
+    for loop, most in ((plain, 3), (twice, 6)):
+        found = adversary(loop)
+        assert found is not None and found.max() == most
+    assert adversary(replace(twice, links=(LinkBounds("link", 1, 0, 1, sends=2),))) is None
 
 
 def test_a_failure_of_the_search_is_a_mark(tmp_path: Path) -> None:

@@ -111,7 +111,7 @@ def attacks(
         with np.errstate(divide="ignore"):
             size[:, k] = np.log(np.abs(x[:, -1] - x[:, -2]).max(axis=1)) + scale
         most = np.abs(x).max(axis=(1, 2))
-        for i in np.flatnonzero((most > FAR) | (most < 1.0 / FAR) & (most > 0.0)):
+        for i in np.flatnonzero((most > FAR) | (most < 1.0 / FAR) & (most > 0.0)).tolist():
             with np.errstate(over="ignore"):  # of what was long before
                 x[i], y[i], u[i] = x[i] / most[i], y[i] / most[i], u[i] / most[i]
             scale[i] += np.log(most[i])
@@ -158,7 +158,9 @@ def _slowest_mode(model: Matrices, receivers: Sequence[Choices], depth: int) -> 
         return []
     E = np.zeros((B.shape[1], n + depth * p))  # u = E z
     for r in receivers:
-        for place, y, before in zip(r.places, r.which[-1], r.before[-1], strict=True):
+        for place, y, before in zip(
+            *(x.tolist() for x in (r.places, r.which[-1], r.before[-1])), strict=True
+        ):
             if before:
                 E[place, n + (before - 1) * p + y] = 1.0
             else:

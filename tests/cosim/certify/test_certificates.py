@@ -6,7 +6,6 @@ import json
 from collections.abc import Iterator
 from dataclasses import replace
 from fractions import Fraction
-from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -38,16 +37,35 @@ def test_an_integrator_up_to_the_law_of_three_halves(d: int) -> None:
     assert certify(integrator(1.01 * constant, d)) is None
 
 
-@pytest.mark.parametrize(("period", "limit"), [(0.01, 30), (0.005, 60)])
-def test_coupled_masses_up_to_the_closed_condition(period: float, limit: int) -> None:
-    """P+d: damping 3 > delay times the spring 10. Two samples, in any order; none, in order."""
+def closed_condition(there: float, back: float, K: float = 10.0, B: float = 3.0) -> bool:
+    """4 B_l B_r > (T_l + T_r)^2 K_l K_r, with delays up to T that may vary, in continuous time.
+
+    P+d of E. Nuño, L. Basañez, R. Ortega and M. W. Spong (2009).
+    """
+    return (there + back) ** 2 * K * K < 4.0 * B * B
+
+
+@pytest.mark.parametrize("period", [0.001, 0.005, 0.01])
+def test_coupled_masses_up_to_the_closed_condition(period: float) -> None:
+    """Two samples below the limit; one sample, in order (not at 1 ms); nothing far above it."""
+    limit = next(d for d in range(1000) if not closed_condition(d * period, d * period))
+    assert limit == round(0.3 / period)
     found = certify(masses(period, both(0, limit - 2)))
     assert found is not None and found.method == "small gain"
     assert verify(found, masses(period, both(0, limit - 2))) < Fraction(1, 10**12)
-    assert certify(masses(period, both(0, 2 * limit))) is None
-    if period == 0.01:
-        ordered = certify(masses(period, both(0, limit - 1, ordered=True)))
-        assert ordered is not None
+    if period > 0.001:
+        assert certify(masses(period, both(0, limit - 1, ordered=True))) is not None
+        assert certify(masses(period, both(0, 2 * limit))) is None
+
+
+@pytest.mark.parametrize("there", [0.4, 0.5, 0.55])
+def test_the_sum_of_both_delays_counts(there: float) -> None:
+    """98 % of the greatest delay the one way, for one of 0.6 s less that the other way."""
+    back, h = 0.6 - there, 0.005
+    assert closed_condition(0.999 * there, back) and not closed_condition(1.001 * there, back)
+    ages = [int(0.98 * delay / h + 1e-9) for delay in (there, back)]
+    links = [LinkBounds(name, 1, 0, n) for name, n in zip(("there", "back"), ages, strict=True)]
+    assert certify(masses(h, links)) is not None
 
 
 def test_ages_that_do_not_vary() -> None:
@@ -102,62 +120,6 @@ def test_a_loop_with_feed_through_counts_a_sample_less() -> None:
     found = certify(loop)
     assert found is not None
     assert verify(found, loop) == 0
-
-
-def random_loops(count: int) -> Iterator[CutLoop]:
-    rng = np.random.default_rng(7)
-    for _ in range(count):
-        n, m = int(rng.integers(1, 5)), int(rng.integers(1, 3))
-        A = rng.normal(size=(n, n))
-        A *= rng.uniform(0.3, 0.98) / np.abs(np.linalg.eigvals(A)).max()
-        B, C = rng.normal(size=(n, m)), rng.normal(size=(m, n))
-        B *= (
-            rng.uniform(0.1, 1.2) * (1 - np.abs(np.linalg.eigvals(A)).max()) / np.linalg.norm(B @ C)
-        )
-        links = []
-        for i in range(m):
-            least = int(rng.integers(0, 3))
-            ordered = bool(rng.integers(2))
-            links.append(LinkBounds(f"{i}", 1, least, least + int(rng.integers(0, 3)), ordered))
-        yield cut(A, B, C, links)
-
-
-def worst_growth(loop: CutLoop, cycles: int) -> float:
-    """The greatest growth of constant, periodic and random ages that the bounds allow."""
-    rng = np.random.default_rng(1)
-    every = list(product(*(range(x.least, x.most + 1) for x in loop.links)))
-    found = [growth(loop, [ages]) for ages in every]
-    for _ in range(cycles):
-        ages = [list(every[i]) for i in rng.integers(len(every), size=int(rng.integers(2, 9)))]
-        for i, link in enumerate(loop.links):
-            if link.ordered:
-                for k in [*range(len(ages)), *range(len(ages))]:
-                    ages[k][i] = min(ages[k][i], ages[k - 1][i] + 1)
-        found.append(growth(loop, ages))
-    return max(found)
-
-
-def no_counterexample(count: int, cycles: int) -> tuple[int, int]:
-    certified = unstable = 0
-    for loop in random_loops(count):
-        found, worst = certify(loop), worst_growth(loop, cycles)
-        unstable += worst > 1.0
-        if found is not None:
-            certified += 1
-            verify(found, loop)
-            assert worst < 1.0 + 1e-9, loop
-    return certified, unstable
-
-
-def test_no_ages_break_a_certified_loop() -> None:
-    certified, _ = no_counterexample(25, 20)
-    assert certified > 8
-
-
-@pytest.mark.slow
-def test_no_ages_break_two_hundred_certified_loops() -> None:
-    certified, unstable = no_counterexample(200, 300)
-    assert certified > 80 and unstable > 10
 
 
 @pytest.fixture(scope="module")

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from cosim.base.errors import ScenarioError
-from cosim.certify.page import Mark, drawing, failure, said, write
 from cosim.certify.model import LinkBounds
+from cosim.certify.page import Mark, drawing, failure, said, write
 from cosim.certify.region import Region
 from cosim.certify.witness import adversary
 from tests.cli.command import CONFIG
@@ -56,7 +56,7 @@ def test_an_adversary_finds_what_no_constant_delay_does(d: int) -> None:
 
 
 def test_an_adversary_drives_the_slowest_mode() -> None:
-    """x+ = -0.775 x - 0.264 x[k - age] alternates: only its mode tells that an age of 2 drives it."""
+    """x+ = -0.775 x - 0.264 x[k - age] alternates: its mode tells that an age of 2 drives it."""
     loop = cut([[-0.775]], [[-0.264]], [[1.0]], [LinkBounds("link", 1, 2, 3)])
     found = adversary(loop)
     assert found is not None and (found[-100:] == 2).all() and growth(loop, [[2]]) > 1.0

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from cosim.certify.inequalities import Matrix
 from cosim.certify.model import CutLoop
-from cosim.linear.adversary import Choices, attacks
+from cosim.linear.adversary import SampleChoices, attacks
 
 Sequences = NDArray[np.int64]
 #: Growth that counts, in each of the last parts of a motion.
@@ -38,14 +38,14 @@ def adversary(loop: CutLoop, steps: int = 4000, seed: int = 0) -> Sequences | No
     return None
 
 
-def _choices(loop: CutLoop) -> Iterator[Choices]:
+def _choices(loop: CutLoop) -> Iterator[SampleChoices]:
     """The samples of all ages of each link."""
     first = sent = 0
     for link in loop.links:
         ages, numbers = np.arange(link.least, link.most + 1), np.arange(link.size)
         before = np.repeat(-(-ages // link.sends), link.size).reshape(-1, link.size)
         which = sent + (-ages % link.sends * link.size)[:, None] + numbers
-        yield Choices(first + numbers, which, before, link.sends if link.ordered else None)
+        yield SampleChoices(first + numbers, which, before, link.sends if link.ordered else None)
         first += link.size
         sent += link.size * link.sends
 

@@ -14,7 +14,7 @@ from cosim.falsify.bounds import MovingChannel
 from cosim.falsify.evaluation import Problem, document_of
 from cosim.falsify.families import Space
 from cosim.falsify.paths import Candidate, DelayPath
-from cosim.linear.adversary import Choices, attacks
+from cosim.linear.adversary import SampleChoices, attacks
 from cosim.linear.component import Matrix
 from cosim.linear.opened import OpenLoop
 from cosim.linear.scenario import opened
@@ -70,7 +70,9 @@ def _packets(problem: Problem) -> list[bool]:
     return [isinstance(t, DrawnTable) and not isinstance(t.rule, SignalSemantics) for t in tables]
 
 
-def _choices(problem: Problem, channel: MovingChannel, loop: OpenLoop) -> tuple[IntArray, Choices]:
+def _choices(
+    problem: Problem, channel: MovingChannel, loop: OpenLoop
+) -> tuple[IntArray, SampleChoices]:
     """The delays of a channel to choose from, ticks, and what its receivers hold with each."""
     mine = {problem.links[i] for i in channel.places}
     usual = {
@@ -86,7 +88,7 @@ def _choices(problem: Problem, channel: MovingChannel, loop: OpenLoop) -> tuple[
         w, b = loop.sources(delays)
         which.append(w[places])
         before.append(np.maximum(b[places], 1))
-    return ticks, Choices(places, np.array(which), np.array(before))
+    return ticks, SampleChoices(places, np.array(which), np.array(before))
 
 
 def _path(channel: MovingChannel, delays: IntArray, loop: OpenLoop, packets: bool) -> DelayPath:

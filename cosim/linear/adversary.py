@@ -35,7 +35,7 @@ NEUTRAL = 1e-6
 
 
 @dataclass(frozen=True, slots=True)
-class Choices:
+class SampleChoices:
     """The samples that a receiver may hold, from new to old.
 
     With sample o the inputs `places` (w,) are the outputs `which` (o, w) of `before` (o, w) periods
@@ -76,7 +76,7 @@ class _Aim:
 
 
 def attacks(
-    model: Matrices, receivers: Sequence[Choices], start: Matrix, periods: int, period: float
+    model: Matrices, receivers: Sequence[SampleChoices], start: Matrix, periods: int, period: float
 ) -> list[Attack]:
     """An attack for each aim: the motion of `periods` (of `period` s each) from `start` (n,)."""
     A, B, C, D = model
@@ -150,7 +150,7 @@ def _lyapunov(A: Matrix, Q: Matrix) -> Matrix:
     return P
 
 
-def _slowest_mode(model: Matrices, receivers: Sequence[Choices], depth: int) -> list[_Aim]:
+def _slowest_mode(model: Matrices, receivers: Sequence[SampleChoices], depth: int) -> list[_Aim]:
     """The amplitude of the slowest mode with the oldest samples, if the loop has few states."""
     A, B, C, D = model
     n, p = len(A), len(C)

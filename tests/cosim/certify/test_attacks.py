@@ -41,7 +41,7 @@ def random_loops(count: int) -> Iterator[CutLoop]:
         A *= rng.uniform(0.3, 0.98) / np.abs(np.linalg.eigvals(A)).max()
         B, C = rng.normal(size=(n, m)), rng.normal(size=(m, n))
         B *= (
-            rng.uniform(0.1, 1.2) * (1 - np.abs(np.linalg.eigvals(A)).max()) / np.linalg.norm(B @ C)
+            rng.uniform(0.3, 4.0) * (1 - np.abs(np.linalg.eigvals(A)).max()) / np.linalg.norm(B @ C)
         )
         links = []
         for i in range(m):

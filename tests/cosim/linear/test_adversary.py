@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cosim.linear.adversary import Choices, attacks
+from cosim.linear.adversary import SampleChoices, attacks
 
 RNG = np.random.default_rng(5)
 A = 0.95 * np.linalg.qr(RNG.normal(size=(4, 4)))[0]
@@ -14,7 +14,7 @@ START = RNG.normal(size=4)
 
 def choices(ages, grows=None):
     before = np.array(ages)[:, None]
-    return Choices(np.array([0]), np.zeros_like(before), before, grows)
+    return SampleChoices(np.array([0]), np.zeros_like(before), before, grows)
 
 
 def played(ages, D):

@@ -134,6 +134,9 @@ def _segments(law: Segments) -> Iterator[str]:
     for x in law.segments:
         value = "loss 100%" if x.delay is None else f"delay {_time(x.delay)}"
         yield f"from {x.begin:g} s to {x.end:g} s a script has to set {value}"
+    for verb, speed in (("rises", law.rise), ("falls", law.fall)):
+        if speed is not None:
+            yield f"the delay {verb} by at most {speed:g} s in a second: a script has to set steps"
 
 
 def _kept(hold: float) -> str:

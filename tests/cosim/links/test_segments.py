@@ -57,6 +57,20 @@ def test_packets_of_a_segment_are_lost():
     assert (LOST.minimum, LOST.maximum, LOST.mean) == (0.05, 0.1, 0.1)
 
 
+def test_a_delay_that_changes_no_faster_than_it_may():
+    """From 750 ms to 300 ms at 1 s/s takes 0.45 s; back at 3 s/s a third of this."""
+    law = Segments(0.75, (Segment(1.0, 2.0, 0.3), Segment(3.0, 3.1, lost=True)), 3.0, 1.0)
+    T = delays(law, 800)
+    t = 0.005 * np.arange(800)
+    expected = np.where(t < 1.0, 0.75, np.maximum(0.3, 0.75 - (t - 1.0)))
+    expected = np.where(t < 2.0, expected, np.minimum(0.75, 0.3 + 3.0 * (t - 2.0)))
+    expected[600:620] = np.nan
+    np.testing.assert_allclose(T, expected, atol=1e-12)
+    sent_after = Segments(0.75, (Segment(1.0, 1.2, 0.3), Segment(1.2, 1.3, lost=True)), 3.0, 1.0)
+    assert delays(sent_after, 500)[260] == pytest.approx(0.45)  # on its way all the time
+    assert delays(Segments(0.75, (Segment(0.0, 1.0, lost=True),), 1.0), 300)[-1] == 0.75
+
+
 def test_it_is_valid_for_any_stop_time():
     assert LAW.limit(PERIOD) is None
     assert table_of(delay=TEXT, ticks=10).history == 241
@@ -89,6 +103,20 @@ def test_it_is_the_trace_of_the_same_delays_in_any_chunks(law, cuts):
     assert (found[202:] == law.delay).all()
 
 
+@given(law=segment_laws(), cuts=st.lists(st.integers(0, 300), max_size=8).map(sorted))
+def test_ramps_do_not_depend_on_chunks_and_keep_their_speeds(law, cuts):
+    law = Segments(law.delay, law.segments, 2.0, 0.4)
+    stream = law.stream(PERIOD, generator(0, "x"))
+    found = np.concatenate([
+        stream.take(b - a) for a, b in zip([0, *cuts], [*cuts, 300], strict=True)
+    ])  # fmt: skip
+    assert np.array_equal(found, delays(law, 300), equal_nan=True)
+    kept = np.flatnonzero(np.isfinite(found))
+    speed = np.diff(found[kept]) / (np.diff(kept) * float(PERIOD))
+    assert speed.max(initial=0.0) <= 2.0 + 1e-9 and speed.min(initial=0.0) >= -0.4 - 1e-9
+    assert np.array_equal(np.isnan(found), np.isnan(delays(Segments(law.delay, law.segments), 300)))
+
+
 @pytest.mark.parametrize("semantics", ["signal", "last-arrival", "newest-stamp", "fifo", "playout"])
 def test_every_semantics_takes_it(semantics):
     playout = 1.2 if semantics == "playout" else None
@@ -109,6 +137,8 @@ def test_its_facts_are_its_keys():
     packets = table_of(delay=LOST.facts(), semantics="newest-stamp")
     assert packets.law == LOST
     assert packets.facts()["delay"] == LOST.facts()
+    slow = Segments(0.75, LAW.segments, 0.5, 1.0)
+    assert table_of(delay=slow.facts()).law == slow
 
 
 def test_netem_has_the_delay_outside_and_a_remark_for_each_segment():
@@ -116,6 +146,8 @@ def test_netem_has_the_delay_outside_and_a_remark_for_each_segment():
     assert lines[0] == "delay 100ms"
     assert lines[1] == "# from 0 s to 0.02 s a script has to set delay 50ms"
     assert lines[2] == "# from 0.1 s to 0.12 s a script has to set loss 100%"
+    slow = netem(Segments(0.75, LAW.segments, fall=0.5))
+    assert "# the delay falls by at most 0.5 s in a second: a script has to set steps\n" in slow
 
 
 @pytest.mark.parametrize(
@@ -139,6 +171,12 @@ def test_netem_has_the_delay_outside_and_a_remark_for_each_segment():
 def test_a_segment_that_is_none_is_refused(segments, words):
     with pytest.raises(ScenarioError, match=words):
         table_of(delay={"law": "segments", "delay": 0.5, "segments": segments})
+
+
+@pytest.mark.parametrize("speed", [0, -1.0])
+def test_a_delay_that_cannot_change_is_refused(speed):
+    with pytest.raises(ScenarioError, match=r"rise: found .* s/s; expected more than 0"):
+        table_of(delay={"law": "segments", "delay": 0.5, "rise": speed})
 
 
 def test_a_signal_loses_nothing():

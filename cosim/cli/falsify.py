@@ -48,11 +48,14 @@ class FalsifyOptions:
         """The end of the search. Raises ScenarioError."""
         from cosim.base.clock import stopwatch
         from cosim.base.convert import number
+        from cosim.base.errors import ScenarioError
         from cosim.falsify.search import RUNS, Budget
 
         if not self.time:
             return Budget(self.runs or RUNS, seed=self.seed)
         seconds, watch = number(_spaced(self.time), "s", "--time"), stopwatch()
+        if not seconds > 0:
+            raise ScenarioError(f"found {self.time}; expected a time of more than 0", "--time")
         return Budget(
             self.runs or RUNS, self.runs is None, (), lambda: watch() > seconds, self.seed
         )

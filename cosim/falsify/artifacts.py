@@ -7,8 +7,11 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from cosim.base.errors import RunError
 from cosim.base.files import write_file
+from cosim.base.random_numbers import generator
 from cosim.engine.simulate import simulate
 from cosim.falsify import words
 from cosim.falsify.evaluation import Problem
@@ -25,6 +28,8 @@ from cosim.reporting.run_report import write_report
 from cosim.scenario.spec import build
 
 FAILING, NETEM, TEST = "failing.toml", "netem.sh", "test_failing.py"
+#: The time of a step of netem on a ramp, s.
+STAIR = 0.02
 #: Folders of the two runs.
 RUNS = ("failing", "nominal")
 
@@ -93,33 +98,39 @@ def netem_script(problem: Problem, candidate: Candidate) -> str:
         'dev=${2:?"expected LINK DEV"}',
         'case "$1" in',
     ]
-    h = decimal_fraction(problem.h)
     for channel, path in zip(problem.channels, problem.kept(candidate), strict=True):
-        law = as_law(path, channel.nominal, h, candidate.ticks)
-        lines += [
-            f"'{channel.name}')",
-            *(f"    {x}" for x in _netem(law, channel.step * problem.h)),
-        ]
+        law = as_law(channel.law(path), channel.nominal, candidate.ticks)
+        commands = _netem(law, channel.step * problem.h, candidate.ticks * problem.h)
+        lines += [f"'{channel.name}')", *(f"    {x}" for x in commands)]
         lines.append("    ;;")
     return "\n".join([*lines, '*) echo "unknown link $1" >&2; exit 2 ;;', "esac", ""])
 
 
-def _netem(law: Segments, period: float) -> Iterator[str]:
-    """The commands of one link, whose packets are sent every `period` (s)."""
+def _netem(law: Segments, period: float, end: float) -> Iterator[str]:
+    """The commands of one link, whose packets are sent every `period` (s), until `end` (s)."""
     waiting = int(law.maximum / period) + 2
     limit = f"limit {waiting} " if waiting > LIMIT else ""
-    usual = f"set_to {limit}delay {1e6 * law.delay:.0f}us"
-    yield usual
-    now = 0.0
-    for i, segment in enumerate(law.segments):
-        if segment.begin > now:
-            yield f"sleep {segment.begin - now:.6g}"
-        value = f"delay {1e6 * (segment.delay or law.delay):.0f}us"
-        yield f"set_to {limit}{value}{' loss 100%' if segment.lost else ''}"
-        yield f"sleep {segment.end - segment.begin:.6g}"
-        now = segment.end
-        if i + 1 == len(law.segments) or law.segments[i + 1].begin > now:
-            yield usual
+    now, before = 0.0, law.delay
+    for begin, delay in _changes(law, end):
+        if begin > now:
+            yield f"sleep {begin - now:.6g}"
+        now, before = begin, before if delay != delay else delay
+        loss = " loss 100%" if delay != delay else ""
+        yield f"set_to {limit}delay {1e6 * before:.0f}us{loss}"
+
+
+def _changes(law: Segments, end: float) -> Iterator[tuple[float, float]]:
+    """(when, s, and to what, s, NaN: lost) the delay changes; ramps are stairs."""
+    if law.rise is law.fall is None:
+        found = {0.0: law.delay}
+        for x in law.segments:
+            found |= {x.begin: x.value, x.end: law.delay}
+        yield from found.items()
+        return
+    h = decimal_fraction(STAIR)
+    delays = law.stream(h, generator(0, "netem")).take(int(end / h) + 1)
+    new = np.flatnonzero(np.append(True, ~np.isclose(delays[1:], delays[:-1], equal_nan=True)))
+    yield from ((float(k * h), float(delays[k])) for k in new.tolist())
 
 
 # ---- a test -------------------------------------------------------------------------------------

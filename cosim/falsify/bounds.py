@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from math import inf, isfinite
+from math import gcd, inf, isfinite
 from pathlib import Path
 
 import numpy as np
@@ -39,10 +39,11 @@ ALL = "*"
 class MovingChannel:
     """A channel and its bounds. `links`: numbers of its links in the scenario, and in the plan.
 
-    `step`: ticks between two of its delays; `low`, `high`, `nominal` (s); `rate`: the fastest
-    change of the delay, s/s; `lost`: packets that may be lost in a row, and `outage` (s): no
+    `step`: ticks between two of its delays; `low`, `high`, `nominal` (s); `speeds`: the fastest the
+    delay rises and falls, s/s; `lost`: packets that may be lost in a row, and `outage` (s): no
     longer than this; `share` of all packets that may be lost. `laws`: what draws delays for it:
-    its own law, presets and recorded paths.
+    its own law, presets and recorded paths. `signal`: a delay counts when it is read, else when a
+    packet is sent.
     """
 
     name: str
@@ -53,12 +54,12 @@ class MovingChannel:
     low: float
     high: float
     nominal: float
-    rate: float = inf
-    reorder: bool = True
-    lost: int = 0
+    speeds: tuple[float, float] = (inf, inf)
+    lost: float = 0.0
     outage: float = inf
     share: float = 1.0
     laws: tuple[Law, ...] = ()
+    signal: bool = False
 
     @property
     def moves(self) -> bool:
@@ -67,12 +68,10 @@ class MovingChannel:
 
     @property
     def longest_loss(self) -> int:
-        """The longest loss, ticks."""
-        if not self.share:
-            return 0
-        within = self.lost * self.step
-        longest = int(self.outage / self.h + 1e-9) if isfinite(self.outage) else within
-        return min(within, longest) if self.lost else longest
+        """The longest loss, ticks: whole packets."""
+        within = min(self.lost, int(self.outage / (self.step * self.h) + 1e-9)
+                     if isfinite(self.outage) else inf)  # fmt: skip
+        return int(within) * self.step if self.share else 0
 
     @property
     def base(self) -> DelayPath:
@@ -80,30 +79,28 @@ class MovingChannel:
         return DelayPath.constant(self.nominal)
 
     def law(self, path: DelayPath) -> PathLaw:
-        """A path that :meth:`kept` has made, for a plan."""
+        """A path that :meth:`kept` has made, for a plan: with ramps instead of jumps."""
         h = decimal_fraction(self.h)
-        return PathLaw(path, h, self.low, self.high, self.longest_loss > 0)
+        return PathLaw(path, h, self.low, self.high, self.longest_loss > 0, self.speeds)
 
     def kept(self, path: DelayPath, ticks: int) -> DelayPath:
-        """The path within the bounds, of a run of `ticks` ticks: what is nearest, from its start.
+        """The path within the bounds, of a run of `ticks` ticks: losses become shorter and fewer.
 
-        A loss becomes shorter; a delay that may not change at once, a ramp.
+        The law follows it no faster than it may.
         """
         edges, values = _with_losses(self, path, ticks)
-        values = np.clip(values, self.low, self.high)
-        up, down = self.rate, self.rate if self.reorder else min(self.rate, 1.0)
-        if not isfinite(min(up, down)):
-            return DelayPath.of(edges, values)
-        return _ramps(edges, values, (up, down), (self.step, self.h), ticks)
+        return DelayPath.of(edges, np.clip(values, self.low, self.high))
 
 
 def _with_losses(channel: MovingChannel, path: DelayPath, ticks: int) -> tuple[Ints, FloatArray]:
     """Edges and values with losses no longer and no more than they may be."""
     if not np.isnan(path.values).any():
         return path.edges, path.values
-    longest, left = channel.longest_loss, int(channel.share * ticks)
+    step, longest = channel.step, channel.longest_loss
+    path = DelayPath.of(-(-path.edges // step) * step, path.values)  # as packets have it
+    left = int(channel.share * -(-ticks // step) + 1e-9) * step
     edges, values, before = list[int](), list[float](), channel.nominal
-    ends = [*path.edges[1:].tolist(), ticks]
+    ends = [*path.edges[1:].tolist(), -(-ticks // step) * step]
     for begin, end, value in zip(path.edges.tolist(), ends, path.values.tolist(), strict=True):
         if value == value:
             edges, values, before = [*edges, begin], [*values, value], value
@@ -113,40 +110,6 @@ def _with_losses(channel: MovingChannel, path: DelayPath, ticks: int) -> tuple[I
         edges, values = [*edges, begin, begin + lasts], [*values, value, before]
     last = np.append(np.diff(edges) > 0, True)
     return np.array(edges, np.int64)[last], np.array(values)[last]
-
-
-def _ramps(
-    edges: Ints,
-    values: FloatArray,
-    rates: tuple[float, float],
-    steps: tuple[int, float],
-    ticks: int,
-) -> DelayPath:
-    """The path with jumps as ramps of at most `rates` up and down, s/s.
-
-    `steps`: ticks between two delays, and a tick, s.
-    """
-    step, h = steps
-    edges = -(-edges // step) * step
-    last = np.append(np.diff(edges) > 0, True)
-    edges, values = edges[last], values[last]
-    new_edges, new_values, now = [np.zeros(0, np.int64)], [np.zeros(0)], float("nan")
-    ends = np.append(edges[1:], max(ticks, int(edges[-1]) + 1))
-    for begin, end, value in zip(edges.tolist(), ends.tolist(), values.tolist(), strict=True):
-        if value != value or now != now:
-            new_edges.append(np.array([begin]))
-            new_values.append(np.array([value]))
-            now = now if value != value else value
-            continue
-        slope = (rates[0] if value > now else -rates[1]) * step * h
-        n = -(-(end - begin) // step)
-        need = max(1, min(n, int(np.ceil(abs((value - now) / slope)))))
-        ramp = now + slope * np.arange(1, need + 1)
-        ramp = np.minimum(ramp, value) if value > now else np.maximum(ramp, value)
-        new_edges.append(begin + step * np.arange(len(ramp), dtype=np.int64))
-        new_values.append(ramp)
-        now = float(ramp[-1])
-    return DelayPath.of(np.concatenate(new_edges), np.concatenate(new_values))
 
 
 # ---- from a scenario ----------------------------------------------------------------------------
@@ -176,6 +139,12 @@ def channels(
     found = []
     for channel, links in groups.items():
         own = [n for n, c in names.items() if c == channel and n in given]
+        if len(own) > 1:
+            raise ScenarioError(
+                f"{own[0]} and {own[1]} are of the channel {channel}, whose packets have one "
+                f"delay; expected bounds for one of them, or for {channel}",
+                scenario.place("falsify", "links"),
+            )
         key = channel if channel in given else own[0] if own else ALL
         place = scenario.place("falsify", "links", key)
         bounds = given.get(key, LinkBoundsSpec())
@@ -199,20 +168,11 @@ def _channel(
     folder: Path,
 ) -> MovingChannel:
     tables = [table for _, _, table in links]
-    table = tables[0]
-    signal = isinstance(table.rule, SignalSemantics)
-    step = min(t.grid.n_r if signal else t.grid.n_s for t in tables)
-    law = table.law
-    low, high = law.minimum, law.maximum
-    if bounds.delay is not None:
-        low, high = (seconds(x, f"{place}.delay") for x in bounds.delay)
-    if high < low:
-        raise ScenarioError(
-            f"found [{low:g} s, {high:g} s]; expected the least delay, and one that is no less",
-            f"{place}.delay",
-        )
-    least = _least(tables)
-    low, high = (round(max(x, least), DIGITS) for x in (low, high))
+    signal = any(isinstance(t.rule, SignalSemantics) for t in tables)
+    step = gcd(*(t.grid.n_r if signal else t.grid.n_s for t in tables))
+    law, h = tables[0].law, tables[0].grid.h
+    like = tuple(_like(x, folder, place) for x in bounds.like)
+    low, high = _delays(bounds, [law, *like], _least(tables), place)
     nominal = min(max(law.mean, low), high)
     if bounds.nominal is not None:
         nominal = seconds(bounds.nominal, f"{place}.nominal")
@@ -221,14 +181,40 @@ def _channel(
                 f"found {nominal:g} s; expected a delay from {low:g} s to {high:g} s",
                 f"{place}.nominal",
             )
-    lost, outage, share = _losses(law, bounds, table, place)
-    laws = tuple(_like(x, folder, place) for x in bounds.like)
+    lost, outage, share = _losses([law, *like], bounds, tables, place)
     own = () if isinstance(law, Constant) else (law,)
     return MovingChannel(
-        name, tuple(i for i, _, _ in links), tuple(i for _, i, _ in links), step, table.grid.h,
-        low, high, round(nominal, DIGITS), bounds.rate or inf,
-        bounds.reorder is not False or signal, lost, outage, share, (*own, *laws),
+        name, tuple(i for i, _, _ in links), tuple(i for _, i, _ in links), step, h,
+        low, high, round(nominal, DIGITS), _speeds(bounds, signal), lost, outage, share,
+        (*own, *like), signal,
     )  # fmt: skip
+
+
+def _delays(
+    bounds: LinkBoundsSpec, laws: Sequence[Law], least: float, place: str
+) -> tuple[float, float]:
+    """The shortest, not below `least`, and the longest delay, s. Raises ScenarioError."""
+    low, high = min(law.minimum for law in laws), max(law.maximum for law in laws)
+    if bounds.delay is not None:
+        low, high = (seconds(x, f"{place}.delay") for x in bounds.delay)
+    if high < low:
+        raise ScenarioError(
+            f"found [{low:g} s, {high:g} s]; expected the least delay, and one that is no less",
+            f"{place}.delay",
+        )
+    low, high = (round(max(x, least), DIGITS) for x in (low, high))
+    return low, high
+
+
+def _speeds(bounds: LinkBoundsSpec, signal: bool) -> tuple[float, float]:
+    """The fastest the delay rises and falls, s/s.
+
+    Packets keep their order if it falls by no more than a second in a second; what the receiver of
+    a signal holds gets no older if it rises no faster.
+    """
+    fast = bounds.rate or inf
+    ordered = fast if bounds.reorder else min(fast, 1.0)
+    return (ordered, fast) if signal else (fast, ordered)
 
 
 def _least(tables: Sequence[DrawnTable]) -> float:
@@ -240,35 +226,44 @@ def _least(tables: Sequence[DrawnTable]) -> float:
 
 
 def _losses(
-    law: Law, bounds: LinkBoundsSpec, table: DrawnTable, place: str
-) -> tuple[int, float, float]:
+    laws: Sequence[Law], bounds: LinkBoundsSpec, tables: Sequence[DrawnTable], place: str
+) -> tuple[float, float, float]:
     """(packets in a row, longest time (s), share) that may be lost. Raises ScenarioError."""
-    given = (bounds.lost, bounds.outage, bounds.share)
-    wanted = bool(bounds.lost or bounds.outage or bounds.share)
-    if wanted and not _may_lose(table):
-        raise ScenarioError(
-            f"losses, but the link {table.name} with semantics = "
-            f'"{table.rule.facts()["semantics"]}" loses nothing; expected "last-arrival", '
-            '"newest-stamp" or "playout"',
-            place,
-        )
-    if wanted or any(x is not None for x in given):
-        outage = inf if bounds.outage is None else seconds(bounds.outage, f"{place}.outage")
-        share = 1.0 if bounds.share is None else number(bounds.share, "1", f"{place}.share")
-        if not 0 <= share <= 1:
-            raise ScenarioError(f"found {share:g}; expected from 0 to 1", f"{place}.share")
-        lost = bounds.lost or (1 if bounds.outage is None and share else 0)
-        return lost, outage, share if wanted else 0.0
-    if not isinstance(law, Lossy):
-        return 0, inf, 0.0
-    drawn = law.loss.stream(table.grid.sending_period, generator(0, table.name)).take(DRAWN)
-    edges = np.flatnonzero(np.diff(np.concatenate(([False], drawn, [False]))))
-    longest = int((edges[1::2] - edges[::2]).max(initial=0))
-    return longest, law.loss.longest if isfinite(law.loss.longest) else inf, law.loss.share
+    given = [x for x in (bounds.lost, bounds.outage, bounds.share) if x is not None]
+    outage = inf if bounds.outage is None else seconds(bounds.outage, f"{place}.outage")
+    share = 1.0 if bounds.share is None else number(bounds.share, "1", f"{place}.share")
+    if not 0 <= share <= 1:
+        raise ScenarioError(f"found {share:g}; expected from 0 to 1", f"{place}.share")
+    unable = [t for t in tables if t.rule.facts()["semantics"] in ("signal", "fifo")]
+    if given and all((bounds.lost != 0, outage, share)):
+        if unable:
+            raise ScenarioError(
+                f"losses, but the link {unable[0].name} with semantics = "
+                f'"{unable[0].rule.facts()["semantics"]}" loses nothing; expected "last-arrival", '
+                '"newest-stamp" or "playout"',
+                place,
+            )
+        return bounds.lost or (1.0 if bounds.outage is None else inf), outage, share
+    if given or unable:
+        return 0.0, inf, 0.0
+    found = [_lost(law, tables[0]) for law in laws if law.loses_packets]
+    if not found:
+        return 0.0, inf, 0.0
+    rows, times, shares = zip(*found, strict=True)
+    return max(rows), max(times), max(shares)
 
 
-def _may_lose(table: DrawnTable) -> bool:
-    return table.rule.facts()["semantics"] not in ("signal", "fifo")
+def _lost(law: Law, table: DrawnTable) -> tuple[float, float, float]:
+    """(packets in a row, longest time (s), share) that a law loses, as drawn."""
+    period = table.grid.sending_period
+    limit = law.limit(period)
+    delays = law.stream(period, generator(0, table.name)).take(min(DRAWN, limit or DRAWN))
+    lost = ~np.isfinite(delays)
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], lost, [False]))))
+    longest = float((edges[1::2] - edges[::2]).max(initial=0))
+    if isinstance(law, Lossy):
+        return longest, law.loss.longest, law.loss.share
+    return longest, inf, float(lost.mean())
 
 
 def _like(name: str, folder: Path, place: str) -> Law:

@@ -141,10 +141,16 @@ def _corners(n: int) -> Iterator[tuple[float | None, ...]]:
 
 
 def wave(space: Space, turn: int) -> Iterator[Candidate]:
-    """Square waves and sawteeth between the bounds, periods from two samples to half the run."""
+    """Square waves and sawteeth between the bounds, periods from two samples to half the run.
+
+    Where packets may be lost, also outages that come again after a sample or more.
+    """
     random = space.random("wave", turn)
+    shapes: tuple[str, ...] = ("square", "rising", "falling")
+    if any(c.longest_loss for c in space.channels):
+        shapes += ("losing",)
     while space.channels:
-        shape = ("square", "rising", "falling")[int(random.integers(3))]
+        shape = shapes[int(random.integers(len(shapes)))]
         shortest = min(2 * c.step for c in space.channels)
         period = int(np.exp(random.uniform(np.log(shortest), np.log(max(4, space.ticks // 2)))))
         low, high = sorted(random.random(2).tolist()) if random.random() < 0.3 else (0.0, 1.0)
@@ -157,6 +163,8 @@ def wave(space: Space, turn: int) -> Iterator[Candidate]:
             for i, c in enumerate(space.channels)
         ]  # fmt: skip
         says = f"a {shape} wave with a period of {period * space.problem.h:.4g} s"
+        if shape == "losing":
+            says = "outages one after the other"
         yield space.candidate(paths, says, space.axes(random, 0.8))
 
 
@@ -177,6 +185,11 @@ def _wave(
 ) -> DelayPath:
     """`time`: the period in ticks, and the phase in periods."""
     (low, high), (period, phase) = (_level(channel, u) for u in between), time
+    if shape == "losing":
+        gap = max(1, round(low * period / channel.step)) * channel.step
+        edges = np.arange(int(phase * gap), ticks, channel.longest_loss + gap)
+        lost = [Piece(a, a + channel.longest_loss, float("nan")) for a in edges.tolist()]
+        return DelayPath.changed(channel.nominal, lost) if channel.longest_loss else channel.base
     if shape == "square":
         half = max(channel.step, period // 2)
         edges = np.arange(-int(phase * 2 * half), ticks, half)
@@ -274,8 +287,10 @@ def single(space: Space, turn: int) -> Iterator[Candidate]:
         lost = random.random() < 0.3
         paths = []
         for i, c in enumerate(space.channels):
-            value = float("nan") if lost and c.longest_loss else c.high if up else c.low
-            one = DelayPath.changed(c.nominal, [Piece(begin, end, value)])
-            paths.append(one if which in (-1, i) else c.base)
+            one = Piece(begin, end, c.high if up else c.low)
+            if lost and c.longest_loss:
+                one = Piece(begin, begin + max(end - begin, c.longest_loss), float("nan"))
+            changed = DelayPath.changed(c.nominal, [one])
+            paths.append(changed if which in (-1, i) else c.base)
         says = f"one segment of {length:g} s at {begin * space.problem.h:.4g} s"
         yield space.candidate(paths, says)

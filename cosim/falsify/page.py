@@ -49,7 +49,7 @@ def write_comparison(
     trial, h = state.shrinking.now, decimal_fraction(state.problem.h)
     rows = [
         (state.problem.channels[i].name, f"{float(p.begin * h):g} s", f"{float(p.end * h):g} s",
-         "lost" if p.value != p.value else f"{1e3 * p.value:.6g} ms")
+         words.delay_of(state, i, p))
         for i, p in trial.pieces
     ]  # fmt: skip
     scenario = folder / "failing.toml"
@@ -111,9 +111,10 @@ def _events(state: Falsification) -> Iterator[TimedEvent]:
     assert state.shrinking is not None
     h = decimal_fraction(state.problem.h)
     for i, piece in state.shrinking.now.pieces:
-        lost = piece.value != piece.value
-        value = "lost" if lost else f"{1e3 * piece.value:.4g} ms"
-        label = f"{value} on {state.problem.channels[i].name}"
+        channel, value = state.problem.channels[i], words.delay_of(state, i, piece)
+        label = value if channel.signal else f"sent: {value}"
+        if len(state.shrinking.now.channels) > 1:
+            label += f" on {channel.name}"
         yield TimedEvent(float(piece.begin * h), label, float(piece.end * h))
 
 

@@ -11,13 +11,14 @@ from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
 from hashlib import sha256
+from math import inf, isfinite
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cosim.links.laws import Delays, FloatArray, IntArray
-from cosim.links.segments import Pieces, Segment, Segments
+from cosim.links.segments import Pieces, Segment, Segments, following
 
 #: Digits of a delay (s) that count: microseconds.
 DIGITS = 6
@@ -115,7 +116,8 @@ class Candidate:
 class PathLaw:
     """A path as a delay law, with the bounds of its channel: plans of all candidates are alike.
 
-    `h`: the base step, s, exactly. The rows are those of the law "segments" with the same delays.
+    `h`: the base step, s, exactly; `speeds`: the fastest the delay rises and falls, s/s. The rows
+    are those of the law "segments" with the same delays.
     """
 
     path: DelayPath
@@ -123,6 +125,7 @@ class PathLaw:
     minimum: float
     maximum: float
     loses_packets: bool
+    speeds: tuple[float, float] = (inf, inf)
 
     @property
     def mean(self) -> float:
@@ -136,22 +139,25 @@ class PathLaw:
     def stream(self, period: Fraction, rng: Any) -> Delays:
         """The delays in order; nothing is drawn."""
         n = int(period / self.h)
-        return Pieces(-(-self.path.edges // n), self.path.values)
+        pieces = Pieces(-(-self.path.edges // n), self.path.values)
+        times = [float(edge * self.h) for edge in self.path.edges.tolist()]
+        return following(pieces, times, self.speeds, float(period))
 
     def facts(self) -> dict[str, Any]:
         """No facts: they are not kept of a run in memory."""
         return {}
 
 
-def as_law(path: DelayPath, delay: float, h: Fraction, ticks: int) -> Segments:
-    """The path in a run of `ticks` ticks of h (s) as a law: `delay` (s) outside of all segments."""
+def as_law(law: PathLaw, delay: float, ticks: int) -> Segments:
+    """The law in a run of `ticks` ticks as a scenario has it: `delay` (s) outside of segments."""
     found = [
         Segment(
-            float(x.begin * h),
-            float(x.end * h),
+            float(x.begin * law.h),
+            float(x.end * law.h),
             None if np.isnan(x.value) else x.value,
             bool(np.isnan(x.value)),
         )
-        for x in path.pieces(delay, ticks)
+        for x in law.path.pieces(delay, ticks)
     ]
-    return Segments(delay, tuple(found))
+    rise, fall = (speed if found and isfinite(speed) else None for speed in law.speeds)
+    return Segments(delay, tuple(found), rise, fall)

@@ -12,7 +12,6 @@ from typing import Any
 from cosim.base.toml import change
 from cosim.falsify.evaluation import Problem
 from cosim.falsify.paths import Candidate, as_law
-from cosim.links.laws import decimal_fraction
 from cosim.links.segments import Segment
 from cosim.study.axes import literal
 
@@ -33,13 +32,14 @@ def failing_document(
     found = deepcopy({**document})
     for setting in problem.settings(candidate):
         change(found, setting)
-    h = decimal_fraction(problem.h)
     paths = problem.kept(candidate)
     for channel, path in zip(problem.channels, paths, strict=True):
-        law = as_law(path, channel.nominal, h, candidate.ticks)
+        law = as_law(channel.law(path), channel.nominal, candidate.ticks)
         delay: dict[str, Any] = {"law": "constant", "delay": _seconds(channel.nominal)}
         if law.segments:
             delay = {"law": "segments", "delay": _seconds(channel.nominal)}
+            speeds = {"rise": law.rise, "fall": law.fall}
+            delay |= {k: v for k, v in speeds.items() if v is not None}
             delay["segments"] = [_segment(x) for x in law.segments]
         for i in channel.links:
             found["links"][i].pop("loss", None)

@@ -113,6 +113,11 @@ class Shrinking:
             paths.append(DelayPath.changed(channel.nominal, mine))
         return Candidate(tuple(paths), trial.axes, trial.ticks)
 
+    def _within_bounds(self, trial: Trial) -> Trial:
+        """The pieces as they are run: losses that are too long are cut."""
+        candidate = self.candidate(trial)
+        return self._trial(replace(candidate, paths=self.problem.kept(candidate)))
+
     def jittered(self, trial: Trial, number: int) -> Candidate:
         """The candidate with other delays by up to :data:`JITTER`, one of many."""
         paths = []
@@ -185,7 +190,7 @@ class Shrinking:
         small = yield from self._nearer(small, jitter)
         small = yield from self._stop(small)
         small = yield from self._simpler(small, jitter)
-        self.now = small
+        small = self.now = self._within_bounds(small)
         outcomes = yield [self.candidate(small), *(self.jittered(small, k) for k in range(MANY))]
         self.outcome, *others = outcomes
         self.failing = sum(x.fails(self.found.requirement) for x in others)

@@ -9,11 +9,11 @@
     delay = ["300 ms", "1.2 s"]              # default: the bounds of the link's own law
     nominal = "750 ms"                       # default: its mean
     rate = 0.5                               # s/s, how fast the delay may change; default: at once
-    reorder = false                          # packets keep their order; default: if the law does
+    reorder = false                          # packets do not overtake each other; default: true
     lost = 3                                 # packets in a row that may be lost
     outage = "200 ms"                        # longest time in which everything is lost
     share = "5 %"                            # of all packets that may be lost
-    like = ["wifi5", "ping/there.csv"]       # presets and recorded paths, cut and shifted
+    like = ["wifi5", "ping/there.csv"]       # it may do what these presets and recordings do
 
     [falsify.vary.grip]                      # as an axis of a study: operators, plants, starts
     path = "components.master.parameters.k_p"
@@ -43,7 +43,7 @@ class LinkBoundsSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     delay: tuple[Number, Number] | None = None
     nominal: Number | None = None
     rate: Positive | None = None
-    reorder: bool | None = None
+    reorder: bool = True
     lost: Natural | None = None
     outage: Number | None = None
     share: Number | None = None

@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from math import inf
 from typing import Any
 
+import numpy as np
+
+from cosim.falsify.bounds import MovingChannel
 from cosim.falsify.execute import Falsification
 from cosim.falsify.judge import CandidateOutcome, Margin
+from cosim.falsify.paths import Piece
 from cosim.falsify.shrinking import JITTER, MANY, Trial
 from cosim.links.laws import decimal_fraction
 from cosim.measure.robustness import plain
@@ -85,11 +90,12 @@ def _network(state: Falsification, trial: Trial) -> Iterator[str]:
     h = decimal_fraction(state.problem.h)
     for i, piece in trial.pieces[:4]:
         channel = state.problem.channels[i]
-        value = "everything lost" if piece.value != piece.value else f"{1e3 * piece.value:.6g} ms"
+        value = "everything lost" if piece.value != piece.value else delay_of(state, i, piece)
         begin, end = float(piece.begin * h), float(piece.end * h)
         yield (
-            f"{value} instead of {1e3 * channel.nominal:.6g} ms from {begin:g} s to {end:g} s on "
-            f"{channel.name}"
+            f"{value} instead of {1e3 * channel.nominal:.6g} ms "
+            f"{'' if channel.signal else 'for what is sent '}from {begin:g} s to {end:g} s on "
+            f"{channel.name}{_speeds(channel)}"
         )
     if len(trial.pieces) > 4:
         yield f"and {len(trial.pieces) - 4} more segments"
@@ -99,6 +105,33 @@ def _network(state: Falsification, trial: Trial) -> Iterator[str]:
             yield (
                 f"{axis.name} = {cell:.6g}" if isinstance(cell, float) else f"{axis.name} = {cell}"
             )
+
+
+def _speeds(channel: MovingChannel) -> str:
+    """The speed with which the delay may change, where it is limited."""
+    (rise, fall), verbs = channel.speeds, ("rises", "falls")
+    if rise == fall:
+        return "" if rise == inf else f" (it changes by at most {rise:g} s/s)"
+    found = [f"{verb} by at most {x:g} s/s" for verb, x in zip(verbs, (rise, fall), strict=True)
+             if x < inf]  # fmt: skip
+    return f" (it {' and '.join(found)})"
+
+
+def delay_of(state: Falsification, i: int, piece: Piece) -> str:
+    """The delay in a piece of channel `i`, or how far it gets on its way there."""
+    if piece.value != piece.value:
+        return "lost"
+    channel, target = state.problem.channels[i], f"{1e3 * piece.value:.6g} ms"
+    if min(channel.speeds) == inf or state.small is None:
+        return target
+    law = channel.law(state.problem.kept(state.small)[i])
+    h = decimal_fraction(channel.h)
+    delays = law.stream(h, None).take(piece.end)[piece.begin :]
+    up = piece.value > channel.nominal
+    reached = float(np.nanmax(delays) if up else np.nanmin(delays))
+    if abs(reached - piece.value) < channel.h:
+        return target
+    return f"{1e3 * reached:.4g} ms on the way to {target}"
 
 
 def _listed(axis: Any, u: float) -> Any:

@@ -106,6 +106,7 @@ def _environment() -> dict[str, str]:
         (["--set", "links.0.delay={law='constant', delay=3.0}"], "nothing can move"),
         (["--set", "falsify.links={'*'={delay=[3.0, 2.0]}}"], "at falsify.links.*.delay"),
         (["--time", "soon"], "--time"),
+        (["--time", "0 s"], "--time: found 0 s; expected a time of more than 0"),
         (["--set", "falsify.families=['zigzag']"], "no family 'zigzag'"),
     ],
 )

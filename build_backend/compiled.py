@@ -18,6 +18,8 @@ from collections.abc import Iterable
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
+#: C files of the engine in a page, which has no MuJoCo.
+WEB_UNITS = ("ages.c", "engine.c", "mailbox.c", "start.c", "tables.c")
 
 
 def build(platform: str | None = None) -> list[Path]:
@@ -32,7 +34,8 @@ def build(platform: str | None = None) -> list[Path]:
     import c_structs
     import plots
 
-    return [*c_structs.write(), *_libraries(platform), *_models(platform), *plots.take()]
+    made = [*c_structs.write(), *_libraries(platform), *_models(platform)]
+    return [*made, *_web(), *plots.take()]
 
 
 def _libraries(platform: str | None) -> list[Path]:
@@ -82,6 +85,28 @@ def _models(platform: str | None) -> list[Path]:
     index = shipped.index((model, version) for model in models for version in versions(model))
     _write(stamp, made_from, built, **index)
     return built
+
+
+def _web() -> list[Path]:
+    """The engine and the models as WebAssembly, the same on every platform."""
+    from fmus.build import shipped, toolchain, wasm
+    from fmus.build.archive import installed_models
+
+    folder, made = ROOT / "cosim/c", []
+    units = [folder / name for name in WEB_UNITS]
+    headers = [*folder.glob("*.h"), *folder.glob("engine/*")]
+    stamp, output = ROOT / "cosim/_engine.wasm.json", ROOT / "cosim/_engine.wasm"
+    made_from = _fingerprint([*units, *headers, ROOT / "fmus/build/wasm.py"], toolchain.WEB)
+    if not _current(stamp, made_from):
+        made.append(wasm.engine(units, output, [folder]))
+        _write(stamp, made_from, made)
+    stamp = ROOT / "fmus/_built/models.wasm.json"
+    made_from = _fingerprint(shipped.made_from(), toolchain.WEB)
+    if not _current(stamp, made_from):
+        packed = wasm.pack(installed_models(), stamp.with_name(wasm.ARCHIVE))
+        _write(stamp, made_from, [packed])
+        made.append(packed)
+    return made
 
 
 def _fingerprint(files: Iterable[Path], platform: str | None) -> str:

@@ -2,7 +2,7 @@
 #define _GNU_SOURCE
 #include "mailbox.h"
 
-#if !defined(_WIN32)
+#if !defined(_WIN32) && !defined(__wasm__)
 
 #include <errno.h>
 #include <poll.h>

@@ -39,10 +39,9 @@ def initialize(
     component does not start or a loop has no solution, RunError if an output is not a finite
     number.
     """
-    start = _PlanStart(plan, signals, inputs, outputs)
+    start = PlanStart(plan, signals, inputs, outputs)
     start.enter()
-    for player in plan.players:
-        part(signals, player.target)[:] = player.source.stream().rows(1)
+    start.play()
     start.settle()
     settled()
     start.leave()
@@ -50,11 +49,11 @@ def initialize(
     return start.ended
 
 
-class _PlanStart:
+class PlanStart:
     """The start of a plan. Components say their outputs for their inputs until nothing changes.
 
     A component has nothing to do while none of those that feed it has changed. `ended`: how an FMU
-    ended the simulation.
+    ended the simulation. `starts`: the calls of FMUs.
     """
 
     def __init__(
@@ -66,7 +65,7 @@ class _PlanStart:
         self.ended: Termination | None = None
         fmus = [stepped_fmu(step.component) for step in plan.components]
         begin = next((fmu.begin for fmu in fmus if fmu is not None), 0.0)
-        self._starts = Starts(
+        self.starts = Starts(
             [
                 Member(fmu, step.values if fmu else {}, *extent(step.inputs), *extent(step.outputs))
                 for fmu, step in zip(fmus, plan.components, strict=True)
@@ -78,12 +77,12 @@ class _PlanStart:
         )
 
     def _starting(self) -> AbstractContextManager[None]:
-        return starting_one_of(lambda: self._plan.components[self._starts.number].name)
+        return starting_one_of(lambda: self._plan.components[self.starts.number].name)
 
     def enter(self) -> None:
         """Start all components with their values, and set inputs that nothing feeds."""
         with self._starting():
-            self._starts.enter()
+            self.starts.enter()
         for step in self._plan.components:
             first, size = extent(step.inputs)
             self._signals[first : first + size] = [
@@ -92,9 +91,19 @@ class _PlanStart:
                 for v in step.start.get(port.name) or port.default or (0.0,) * port.size
             ]
 
+    def play(self) -> None:
+        """Set inputs that tables feed to their first values."""
+        for player in self._plan.players:
+            part(self._signals, player.target)[:] = player.source.stream().rows(1)
+
+    @property
+    def looped(self) -> bool:
+        """True if the values did not come to rest by being passed on."""
+        return self._loops is not None
+
     def settle(self) -> None:
         """Pass values on until none changes, or solve the loops that do not come to rest."""
-        signals, starts, refused = self._signals, self._starts, None
+        signals, starts, refused = self._signals, self.starts, None
         start = signals.copy()
         if self._loops is None or not self._loops.loops:
             try:
@@ -120,7 +129,7 @@ class _PlanStart:
 
     def leave(self) -> None:
         """Let FMUs leave Initialization Mode, and others see what changes by this."""
-        leaving = self._starts.leave(_exits(self._plan))
+        leaving = self.starts.leave(exits(self._plan))
         while True:
             with self._starting():
                 if next(leaving, None) is None:
@@ -180,7 +189,7 @@ def _input_sources(plan: Plan, edges: Sequence[Wire | Link]) -> InputSources:
     )
 
 
-def _exits(plan: Plan) -> list[int]:
+def exits(plan: Plan) -> list[int]:
     """FMUs in the order in which they leave Initialization Mode: plants, then sampled components.
 
     An output that changes at this time is seen by the components that are still in it.

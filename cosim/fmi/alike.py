@@ -98,6 +98,10 @@ class CommonInstance:
             self._calls.free(self.handle)
             self.handle = 0
 
+    def functions(self) -> dict[int, str]:
+        """Names of the functions that were asked for, by address."""
+        return self._calls.addresses()
+
     def loop_functions(self) -> tuple[int, int, int]:
         """Addresses of the three functions `HOT`."""
         set_, step, get = (shared.address(self._calls.function(n)) for n in self.HOT)

@@ -140,6 +140,9 @@ class Instance(Protocol):
     def free(self) -> None:
         """Terminate and free the instance; may be called twice."""
 
+    def functions(self) -> dict[int, str]:
+        """Names of the functions that were asked for, by address."""
+
     def loop_functions(self) -> tuple[int, int, int]:
         """Addresses of the functions that set, step and get in the loop."""
 
@@ -273,6 +276,10 @@ class Calls:
         function.argtypes, function.restype = types, result
         self._functions[self.prefix + suffix, types, result] = function
         return function
+
+    def addresses(self) -> dict[int, str]:
+        """Names of the functions of the library that were asked for, by address."""
+        return {shared.address(f): name for (name, *_), f in self._functions.items()}
 
     def checked(self, suffix: str, *types: Any) -> Callable[..., None]:
         """The same, raising FmuError for every status but OK and warning.

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import ctypes as c
 from collections import defaultdict
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import pairwise
 from typing import Any, NamedTuple, Protocol
 
@@ -117,6 +117,8 @@ class StartKind:
         natives = [[_native(fmu.instance, call) for call in calls] for calls in self.stages]
         #: The functions of each stage, without the prefix.
         self.suffixes = [[x.suffix if x else "" for x in some] for some in natives]
+        #: The forms of their calls.
+        self.forms = [[x.form if x else Form.OTHER for x in some] for some in natives]
         #: The call that leaves Initialization Mode, and whether C does it.
         self.exit = [call.verb for call in self.stages[Stage.LEAVE]].index("exit_initialization")
         self.exits_in_c = natives[Stage.LEAVE][self.exit] is not None
@@ -166,6 +168,13 @@ class StartKind:
             self._segments[key] = self.bytes, [i for some in places for i in some], value
             self.bytes += -(-size // 8) * 8
         return self._segments[key][0]
+
+    def left(self) -> Iterator[tuple[Stage, str]]:
+        """The calls that C leaves to Python: stage and verb."""
+        for stage in Stage:
+            for call, form in zip(self.stages[stage], self.forms[stage], strict=True):
+                if form is Form.OTHER:
+                    yield stage, call.verb
 
     def refused(self, numbers: NDArray[np.float64]) -> NDArray[np.int64]:
         """FMUs that may have values beyond their limits; `numbers` (FMUs, values), their units."""

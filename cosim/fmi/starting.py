@@ -110,7 +110,8 @@ class Turns(NamedTuple):
 class Starts:
     """The start of `members`, whose `signals` (n_signals,) are in the units of their ports.
 
-    `number`: the component at hand, also when an exception is raised. `begin`: s.
+    `number`: the component at hand, also when an exception is raised. `begin`: s. `kinds`: the
+    calls of each component that C does; `state`: what C sees of it all.
     """
 
     def __init__(
@@ -124,14 +125,15 @@ class Starts:
         n = len(members)
         self.number = 0
         self._members, self._turns = members, turns
-        self._kinds: list[StartKind | None] = [None] * n
+        self.kinds: list[StartKind | None] = [None] * n
         self._numbers: dict[int, NDArray[np.float64]] = {}
         self._rows = np.zeros(n, np.int64)  # of each, among those of its kind
-        self._alive: list[Any] = [signals, sources]
+        self.sources = sources
+        self._alive: list[Any] = [signals]
         self._components = np.zeros(n, np.dtype(StartingStruct))
         self._flags = np.zeros((4, max(1, n)), np.uint8)
         self.stale, _, self.asked, self.unsettled = self._flags
-        self._state = state = StartStruct(n=n, begin=begin)
+        self.state = state = StartStruct(n=n, begin=begin)
         state.components, state.signals = self._components.ctypes.data, signals.ctypes.data
         names = ("stale", "waiting", "asked", "unsettled")
         for name, flags in zip(names, self._flags, strict=True):
@@ -149,19 +151,19 @@ class Starts:
 
     def _point(self, name: str, array: NDArray[Any]) -> None:
         self._alive.append(array)
-        setattr(self._state, name, array.ctypes.data)
+        setattr(self.state, name, array.ctypes.data)
 
     # ---- stages ------------------------------------------------------------------------------
 
     def enter(self) -> None:
         """Instantiate, set values, and enter Initialization Mode. Raises CosimError."""
         self._instantiate()
-        self._state.at = self._state.call = 0
+        self.state.at = self.state.call = 0
         self._do(Stage.ENTER)
 
     def settle(self) -> bool:
         """Let components say their outputs until none changes; whether they come to rest."""
-        state = self._state
+        state = self.state
         state.n, state.at, state.call, state.passes = len(self._members), -1, 0, 0
         return self._do(Stage.SAY) is StartResult.DONE
 
@@ -170,7 +172,7 @@ class Starts:
 
         Whenever outputs of one have changed by this, it yields how many have left.
         """
-        state, done = self._state, 0
+        state, done = self.state, 0
         self._point("order", np.array(order, dtype=np.int64))
         while done < len(order):
             state.n, state.at, state.call, first = len(order), done, 0, done
@@ -184,9 +186,9 @@ class Starts:
 
     def _note(self, left: Sequence[int], last: Sequence[int], calls: int) -> None:
         """Take note of the FMUs that have left by calls of C; `calls`: those done of the last."""
-        last = [i for i in last if (kind := self._kinds[i]) is not None and calls > kind.exit]
+        last = [i for i in last if (kind := self.kinds[i]) is not None and calls > kind.exit]
         for i in (*left, *last):
-            kind, fmu = self._kinds[i], self._members[i].fmu
+            kind, fmu = self.kinds[i], self._members[i].fmu
             if fmu is not None and kind is not None and kind.exits_in_c:
                 fmu.instance.left()
 
@@ -210,7 +212,7 @@ class Starts:
             parts = [*member.given.values(), *((n,) for n in fmu.sizes.values())]
             if [len(some) for some in parts] != found[0].lengths:
                 raise FmuError(self._misfit(member, fmu))
-            self._kinds[i] = found[0]
+            self.kinds[i] = found[0]
             found[1].append(i)
             found[2].append([v for some in parts for v in some])
         for kind, places, rows in kinds.values():
@@ -263,7 +265,7 @@ class Starts:
 
     def _do(self, stage: Stage, order: Sequence[int] | None = None) -> StartResult:
         """Let C go on, and Python do what C leaves to it."""
-        engine, state = library(), self._state
+        engine, state = library(), self.state
         while True:
             if stage is Stage.SAY:
                 result = StartResult(engine.engine_settle(c.byref(state)))
@@ -272,7 +274,7 @@ class Starts:
             if result in (StartResult.DONE, StartResult.CHANGED, StartResult.RESTLESS):
                 return result
             self.number = i = state.at if order is None else order[state.at]
-            kind = self._kinds[i]
+            kind = self.kinds[i]
             if result is StartResult.REFUSED and kind is not None:
                 suffix = kind.suffixes[stage][state.call]
                 self._fmu(i).instance.refuse(suffix, state.status)
@@ -288,7 +290,7 @@ class Starts:
 
     def _perform(self, i: int, kind: StartKind, stage: Stage) -> None:
         """Do the call at hand of an FMU."""
-        call, fmu = kind.stages[stage][self._state.call], self._fmu(i)
+        call, fmu = kind.stages[stage][self.state.call], self._fmu(i)
         given = list(self._given(i, kind, call.whole or call.groups))
         match call.verb:
             case "set":

@@ -79,7 +79,7 @@ class TableDrawing:
             key = id(x.law), id(x.rule), x.grid.n_s, x.grid.n_r, x.grid.h
             which[i] = kind = found.setdefault(key, len(kinds))
             if kind == len(kinds):
-                kinds.append(_begun(x))
+                kinds.append(begun(x))
         some = memoryview((TableStruct * max(1, len(kinds)))(*kinds))
         self._state = np.frombuffer(some, TABLE)[which]
         drawn = self._state["samples"] > 0
@@ -157,7 +157,7 @@ class TableDrawing:
             raise RunError(f"link {name}: a delay that its law rules out")
 
 
-def _begun(table: Drawable) -> TableStruct:
+def begun(table: Drawable) -> TableStruct:
     """A table at its first row; `samples` is 0 if NumPy draws its delays; `capacity`: packets that
     can be on their way at a time.
     """

@@ -1,5 +1,14 @@
 """Reports that run their scenario again in the browser
 
-In come a scenario and its run; out goes a page in which values can be moved: it holds what it takes
-to judge a run in JavaScript, with the numbers and words of Python.
+In come a scenario and its run; out goes a page in which values can be moved. It holds engine and
+models as WebAssembly, the image of the plan that they compute with the bits of the command line,
+and what it takes to judge a run in JavaScript, with the numbers and words of Python.
 """
+
+from __future__ import annotations
+
+from cosim.live.bundle import bundle
+from cosim.live.digest import digest
+from cosim.live.image import LiveError
+
+__all__ = ["LiveError", "bundle", "digest"]

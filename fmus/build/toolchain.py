@@ -37,6 +37,9 @@ _TARGETS = {
     "aarch64-darwin": "aarch64-macos.11.0",
 }
 PLATFORMS = tuple(_TARGETS)
+#: WebAssembly with the C library of WASI, for pages; FMUs are not built for it. Its features are
+#: those of every browser since 2021.
+WEB = "wasm32-wasi"
 
 #: Compiler options that every library is built with.
 FLAGS = (
@@ -47,9 +50,11 @@ FLAGS = (
     "-fno-fast-math",
     "-fvisibility=hidden",
 )
-_ZIG_FLAGS = ("-mcpu=baseline", "-fno-sanitize=undefined")
-_SUFFIX = {"linux": ".so", "windows": ".dll", "darwin": ".dylib"}
+_CPU = {WEB: "generic-extended_const"}
+_SUFFIX = {"linux": ".so", "windows": ".dll", "darwin": ".dylib", "wasi": ".wasm"}
+_SYSTEMS = ("darwin", "linux", "windows")
 _MACHINE = {"amd64": "x86_64", "arm64": "aarch64"}
+_ZIG = (sys.executable, "-m", "ziglang")
 _PROBE = "#include <math.h>\n#include <stdlib.h>\n#include <string.h>\nint probe(void){return 0;}\n"
 
 
@@ -63,10 +68,10 @@ def host_platform() -> str:
     Raises ToolchainError on an operating system that is not Linux, Windows or macOS.
     """
     machine, system = _host.machine().lower(), _host.system().lower()
-    if system not in _SUFFIX:
+    if system not in _SYSTEMS:
         raise ToolchainError(
             f"cannot build for operating system {_host.system()!r}; expected one of "
-            f"{', '.join(sorted(_SUFFIX))}"
+            f"{', '.join(_SYSTEMS)}"
         )
     return f"{_MACHINE.get(machine, machine)}-{system}"
 
@@ -109,7 +114,7 @@ def compiler(platform: str | None = None) -> tuple[str, ...]:
     native = host_compiler() if name == host_platform() else None
     if native is not None:
         return native
-    if name not in _TARGETS:
+    if name not in (*_TARGETS, WEB):
         raise ToolchainError(_unknown(name))
     if find_spec("ziglang") is None:
         missing = "no C compiler (CC, cc, gcc, clang)" if name == host_platform() else "no compiler"
@@ -120,8 +125,12 @@ def compiler(platform: str | None = None) -> tuple[str, ...]:
 
 
 def zig(platform: str) -> tuple[str, ...]:
-    """The command of zig that compiles for one of :data:`PLATFORMS`, for its oldest systems."""
-    return (sys.executable, "-m", "ziglang", "cc", "-target", _TARGETS[platform], *_ZIG_FLAGS)
+    """The command of zig that compiles for one of :data:`PLATFORMS`, for its oldest systems, or
+    for :data:`WEB`.
+    """
+    target, cpu = _TARGETS.get(platform, platform), _CPU.get(platform, "baseline")
+    flags = (f"-mcpu={cpu}", "-fno-sanitize=undefined")
+    return (*_ZIG, "cc", "-target", target, *flags)
 
 
 def compile_shared(
@@ -202,6 +211,8 @@ def link_shared(
     target.parent.mkdir(parents=True, exist_ok=True)
     name = platform or host_platform()
     command = [*compiler(name), *FLAGS, "-shared", *_platform_flags(name, target.name), *flags]
+    if name == WEB:
+        command = _web_linker(flags)
     with tempfile.TemporaryDirectory(prefix=".cc-", dir=target.parent) as scratch:
         built = Path(scratch, target.name)
         command += ["-o", str(built), *map(str, objects)]
@@ -210,6 +221,16 @@ def link_shared(
         _run(command, f"{target.name} for {name}")
         built.replace(target)
     return target
+
+
+def _web_linker(flags: Iterable[str]) -> list[str]:
+    """The command that links for a page: the engine, which has an execution model, or a library
+    that is loaded into its memory.
+    """
+    if any(flag.startswith("-mexec-model") for flag in flags):
+        return [*compiler(WEB), *flags]
+    library = ["--experimental-pic", "-shared", "--import-memory", "--no-entry"]
+    return [*_ZIG, "wasm-ld", *library, "--allow-undefined", "--strip-all"]
 
 
 def _position_independent(platform: str) -> list[str]:

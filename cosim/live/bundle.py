@@ -1,0 +1,168 @@
+"""The bundle of a scenario: everything that a page needs to compute its runs, as plain data."""
+
+from __future__ import annotations
+
+import base64
+import zlib
+from collections import defaultdict
+from collections.abc import Sequence
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cosim.base.parts import part
+from cosim.engine.initialization import exits
+from cosim.fmi import components
+from cosim.live.image import LiveError
+from cosim.live.layout import layout
+from cosim.live.plan_image import PlanImage, plan_image
+from cosim.native import structs
+from cosim.native.enums import LOG_LINES, LOG_WIDTH
+from cosim.schedule.parts import Step
+from cosim.scenario.assemble import assemble
+from cosim.scenario.spec import Scenario
+
+#: Of bundles: a page and its data belong together.
+FORMAT = 1
+_STRUCTS = {
+    "engine": structs.EngineStruct, "start": structs.StartStruct, "units": structs.UnitStruct,
+    "links": structs.LinkStruct, "players": structs.PlayerStruct, "tables": structs.TableStruct,
+}  # fmt: skip
+
+
+def script() -> str:
+    """The text of ``engine.js``, which computes a bundle."""
+    return (Path(__file__).parent / "assets" / "engine.js").read_text(encoding="utf-8")
+
+
+def bundle(scenario: Scenario) -> dict[str, Any]:
+    """The bundle of a scenario, to be written as JSON.
+
+    Raises LiveError with a sentence for one that a page cannot compute.
+    """
+    plan = assemble(scenario)
+    made = plan_image(plan, scenario.run.record.signals)
+    return {
+        "format": FORMAT,
+        "title": scenario.title,
+        "h": plan.h,
+        "start": plan.start,
+        "ticks": plan.ticks,
+        "every": scenario.run.record.every,
+        "keys": [],
+        "fixed": [],
+        "ordered": [],
+        **_recorded(made),
+        **_memory(made),
+        **_tables(made),
+        "components": [_component(step) for step in plan.components],
+        "order": exits(plan),
+        "links": [link.name for link in plan.links],
+        "engine": packed(_engine()),
+        "modules": {_module(step): packed(_code(step)) for step in plan.components},
+        "layouts": {
+            name: {"size": layout(kind).size,
+                   "members": {k: m.offset for k, m in layout(kind).fields.items()}}
+            for name, kind in _STRUCTS.items()
+        },
+        "log": {"size": layout(structs.LogStruct).size, "lines": LOG_LINES, "width": LOG_WIDTH,
+                "line": layout(structs.LogStruct).fields["line"].offset},
+    }  # fmt: skip
+
+
+def packed(data: bytes) -> str:
+    """A block of a bundle: compressed by zlib, in base64."""
+    return base64.b64encode(zlib.compress(data, 9)).decode()
+
+
+def _recorded(made: PlanImage) -> dict[str, Any]:
+    """The signals that are recorded, by port, and where their entries are."""
+    signals: dict[str, dict[str, Any]] = {}
+    for column in made.columns:
+        name = column.name.partition("[")[0]
+        signals.setdefault(name, {"name": name, "unit": column.unit, "names": []})
+        signals[name]["names"].append(column.name)
+    return {"columns": [c.index for c in made.columns], "signals": [*signals.values()]}
+
+
+def _memory(made: PlanImage) -> dict[str, Any]:
+    """The image, and what has to be filled in."""
+    image = made.image
+    by_name = defaultdict[tuple[str, str], list[int]](list)
+    for place, module, name in image.functions:
+        by_name[module, name].append(place)
+    functions = [
+        {"module": module, "name": name, "places": places}
+        for (module, name), places in by_name.items()
+    ]
+    return {
+        "image": packed(image.content()),
+        "inside": packed(np.array(image.inside, "<u4").tobytes()),
+        "functions": functions,
+        "instances": image.instances,
+        "values": image.values,
+        "logs": image.logs,
+        "copies": made.copies,
+        "places": made.places,
+        "n_signals": made.plan.n_signals,
+    }
+
+
+def _tables(made: PlanImage) -> dict[str, Any]:
+    links = made.plan.links
+    return {
+        "frozen": [
+            {"link": i, "rows": packed(np.asarray(rows, "<i4").tobytes())}
+            for i, rows in made.frozen.items()
+        ],
+        "drawn": [
+            {"link": i, "name": links[i].name, "rows": made.hits(links[i].target.component)}
+            for i in made.drawn
+        ],
+        "played": [packed(np.asarray(values, "<f8").tobytes()) for values in made.played],
+    }
+
+
+def _component(step: Step) -> dict[str, Any]:
+    fmu = components.stepped_fmu(step.component)
+    assert fmu is not None
+    return {
+        "name": step.name,
+        "module": _module(step),
+        "fmi": int(fmu.description.fmi[0]),
+        "token": fmu.description.token,
+        "outputs": [
+            {"signal": s.name, "at": s.start, "size": s.size, "names": s.scalars()}
+            for s in step.outputs
+        ],
+    }
+
+
+def _module(step: Step) -> str:
+    fmu = components.stepped_fmu(step.component)
+    assert fmu is not None
+    return fmu.archive.path.stem.rpartition(".")[0]
+
+
+def _code(step: Step) -> bytes:
+    """The model of a component as WebAssembly. Raises LiveError."""
+    fmu = components.stepped_fmu(step.component)
+    assert fmu is not None
+    found: bytes | None = part("wasm").module(fmu.archive.path)
+    if found is None:
+        raise LiveError(
+            f"{step.name}: there is no WebAssembly of {fmu.archive.path.name}, which a page needs;"
+            " expected a model of the installation"
+        )
+    return found
+
+
+@cache
+def _engine() -> bytes:
+    """The engine as WebAssembly. Raises LiveError."""
+    path = Path(__file__).parents[1] / "_engine.wasm"
+    if not path.is_file():
+        raise LiveError(f"{path} is missing: install the project (pip install .), which builds it")
+    return path.read_bytes()

@@ -1,0 +1,23 @@
+"""The digest of a run: equal where all recorded numbers are, to the last bit."""
+
+from __future__ import annotations
+
+from hashlib import sha256
+
+import numpy as np
+
+from cosim.record import Run
+
+
+def digest(run: Run) -> str:
+    """SHA-256 of the times (s) and all recorded columns, as a hexadecimal number.
+
+    Each is its name, a zero byte, and its numbers (float64, little-endian); what is not a number has
+    the bits of :data:`numpy.nan`, since processors differ in these.
+    """
+    found = sha256()
+    for name in ("t", *run.names):
+        values = np.array(run.column(name), "<f8")
+        values[np.isnan(values)] = np.nan
+        found.update(f"{name}\0".encode() + values.tobytes())
+    return found.hexdigest()

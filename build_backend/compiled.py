@@ -1,6 +1,6 @@
 """Files made of C, in place: ``cosim/_engine.so``, ``cosim/_bus.so``, ``bridge/_bridge.so``,
 ``fmus/_built/*.fmu``, and ``enums.py`` and ``structs.py`` of the packages that call the libraries;
-and the two files of uPlot that reports contain.
+engine and models as WebAssembly, and the two files of uPlot that reports contain.
 
 ``python build_backend/compiled.py`` makes them for work from a checkout; installing does the
 same. What is up to date, by the contents of everything it is made from, is left alone.

@@ -1,6 +1,7 @@
 """The build backend (PEP 517, PEP 660): setuptools, after the compiled parts are made.
 
-* ``ziglang`` is asked for only where no C compiler works, ``uplot-python`` only without pip.
+* ``ziglang`` compiles what pages contain, and the rest where no C compiler works; ``uplot-python``
+  is asked for only without pip.
 * The wheel is for one platform and any Python 3: the engine is a plain shared library.
 * Nothing is built in ``build/``: what an earlier version left there cannot get into a wheel.
 """
@@ -109,10 +110,7 @@ def build_editable(
 
 
 def _others() -> list[str]:
-    from fmus.build.toolchain import host_compiler
-
-    compiler = [] if host_compiler() else ["ziglang>=0.13"]
-    return [*compiler, *plots.requirements()]
+    return ["ziglang>=0.13", *plots.requirements()]
 
 
 @contextmanager

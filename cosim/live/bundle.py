@@ -12,17 +12,17 @@ from typing import Any
 
 import numpy as np
 
+from cosim.base.errors import CosimError
 from cosim.base.parts import part
 from cosim.engine.initialization import exits
-from cosim.fmi import components
 from cosim.live.image import LiveError
 from cosim.live.layout import layout
-from cosim.live.plan_image import PlanImage, plan_image
+from cosim.live.plan_image import PlanImage, fmu_of, plan_image
 from cosim.native import structs
 from cosim.native.enums import LOG_LINES, LOG_WIDTH
-from cosim.schedule.parts import Step
 from cosim.scenario.assemble import assemble
 from cosim.scenario.spec import Scenario
+from cosim.schedule.parts import Step
 
 #: Of bundles: a page and its data belong together.
 FORMAT = 1
@@ -61,7 +61,7 @@ def bundle(scenario: Scenario) -> dict[str, Any]:
         "order": exits(plan),
         "links": [link.name for link in plan.links],
         "engine": packed(_engine()),
-        "modules": {_module(step): packed(_code(step)) for step in plan.components},
+        "modules": _modules(plan.components),
         "layouts": {
             name: {"size": layout(kind).size,
                    "members": {k: m.offset for k, m in layout(kind).fields.items()}}
@@ -126,11 +126,10 @@ def _tables(made: PlanImage) -> dict[str, Any]:
 
 
 def _component(step: Step) -> dict[str, Any]:
-    fmu = components.stepped_fmu(step.component)
-    assert fmu is not None
+    fmu = fmu_of(step)
     return {
         "name": step.name,
-        "module": _module(step),
+        "module": fmu.description.token,
         "fmi": int(fmu.description.fmi[0]),
         "token": fmu.description.token,
         "outputs": [
@@ -140,21 +139,23 @@ def _component(step: Step) -> dict[str, Any]:
     }
 
 
-def _module(step: Step) -> str:
-    fmu = components.stepped_fmu(step.component)
-    assert fmu is not None
-    return fmu.archive.path.stem.rpartition(".")[0]
+def _modules(steps: Sequence[Step]) -> dict[str, str]:
+    """The models of components, each once, by the tokens of their FMUs."""
+    one_of = {fmu_of(step).description.token: step for step in steps}
+    return {token: packed(_code(step)) for token, step in one_of.items()}
 
 
 def _code(step: Step) -> bytes:
     """The model of a component as WebAssembly. Raises LiveError."""
-    fmu = components.stepped_fmu(step.component)
-    assert fmu is not None
-    found: bytes | None = part("wasm").module(fmu.archive.path)
+    fmu = fmu_of(step)
+    try:
+        found: bytes | None = part("wasm").module(fmu.archive.path, fmu.description.token)
+    except CosimError as error:
+        raise LiveError(f"{step.name}: {error}") from error
     if found is None:
         raise LiveError(
-            f"{step.name}: there is no WebAssembly of {fmu.archive.path.name}, which a page needs;"
-            " expected a model of the installation"
+            f"{step.name}: {fmu.archive.path.name} is not built from a model of this project, of"
+            " which a page needs the sources"
         )
     return found
 

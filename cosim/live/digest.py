@@ -12,8 +12,8 @@ from cosim.record import Run
 def digest(run: Run) -> str:
     """SHA-256 of the times (s) and all recorded columns, as a hexadecimal number.
 
-    Each is its name, a zero byte, and its numbers (float64, little-endian); what is not a number has
-    the bits of :data:`numpy.nan`, since processors differ in these.
+    Each is its name, a zero byte, and its numbers (float64, little-endian). What is not a number
+    has the bits of :data:`numpy.nan`, since processors differ in these.
     """
     found = sha256()
     for name in ("t", *run.names):

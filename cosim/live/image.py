@@ -1,7 +1,7 @@
 """A plan in the memory of WebAssembly: structs of the native engine, copied with other addresses.
 
-An image is the content of one block of memory that the page reserves, and a list of the places in it
-that hold addresses, which it fills in: of the block itself, of functions and of instances.
+An image is the content of one block of memory that the page reserves, and a list of the places in
+it that hold addresses, which the page fills in: of the block itself, of functions and of instances.
 """
 
 from __future__ import annotations
@@ -61,8 +61,8 @@ class Image:
     """Blocks of memory, one after the other, and what has to be filled in when it has a place.
 
     `inside`: (place, target) of addresses within the image. `functions`: (place, module, name).
-    `instances`, `values`, `logs`: (place, number of the component). `stops`: places of the address of
-    the engine's flag. `known`: names of functions by native address: (module, name); `handles`,
+    `instances`, `values`, `logs`: (place, number of the component). `stops`: places of the address
+    of the engine's flag. `known`: names of functions by native address: (module, name); `handles`,
     `log_numbers`: numbers of components by the native addresses of instances and logs; `shared`:
     places of what several components have in common, by native address.
     """
@@ -104,7 +104,7 @@ class Image:
         data = values.tobytes()
         self._content[place : place + len(data)] = data
 
-    def array(self, kind: type[c.Structure], rows: NDArray[np.void]) -> int:
+    def array(self, kind: Any, rows: NDArray[np.void]) -> int:
         """Add structs, (n,) as the native engine has them, without their addresses."""
         found, native = layout(kind), rows
         made = np.zeros(len(rows), found.dtype)
@@ -132,8 +132,8 @@ class Image:
         return at
 
     def members(self, struct: Any, at: int) -> None:
-        """Fill in the addresses of a struct that stands at `at`."""
-        kind = type(struct)
+        """Fill in the addresses of a struct that stands at `at`. Raises LiveError."""
+        kind: Any = type(struct)
         for name, member in layout(kind).fields.items():
             value = getattr(struct, name) if member.pointer else None
             if not value:

@@ -16,7 +16,7 @@ import numpy as np
 POINTER = 4
 
 
-class Field(NamedTuple):
+class MemberPlace(NamedTuple):
     """A member: where it begins, bytes; whether it is an address; its type in NumPy."""
 
     offset: int
@@ -29,7 +29,7 @@ class Layout(NamedTuple):
 
     size: int
     align: int
-    fields: dict[str, Field]
+    fields: dict[str, MemberPlace]
 
     @property
     def dtype(self) -> np.dtype[Any]:
@@ -43,13 +43,13 @@ class Layout(NamedTuple):
 
 
 @cache
-def layout(struct: type[c.Structure]) -> Layout:
+def layout(struct: Any) -> Layout:
     """The layout of a struct in WebAssembly."""
-    at, widest, fields = 0, 1, dict[str, Field]()
+    at, widest, fields = 0, 1, dict[str, MemberPlace]()
     for name, kind, *_ in struct._fields_:
         size, align, found = _element(kind)
         at = -(-at // align) * align
-        fields[name] = Field(at, _is_pointer(kind), found)
+        fields[name] = MemberPlace(at, _is_pointer(kind), found)
         at, widest = at + size, max(widest, align)
     return Layout(-(-at // widest) * widest, widest, fields)
 

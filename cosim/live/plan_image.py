@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from cosim.base.component import NativeComponent
 from cosim.base.random_numbers import entropy
+from cosim.engine.arrays import rows_of
 from cosim.engine.binding import ALONE, MEANS, SLOPES, Binding
 from cosim.engine.engine import SignalViews
 from cosim.engine.initialization import PlanStart, exits
@@ -30,7 +31,6 @@ from cosim.links.table import DrawnTable
 from cosim.live.image import Image, LiveError
 from cosim.live.layout import layout
 from cosim.native import structs
-from cosim.native.enums import Form
 from cosim.record import Column
 from cosim.schedule.parts import Step
 from cosim.schedule.plan import Plan
@@ -85,7 +85,9 @@ def plan_image(
 def refuse(plan: Plan) -> None:
     """Raise LiveError for a plan that a page cannot compute."""
     if plan.buses:
-        raise LiveError("a page cannot compute links over a simulated bus; expected [[links]] with a delay")
+        raise LiveError(
+            "a page cannot compute links over a simulated bus; expected [[links]] with a delay"
+        )
     if plan.groups:
         raise LiveError('a page cannot compute algorithm = "adaptive"; expected another algorithm')
     if len(plan.components) >= ALONE:
@@ -114,6 +116,13 @@ def _reason(step: Step) -> str:
     return ""
 
 
+def fmu_of(step: Step) -> FmuComponent:
+    """The FMU that a component of a plan is."""
+    fmu = components.stepped_fmu(step.component)
+    assert fmu is not None
+    return fmu
+
+
 class _Making:
     def __init__(
         self, plan: Plan, recorded: Sequence[str], room: Mapping[str, tuple[int, int]]
@@ -138,7 +147,9 @@ class _Making:
         start.settle()
         start.leave()
         if start.looped or possible_loops(plan):
-            raise LiveError("outputs depend on each other at once, an algebraic loop, which a page cannot solve")
+            raise LiveError(
+                "outputs depend on each other at once, an algebraic loop, which a page cannot solve"
+            )
         taken = [column.index for column in self._made.columns]
         bound = Binding(plan, signals, inputs, outputs, {}, 1, taken)
         bound.bind()
@@ -146,23 +157,18 @@ class _Making:
         self._tables()
         return self._made
 
-    def _fmus(self) -> list[FmuComponent]:
-        found = [components.stepped_fmu(s.component) for s in self._plan.components]
-        return [fmu for fmu in found if fmu is not None]
-
     def _name(self) -> None:
         """Note the addresses of functions, instances and logs."""
         image = self._made.image
-        for i, fmu in enumerate(self._fmus()):
+        for i, fmu in enumerate(map(fmu_of, self._plan.components)):
             image.handles[fmu.instance.handle] = i
             image.log_numbers[c.addressof(fmu.instance.log)] = i
         self._functions()
 
     def _functions(self) -> None:
-        for fmu in self._fmus():
-            module = fmu.archive.path.stem.rpartition(".")[0]
+        for fmu in map(fmu_of, self._plan.components):
             for address, name in fmu.instance.functions().items():
-                self._made.image.known[address] = module, name
+                self._made.image.known[address] = fmu.description.token, name
 
     # ---- the start ---------------------------------------------------------------------------
 
@@ -170,7 +176,7 @@ class _Making:
         image, state, n = self._made.image, starts.state, len(self._plan.components)
         at = self._struct(state, "start")
         members = (structs.StartingStruct * n).from_address(state.components)
-        rows = np.frombuffer(memoryview(members), np.dtype(structs.StartingStruct))
+        rows = rows_of(members)
         kinds = {kind.address: kind for kind in starts.kinds if kind is not None}
         found, first = layout(structs.StartingStruct), image.array(structs.StartingStruct, rows)
         image.point(at["components"], first)
@@ -222,7 +228,7 @@ class _Making:
 
     def _struct(self, struct: Any, name: str) -> dict[str, int]:
         """Add a struct; the places of its members."""
-        kind = type(struct)
+        kind: Any = type(struct)
         row = np.frombuffer(memoryview(struct), np.dtype(kind))
         at = self._made.places[name] = self._made.image.array(kind, row)
         return {k: at + member.offset for k, member in layout(kind).fields.items()}
@@ -236,7 +242,11 @@ class _Making:
         image.members(bound.state, places["engine"])
         for name, kind, rows in (
             ("operations", structs.OperationStruct, bound.operations),
-            ("units", structs.UnitStruct, np.frombuffer(memoryview(bound.units), np.dtype(structs.UnitStruct))),
+            (
+                "units",
+                structs.UnitStruct,
+                np.frombuffer(memoryview(bound.units), np.dtype(structs.UnitStruct)),
+            ),
         ):
             places[name] = image.array(kind, rows)
             image.point(at[name], places[name])
@@ -261,17 +271,19 @@ class _Making:
         if not links:
             return
         senders, receivers = layout(structs.SenderStruct), layout(structs.LinkStruct)
-        as_rows = {"senders": (structs.SenderStruct, bound.senders), "links": (structs.LinkStruct, bound.links)}
-        for name, (kind, rows) in as_rows.items():
-            places[name] = image.array(kind, np.frombuffer(memoryview(rows), np.dtype(kind)))
-            image.point(at[name], places[name])
+        places["senders"] = image.array(structs.SenderStruct, rows_of(bound.senders))
+        places["links"] = image.array(structs.LinkStruct, rows_of(bound.links))
+        image.point(at["senders"], places["senders"])
+        image.point(at["links"], places["links"])
         for i, link in enumerate(links):
             width = link.source.size
             needed = max(link.table.history, self._room.get(link.name, (0, 0))[0])
             capacity = 1 << (needed - 1).bit_length()
             self._made.capacity.append(link.table.history)
             sender = places["senders"] + i * senders.size
-            image.point(sender + senders.fields["history"].offset, image.reserve(8 * width * capacity))
+            image.point(
+                sender + senders.fields["history"].offset, image.reserve(8 * width * capacity)
+            )
             image.write(sender + senders.fields["capacity"].offset, np.array([capacity], "<i8"))
             receiver = places["links"] + i * receivers.size
             image.point(receiver + receivers.fields["sender"].offset, sender)
@@ -302,10 +314,8 @@ class _Making:
         if not tables:
             return
         array = (structs.TableStruct * len(tables))(*tables)
-        kind, found = np.dtype(structs.TableStruct), layout(structs.TableStruct)
-        at = made.places["tables"] = image.array(
-            structs.TableStruct, np.frombuffer(memoryview(array), kind)
-        )
+        found = layout(structs.TableStruct)
+        at = made.places["tables"] = image.array(structs.TableStruct, rows_of(array))
         words, ends = [], []
         for n, i in enumerate(made.drawn):
             table = plan.links[i].table
@@ -313,7 +323,9 @@ class _Making:
             place = at + n * found.size
             room = max(made.pending[i], self._room.get(table.name, (0, 0))[1])
             image.write(place + found.fields["capacity"].offset, np.array([room], "<i8"))
-            image.point(place + found.fields["pending"].offset, image.reserve(_PACKET * max(1, room)))
+            image.point(
+                place + found.fields["pending"].offset, image.reserve(_PACKET * max(1, room))
+            )
             words.append(entropy(table.seed, table.name))
             ends.append(sum(map(len, words)) // 4)
         made.places["words"] = image.place(b"".join(words))

@@ -181,8 +181,13 @@ def cache(model: Model) -> Path:
 
     Raises FmuError if it cannot be created.
     """
+    return cache_folder(token(model))
+
+
+def cache_folder(of: str) -> Path:
+    """The folder in the cache for what is made from the model with a token. Raises FmuError."""
     root = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
-    folder = Path(root) / "cosim" / "fmus" / token(model).strip("{}")
+    folder = Path(root) / "cosim" / "fmus" / of.strip("{}")
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:

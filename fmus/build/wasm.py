@@ -11,11 +11,14 @@ from __future__ import annotations
 import io
 import lzma
 import tarfile
+import tempfile
+import zipfile
 from collections.abc import Mapping, Sequence
 from functools import cache
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 
 from fmus.build import toolchain
+from fmus.build.archive import cache_folder
 from fmus.build.library import compile_models
 from fmus.build.shipped import FOLDER
 from fmus.model import Model
@@ -71,8 +74,26 @@ def _archive(folder: Path) -> dict[str, bytes]:
         return {name: file.read() for name, file in files.items() if file is not None}
 
 
-def module(fmu: Path) -> bytes | None:
-    """The library of one of our own FMUs, None if there is none."""
-    if fmu.parent.resolve() != FOLDER.resolve():
+def module(fmu: Path, token: str) -> bytes | None:
+    """The library of one of our own FMUs, None for another one's.
+
+    `token`: of its description. Models that an installation does not bring are compiled from the
+    sources in the FMU, once. Raises ToolchainError if that fails, FmuError if the cache cannot be
+    written.
+    """
+    name = f"{fmu.name.split('.')[0]}.wasm"
+    if fmu.parent.resolve() == FOLDER.resolve() and name in _archive(FOLDER):
+        return _archive(FOLDER)[name]
+    with zipfile.ZipFile(fmu) as archive:
+        names = [n for n in archive.namelist() if PurePosixPath(n).parent.name == "sources"]
+        texts = {PurePosixPath(n).name: archive.read(n) for n in names}
+    if token.encode() not in texts.get("variables.c", b""):
         return None
-    return _archive(FOLDER).get(f"{fmu.name.split('.')[0]}.wasm")
+    found = cache_folder(token) / name
+    if not found.is_file():
+        with tempfile.TemporaryDirectory(prefix="fmu-") as scratch:
+            for file, text in texts.items():
+                Path(scratch, file).write_bytes(text)
+            units = sorted(Path(scratch).glob("*.c"))
+            toolchain.compile_shared(units, found, include=[scratch], platform=toolchain.WEB)
+    return found.read_bytes()

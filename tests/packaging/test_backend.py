@@ -19,6 +19,7 @@ from fmus.build.toolchain import host_compiler, shared_suffix
 
 ROOT = Path(__file__).resolve().parents[2]
 ENGINE = f"cosim/_engine{shared_suffix()}"
+PAGE, MODELS = "cosim/_engine.wasm", "fmus/_built/models.wasm.xz"
 BUS = f"cosim/_bus{shared_suffix()}"
 BRIDGE = f"bridge/_bridge{shared_suffix()}"
 ENDINGS = (
@@ -29,6 +30,9 @@ ENDINGS = (
     ".md",
     ".fmu",
     "_built/built.json",
+    "_built/models.wasm.json",
+    MODELS,
+    PAGE,
     "py.typed",
     ".css",
     ".js",
@@ -97,12 +101,12 @@ def hook(folder: Path, name: str, target: Path) -> Path:
 
 
 @pytest.mark.parametrize("kind", ["wheel", "editable"])
-def test_a_compiler_is_asked_for_only_where_there_is_none(
+def test_the_compiler_for_pages_is_always_asked_for(
     backend: ModuleType, kind: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     requires = getattr(backend, f"get_requires_for_build_{kind}")
     monkeypatch.setenv("CC", "cc")
-    assert not any("ziglang" in requirement for requirement in requires())
+    assert any("ziglang" in requirement for requirement in requires())
     monkeypatch.delenv("CC")
     monkeypatch.setenv("PATH", str(tmp_path))
     host_compiler.cache_clear()
@@ -176,7 +180,7 @@ def test_what_is_up_to_date_is_left_alone(built: Path) -> None:
 def test_a_change_in_c_is_built(built: Path) -> None:
     with (built / "cosim" / "c" / "engine.c").open("a") as source:
         source.write("/* changed */\n")
-    assert make(built) == [ENGINE]
+    assert make(built) == [ENGINE, PAGE]
     assert make(built) == []
 
 
@@ -185,7 +189,9 @@ def test_an_fmu_whose_model_has_gone_goes_too(built: Path) -> None:
     known = set((built / "fmus" / "_built").glob("*.fmu"))
     (built / "fmus" / "_built" / "renamed.fmu").write_bytes(b"old")
     (built / "fmus" / "c" / "note.h").write_text("/* a change */\n")
-    assert len(make(built)) == len(known) > 0
+    made = make(built)
+    assert len(made) == len(known) + 1 > 1
+    assert MODELS in made
     assert set((built / "fmus" / "_built").glob("*.fmu")) == known
 
 
@@ -230,7 +236,7 @@ def test_a_wheel_holds_packages_engine_and_fmus(wheel: Path, built: Path) -> Non
     assert "fmus/_built/built.json" in fmus
     typed = {f"{package}/py.typed" for package in ("cosim", "fmus", "bridge")}
     assert fmus
-    assert {ENGINE, BUS} | python | c | fmus | typed <= found
+    assert {ENGINE, PAGE, BUS} | python | c | fmus | typed <= found
 
 
 @pytest.mark.slow

@@ -232,6 +232,10 @@ class RemoteInstance:
         """There is none in this process."""
         raise FmuError(f"{self._name}: {suffix} is in another process")
 
+    def functions(self) -> dict[int, str]:
+        """There are none in this process."""
+        return {}
+
     def loop_functions(self) -> tuple[int, int, int]:
         """There are none in this process."""
         raise FmuError(f"{self._name}: its functions are in another process")

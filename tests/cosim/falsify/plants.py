@@ -93,17 +93,17 @@ class Side:
         self.x = list(state)
 
 
-#: The sampling time of a pair, s.
-SAMPLE = 0.02
+def pair(longest: float, stop: float, sample: float, **gains: float) -> Document:
+    """Two sides with samples every `sample` (s), whose delays are up to `longest` (s).
 
-
-def pair(longest: float, stop: float, **gains: float) -> Document:
-    """Two sides, whose delays are up to `longest` (s); they begin 2 m apart."""
-    delay = {"law": "uniform", "low": SAMPLE, "high": longest + SAMPLE, "hold": SAMPLE}
+    They begin 2 m apart. Their motion has to decay: its swing in the last quarter of the run is
+    less than in the last half.
+    """
+    delay = {"law": "uniform", "low": sample, "high": longest + sample, "hold": sample}
     sides = {
         name: {
             "model": "tests.cosim.falsify.plants:Side",
-            "period": SAMPLE,
+            "period": sample,
             "parameters": {"q": q, **gains},
         }
         for name, q in (("a", 1.0), ("b", -1.0))
@@ -113,11 +113,16 @@ def pair(longest: float, stop: float, **gains: float) -> Document:
         for x, y in (("a", "b"), ("b", "a"))
         for s in ("q", "dq")
     ]
+    swing = {"kind": "vibration", "of": ["a.q", "b.q"]}
     return {
-        "run": {"step": SAMPLE, "stop": stop},
+        "run": {"step": sample, "stop": stop},
         "components": sides,
         "links": links,
-        "require": {"together": {"always": "abs(a.q - b.q) < 1", "after": 0.9 * stop}},
+        "metrics": {
+            "late": {**swing, "window": stop / 4},
+            "half": {**swing, "window": stop / 2},
+        },
+        "require": {"decays": {"metric": "late <= 0.999 * half + 1e-6"}},
     }
 
 

@@ -36,7 +36,7 @@ from bridge.results.detection_links import RecordedNetwork
 from bridge.results.drive_answers import unanswered
 from bridge.results.drive_states import seldom_told
 from bridge.results.findings import Evidence
-from bridge.results.rehearsal_outcome import RehearsalOutcome
+from bridge.results.rehearsal_outcome import Failure, RehearsalOutcome, failure_of
 from bridge.results.symptoms import FinishedRun
 from bridge.wiring.wiring import Rows
 from cosim.base.clock import realtime_offset_ns
@@ -102,10 +102,7 @@ def complete(
     found = run_folder.collect(system, rows, nodes, folder, wall_ns=offset, formats=formats)
     reports = report.node_reports(system, rows, nodes)
     replayed, error = _replay_run(system, rows, heard)
-    rms: Mapping[str, float] = {}
-    if with_twin:
-        other = run_twin(system, folder / TWIN, facts["settings"])
-        rms = positions_rms(system, folder, other)
+    rms, twin_error = _compared(system, folder, facts["settings"]) if with_twin else ({}, "")
     faults: Sequence[Evidence] = ()
     if script is not None:
         strange = replayed.altered if replayed else ()
@@ -117,7 +114,7 @@ def complete(
         report.bus_reports(system, found.logs, _start_of_logs(system, ended.start_ns)),
         ended.notes, faults,
         tuple(unanswered(system, rows, reports, nodes)) if facts.get("real") else (),
-        _required(system, folder),
+        _required(system, folder, failure_of(system, rows, reports)), twin_error,
     )  # fmt: skip
     write_metadata(folder, _metadata(system, outcome, facts))
     seal(folder)
@@ -146,7 +143,7 @@ def reopen(system: System, folder: Path) -> RehearsalOutcome:
         ),
         [note_of(x) for x in facts["notes"]], [Evidence.of(x) for x in facts["faults"]],
         tuple(unanswered(system, rows, reports, nodes)) if known["deployment"].get("real") else (),
-        _required(system, folder),
+        _required(system, folder, failure_of(system, rows, reports)), facts.get("twin_error", ""),
     )  # fmt: skip
 
 
@@ -155,11 +152,22 @@ def _start_of_logs(system: System, start_ns: int) -> int:
     return 0 if system.deployment.clock == "simulated" else start_ns
 
 
-def _required(system: System, folder: Path) -> tuple[Robustness, ...]:
+def _required(system: System, folder: Path, failure: Failure | None) -> tuple[Robustness, ...]:
     """The results of the scenario's requirements on what was recorded."""
     if not system.scenario.require:
         return ()
-    return requirements.of_run(system.scenario, Run.open(folder / TRAJECTORIES))
+    run = Run.open(folder / TRAJECTORIES)
+    return requirements.of_run(system.scenario, run, None if failure is None else failure.t)
+
+
+def _compared(
+    system: System, folder: Path, settings: Sequence[str]
+) -> tuple[Mapping[str, float], str]:
+    """The difference of a run's positions from its twin's, by unit; or why the twin failed."""
+    try:
+        return positions_rms(system, folder, run_twin(system, folder / TWIN, settings)), ""
+    except RunError as error:
+        return {}, str(error)
 
 
 def begin(system: System, folder: Path, facts: Mapping[str, Any]) -> dict[str, Any]:
@@ -260,10 +268,12 @@ def _metadata(
     system: System, outcome: RehearsalOutcome, facts: Mapping[str, Any]
 ) -> dict[str, Any]:
     replayed, judged = outcome.replayed, verdict.judge(system, outcome)
+    failure = failure_of(system, outcome.rows, outcome.reports)
     return {
         **metadata(system.scenario, system.plan),
         **deployment_facts(system, facts),
         "status": FINISHED if outcome.finished else STOPPED,
+        **({} if failure is None else {"error": failure.why, "failed_at": failure.t}),
         "marks": timeline.marks(outcome),
         **({"requirements": found} if (found := requirements.as_data(outcome.required)) else {}),
         "rehearsal": {
@@ -283,6 +293,7 @@ def _metadata(
                 for r in outcome.reports
             },
             "twin_rms": outcome.twin_rms,
+            **({"twin_error": outcome.twin_error} if outcome.twin_error else {}),
             "replay": None if replayed is None else replayed.greatest,
             "replay_error": outcome.replay_error,
             "altered": [asdict(a) for a in replayed.altered] if replayed else [],
@@ -337,6 +348,8 @@ def lines(system: System, outcome: RehearsalOutcome) -> list[str]:
     if outcome.twin_rms:
         text = f"positions differ by {twin_text(outcome.twin_rms)}"
         said.append(summary_line("twin", text))
+    if outcome.twin_error:
+        said.append(summary_line("twin", f"failed, too: {outcome.twin_error}"))
     said.append(summary_line("replay", replay_text(outcome)))
     found = outcome.replayed.altered if outcome.replayed else ()
     said += [summary_line("altered", str(altered)) for altered in found]

@@ -289,11 +289,12 @@ def evaluate(
     return tuple(requirement.evaluate(signals, end) for requirement in found)
 
 
-def of_run(scenario: Scenario, run: Run) -> tuple[Robustness, ...]:
+def of_run(scenario: Scenario, run: Run, failed_at: float | None = None) -> tuple[Robustness, ...]:
     """The robustness of the scenario's requirements on a run folder.
 
     A run that stopped with an error violates all of them; of one that was cut short what is missing
     is taken into account. A requirement whose signals were not recorded is inconclusive.
+    `failed_at`: the time at which a part of the run failed, s; None: as its ``run.json`` says.
     """
     facts = run.metadata
     units = {name: unit for name, unit in run.units.items() if name != "t"}
@@ -301,6 +302,8 @@ def of_run(scenario: Scenario, run: Run) -> tuple[Robustness, ...]:
     end = facts.get("start", 0.0) + ticks * step if ticks and step else None
     error = str(facts.get("error") or "")
     last = float(run.t[-1]) if len(run) else nan
+    if failed_at is None:
+        failed_at = facts.get("failed_at", last if error else None)
     preview = Preview(units)
     metrics = _measured(scenario, preview) if _about_metrics(scenario) else {}
     results = []
@@ -312,8 +315,8 @@ def of_run(scenario: Scenario, run: Run) -> tuple[Robustness, ...]:
             found = undecided(name, "1", why, scenario.require[name].condition)
             results.append(replace(found, recorded=False))
             continue
-        if error and not error.startswith("Interrupted"):
-            results.append(requirement.stopped(last))
+        if failed_at is not None and not error.startswith("Interrupted"):
+            results.append(requirement.stopped(failed_at))
         else:
             results.append(requirement.evaluate(run, end))
     return tuple(results)

@@ -64,7 +64,9 @@ def test_the_heavy_pair_is_as_good_as_its_condition() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("name", "gains"), [("heavy", HEAVY), ("light", LIGHT), ("pd", PD)], ids=["heavy", "light", "pd"]
+    ("name", "gains"),
+    [("heavy", HEAVY), ("light", LIGHT), ("pd", PD)],
+    ids=["heavy", "light", "pd"],
 )
 def test_constant_delays_are_too_long_from_the_limit_on(name, gains, tmp_path) -> None:
     """A failure 5 % above the limit, rounded up to samples, and none a sample below it."""

@@ -1,4 +1,4 @@
-"""The failure of a component in a rehearsal: what counts as one, and what it does to requirements."""
+"""The failure of a component in a rehearsal: what counts as one."""
 
 from __future__ import annotations
 

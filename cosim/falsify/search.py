@@ -7,7 +7,7 @@ repeated from the outcomes that are there (:mod:`cosim.falsify.rounds`).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import count, islice
 from math import inf
@@ -37,8 +37,10 @@ def drawn(family: Family) -> Callable[[Space, int, int], Rounds]:
     return rounds
 
 
-#: The families in their order, each with its share of the runs.
-FAMILIES: dict[str, tuple[Callable[[Space, int, int], Rounds], float]] = {
+#: Rounds of candidates in a pass, at most so many candidates; and the share of the runs.
+SearchedFamily = tuple[Callable[[Space, int, int], Rounds], float]
+#: The families in their order.
+FAMILIES: dict[str, SearchedFamily] = {
     "constant": (drawn(constant), 0.1), "wave": (drawn(wave), 0.15), "draw": (drawn(draw), 0.1),
     "greedy": (drawn(greedy), 0.05), "segment": (drawn(segment), 0.2),
     "single": (drawn(single), 0.15), "optimizer": (optimizer, 0.25),
@@ -110,10 +112,14 @@ class Budget:
     seed: int = 0
 
 
-def search(space: Space, budget: Budget, account: Account) -> Outcomes:
+def search(
+    space: Space, budget: Budget, account: Account,
+    families: Mapping[str, SearchedFamily] = FAMILIES,
+) -> Outcomes:  # fmt: skip
     """The first candidate found that violates a requirement; None: there was none.
 
-    Raises ScenarioError for a requirement that the nominal run leaves undecided.
+    Whatever runs the candidates, outcomes are sent in their order. Raises ScenarioError for a
+    requirement that the nominal run leaves undecided.
     """
     problem = space.problem
     [nominal] = yield [problem.nominal]
@@ -128,12 +134,12 @@ def search(space: Space, budget: Budget, account: Account) -> Outcomes:
             )
     if nominal.fails():
         return _found("nominal", [(problem.nominal, nominal)], scales, 1.0)
-    names = budget.families or tuple(FAMILIES)
-    total = sum(FAMILIES[name][1] for name in names)
+    names = budget.families or tuple(families)
+    total = sum(families[name][1] for name in names)
     for turn in count() if budget.passes else range(1):
         before = account.total
         for name in names:
-            family, part = FAMILIES[name]
+            family, part = families[name]
             rounds = family(space, turn, max(1, round(budget.runs * part / total)))
             found = yield from _family(name, rounds, space, budget, account)
             if found is not None or budget.over():

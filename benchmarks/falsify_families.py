@@ -1,0 +1,163 @@
+"""Runs until ``cosim falsify`` finds a failure: each family of candidates alone, over seeds.
+
+    python benchmarks/falsify_families.py [--quick] [--seeds N] [--runs N] [--jobs N] [--json FILE]
+
+The scenarios are those of `falsify_cases.py`. *plain draws* are the delays that the links' own law
+draws, as runs with other seeds of the scenario have them. *optimizer, 0 or 1* is the optimizer
+without the margin: it gets the same score for each run that passes. *all* is the product: all
+families in their order, with their shares of the runs. A family that comes to an end before its
+runs are used up begins a new pass. Counted is the first run that fails, the nominal one not.
+"""
+
+from __future__ import annotations
+
+import os
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")  # before NumPy: threads of BLAS would be measured
+
+import argparse
+import json
+import sys
+import tempfile
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from functools import partial
+from pathlib import Path
+from time import process_time
+from typing import Any
+
+import numpy as np
+
+sys.path.append(str(Path(__file__).resolve().parents[1]))  # an installed cosim comes first
+
+from benchmarks import tables
+from benchmarks.falsify_cases import Document, settling, stiff, waves
+from cosim.falsify.evaluation import run_candidates
+from cosim.falsify.families import Space
+from cosim.falsify.judge import CandidateOutcome
+from cosim.falsify.optimizer import optimizer
+from cosim.falsify.paths import Candidate, DelayPath
+from cosim.falsify.problem import problem_of
+from cosim.falsify.scenario_text import text
+from cosim.falsify.search import FAMILIES, Account, Budget, Outcomes, Rounds, drawn, search
+from cosim.links.laws import decimal_fraction
+
+#: Scenarios, and what they have to do.
+CASES: dict[str, Callable[[], Document]] = {
+    "(a) stiff hand: near": stiff,
+    "(b) README's hand: settled by 14 s": settling,
+    "(c) wave: offset ≤ 3.2 rad": waves,
+    "(d) wave: offset ≤ 5.5 rad": partial(waves, offset=5.5),
+}
+Evaluation = Callable[[list[Candidate]], list[CandidateOutcome]]
+
+
+def plain(space: Space, turn: int) -> Iterator[Candidate]:
+    """Delays as the law of each channel draws them."""
+    random = space.random("plain", turn)
+    while True:
+        paths = []
+        for c in space.channels:
+            stream = c.laws[0].stream(c.step * decimal_fraction(c.h), random)
+            paths.append(DelayPath.sampled(stream.take(-(-space.ticks // c.step)), c.step))
+        yield space.candidate(paths, "plain draws")
+
+
+def flat(space: Space, turn: int, share: int) -> Rounds:
+    """The optimizer without the margin."""
+    rounds = optimizer(space, turn, share)
+    some = next(rounds)
+    while True:
+        yield some
+        try:
+            some = rounds.send([0.0] * len(some))
+        except StopIteration:
+            return
+
+
+MEASURED = {
+    "plain draws": (drawn(plain), 1.0), **FAMILIES, "optimizer, 0 or 1": (flat, 1.0)
+}  # fmt: skip
+#: The rows of the table: names, and the families of each.
+METHODS = {name: (name,) for name in MEASURED} | {"all": tuple(FAMILIES)}
+
+
+def first_failure(steps: Outcomes, evaluate: Evaluation) -> int | None:
+    """The number of the first run that fails, 0: the nominal one; None: there is none."""
+    done, some = -1, next(steps)
+    while True:
+        outcomes = evaluate(some)
+        for i, outcome in enumerate(outcomes):
+            if outcome.fails():
+                return done + 1 + i
+        done += len(some)
+        try:
+            some = steps.send(outcomes)
+        except StopIteration:
+            return None
+
+
+def failure_within(
+    space: Space, evaluate: Evaluation, families: Sequence[str], runs: int
+) -> int | None:
+    """The first run that fails among the first `runs`, None: there is none."""
+    account = Account()
+    over = lambda: account.total > runs  # noqa: E731
+    budget = Budget(runs, len(families) == 1, tuple(families), over, space.seed)
+    found = first_failure(search(space, budget, account, MEASURED), evaluate)
+    return found if found is None or found <= runs else None
+
+
+def measured(case: str, method: str, seeds: int, runs: int) -> dict[str, Any]:
+    """The first failures of a method for all seeds, and its processor time, s."""
+    before = process_time()
+    with tempfile.TemporaryDirectory(prefix="falsify-") as folder:
+        path = Path(folder, "case.toml")
+        path.write_text(text(CASES[case]()), encoding="utf-8")
+        problem, _ = problem_of(path)
+        evaluate = partial(run_candidates, problem)
+        found = [
+            failure_within(Space(problem, seed), evaluate, METHODS[method], runs)
+            for seed in range(seeds)
+        ]
+    return {"case": case, "method": method, "first": found, "seconds": process_time() - before}
+
+
+def cell(first: Sequence[int | None], runs: int) -> str:
+    """The median number of runs, and how many seeds found one."""
+    middle = float(np.median([np.inf if x is None else x for x in first]))
+    found = sum(x is not None for x in first)
+    if not found:
+        return f"— (0 of {len(first)})"
+    return f"{f'> {runs}' if middle > runs else f'{middle:g}'} ({found} of {len(first)})"
+
+
+def main() -> None:
+    """Measure, and print the table."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawTextHelpFormatter
+    )
+    parser.add_argument("--quick", action="store_true", help="one seed, one round")
+    parser.add_argument("--seeds", type=int, default=20)
+    parser.add_argument("--runs", type=int, default=1000)
+    parser.add_argument("--jobs", type=int, default=os.cpu_count())
+    parser.add_argument("--json", type=Path)
+    options = parser.parse_args()
+    if options.quick:
+        options.seeds, options.runs = 1, 40
+    tasks = [(case, method) for method in METHODS for case in CASES]
+    with ProcessPoolExecutor(options.jobs) as pool:
+        waiting = [pool.submit(measured, *t, options.seeds, options.runs) for t in tasks]
+        found = [one.result() for one in waiting]
+    cells = {(x["case"], x["method"]): cell(x["first"], options.runs) for x in found}
+    rows = [[method, *(cells[case, method] for case in CASES)] for method in METHODS]
+    seconds = sum(x["seconds"] for x in found)
+    print(tables.grid(["candidates", *CASES], rows))
+    print(f"\n{options.seeds} seeds, {options.runs} runs; {seconds:.0f} s of processor time")
+    if options.json:
+        facts = {"machine": tables.machine(), "runs": options.runs, "found": found}
+        options.json.write_text(json.dumps(facts, indent=1), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

@@ -36,7 +36,7 @@ from bridge.results.detection_links import RecordedNetwork
 from bridge.results.drive_answers import unanswered
 from bridge.results.drive_states import seldom_told
 from bridge.results.findings import Evidence
-from bridge.results.rehearsal_outcome import Failure, RehearsalOutcome, failure_of
+from bridge.results.rehearsal_outcome import ComponentFailure, RehearsalOutcome, failure_of
 from bridge.results.symptoms import FinishedRun
 from bridge.wiring.wiring import Rows
 from cosim.base.clock import realtime_offset_ns
@@ -152,7 +152,9 @@ def _start_of_logs(system: System, start_ns: int) -> int:
     return 0 if system.deployment.clock == "simulated" else start_ns
 
 
-def _required(system: System, folder: Path, failure: Failure | None) -> tuple[Robustness, ...]:
+def _required(
+    system: System, folder: Path, failure: ComponentFailure | None
+) -> tuple[Robustness, ...]:
     """The results of the scenario's requirements on what was recorded."""
     if not system.scenario.require:
         return ()

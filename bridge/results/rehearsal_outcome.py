@@ -17,7 +17,7 @@ from cosim.measure.robustness import Robustness
 
 
 @dataclass(frozen=True, slots=True)
-class Failure:
+class ComponentFailure:
     """A component that failed at `t` (s), and the reason in a sentence."""
 
     t: float
@@ -26,17 +26,17 @@ class Failure:
 
 def failure_of(
     system: System, rows: Mapping[Life, Rows], reports: Sequence[NodeReport]
-) -> Failure | None:
+) -> ComponentFailure | None:
     """The first failure of a component, as of a plant that diverges; None: there is none.
 
-    A node that was started again after it has none.
+    `rows` (slots,): the journal of each life. A node that was started again after it has none.
     """
     found = []
     for report in {r.life.node: r for r in reports}.values():
         why = report.statement.error if report.statement else ""
         component = why.partition(":")[0] in system.deployment.nodes[report.life.node].components
         if report.end is LifeEnd.FAILED and component and len(rows[report.life]):
-            found.append(Failure(float(rows[report.life]["deadline_ns"][-1]) * 1e-9, why))
+            found.append(ComponentFailure(float(rows[report.life]["deadline_ns"][-1]) * 1e-9, why))
     return min(found, key=lambda failure: failure.t, default=None)
 
 

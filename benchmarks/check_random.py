@@ -195,9 +195,9 @@ def together(
 
 def pair(rng: np.random.Generator) -> tuple[Document, list[str]]:
     """Two arms, another delay each way."""
-    T = float(rng.choice([2, 5, 10])) * 1e-3
-    return together(rng, T, [(0, 1), (1, 0)], lambda: constant(log(rng, 5e-3, 1.0)),
-                    **{"lambda": log(rng, 1, 80)})  # fmt: skip
+    T = float(rng.choice([5, 8, 16])) * 1e-3
+    return together(rng, T, [(0, 1), (1, 0)], lambda: constant(log(rng, T, 1.0)),
+                    **{"lambda": log(rng, 4, 200)})  # fmt: skip
 
 
 def strong(rng: np.random.Generator) -> tuple[Document, list[str]]:
@@ -210,7 +210,7 @@ def strong(rng: np.random.Generator) -> tuple[Document, list[str]]:
 
 def graph(rng: np.random.Generator) -> tuple[Document, list[str]]:
     """Three to eight arms over a tree from the first one, and more edges."""
-    n, T = int(rng.integers(3, 9)), float(rng.choice([2, 5, 10])) * 1e-3
+    n, T = int(rng.integers(3, 9)), float(rng.choice([5, 8, 16])) * 1e-3
     edges = {(int(rng.integers(0, i)), i) for i in range(1, n)}
     while len(edges) < n + int(rng.integers(0, 4)):
         i, j = rng.integers(0, n, 2).tolist()
@@ -218,7 +218,7 @@ def graph(rng: np.random.Generator) -> tuple[Document, list[str]]:
             edges.add((i, j))
     delay = log(rng, T, 0.5)
     return together(rng, T, sorted(edges), lambda: constant(delay * rng.uniform(0.5, 1.5)),
-                    **{"lambda": log(rng, 1, 80)})  # fmt: skip
+                    **{"lambda": log(rng, 4, 200)})  # fmt: skip
 
 
 def varying(rng: np.random.Generator) -> tuple[Document, list[str]]:
@@ -249,8 +249,8 @@ def springs(rng: np.random.Generator) -> tuple[Document, list[str]]:
     """Two arms coupled by springs, with damping to the ground or between them."""
     T = float(rng.choice([2, 5, 10])) * 1e-3
     model = str(rng.choice(["pd", "p_d"]))
-    gains = {"pd": {"K_p": log(rng, 2, 60), "K_d": log(rng, 1, 30)},
-             "p_d": {"K": log(rng, 2, 60), "B": log(rng, 0.5, 30)}}[model]  # fmt: skip
+    gains = {"pd": {"K_p": log(rng, 4, 60), "K_d": log(rng, 1, 20)},
+             "p_d": {"K": log(rng, 4, 60), "B": log(rng, 0.5, 15)}}[model]  # fmt: skip
     components: Document = {}
     links = []
     delay = log(rng, T, 1.0)

@@ -109,7 +109,8 @@ class Bench:
         for name, law in self.system.with_facts(DynamicFeedback).items():
             given: dict[str, Sequence[float]] = {"z": (0.0,)}
             if self.known and law.estimate:
-                given |= {law.estimate: self._true(name, law), law.adaptation: (0.0,)}
+                given |= {law.estimate: self._true(name, law)}
+                given |= dict.fromkeys(law.adaptation, (0.0,))
             change = change.merged(**{name: given})
         return change.merged(**self.held)
 

@@ -55,7 +55,8 @@ def no_integral(system: AnalyzedSystem) -> Iterator[Finding]:
     """lambda_M = 0: no integral action, so the force must be held permanently."""
     for name, law, _ in dynamic(system):
         if law.lambda_M == 0 and law.alpha > 0:
-            joints = law.task is None and not law.lambda_c and min(law.K, default=0.0) > 0
+            closed_form = law.task is None and not (law.lambda_c or law.beyond)
+            joints = closed_form and min(law.K, default=0.0) > 0
             gain = 1 / (law.alpha * min(law.K)) if joints else inf
             yield Finding(
                 rule="no-integral",

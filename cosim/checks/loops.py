@@ -34,6 +34,8 @@ FEIGNED = 3.0
 STIFF = 0.01
 #: Distance (rad) and speed (rad/s) up to which an arm is at its place.
 NEAR = 0.01
+#: Change of a position (rad) or an estimate that moves a pole by less than :data:`GROWTH`.
+SAME = 1e-6
 #: Curvature of a step from which on it has no linear model.
 EDGE = 0.05
 #: States of a closed loop up to which all its eigenvalues are computed.
@@ -44,12 +46,24 @@ WHOLE = 1200
 class LoopDelays:
     """Constant delays that stand for those of the links, in base steps, one for each link.
 
-    Equal to each other where all delays are constant.
+    Equal to each other where all delays are constant. A step of `h` s; `held`: the mean time, s,
+    for which a sample that is sent less often than looked at is older than its delay.
     """
 
+    h: float
     least: tuple[int, ...]
     mean: tuple[int, ...]
     most: tuple[int, ...]
+    held: tuple[float, ...]
+
+    def ages(self, delays: Sequence[int]) -> list[float]:
+        """The mean ages, s, of what receivers hold: the delays that a scenario states."""
+        return [d * self.h + held for d, held in zip(delays, self.held, strict=True)]
+
+    def longer(self, factor: float) -> list[int]:
+        """The delays that make the longest ages `factor` times as long."""
+        ages = zip(self.ages(self.most), self.held, strict=True)
+        return [round((factor * age - held) / self.h) for age, held in ages]
 
 
 @dataclass(frozen=True, slots=True)
@@ -166,11 +180,11 @@ def _starts_elsewhere(system: AnalyzedSystem, run: NominalRun, postures: Starts)
         estimate = run.signals.get(f"{name}.{law.estimate}")
         if estimate is not None:
             away = max(away, float(np.abs(estimate[-1] - estimate[0]).max()))
-    return away > NEAR
+    return away > SAME
 
 
 def _delays(system: AnalyzedSystem, plan: Plan) -> LoopDelays:
-    least, mean, most = list[int](), list[int](), list[int]()
+    least, mean, most, held = list[int](), list[int](), list[int](), list[float]()
     for link in plan.links:
         age = system.age(link)
         short, long = round(age.least / plan.h), round(age.most / plan.h)
@@ -181,7 +195,8 @@ def _delays(system: AnalyzedSystem, plan: Plan) -> LoopDelays:
         least.append(short)
         mean.append(middle)
         most.append(long)
-    return LoopDelays(tuple(least), tuple(mean), tuple(most))
+        held.append(max(0.0, age.mean - middle * plan.h) if one else 0.0)
+    return LoopDelays(plan.h, tuple(least), tuple(mean), tuple(most), tuple(held))
 
 
 # ---- rules --------------------------------------------------------------------------------------
@@ -299,7 +314,7 @@ def _poles(
         kind, delays = bad[0]
         rule, severity = "posture" if rule == "posture" else "delays", "warning"
     pole = growing_pole(at.loop, delays, at.growth)
-    why, advice, where = _cause(found.plan, at, delays, pole)
+    why, advice, where = _cause(found, at, delays, pole)
     held = f" while the links have their {kind} delays" if kind else ""
     if rule == "posture":
         yield Finding(
@@ -361,10 +376,10 @@ def growing_pole(loop: OpenLoop, delays: Sequence[int], growth: float) -> Growin
 
 
 def _cause(
-    plan: Plan, at: RestingLoop, delays: Sequence[int], pole: GrowingPole
+    found: ComputedLoops, at: RestingLoop, delays: Sequence[int], pole: GrowingPole
 ) -> tuple[str, str, str]:
     """The change that makes the pole go away, in words; a cure; and the place."""
-    loop = at.loop
+    loop, plan = at.loop, found.plan
     for part in loop.components:
         h = plan.component(part.name).period * plan.h
         z = np.linalg.eigvals(part.A) if len(part.A) else np.zeros(0)
@@ -386,7 +401,7 @@ def _cause(
         )
     short = _shortest(plan)
     if not loop.unstable(short, at.growth):
-        return _late(plan, at, delays, short)
+        return _late(found, at, delays, short)
     names = sorted({x.target.component for x in plan.links})
     return (
         "with the shortest delays it is, too, but not without the links: the coupling is too strong"
@@ -417,7 +432,7 @@ def _unstable_alone(loop: OpenLoop, growth: float) -> list[str]:
 
 
 def _late(
-    plan: Plan, at: RestingLoop, delays: Sequence[int], short: Sequence[int]
+    found: ComputedLoops, at: RestingLoop, delays: Sequence[int], short: Sequence[int]
 ) -> tuple[str, str, str]:
     """The links whose delay matters, and the delay up to which it is stable."""
     each = [
@@ -426,7 +441,7 @@ def _late(
                                 at.growth)
     ] if len(delays) > 1 else []  # fmt: skip
     blamed = each or range(len(delays))
-    names = [f"links.{plan.links[i].name}" for i in blamed]
+    names = [f"links.{found.plan.links[i].name}" for i in blamed]
     low, high = 0.0, 1.0
 
     def mixed(share: float) -> list[int]:
@@ -436,7 +451,8 @@ def _late(
     for _ in range(8):
         middle = (low + high) / 2
         low, high = (low, middle) if at.loop.unstable(mixed(middle), at.growth) else (middle, high)
-    limit, now = (max(x[i] for i in blamed) * plan.h for x in (mixed(low), list(delays)))
+    ages = (found.delays.ages(x) for x in (mixed(low), delays))
+    limit, now = (max(each[i] for i in blamed) for each in ages)
     one = "delay" if len(names) == 1 else "delays"
     return (
         f"the {one} of {listed(names)}, {now:.3g} s, {'is' if one == 'delay' else 'are'} the cause:"

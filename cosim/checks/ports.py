@@ -134,21 +134,24 @@ def delays_to_spare(system: AnalyzedSystem) -> Iterator[Finding]:
     at = found.resting[0]
 
     def stable(factor: float) -> bool:
-        return not at.loop.unstable([round(factor * d) for d in found.delays.most], at.growth)
+        return not at.loop.unstable(found.delays.longer(factor), at.growth)
 
     try:
         if not stable(1.0):
             return  # the rule of the poles tells
-        low, high = 1.0, SPARE
-        if stable(high):
+        low = high = 1.0
+        for factor in SPARE ** (np.arange(1, 6) / 5.0):  # it may be stable again beyond a limit
+            high = float(factor)
+            if not stable(high):
+                break
             low = high
         while high > 1.1 * low:
             middle = float(np.sqrt(low * high))
             low, high = (middle, high) if stable(middle) else (low, middle)
     except CosimError:
         return
-    now = longest * found.plan.h
-    more = "at least" if low == SPARE else "about"
+    now = max(found.delays.ages(found.delays.most))
+    more = "at least" if low >= SPARE else "about"
     yield Finding(
         rule="delay-margin",
         severity="note",

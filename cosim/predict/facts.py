@@ -162,7 +162,7 @@ class DynamicFeedback:
     it, or "".
 
     The strings are names: torque out, received signals (a row a neighbour), their weights and ages,
-    the start value of the estimate ("" where it cannot be that of the arm) and the adaptation gain.
+    the start value of the estimate ("" where it cannot be that of the arm), adaptation gains.
     """
 
     K: Vector
@@ -184,7 +184,7 @@ class DynamicFeedback:
     weights: str = ""
     age: str = ""
     estimate: str = "theta_hat"
-    adaptation: str = "Gamma"
+    adaptation: Sequence[str] = ("Gamma",)
     feeds_forward: bool = True
     beyond: str = ""
 

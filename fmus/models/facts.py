@@ -87,13 +87,9 @@ def _regressor_norm() -> float:
     return float(np.sqrt(np.mean(norms**2)))
 
 
-def adaptive(values: Values) -> DynamicFeedback | None:
-    """The law alone or with neighbors, with gravity in theta_hat or without.
-
-    None if K or Gamma is not diagonal, because the closed forms treat each joint separately.
-    """
-    if any(values.get("K_off", ())) or any(values.get("Gamma_off", ())):
-        return None
+def adaptive(values: Values) -> DynamicFeedback:
+    """The law alone or with neighbors, with gravity in theta_hat or without."""
+    full = any(values.get("K_off", ())) or any(values.get("Gamma_off", ()))
     network = "lambda" in values
     gravity = GRAVITY[int(values["gravity"][0])] if "gravity" in values else "none"
     return DynamicFeedback(
@@ -113,6 +109,8 @@ def adaptive(values: Values) -> DynamicFeedback | None:
         received="xi_in" if network else "",
         weights="w" if network else "",
         age="age" if network else "",
+        adaptation=("Gamma", "Gamma_off") if "Gamma_off" in values else ("Gamma",),
+        beyond="K or Gamma is not diagonal" if full else "",
     )
 
 

@@ -205,7 +205,7 @@ def adaptive(values: Values) -> DynamicFeedback:
         received="xi_in" if network else "",
         weights="w" if network else "",
         age="age" if network else "",
-        adaptation="natural" if natural else "Gamma",
+        adaptation=("natural",) if natural else ("Gamma",),
     )
 
 

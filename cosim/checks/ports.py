@@ -140,7 +140,7 @@ def delays_to_spare(system: AnalyzedSystem) -> Iterator[Finding]:
         if not stable(1.0):
             return  # the rule of the poles tells
         low = high = 1.0
-        for factor in SPARE ** (np.arange(1, 6) / 5.0):  # it may be stable again beyond a limit
+        for factor in SPARE ** (np.arange(1, 4) / 3.0):  # it may be stable again beyond a limit
             high = float(factor)
             if not stable(high):
                 break

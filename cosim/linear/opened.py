@@ -33,9 +33,12 @@ SIZE = 1e-4
 #: Relative singular value below which a direction counts as neutral.
 NEUTRAL = 1e-6
 #: The least and the greatest number of first points on half a circle, and rounds of more points.
-_FEW, _MANY, _ROUNDS = 120, 3000, 24
+_FEW, _MANY, _ROUNDS = 40, 3000, 24
 #: The largest change of the logarithm of the determinant from one point to the next.
 _STEP = 0.8
+#: The share of an angle over which a slope is taken, and the first angle, as a share of the
+#: distance of the circle from neutral poles.
+_SLOPE, _FIRST = 1e-6, 0.005
 #: Norm of the open loop below which the determinant cannot turn about 0.
 _SMALL = 0.3
 
@@ -170,38 +173,53 @@ class OpenLoop:
         return alone - self._turns(_Return(self, delays), radius)
 
     def _turns(self, back: _Return, radius: float) -> int:
-        """The turns of the determinant about 0 along a circle, counter-clockwise."""
+        """The turns of the determinant about 0 along a circle, counter-clockwise.
+
+        From one point to the next its logarithm may change by :data:`_STEP`, and by twice of that
+        with the slope at either end: a double zero beside the circle turns it by 2 pi.
+        """
         if not back.size:
             return 0
-        most = min(_MANY, max(_FEW, 3 * back.depth))
-        least = min(1e-3, np.pi / most) * self.period
-        angle = np.sort(np.concatenate([
-            np.geomspace(least, np.pi, _FEW), np.linspace(0.0, np.pi, _FEW)]))  # fmt: skip
-        angle = angle[np.diff(angle, prepend=-1.0) > 0.0]
-        value, size, norm = back.determinant(_circle(radius, angle))
+        angle = self._angles(radius, min(_MANY, max(_FEW, 3 * back.depth)))
+        log, slope, norm = back.logarithm(radius, angle)
         for _ in range(_ROUNDS):
-            if not (np.isfinite(size).all() and np.isfinite(norm).all()):
+            if not (np.isfinite(log).all() and np.isfinite(norm).all()):
                 raise RunError("a pole is too near to the circle to be counted")
-            step = np.hypot(np.angle(value[1:] / value[:-1]), np.diff(size))
+            gap = np.diff(angle)
+            fast = np.maximum(slope[1:], slope[:-1]) * gap > 2.0 * _STEP
             near = np.maximum(norm[1:], norm[:-1]) > _SMALL
-            wide = near & (np.diff(angle) * back.depth > 2.0)
-            split = np.flatnonzero((step > _STEP) | wide)
-            split = split[np.diff(angle)[split] > 1e-12]
-            if not len(split):
+            split = near & (gap * back.depth > 2.0) | fast | (np.abs(_steps(log)) > _STEP)
+            split &= gap > 1e-12
+            if not split.any():
                 break
-            if len(angle) + len(split) > 20 * _MANY:
+            if len(angle) + np.count_nonzero(split) > 20 * _MANY:
                 raise RunError("the poles are too many to be counted")
-            middle = 0.5 * (angle[split] + angle[split + 1])
-            more = back.determinant(_circle(radius, middle))
-            angle = np.insert(angle, split + 1, middle)
-            value, size, norm = (
-                np.insert(old, split + 1, new)
-                for old, new in zip((value, size, norm), more, strict=True)
+            at = np.flatnonzero(split) + 1
+            middle = 0.5 * (angle[at - 1] + angle[at])
+            more = back.logarithm(radius, middle)
+            angle = np.insert(angle, at, middle)
+            log, slope, norm = (
+                np.insert(old, at, new) for old, new in zip((log, slope, norm), more, strict=True)
             )
-        turned = float(np.angle(value[1:] / value[:-1]).sum()) / np.pi
+        turned = float(_steps(log).imag.sum()) / np.pi
         if not abs(turned - round(turned)) < 0.05:
             raise RunError("a pole is too near to the circle to be counted")
         return round(turned)
+
+    def _angles(self, radius: float, many: int) -> Matrix:
+        """The first angles: closer to z = 1, where neutral poles are, and to poles of the open loop
+        beside the circle.
+        """
+        least = min(1e-3, np.pi / many) * self.period
+        least = min(least, _FIRST * abs(float(np.log(radius))) or least)
+        poles = np.log(np.linalg.eigvals(self.A).astype(np.complex128) / radius)
+        poles = poles[(np.abs(poles.real) < np.pi / _FEW) & (poles.imag > 0.0)]
+        away = np.maximum(np.abs(poles.real), least)[:, None] * 2.0 ** np.arange(-1, 8)
+        beside = poles.imag[:, None] + np.hstack([-away, away])
+        angle = np.concatenate([
+            np.geomspace(least, np.pi, _FEW), np.linspace(0.0, np.pi, _FEW), beside.reshape(-1)
+        ])  # fmt: skip
+        return np.unique(angle[(angle >= least) & (angle <= np.pi)])
 
     def response(self, delays: Sequence[int], z: Complex) -> Complex:
         """Gain from `inputs` to `outputs` at `z` (k,) with every link closed, (k, outputs, inputs).
@@ -211,8 +229,11 @@ class OpenLoop:
         return _Return(self, delays).response(z)
 
 
-def _circle(radius: float, angle: Matrix) -> Complex:
-    return np.asarray(radius * np.exp(1j * angle), np.complex128)
+def _steps(log: Complex) -> Complex:
+    """Differences of logarithms from one to the next, the short way about 0."""
+    step = np.diff(log)
+    turn = np.remainder(step.imag + np.pi, 2 * np.pi) - np.pi
+    return np.asarray(step.real + 1j * turn)
 
 
 @dataclass(frozen=True, slots=True)
@@ -274,14 +295,22 @@ class _Return:
             found[:, out[:, None], into] += C[out] @ reached
         return found
 
-    def determinant(self, z: Complex) -> tuple[Complex, Matrix, Matrix]:
-        """The direction of det(1 - Δ G) at `z` (k,), the logarithm of its size, and the norm of
-        Δ G, (k,) each.
+    def logarithm(self, radius: float, angle: Matrix) -> tuple[Complex, Matrix, Matrix]:
+        """The logarithm of det(1 - Δ G) on a circle, the size of its slope, 1/rad, and the norm of
+        Δ G, (k,) each, at angles (k,), rad. The slope counts as 0 where the norm is small.
         """
-        links = slice(0, self.size)
+        log, norm = self._logarithm(radius, angle)
+        slope, near = np.zeros(len(angle)), norm > _SMALL
+        beside = _SLOPE * angle[near]
+        change = np.stack([log[near], self._logarithm(radius, angle[near] + beside)[0]], axis=1)
+        slope[near] = np.abs(_steps(change)[:, 0]) / beside
+        return log, slope, norm
+
+    def _logarithm(self, radius: float, angle: Matrix) -> tuple[Complex, Matrix]:
+        z, links = radius * np.exp(1j * angle), slice(0, self.size)
         L = self.gain(z, links, links) * (1.0 / z)[:, None, None] ** self.back[:, None]
         sign, size = np.linalg.slogdet(np.eye(self.size) - L)
-        return np.asarray(sign), np.asarray(size), np.asarray(np.linalg.norm(L, axis=(1, 2)))
+        return size + 1j * np.angle(sign), np.asarray(np.linalg.norm(L, axis=(1, 2)))
 
     def response(self, z: Complex) -> Complex:
         """The gain from the other inputs to the other outputs, with the links closed."""

@@ -185,7 +185,7 @@ def test_gamma_counts_unless_adaptation_is_natural(natural: float, adaptation: s
     scenario = scenario_of(Gamma=0.25, natural=natural)
     law = find_port(scenario, assemble(scenario))[0].facts["master_control"]
     assert isinstance(law, DynamicFeedback)
-    assert law.adaptation == adaptation
+    assert law.adaptation == (adaptation,)
     assert set(law.Gamma) == ({0.25} if adaptation == "Gamma" else {0.0})
 
 

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from cosim.linear.loop import CutLink
 from cosim.linear.opened import OpenLoop
 from cosim.linear.scenario import linearized, opened
 from cosim.loading.files import load
@@ -84,6 +85,22 @@ def test_poles_are_counted_without_the_samples_on_their_way() -> None:
                 counted.add(expected)
                 assert cut.unstable(delays, growth) == expected
     assert len(counted) > 3
+
+
+@pytest.mark.parametrize("joints", [1, 2, 3])
+def test_joints_alike_have_poles_at_one_place(joints: int) -> None:
+    """x[k+1] = x[k] - a x[k-d] is stable up to a = 2 cos(d pi / (2 d + 1)) (Levin and May 1976).
+
+    Of two joints, the zeros of the determinant beside the circle turn it by 2 pi at one place.
+    """
+    one, both = np.eye(joints), np.arange(joints)[None]
+    names = (("", ""),) * joints
+    for d in (*range(2, 40, 3), 80, 200):
+        for share, expected in ((1.0 - 1e-4, 0), (1.0 + 1e-4, 2 * joints)):
+            a = share * 2.0 * np.cos(d * np.pi / (2 * d + 1))
+            link = CutLink("x", 1, 1, both, both)
+            cut = OpenLoop(0.0, 0.005, 1, names, (link,), (), (), one, -a * one, one, 0 * one, ())
+            assert cut.unstable([d], 1e-6) == expected, d
 
 
 def test_what_does_not_change_the_poles_is_neutral() -> None:

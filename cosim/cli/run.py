@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import shlex
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -39,6 +41,12 @@ class RunOptions(OutputOptions):
     fmu_log: Annotated[
         bool, typer.Option("--fmu-log", help="Write the log of every FMU to NAME.fmu.log.")
     ] = False
+    live: Annotated[
+        bool,
+        typer.Option(
+            "--live", help="Let readers of report.html move values and run the scenario again."
+        ),
+    ] = False
     threads: Annotated[
         int, typer.Option(min=1, max=256, help="Threads that share many FMUs; same results.")
     ] = 1
@@ -70,6 +78,8 @@ def run(
     from cosim.engine.simulate import columns
     from cosim.record import Run
 
+    if options.live:
+        _check_live(options)
     if options.deploy is not None:
         if options.links is not None:
             raise ScenarioError("--links is for runs without nodes; expected no --deploy with it")
@@ -84,15 +94,56 @@ def run(
             "records all variables",
             err=True,
         )
+    again = shlex.join([str(scenario), *_repeated(settings, options)])
+    report = _live_report(loaded, f"cosim run {again}", options) if options.live else None
     folder = options.folder(loaded.name)
     options.say(header(loaded, plan))
     found = print_warnings(
         loaded, plan, strict=options.strict, quiet=options.quiet, computed=options.strict
     )
     further = {"command": this_command(), **found}
-    outcome = _simulated(loaded, plan, folder, further, options)
+    outcome = _simulated(loaded, plan, folder, further, options, report)
     _print_notes(outcome, plan, options)
-    _finish(loaded, Run.open(folder), outcome, found.get("limits", {}), options)
+    _finish(loaded, Run.open(folder), outcome, found.get("limits", {}), options, report)
+
+
+def _check_live(options: RunOptions) -> None:
+    """Refuse options that a live report cannot go with. Raises ScenarioError."""
+    from cosim.base.errors import ScenarioError
+
+    given = {"--no-plot": not options.plot, "--deploy": options.deploy is not None,
+             "--links": options.links is not None}  # fmt: skip
+    for name, found in given.items():
+        if found:
+            raise ScenarioError(f"found --live with {name}; expected one of them")
+
+
+def _repeated(settings: RunSettings, options: RunOptions) -> Iterator[str]:
+    """The options of a command that computes the same run."""
+    if options.table is not None:
+        yield from ("--input", str(options.table))
+    yield "--live"
+    for setting in settings.all:
+        yield from ("--set", setting)
+
+
+def _live_report(loaded: Scenario, again: str, options: RunOptions) -> Callable[[Run], Path]:
+    """The function that writes a report which `again` can be computed in.
+
+    Raises LiveError with the component that does not run in a page.
+    """
+    from cosim.live import bundle, digest
+    from cosim.live.page import write_live_report
+    from cosim.measure.metric_result import summary_line
+
+    made = bundle(loaded)
+
+    def write(run: Run) -> Path:
+        found = digest(run)
+        options.say(summary_line("digest", found))
+        return write_live_report(run, made, again, found)
+
+    return write
 
 
 def _read(scenario: Path, settings: RunSettings, options: RunOptions) -> tuple[Scenario, Plan]:
@@ -119,6 +170,7 @@ def _simulated(
     folder: Path,
     further: dict[str, Any],
     options: RunOptions,
+    report: Callable[[Run], Path] | None,
 ) -> RunOutcome:
     """The outcome of the run. Ends the command when it is interrupted."""
     from cosim.base.errors import Interrupted, RunError
@@ -136,7 +188,7 @@ def _simulated(
         typer.echo(f"{stop}; recorded until then: {stop.saved}", err=True)
         raise typer.Exit(exit_code()) from None
     except RunError as error:
-        _picture_failure(error, loaded, options)
+        _picture_failure(error, loaded, options, report)
         raise
 
 
@@ -164,6 +216,7 @@ def _finish(
     outcome: RunOutcome,
     limits: dict[str, Any],
     options: RunOptions,
+    report: Callable[[Run], Path] | None,
 ) -> None:
     """Print the numbers of a run; write its table, pictures and sums."""
     from cosim.cli.summary import announced, as_data, exit_unless_passed, pictures, summary
@@ -183,7 +236,7 @@ def _finish(
     if options.csv:
         result.to_csv(folder / CSV)
     with announced(options.quiet, "drawing what was recorded"):
-        drawn = list(pictures(loaded, result, options))
+        drawn = list(pictures(loaded, result, options, report))
     for what, path in drawn:
         options.say(summary_line(what, str(path)))
     seal(folder)
@@ -194,7 +247,12 @@ def _finish(
         exit_unless_passed(judged)
 
 
-def _picture_failure(error: RunError, scenario: Scenario, wanted: OutputOptions) -> None:
+def _picture_failure(
+    error: RunError,
+    scenario: Scenario,
+    wanted: OutputOptions,
+    report: Callable[[Run], Path] | None,
+) -> None:
     """Write report and figures of a run that failed, as far as it was recorded."""
     from cosim.base.errors import CosimError
     from cosim.cli.summary import pictures, requirement_lines
@@ -208,5 +266,5 @@ def _picture_failure(error: RunError, scenario: Scenario, wanted: OutputOptions)
             requirements.keep(folder, judged)
             for line in requirement_lines(judged):
                 wanted.say(line)
-            found = [path for _, path in pictures(scenario, Run.open(folder), wanted)]
+            found = [path for _, path in pictures(scenario, Run.open(folder), wanted, report)]
             seal(folder, changed=[path.name for path in found])

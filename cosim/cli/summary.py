@@ -251,12 +251,20 @@ def _ages_together(outcome: RunOutcome) -> list[str]:
     ]
 
 
-def pictures(scenario: Scenario, run: Run, wanted: OutputOptions) -> Iterator[tuple[str, Path]]:
-    """Write the report and the scenario's figures into the run folder: what it is, and its file."""
+def pictures(
+    scenario: Scenario,
+    run: Run,
+    wanted: OutputOptions,
+    report: Callable[[Run], Path] | None = None,
+) -> Iterator[tuple[str, Path]]:
+    """Write the report and the scenario's figures into the run folder: what it is, and its file.
+
+    `report` writes the report; by default it is one that cannot compute.
+    """
     if wanted.plot:
         from cosim.reporting.run_report import write_report
 
-        yield "report", write_report(run)
+        yield "report", (report or write_report)(run)
     yield from draw_figures(scenario, run, png=wanted.png, pdf=wanted.pdf)
 
 

@@ -146,6 +146,16 @@ def recorded(run: Run, signal: str, joints: int) -> bool:
     return run.has(signal) and len(run.entries(signal)) == joints
 
 
+def arm_signals(run: Run, arm: DrawnArm) -> dict[str, tuple[str, ...]]:
+    """The names of the scalars that move a drawn arm: ``q``, and ``torque`` where it has one."""
+    torque, joints = f"{arm.name}.{arm.drawing.torque}", arm.drawing.joints
+    forced = arm.drawing.torque and recorded(run, torque, joints)
+    return {
+        "q": run.entries(f"{arm.name}.{arm.drawing.position}"),
+        "torque": run.entries(torque) if forced else (),
+    }
+
+
 def drawing_of(model: str, options: Mapping[str, Any], folder: Path) -> Drawing | None:
     """The shape that a model's module gives; None: it has none, or cannot say."""
     found = _told(model, "drawing", options, folder)

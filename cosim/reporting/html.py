@@ -36,7 +36,8 @@ _MARKS: Mapping[str, str] = {
     "passed": "✓", "failed": "✗", "inconclusive": "?", "error": "✗", "finished": "●",
     "running": "▶", "identical": "=", "equal": "≈", "different": "≠",
 }  # fmt: skip
-#: Scripts and styles of the page itself are all that it may use.
+#: All that a page may use: its own scripts and styles; one that computes has a worker too.
+_COMPUTES = " 'wasm-unsafe-eval'; worker-src blob:"
 _POLICY = (
     "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data:; "
     "base-uri 'none'; form-action 'none'"
@@ -105,6 +106,7 @@ class PageData:
     `greatest`: magnitude of each signal, by which its unit gets a prefix where people read it.
     `arms_note`: a sentence below the arms. `live`: the address, below that of the page, from which
     values of the signals come while it is open; the joints of its arms are names of signals.
+    `computes`: it runs WebAssembly in a worker of its own.
     """
 
     end: float
@@ -116,6 +118,7 @@ class PageData:
     arms_note: str = ""
     start: float = 0.0
     live: str = ""
+    computes: bool = False
     begin: float = 0.0
     greatest: dict[str, float] = field(default_factory=dict)
 
@@ -368,6 +371,10 @@ def page_text(
         )
     style = (_asset("uPlot.min.css") if data.signals else "") + _asset("report.css")
     policy = _POLICY + ("; connect-src 'self'" if data.live else "")
+    if data.computes:
+        policy = policy.replace(
+            "script-src 'unsafe-inline'", f"script-src 'unsafe-inline'{_COMPUTES}"
+        )
     return f"""<!doctype html>
 <html lang="en"><head><meta charset="utf-8"><title>{escape(title)}</title>
 <meta http-equiv="Content-Security-Policy" content="{policy}">

@@ -23,7 +23,7 @@ from cosim.measure.robustness import Robustness, worst
 from cosim.record import Run
 from cosim.record.folder import REPORT
 from cosim.reporting import many
-from cosim.reporting.arms import DrawnArm, curve_colours, first_arms, owners, recorded
+from cosim.reporting.arms import DrawnArm, arm_signals, curve_colours, first_arms, owners
 from cosim.reporting.diagnostics import configured_delay, controllers, findings, limits, transit
 from cosim.reporting.html import (
     Array,
@@ -145,7 +145,7 @@ def requirement_table(required: Sequence[Robustness]) -> str:
     head = ["requirement", "condition", "result"]
     rows = [(r.name, r.condition, r.text) for r in required]
     words = [r.verdict for r in required]
-    return f"<h2>Requirements</h2>{table(head, rows, marks=words)}"
+    return f'<h2>Requirements</h2><div id="requirements">{table(head, rows, marks=words)}</div>'
 
 
 def _numbers(
@@ -183,7 +183,7 @@ def _data(
             most = SHOWN if name in shown else CHOSEN
             data.add(name, run.units[name], run.column(name), dt, most)
     data.frame = max(1.0 / RATE, (end - begin) / FRAMES)
-    data.arms += list(_arms(run, arms, np.arange(begin, end + data.frame, data.frame)))
+    data.arms += list(_arms(run, arms, frame_times(data)))
     return data
 
 
@@ -290,21 +290,20 @@ def _quantiles(
 # ---- arms -------------------------------------------------------------------------------------
 
 
+def frame_times(data: PageData) -> Array:
+    """The times at which a page knows the positions of its arms, (n,), s."""
+    return np.arange(data.begin, data.end + data.frame, data.frame)
+
+
 def _arms(run: Run, arms: Sequence[DrawnArm], t: Array) -> Iterator[dict[str, Any]]:
     """Arms as the page draws them, at the times `t` (n,), s."""
     for arm in arms:
-        name, drawing = arm.name, arm.drawing
-        torque = f"{name}.{drawing.torque}"
-        forced = drawing.torque and recorded(run, torque, drawing.joints)
-        yield {
-            **arm.data(),
-            "q": _frames(run, f"{name}.{drawing.position}", t),
-            "torque": _frames(run, torque, t) if forced else [],
-        }
+        columns = {key: _frames(run, names, t) for key, names in arm_signals(run, arm).items()}
+        yield {**arm.data(), **columns}
 
 
-def _frames(run: Run, signal: str, t: Array) -> list[str]:
-    return [packed(np.interp(t, run.t, run.column(n)), "<f4") for n in run.entries(signal)]
+def _frames(run: Run, names: Sequence[str], t: Array) -> list[str]:
+    return [packed(np.interp(t, run.t, run.column(n)), "<f4") for n in names]
 
 
 # ---- links ------------------------------------------------------------------------------------
@@ -362,8 +361,9 @@ def _details(run: Run, facts: Mapping[str, Any], results: tuple[MetricResult, ..
     components = list(_components(scenario, facts))
     below = many.further(len(scenario.get("components", {})), many.ROWS, "components")
     head = ["component", "model", "every", "values"]
+    lines = [row for r in results for row in rows(r)]
     parts = [
-        folded("Results", table(["metric", "value"], [row for r in results for row in rows(r)]),
+        folded("Results", f'<div id="results">{table(["metric", "value"], lines)}</div>',
                opened=True) if results else "",
         controllers(run, facts),
         folded("Components", table(head, components) + below),

@@ -110,8 +110,7 @@ const Measure = (() => {
     if (!t.length) return "nothing was recorded";
     let row = t.length, which = -1;
     x.forEach((column, i) => {
-      const at = column.findIndex((v) => !Number.isFinite(v));
-      if (at >= 0 && at < row) { row = at; which = i; }
+      for (let k = 0; k < row; k++) if (!Number.isFinite(column[k])) { row = k; which = i; }
     });
     return which < 0 ? "" : `${names[which]} is ${special(x[which][row])} at ${general(t[row], 6)} s`;
   }
@@ -138,9 +137,24 @@ const Measure = (() => {
     const lasts = t.at(-1) - t[0];
     return lasts > 0 ? Math.sqrt(integral(y.map((v) => v * v), t) / lasts) : Math.abs(y.at(-1));
   }
-  const dot = (a, b, k) => a.reduce((all, column, i) => all + column[k] * b[i][k], 0);
-  const length = (x, n) => over(n, (k) => Math.sqrt(dot(x, x, k)));
-  const largest = (x, n) => over(n, (k) => x.reduce((most, column) => Math.max(most, Math.abs(column[k])), 0));
+  /** The product of two vectors in each of n rows. */
+  function dot(a, b, n) {
+    const found = new Float64Array(n);
+    a.forEach((column, i) => {
+      const other = b[i];
+      for (let k = 0; k < n; k++) found[k] += column[k] * other[k];
+    });
+    return found;
+  }
+  const length = (x, n) => dot(x, x, n).map(Math.sqrt);
+  function largest(x, n) {
+    const found = new Float64Array(n);
+    for (const column of x) for (let k = 0; k < n; k++) {
+      const size = Math.abs(column[k]);
+      if (!(size <= found[k])) found[k] = size;
+    }
+    return found;
+  }
   const intervalText = (t) => `over ${timeText(t.at(-1) - t[0])}`;
   function argmax(y) {
     let best = 0;
@@ -179,7 +193,7 @@ const Measure = (() => {
     return spec.of.map(() => fixed);
   }
   const targetNames = (spec) => [spec.target].flat().filter((name) => typeof name === "string");
-  const difference = (x, y) => x.map((column, i) => column.map((v, k) => v - y[i][k]));
+  const difference = (x, y) => x.map((column, i) => over(column.length, (k) => column[k] - y[i][k]));
   function error(spec, rows) {
     const { t, problem } = stack(rows, [...spec.of, ...targetNames(spec)]);
     if (problem) return result(spec, NaN, problem);
@@ -252,8 +266,8 @@ const Measure = (() => {
   function energy(spec, rows) {
     const each = spec.of.map((name) => stack(rows, [name])), problem = each.find((s) => s.problem)?.problem;
     if (problem) return result(spec, NaN, problem);
-    const { t } = each[0], first = over(t.length, (k) => dot(each[0].x, each[1].x, k));
-    const power = each.length < 4 ? first : first.map((v, k) => v - dot(each[2].x, each[3].x, k));
+    const { t } = each[0], first = dot(each[0].x, each[1].x, t.length);
+    const power = each.length < 4 ? first : difference([first], [dot(each[2].x, each[3].x, t.length)])[0];
     const E = runningIntegral(power, t), row = argmax(E.map((v) => -v)), label = spec.label || spec.name;
     const putIn = runningIntegral(first.map((v) => Math.max(v, 0)), t).at(-1), parts = { final: E.at(-1), put_in: putIn };
     if (putIn > 0) parts.least_share = E[row] / putIn;
@@ -283,7 +297,7 @@ const Measure = (() => {
     neg: (x) => joined(x, (a) => -a), abs: (x) => joined(x, Math.abs),
     "+": (x) => joined(x, (a, b) => a + b), "-": (x) => joined(x, (a, b) => a - b),
     "*": (x) => joined(x, (a, b) => a * b), "/": (x) => joined(x, (a, b) => a / b),
-    norm: ([x]) => [over(x[0].length, (k) => Math.sqrt(dot(x, x, k)))],
+    norm: ([x]) => [length(x, x[0].length)],
     max: (x) => (x.length === 1 ? joined(x[0].map((column) => [column]), Math.max) : joined(x, Math.max)),
     min: (x) => (x.length === 1 ? joined(x[0].map((column) => [column]), Math.min) : joined(x, Math.min)),
   };
@@ -389,15 +403,13 @@ const Measure = (() => {
       over(f, trace) {
         const x = value(f.margin, trace.lookup), worst = f.negated ? Infinity : -Infinity, n = trace.rows;
         const found = new Float64Array(n + (trace.beyond === null ? 0 : 1));
-        for (let k = 0; k < n; k++) {
-          let least = Infinity, finite = true;
-          for (const column of x) {
-            const v = column[column.length === 1 ? 0 : k];
-            if (!Number.isFinite(v)) finite = false;
-            if (v < least) least = v;
-          }
-          found[k] = finite ? least / f.scale : worst;
+        found.fill(Infinity, 0, n);
+        for (const column of x) for (let k = 0; k < n; k++) {
+          const v = column[column.length === 1 ? 0 : k];
+          if (!Number.isFinite(v)) found[k] = NaN;
+          else if (v < found[k]) found[k] = v; // NaN stays
         }
+        for (let k = 0; k < n; k++) found[k] = Number.isNaN(found[k]) ? worst : found[k] / f.scale;
         if (trace.beyond !== null) found[n] = -trace.beyond * worst;
         return found;
       },

@@ -8,6 +8,7 @@
   // ---- signals --------------------------------------------------------------------------------
 
   const decoded = new Map();
+  const recorded = new Map(); // {t, y, ends} of signals of which another run is shown
   /** {t, y} of a signal: time in s, and value, null where it is no number. */
   function signal(name) {
     if (!decoded.has(name)) {
@@ -66,10 +67,31 @@
     }
     u.ctx.restore();
   }
-  /** Limits of an axis with all `values`; shares start at 0 unless some are below. */
-  function range(values, share) {
+  /** The curves of the recorded run, pale, where the page shows another one. */
+  function shadows(u) {
+    u.ctx.save();
+    u.ctx.beginPath();
+    u.ctx.rect(u.bbox.left, u.bbox.top, u.bbox.width, u.bbox.height);
+    u.ctx.clip();
+    u.ctx.globalAlpha = 0.35;
+    u.ctx.lineWidth = 1.6 * devicePixelRatio;
+    u.panel.series.forEach((s, i) => {
+      const old = recorded.get(s.name);
+      if (!old) return;
+      u.ctx.strokeStyle = css(`--s${(s.colour ?? i) % 7}`);
+      u.ctx.beginPath();
+      old.y.forEach((y, k) => { if (y !== null) u.ctx.lineTo(u.valToPos(old.t[k], "x", true), u.valToPos(y, "y", true)); });
+      u.ctx.stroke();
+    });
+    u.ctx.restore();
+  }
+  /** The least and the greatest value of a curve. */
+  const ends = ({ y }) => [Math.min, Math.max].map((most) => y.reduce((a, b) => (b === null ? a : a === null ? b : most(a, b)), null));
+  /** Limits of an axis with all values of `panel`; shares start at 0 unless some are below. */
+  function range(panel) {
     return (u, low, high) => {
-      if (share && !(low < 0)) return [0, 1.06 * (high || 1)];
+      if (panel.unit === "%" && !(low < 0)) return [0, 1.06 * (high || 1)];
+      const before = panel.series.flatMap((s) => recorded.get(s.name)?.ends ?? []), values = [...panel.reference, ...before.filter((y) => y !== null)];
       let a = Math.min(low ?? 0, ...values), b = Math.max(high ?? 1, ...values);
       if (!(b > a)) { const pad = Math.abs(a) * 0.1 || 1; a -= pad; b += pad; }
       const pad = 0.06 * (b - a);
@@ -81,16 +103,19 @@
     while (i > 0 && (values[i] === null || values[i] === undefined)) i--;
     return i === null || i === undefined ? null : values[i];
   }
+  /** The columns of a plot. */
+  function joined(panel) {
+    const tables = panel.series.map((s) => { const { t, y } = signal(s.name); return [t, y]; });
+    return tables.length === 1 ? tables[0] : uPlot.join(tables);
+  }
   /** Draw a panel into a figure; returns the plot. Values are in the unit that people read times 1 / scale. */
   function draw(panel, place) {
     const shown = (v, digits) => (v === null || v === undefined ? "–" : short(v * (panel.scale ?? 1), digits));
-    const tables = panel.series.map((s) => { const { t, y } = signal(s.name); return [t, y]; });
-    const joined = tables.length === 1 ? tables[0] : uPlot.join(tables);
     const axis = { stroke: () => css("--text"), grid: { stroke: () => css("--grid"), width: 1 },
       ticks: { stroke: () => css("--line"), width: 1 }, font: "12px system-ui, sans-serif" };
     const options = {
       width: Math.max(260, place.clientWidth), height: 210,
-      scales: { x: { time: false, range: (u, a, b) => [a, b] }, y: { range: range(panel.reference, panel.unit === "%") } },
+      scales: { x: { time: false, range: (u, a, b) => [a, b] }, y: { range: range(panel) } },
       cursor: { y: false, sync: { key: "time", setSeries: false }, drag: { x: true, y: false } },
       axes: [{ ...axis, size: 34, space: 70, values: (u, ticks) => ticks.map(seconds) }, { ...axis, size: 62, label: panel.unit, labelSize: 18, labelFont: "12px system-ui, sans-serif",
         values: (u, ticks) => ticks.map((v) => shown(v, 7)) }],
@@ -99,7 +124,7 @@
           dash: DASHES[s.dash ?? Math.floor(panel.series.length > 7 ? i / 7 : i % 4)], spanGaps: true, points: { show: false },
           value: (u, v, series, i) => shown(v ?? before(u.data[series], i), 4) }))],
       hooks: {
-        drawClear: [(u) => bands(u)],
+        drawClear: [(u) => bands(u), (u) => shadows(u)],
         draw: [(u) => references(u, panel.reference)],
         ready: [(u) => {
           u.over.addEventListener("mousemove", (e) => {
@@ -111,7 +136,7 @@
         setScale: [(u, key) => { if (key === "x") zoom(u); }],
       },
     };
-    const plot = new uPlot(options, joined, place);
+    const plot = new uPlot(options, joined(panel), place);
     plot.panel = panel;
     plots.push(plot);
     return plot;
@@ -155,7 +180,8 @@
 
   const track = (b) => (data.live ? signal(b) : new Float32Array(bytes(b)));
   const LEVEL = [1, 0, 0, 0, 1, 0, 0, 0, 1];
-  const frames = data.arms.map((arm, k) => ({ ...arm, q: arm.q.map(track), torque: (arm.torque || []).map(track),
+  const tracks = data.arms.map((arm) => ({ q: arm.q.map(track), torque: (arm.torque || []).map(track) }));
+  const frames = data.arms.map((arm, k) => ({ ...arm, ...tracks[k],
     base: arm.base || { rotation: LEVEL, origin: [0, 0, 0], scale: 1 }, workspace: arm.workspace ?? (arm.planar ? 0 : k), recent: [] }));
   let yaw = -0.6, pitch = 0.4;
   const flat = frames.every((arm) => arm.planar);
@@ -220,18 +246,24 @@
   /** The radius of the body in front of joint i, m in the workspace. */
   const bulk = (arm, i) => arm.base.scale * arm.reach * (frames.length > 4 ? 0.03 : 0.042) * (1 - (0.5 * i) / (arm.joints.length + 1));
   const spaces = [...new Set(frames.map((arm) => arm.workspace))].map((number) => frames.filter((arm) => arm.workspace === number));
-  const extents = scene ? spaces.map(extent) : [];
-  const columns = Math.ceil(Math.sqrt(spaces.length)), rows = Math.ceil(spaces.length / columns);
-  const half = [0, 1].map((i) => Math.max(...extents.map((x) => x.half[i]), 0.05));
-  const zoomed = Math.min(WIDTH / columns / (2 * half[0]), WIDTH / rows / (2 * half[1])); // pixels per m
-  const cell = [WIDTH / columns, Math.max(2 * half[1] * zoomed, (0.5 * WIDTH) / columns)];
-  const HEIGHT = rows * cell[1] + FOOT;
+  let extents, columns, rows, half, zoomed, cell, HEIGHT, spacing; // how the workspaces lie in the picture
+  function arrange() {
+    extents = scene ? spaces.map(extent) : [];
+    columns = Math.ceil(Math.sqrt(spaces.length)); rows = Math.ceil(spaces.length / columns);
+    half = [0, 1].map((i) => Math.max(...extents.map((x) => x.half[i]), 0.05));
+    zoomed = Math.min(WIDTH / columns / (2 * half[0]), WIDTH / rows / (2 * half[1])); // pixels per m
+    cell = [WIDTH / columns, Math.max(2 * half[1] * zoomed, (0.5 * WIDTH) / columns)];
+    HEIGHT = rows * cell[1] + FOOT;
+    spacing = round((0.3 * WIDTH) / columns / zoomed);
+    scene?.setAttribute("viewBox", `0 0 ${WIDTH} ${HEIGHT.toFixed(0)}`);
+    strongest = 1;
+    for (const arm of frames) for (const tau of arm.torque) for (const v of data.live ? [] : tau) strongest = Math.max(strongest, Math.abs(v));
+  }
   /** A multiple of 1, 2 or 5 of a power of ten up to a length. */
   function round(length) {
     const power = 10 ** Math.floor(Math.log10(length));
     return [5, 2, 1].find((k) => k * power <= length) * power;
   }
-  const spacing = round((0.3 * WIDTH) / columns / zoomed);
   const metres = (x) => (x < 1 ? `${Number((1000 * x).toPrecision(3))} mm` : `${x} m`);
   /** Pixels right and down, and the distance to the eye, of a place in workspace k. */
   function seen(k, p) {
@@ -289,12 +321,11 @@
     for (let k = Math.ceil((first - begin) / step); begin + k * step < t; k++) found.push(arm.recent[k] ??= stand(arm, placed(arm, begin + k * step).pop()));
     return [...found, stand(arm, placed(arm, t).pop())];
   }
+  arrange();
   if (scene) {
-    scene.setAttribute("viewBox", `0 0 ${WIDTH} ${HEIGHT.toFixed(0)}`);
     find("arms").append(...frames.map((arm, k) =>
       make("span", {}, make("b", { style: `color:var(--s${k % 7})` }, k % 2 ? "□" : "■"), ` ${arm.name}`)));
     if (frames.some(pulled)) find("arms").append(make("span", { class: "force" }, make("b", { style: "color:var(--failed)" }, "→"), " force at the tip"));
-    for (const arm of frames) for (const tau of arm.torque) for (const v of data.live ? [] : tau) strongest = Math.max(strongest, Math.abs(v));
     find("arms").after(make("p", { class: "arms when", id: "when" }));
     if (!flat) {
       let held = null;
@@ -398,6 +429,29 @@
     running = requestAnimationFrame(advance);
   });
   find("whole").addEventListener("click", () => { for (const u of plots.slice(0, 1)) u.setScale("x", { min: begin, max: data.end }); });
+
+  // ---- another run of the same scenario ---------------------------------------------------------
+
+  /** Show `curves` ({t, y} by signal) and `arms` ({q, torque} of each) of another run; null: the recorded one. */
+  function replace(curves, arms) {
+    for (const [name, curve] of [...recorded]) { decoded.set(name, curve); recorded.delete(name); }
+    for (const [name, { t, y }] of Object.entries(curves ?? {})) {
+      recorded.set(name, { ...signal(name), ends: ends(signal(name)) });
+      decoded.set(name, { t: Array.from(t, (x) => Math.min(x, data.end)), y: Array.from(y, (v) => (Number.isFinite(v) ? v : null)) });
+    }
+    frames.forEach((arm, k) => Object.assign(arm, arms?.[k]?.q[0]?.length ? arms[k] : tracks[k], { recent: [] }));
+    arrange();
+    zooming = true; // each diagram keeps its limits
+    for (const u of plots) {
+      const { min, max } = u.scales.x;
+      u.setData(joined(u.panel), false);
+      u.setScale("x", { min, max });
+      u.root.parentElement.querySelector("table.hidden").replaceWith(table(u.panel));
+    }
+    zooming = false;
+    show(time);
+  }
+  if (!data.live) page.report = { replace };
 
   // ---- small pictures that are laid over each other ---------------------------------------------
 

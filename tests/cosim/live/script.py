@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
-import shutil
 import subprocess
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -13,7 +11,7 @@ from math import inf, isfinite, nan
 from pathlib import Path
 from typing import Any
 
-import pytest
+from tests.cosim.live.node import node
 
 #: Numbers that are not finite travel as texts.
 ASKED = """
@@ -59,13 +57,9 @@ def _received(x: dict[str, Any]) -> Any:
 @contextmanager
 def script(asset: str | Path, answer: str) -> Iterator[Script]:
     """A script of ``cosim/live/assets``, or another file, whose exports are `found`."""
-    node = shutil.which("node")
-    if node is None:
-        assert not os.environ.get("CI"), "no node"
-        pytest.skip("no node on this machine")
     path = asset if isinstance(asset, Path) else files("cosim.live") / "assets" / asset
     with subprocess.Popen(
-        [node, "-e", ASKED, str(path), answer], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+        [node(), "-e", ASKED, str(path), answer], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
         text=True,
     ) as process:  # fmt: skip
         try:

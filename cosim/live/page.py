@@ -1,0 +1,95 @@
+"""``report.html`` that computes its run again with other values, in the browser that shows it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+from cosim.base.units import printed_unit
+from cosim.live.judged import judged
+from cosim.record import Run
+from cosim.reporting.arms import arm_signals, first_arms
+from cosim.reporting.html import PageData, command, embedded, folded, table
+from cosim.reporting.recorded import recorded_scenario
+from cosim.reporting.run_report import CHOSEN, SHOWN, frame_times, write_report
+
+#: Groups of values that are open when the page is.
+OPEN = 3
+#: The keys of a value that the page needs; the others are for the engine.
+_SHOWN = ("key", "label", "about", "unit", "value", "low", "high", "step", "choices", "group")
+
+
+def write_live_report(run: Run, bundle: Mapping[str, Any], again: str, digest: str) -> Path:
+    """Write the report of a run into its folder, with the scenario as a `bundle` in it.
+
+    `again`: the command that repeats the run, to which settings can be added; `digest`: of the
+    run. Raises CosimError if it cannot be written.
+    """
+    keys = [
+        {name: key[name] for name in _SHOWN} | {"unit": printed_unit(key["unit"])}
+        for key in bundle["keys"]
+    ]
+    links = dict.fromkeys(key["group"] for key in keys if key["key"].startswith("links"))
+    facts: dict[str, Any] = {
+        "command": again, "digest": digest, "keys": keys, "ordered": bundle["ordered"],
+        "links": [*links], "open": OPEN,
+    }  # fmt: skip
+
+    def extend(data: PageData) -> str:
+        data.computes = True
+        return _NOTE + _data(run, data, facts, bundle)
+
+    return write_report(run, extend=extend, first=_panel(again, bundle))
+
+
+def _panel(again: str, bundle: Mapping[str, Any]) -> str:
+    """The part of the page in which values are moved; hidden until a script can run them."""
+    fixed = [(entry["key"], entry["reason"]) for entry in bundle["fixed"]]
+    why = folded("What cannot be moved, and why", table(["value", "reason"], fixed))
+    return f"""<section id="live" aria-labelledby="live-title" hidden><style>{_asset("live.css")}
+</style><h2 id="live-title">Try other values</h2>
+<p>Move a value: this page computes the whole run again, with the bits of <code>cosim run</code>.
+Pale curves are the recorded run.</p><p class="choices" id="live-choices"></p>
+<div id="live-values"></div>
+<p><button id="live-reset">Reset</button> <span id="live-verdict"></span>
+<output id="live-said" role="status"></output></p>
+{command("live-command", again)}
+<p class="digest">SHA-256 of its signals: <code id="live-digest"></code>
+<span id="live-recorded"></span></p>{why if fixed else ""}</section>"""
+
+
+_NOTE = """<p id="live-note" hidden>What follows is of the recorded run, except “Results”.</p>"""
+
+
+def _data(run: Run, data: PageData, facts: Mapping[str, Any], bundle: Mapping[str, Any]) -> str:
+    """The data of the scripts of the page, and the scripts."""
+    scenario, times = recorded_scenario(run), frame_times(data)
+    units = {name: unit for name, unit in run.units.items() if name != "t"}
+    end = bundle["start"] + bundle["ticks"] * bundle["h"]
+    panels = {name for panel in data.panels for name, _ in panel.series}
+    page = {
+        "judged": judged(scenario, run, units, end),
+        "curves": {
+            name: SHOWN if name in panels else CHOSEN for name in data.signals if name in units
+        },
+        "arms": {
+            "names": [arm_signals(run, arm) for arm in first_arms(run)[0]],
+            "begin": data.begin, "frame": data.frame, "count": len(times),
+        },
+    }  # fmt: skip
+    document = embedded({**facts, "page": page})
+    parts = [
+        f'<script type="application/json" id="live-data">{document}</script>',
+        f'<script type="application/json" id="bundle">{embedded(bundle)}</script>',
+    ]
+    for name in ("engine", "measure", "worker"):
+        parts.append(f'<script type="text/plain" id="live-{name}">{_asset(f"{name}.js")}</script>')
+    parts.append(f'<script type="module">{_asset("live.js")}</script>')
+    return "".join(parts)
+
+
+def _asset(name: str) -> str:
+    text = (files("cosim.live") / "assets" / name).read_text(encoding="utf-8")
+    return text.replace("</script", "<\\/script")

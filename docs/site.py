@@ -38,6 +38,7 @@ GROUPS: Mapping[str, tuple[str, ...]] = {
         "tutorial",
         "gallery",
         "running",
+        "live",
         "own-component",
         "your-own-arm",
         "requirements",
@@ -98,6 +99,8 @@ FILES: Mapping[str, tuple[str, ...]] = {
 
 #: Reports of the gallery: name, title, and the command that makes it into the folder {out}.
 GALLERY = (
+    ("live", "Drag the delay: a run that this page repeats",
+     "run configs/teleoperation.toml --live --out {out}"),
     ("run", "A run: teleoperation over delays of 0.3 to 1.2 s",
      "run configs/teleoperation.toml --out {out}"),
     ("openarm", "Two arms of seven joints", "run configs/openarm.toml --out {out}"),
@@ -110,6 +113,14 @@ GALLERY = (
     ("sweep", "A map of 1000 runs", "sweep configs/studies/lambda_M_K.toml --out {out}"),
     ("reproduction", "The paper, claim by claim", "reproduce --out {out}"),
 )  # fmt: skip
+
+#: What the first report of the gallery is, at its top.
+INTRODUCTION = (
+    "<p>An operator's hand moves the <b>master</b> (blue); the <b>slave</b> (orange) follows over "
+    "a network that delays each value by 0.3 to 1.2 s. Drag “high”: when do the arms no longer "
+    "find each other? Everything is computed in this page, and the command below the sliders "
+    "gives the same run on your desk, bit for bit.</p>"
+)
 
 #: A report of 1280 by 960 pixels, a quarter as wide.
 CARDS = """
@@ -351,7 +362,10 @@ def write_gallery(folder: Path) -> None:
             call = shlex.split(command.format(out=out))
             with timed(f"gallery/{name}"):
                 subprocess.run([COSIM, *call], check=True, cwd=ROOT, stdout=subprocess.DEVNULL)
-            shutil.copy(out / "report.html", folder / f"{name}.html")
+            text = (out / "report.html").read_text(encoding="utf-8")
+            if name == "live":
+                text = text.replace("</header>", f"</header>{INTRODUCTION}", 1)
+            (folder / f"{name}.html").write_text(text, encoding="utf-8")
 
 
 if __name__ == "__main__":

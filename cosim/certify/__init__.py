@@ -15,5 +15,6 @@ proves it, or None; and the exact decision that such a file holds::
     witness       delays with which a motion grows
     region        what is certified, broken or unknown, over the bounds; figure: as a page
     scenario      the cut loop of a scenario
+    theorem       what the theorems of the paper say of a scenario
     steps         from a scenario to a certificate, in words
 """

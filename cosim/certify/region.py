@@ -71,20 +71,24 @@ def region(
 
 
 def _grown(loop: CutLoop, found: Region, say: Callable[[str], None]) -> Iterator[tuple[int, int]]:
-    """The least intervals in which an adversary makes a motion grow, from long delays to short."""
+    """For each least delay the least interval in which an adversary makes a motion grow."""
     n = len(found.delays)
-    least = n
-    for i in range(n - 1, -1, -1):
-        for j in range(min(least, n) - 1, i, -1):
-            if found.state(i, j) == "certified":
-                break
-            if found.state(i, j) == "broken" and j == n - 1:
-                continue
-            say(f"adversary for {found.delays[i]} to {found.delays[j]} samples")
-            if adversary(_bounded(loop, found.delays[i], found.delays[j])) is None:
-                break
-            least = j
-            yield i, j
+
+    def grows(i: int, j: int) -> bool:
+        state = found.state(i, j)
+        if state != "unknown":
+            return state == "broken"
+        say(f"adversary for {found.delays[i]} to {found.delays[j]} samples")
+        return adversary(_bounded(loop, found.delays[i], found.delays[j])) is not None
+
+    j = 0
+    for i in range(n if grows(0, n - 1) else 0):
+        j = max(i, j)  # what contains a broken interval is broken
+        while j < n and not grows(i, j):
+            j += 1
+        if j == n:
+            return
+        yield i, j
 
 
 def _proof(loop: CutLoop, *, peaks: bool) -> Certificate | None:

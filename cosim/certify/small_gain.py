@@ -20,6 +20,8 @@ from cosim.certify.nominal import Nominal
 Matrix = NDArray[np.float64]
 #: Frequencies of the grid, and at most of those near poles.
 _GRID, _POLES = 60, 40
+#: Numbers on links up to which each has a matrix of its own.
+_MATRICES = 16
 #: The distance from the limit that P keeps, relative.
 _ROOM = (1e-3, 1e-5, 1e-7)
 
@@ -67,6 +69,8 @@ def _weighted(X: Matrix, found: Nominal, squared: Sequence[float]) -> Matrix:
 def _scales(T: NDArray[np.complex128], found: Nominal, squared: Sequence[float]) -> Matrix | None:
     """X with T* diag(g_i^2 X_i) T < X at every point, T (k, p, m), as far from it as possible."""
     m = T.shape[2]
+    if m > _MATRICES:
+        return _numbers(T, found, squared)
     basis = []
     for place in found.places:
         own = symmetric(len(place))
@@ -79,6 +83,30 @@ def _scales(T: NDArray[np.complex128], found: Nominal, squared: Sequence[float])
     whole = np.block([[inside.real, -inside.imag], [inside.imag, inside.real]])
     x = interior([E, *whole.transpose(1, 0, 2, 3)], np.trace(E, axis1=1, axis2=2) / m)
     return None if x is None else np.asarray(np.tensordot(x, E, 1))
+
+
+def _numbers(T: NDArray[np.complex128], found: Nominal, squared: Sequence[float]) -> Matrix | None:
+    """X_i = x_i I by the Perron vectors l, r of N, the greatest gains from link to link: x = l/r.
+
+    The norm of D N / D, D = sqrt(x), is then the spectral radius of N, its least value.
+    """
+    gains = np.array([
+        [np.linalg.norm(T[:, rows][:, :, place], 2, axis=(1, 2)).max() for place in found.places]
+        for rows in found.steps
+    ])  # fmt: skip
+    N = np.sqrt(squared)[:, None] * gains + 1e-9
+    (radius, right), (_, left) = (_greatest(x) for x in (N, N.T))
+    if radius >= 1.0:
+        return None
+    sizes = [len(place) for place in found.places]
+    return np.diag(np.repeat(left / right, sizes))
+
+
+def _greatest(N: Matrix) -> tuple[float, Matrix]:
+    """The greatest eigenvalue of a positive matrix, and its vector."""
+    values, vectors = np.linalg.eig(N)
+    first = int(np.argmax(values.real))
+    return float(values[first].real), np.abs(vectors[:, first])
 
 
 def _riccati(

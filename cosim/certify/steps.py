@@ -15,6 +15,8 @@ from cosim.certify.certificate import Certificate, read, span, verify
 from cosim.certify.model import CutLoop, LinkBounds
 from cosim.certify.scenario import cut_loop
 from cosim.certify.search import certify
+from cosim.certify.theorem import theorem
+from cosim.certify.witness import adversary
 from cosim.scenario.spec import Scenario
 
 #: The file of a certificate in its folder.
@@ -34,13 +36,16 @@ def certified(scenario: Scenario, delays: str, folder: Path) -> tuple[bool, list
     Raises ScenarioError for a scenario that cannot be certified.
     """
     require("clarabel")
-    loop, _ = cut_loop(scenario, _delays(delays))
+    loop, opened = cut_loop(scenario, _delays(delays))
     try:
         proof = certify(loop)
     except ValueError as error:
-        raise ScenarioError(f"the linear loop cannot be certified: {error}") from None
+        raise ScenarioError(
+            f"the linear loop at t = {opened.time:g} s cannot be certified: {error}; expected a "
+            "scenario at rest by then: set run.stop to a later time"
+        ) from None
     if proof is None:
-        return False, list(_unknown(loop))
+        return False, list(_unproven(loop, scenario))
     changed = verify(proof, loop)
     folder.mkdir(parents=True, exist_ok=True)
     write_file(folder / FILE, proof.text())
@@ -66,18 +71,24 @@ def _claim(found: Certificate, changed: Fraction, loop: CutLoop) -> Iterator[str
     yield f"{'method':<12} {found.method}, checked in integers"
     if found.pivots:
         names = sorted({loop.states[i].partition("[")[0] for i in found.pivots})
-        yield f"{'apart from':<12} {', '.join(names)}: any value is an equilibrium"
+        yield f"{'apart from':<12} {listed(names)}: any value is an equilibrium"
         yield f"{'model':<12} changed by {float(changed):.1g} of its greatest entry for that"
     yield f"{'not covered':<12} large motions: this is the linear loop at the end of the run"
 
 
-def _unknown(loop: CutLoop) -> Iterator[str]:
-    yield "unknown: no certificate was found, which does not mean that the loop is unstable"
-    yield from _links(loop.links, loop.period)
-    if any(x.greatest is None for x in loop.links):
-        yield "    -> ages without a bound need a loop of small gain; try --delays LOW,HIGH"
+def _unproven(loop: CutLoop, scenario: Scenario) -> Iterator[str]:
+    bounded = all(x.greatest is not None for x in loop.links)
+    if bounded and adversary(loop) is not None:
+        yield "broken: some delays within these bounds make a motion of the linear loop grow"
     else:
+        yield "unknown: no certificate was found, which does not mean that the loop is unstable"
+    yield from _links(loop.links, loop.period)
+    if said := theorem(scenario):
+        yield f"{'theorem':<12} {said}"
+    if bounded:
         yield "    -> shorter delays, --delays LOW,HIGH, or semantics that keep the order"
+    else:
+        yield "    -> ages without a bound need a loop of small gain; try --delays LOW,HIGH"
 
 
 def _links(links: Sequence[LinkBounds], period: float) -> Iterator[str]:

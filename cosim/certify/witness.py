@@ -5,46 +5,60 @@ It is computed with doubles: a witness, while a certificate is a proof.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cosim.certify.inequalities import Matrix
-from cosim.certify.model import CutLoop
+from cosim.certify.model import CutLoop, LinkBounds
 from cosim.linear.adversary import SampleChoices, attacks
 
 Sequences = NDArray[np.int64]
 #: Growth that counts, in each of the last parts of a motion.
 _GROWS, _PARTS = 1.05, 4
+#: Steps of a motion: at least, for each period of the greatest age, and at most.
+_STEPS, _EACH, _MOST = 4000, 40, 24_000
+#: Ages to choose from at most, if the order of samples may change.
+_AGES = 128
 
 
-def adversary(loop: CutLoop, steps: int = 4000, seed: int = 0) -> Sequences | None:
-    """Ages, (steps, links), in samples, with which a motion grows, or None if none were found.
+def adversary(loop: CutLoop, steps: int = _STEPS, seed: int = 0) -> Sequences | None:
+    """Ages, (steps or more, links), in samples, with which a motion grows; None: none was found.
 
-    None also of a loop that depends on itself at once.
+    None also of a loop that depends on itself at once, and of ages that need a motion too long.
     """
-    if loop.feeds_through and any(x.least == 0 for x in loop.links):
+    steps = max(steps, _EACH * max(-(-x.most // x.sends) for x in loop.links))
+    if steps > _MOST or (loop.feeds_through and any(x.least == 0 for x in loop.links)):
         return None
     A, B, C, D = (
         np.array(x.floats()).reshape(len(x), x.width) for x in (loop.A, loop.B, loop.C, loop.D)
     )
     start = np.random.default_rng(seed).normal(size=len(A))
-    least = np.array([x.least for x in loop.links])
-    for attack in attacks((A, B, C, D), list(_choices(loop)), start, steps, loop.period):
+    ages = [_ages(x) for x in loop.links]
+    for attack in attacks((A, B, C, D), list(_choices(loop, ages)), start, steps, loop.period):
         if _rises(attack.size):
-            return np.asarray(np.stack(attack.chosen, axis=1) + least, np.int64)
+            each = zip(ages, attack.chosen, strict=True)
+            return np.stack([known[mine] for known, mine in each], axis=1)
     return None
 
 
-def _choices(loop: CutLoop) -> Iterator[SampleChoices]:
-    """The samples of all ages of each link."""
+def _ages(link: LinkBounds) -> Sequences:
+    """The ages of a link that are tried."""
+    every = np.arange(link.least, link.most + 1)
+    if link.ordered or len(every) <= _AGES:
+        return every
+    return np.unique(np.linspace(link.least, link.most, _AGES).round()).astype(np.int64)
+
+
+def _choices(loop: CutLoop, ages: Sequence[Sequences]) -> Iterator[SampleChoices]:
+    """The samples of some ages of each link."""
     first = sent = 0
-    for link in loop.links:
-        ages, numbers = np.arange(link.least, link.most + 1), np.arange(link.size)
-        before = np.repeat(-(-ages // link.sends), link.size).reshape(-1, link.size)
-        which = sent + (-ages % link.sends * link.size)[:, None] + numbers
+    for link, own in zip(loop.links, ages, strict=True):
+        numbers = np.arange(link.size)
+        before = np.repeat(-(-own // link.sends), link.size).reshape(-1, link.size)
+        which = sent + (-own % link.sends * link.size)[:, None] + numbers
         yield SampleChoices(first + numbers, which, before, link.sends if link.ordered else None)
         first += link.size
         sent += link.size * link.sends

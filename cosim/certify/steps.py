@@ -17,16 +17,19 @@ from cosim.certify.scenario import cut_loop
 from cosim.certify.search import certify
 from cosim.certify.theorem import theorem
 from cosim.certify.witness import adversary
+from cosim.linear.opened import OpenLoop
 from cosim.scenario.spec import Scenario
 
 #: The file of a certificate in its folder.
 FILE = "certificate.json"
+#: Change of a state a second, in its unit, from which a loop is not at rest.
+_MOVES = 1e-3
 
 
 def verified(scenario: Scenario, certificate: Path) -> list[str]:
     """Verify the certificate of a scenario. Raises ScenarioError for one that does not hold."""
-    found, (loop, _) = read(certificate), cut_loop(scenario)
-    return list(_claim(found, verify(found, loop), loop))
+    found, (loop, opened) = read(certificate), cut_loop(scenario)
+    return [*_claim(found, verify(found, loop), loop), *_moves(opened)]
 
 
 def certified(scenario: Scenario, delays: str, folder: Path) -> tuple[bool, list[str]]:
@@ -45,11 +48,11 @@ def certified(scenario: Scenario, delays: str, folder: Path) -> tuple[bool, list
             "scenario at rest by then: set run.stop to a later time"
         ) from None
     if proof is None:
-        return False, list(_unproven(loop, scenario))
+        return False, [*_unproven(loop, scenario), *_moves(opened)]
     changed = verify(proof, loop)
     folder.mkdir(parents=True, exist_ok=True)
     write_file(folder / FILE, proof.text())
-    return True, [*_claim(proof, changed, loop), f"{'proof':<12} {folder / FILE}"]
+    return True, [*_claim(proof, changed, loop), *_moves(opened), f"{'proof':<12} {folder / FILE}"]
 
 
 def _delays(text: str) -> tuple[float, float] | None:
@@ -89,6 +92,14 @@ def _unproven(loop: CutLoop, scenario: Scenario) -> Iterator[str]:
         yield "    -> shorter delays, --delays LOW,HIGH, or semantics that keep the order"
     else:
         yield "    -> ages without a bound need a loop of small gain; try --delays LOW,HIGH"
+
+
+def _moves(opened: OpenLoop) -> Iterator[str]:
+    if opened.speed > _MOVES:
+        yield (
+            f"{'not at rest':<12} at t = {opened.time:g} s states still change by up to "
+            f"{opened.speed:.2g} of their units a second; set run.stop to a later time"
+        )
 
 
 def _links(links: Sequence[LinkBounds], period: float) -> Iterator[str]:

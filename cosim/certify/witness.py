@@ -25,7 +25,7 @@ _AGES = 128
 
 
 def adversary(loop: CutLoop, steps: int = _STEPS, seed: int = 0) -> Sequences | None:
-    """Ages, (steps or more, links), in samples, with which a motion grows; None: none was found.
+    """Ages (k, links), samples, k >= `steps`, with which a motion grows; None: none was found.
 
     None also of a loop that depends on itself at once, and of ages that need a motion too long.
     """

@@ -51,7 +51,8 @@ class OpenLoop:
     A (n, n), B (n, m), C (p, n), D (p, m); the first inputs and outputs are those of `links`
     (see :class:`CutLink`), in their order; the others are `inputs` and `outputs`. `states`,
     `inputs` and `outputs` are pairs of name and unit. `components`: the derivatives of each step;
-    their `error` is near 1 at an edge, where there is no linear model.
+    their `error` is near 1 at an edge, where there is no linear model. `speed`: the greatest change
+    of a state in the period, in its unit a second; 0 at an equilibrium.
 
     A delay is a number of base steps d for each link: a look at tick t holds the newest sample
     sent at tick t - d or before.
@@ -69,6 +70,7 @@ class OpenLoop:
     C: Matrix
     D: Matrix
     components: tuple[StepDerivatives, ...]
+    speed: float = 0.0
 
     @property
     def period(self) -> float:
@@ -345,7 +347,10 @@ def open_loop(
     names = [(n, s.unit) for s in inputs for n in s.scalars()]
     ends = [(n, s.unit) for s in outputs for n in s.scalars()]
     found = reduced(loop, plan.time(at.tick), [("", "")] * n_u + names, [("", "")] * n_y + ends)
+    places = [i for part in loop.components for s in part.states
+              for i in range(s.start, s.start + s.size)]  # fmt: skip
+    change = np.abs(at.signals[-1, places] - at.signals[0, places]).max(initial=0.0)
     return OpenLoop(
         found.time, plan.h, at.ticks, found.states, links, tuple(names), tuple(ends),
-        found.A, found.B, found.C, found.D, loop.components,
+        found.A, found.B, found.C, found.D, loop.components, float(change) / (at.ticks * plan.h),
     )  # fmt: skip

@@ -167,12 +167,19 @@ def read(path: Path) -> Certificate:
         return certificate(json.loads(path.read_text(encoding="utf-8")))
     except OSError as error:
         raise ScenarioError(f"cannot be read: {error.strerror}", str(path)) from None
-    except (ValueError, TypeError, KeyError, AttributeError, ArithmeticError) as error:
-        reason = f"no key {error}" if isinstance(error, KeyError) else str(error)
-        raise ScenarioError(
-            f"not a certificate: {reason}; expected a file that cosim check --certify wrote",
-            str(path),
-        ) from None
+    except UnicodeDecodeError:
+        reason = "it is not text"
+    except json.JSONDecodeError as error:
+        reason = f"its JSON ends or is wrong at line {error.lineno}, column {error.colno}"
+    except KeyError as error:
+        reason = f"it has no key {error}"
+    except (TypeError, AttributeError, ArithmeticError):
+        reason = "a number, text or list of it is of another kind"
+    except ValueError as error:
+        reason = str(error)
+    raise ScenarioError(
+        f"not a certificate: {reason}; expected a file that cosim check --certify wrote", str(path)
+    )
 
 
 def certificate(data: Mapping[str, Any]) -> Certificate:
@@ -183,7 +190,7 @@ def certificate(data: Mapping[str, Any]) -> Certificate:
     if data["seal"] != _seal(given):
         raise ValueError("its seal does not fit its content, which was changed")
     found = Certificate(
-        given["model"], float(given["period"]), tuple(map(_link, given["links"])),
+        _text(given["model"]), float(given["period"]), tuple(map(_link, given["links"])),
         _exact(given["neutral"]), tuple(map(_natural, given["pivots"])), _proof(given),
     )  # fmt: skip
     if found.as_data() != data:
@@ -199,17 +206,29 @@ def _proof(data: Mapping[str, Any]) -> Proof:
             Centre(_natural(x["samples"]), _natural(x["sections"])) for x in data["centres"]
         )
         return GainProof(_exact(data["P"]), tuple(_exact(x) for x in data["X"]), centres)
+    if data["method"] != "lyapunov":
+        raise ValueError(f"found the method {data['method']!r}, expected one of the three")
     return SwitchedProof(tuple(_exact(x) for x in data["P"]), tuple(map(_natural, data["of"])))
 
 
 def _link(data: Mapping[str, Any]) -> LinkBounds:
+    _text(data["name"])
     for key in ("size", "least", "sends"):
         _natural(data[key])
     if data["greatest"] is not None:
         _natural(data["greatest"])
+        if data["greatest"] < data["least"]:
+            raise ValueError(f"a link has ages of {data['least']} to {data['greatest']} samples")
     if type(data["ordered"]) is not bool or min(data["size"], data["sends"]) < 1:
         raise ValueError(f"a link is {dict(data)}")
     return LinkBounds(**data)
+
+
+def _text(value: Any) -> str:
+    """The value if it is a text. Raises ValueError."""
+    if type(value) is not str:
+        raise ValueError(f"found {value!r}, expected a text")
+    return value
 
 
 def _natural(value: Any) -> int:
@@ -239,7 +258,8 @@ def verify(found: Certificate, loop: CutLoop) -> Fraction:
     try:
         return found.holds(loop)
     except (ValueError, IndexError) as error:
-        raise ScenarioError(f"the certificate does not hold for this scenario: {error}") from None
+        reason = "its matrices have other sizes" if isinstance(error, IndexError) else error
+        raise ScenarioError(f"the certificate does not hold for this scenario: {reason}") from None
 
 
 def span(link: LinkBounds, period: float) -> str:

@@ -138,7 +138,7 @@ def closed_parts(loop: CutLoop, pivots: Sequence[int]) -> ClosedParts:
     loop of which this is not true, or that depends on itself at once.
     """
     A, B, C, D, X, links = loop.A, loop.B, loop.C, loop.D, loop.neutral, loop.links
-    _check_pivots(X, pivots)
+    _check_pivots(X, pivots, len(A))
     looks = _at_looks(links)
     Y = C.take(looks) @ X
     if D.take(looks).greatest():
@@ -178,7 +178,7 @@ def open_parts(loop: CutLoop, pivots: Sequence[int]) -> OpenParts:
     Raises ValueError for a loop that has others, as robots that agree on any place.
     """
     X = loop.neutral
-    _check_pivots(X, pivots)
+    _check_pivots(X, pivots, len(loop.A))
     A, first = _with(loop.A, X, X, pivots)
     C, second = _with(loop.C, X, Exact.zeros(len(loop.C), X.width), pivots)
     full = quotient(beside(A, loop.B), X, pivots, loop.B.width, following=True)
@@ -192,7 +192,9 @@ def open_parts(loop: CutLoop, pivots: Sequence[int]) -> OpenParts:
     )  # fmt: skip
 
 
-def _check_pivots(X: Exact, pivots: Sequence[int]) -> None:
+def _check_pivots(X: Exact, pivots: Sequence[int], n: int) -> None:
+    if len(X) != n or max(pivots, default=0) >= max(n, 1):
+        raise ValueError(f"the neutral directions are not of {n} states")
     if X.width != len(pivots) or (X.take(pivots) - Exact.eye(X.width)).greatest():
         raise ValueError("the neutral directions are not the identity at their pivots")
 

@@ -12,6 +12,7 @@ from cosim.certify.region import Region, State, region
 from cosim.certify.scenario import cut_loop
 from cosim.links.table import DrawnTable
 from cosim.loading.files import load
+from cosim.record.folder import held_folder
 from cosim.reporting.html import Badge, PageData, write_page
 from cosim.scenario.assemble import assemble
 from cosim.scenario.spec import Scenario
@@ -23,7 +24,12 @@ _MEANINGS: dict[State, str] = {
     "unknown": "neither proven nor broken",
     "broken": "a witness: a constant delay, or one that an adversary chose, with which it grows",
 }
-_SIDE, _LEFT, _BELOW = 420, 70, 60
+_SIDE, _LEFT, _BELOW = 420, 78, 56
+#: A sign that can be seen on all colours, in the light and in the dark.
+_SIGN = (
+    "font-size: 26px; dominant-baseline: central; fill: black; stroke: white; stroke-width: 3px; "
+    "paint-order: stroke"
+)
 #: Delays on a side of a map.
 _STEPS = 16
 
@@ -52,18 +58,18 @@ def drawing(region: Region, marks: Sequence[Mark] = ()) -> str:
                 f'width="{size:.1f}" height="{size:.1f}" fill="{_COLOURS[state]}" '
                 f'stroke="white" stroke-width="0.5"><title>{text}</title></rect>'
             )
-    every = -(-n // 8)
+    every = -(-n // 6)
     ticks = []
     for k in range(0, n, every):
         at, label = (k + 0.5) * size, f"{times[k]:.3g}"
         ticks.append(
-            f'<text x="{_LEFT + at:.1f}" y="{_SIDE + 16}" text-anchor="middle">{label}</text>'
+            f'<text x="{_LEFT + at:.1f}" y="{_SIDE + 18}" text-anchor="middle">{label}</text>'
         )
         ticks.append(
-            f'<text x="{_LEFT - 6}" y="{_SIDE - at + 4:.1f}" text-anchor="end">{label}</text>'
+            f'<text x="{_LEFT - 6}" y="{_SIDE - at + 5:.1f}" text-anchor="end">{label}</text>'
         )
     names = (
-        f'<text x="{_LEFT + _SIDE / 2}" y="{_SIDE + 36}" text-anchor="middle">least delay, s</text>'
+        f'<text x="{_LEFT + _SIDE / 2}" y="{_SIDE + 42}" text-anchor="middle">least delay, s</text>'
         f'<text transform="translate(18 {_SIDE / 2}) rotate(-90)" text-anchor="middle">'
         "greatest delay, s</text>"
     )
@@ -74,12 +80,12 @@ def drawing(region: Region, marks: Sequence[Mark] = ()) -> str:
         if x <= _SIDE and y <= _SIDE:
             signs.append(
                 f'<text x="{_LEFT + x:.1f}" y="{_SIDE - y:.1f}" text-anchor="middle" '
-                f'fill="black" style="font-size: 20px; dominant-baseline: central">{mark.sign}'
+                f'style="{_SIGN}">{mark.sign}'
                 f"<title>{escape(mark.meaning)}</title></text>"
             )
     return (
         f'<svg viewBox="0 0 {_LEFT + _SIDE + 10} {_SIDE + _BELOW}" role="img" '
-        f'aria-label="Certified region" style="max-width: 560px; font-size: 12px" '
+        f'aria-label="Certified region" style="max-width: 560px; font-size: 14px" '
         f'fill="currentColor">{"".join(cells)}{"".join(signs)}{"".join(ticks)}{names}</svg>'
     )
 
@@ -94,8 +100,9 @@ def write(region: Region, title: str, marks: Sequence[Mark], folder: Path) -> Pa
         f"<li>{m.sign} {escape(m.meaning)}: {m.least:g} to {m.greatest:g} s</li>" for m in marks
     )
     note = (
-        "<p>Each link has the same bounds. The map is of the linear loop at the end of the run; "
-        "large motions may need shorter delays. Proofs of the map are checked and not kept.</p>"
+        "<p>All links have the same bounds. The map is of the linear loop, of small motions about "
+        "the end of the run: even where it is certified, a single delay can break a large motion, "
+        "for which <code>cosim falsify</code> searches. Proofs are checked and not kept.</p>"
     )
     return write_page(
         folder / "region.html", title, "certified region", Badge("finished", said(region)),
@@ -144,8 +151,8 @@ def mapped(
         low = min(x.least / x.sends for x in known)
         top = max(x.most / x.sends for x in known)
         marks.append(Mark("○", "the delays of the links", low * loop.period, top * loop.period))
-    folder.mkdir(parents=True, exist_ok=True)
-    path = write(found, scenario.title, marks, folder)
+    with held_folder(folder):
+        path = write(found, scenario.title, marks, folder)
     return [f"{'region':<12} {said(found)}", f"{'map':<12} {path}"]
 
 

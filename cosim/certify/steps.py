@@ -18,6 +18,7 @@ from cosim.certify.search import certify
 from cosim.certify.theorem import theorem
 from cosim.certify.witness import adversary
 from cosim.linear.opened import OpenLoop
+from cosim.record.folder import held_folder
 from cosim.scenario.spec import Scenario
 
 #: The file of a certificate in its folder.
@@ -50,8 +51,8 @@ def certified(scenario: Scenario, delays: str, folder: Path) -> tuple[bool, list
     if proof is None:
         return False, [*_unproven(loop, scenario), *_moves(opened)]
     changed = verify(proof, loop)
-    folder.mkdir(parents=True, exist_ok=True)
-    write_file(folder / FILE, proof.text())
+    with held_folder(folder):
+        write_file(folder / FILE, proof.text())
     return True, [*_claim(proof, changed, loop), *_moves(opened), f"{'proof':<12} {folder / FILE}"]
 
 

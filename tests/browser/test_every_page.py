@@ -22,6 +22,9 @@ from bridge.ping.page import PingNotes, write_ping_page
 from bridge.records.records import Lagged
 from bridge.results.outcome import reopen
 from bridge.results.page import describe
+from cosim.certify.page import Mark
+from cosim.certify.page import write as write_region
+from cosim.certify.region import Region
 from tests.bridge.campaign.test_page import judged, record
 from tests.bridge.ping.test_watch import FakePath, evaluate
 from tests.browser.devtools import Browser
@@ -32,7 +35,7 @@ pytestmark = [pytest.mark.slow, pytest.mark.browser]
 
 KINDS = (
     "run", "rehearsal", "late-rehearsal", "comparison", "diff", "sweep", "campaign", "soak", "ping",
-    "reproduction",
+    "reproduction", "region",
 )  # fmt: skip
 GRID = """values = [1, 5, 10, 50, 100, 205]
 [vary.start]
@@ -132,6 +135,7 @@ def pages(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     notes = PingNotes({"there": {"trace": 'delay = { law = "constant" }'}}, "cosim ping udp host")
     write_ping_page(folder / "ping" / "report.html", evaluate(path.record), notes)
     found = {kind: folder / kind / "report.html" for kind in KINDS}
+    found["region"] = certified(folder / "region")
     found["diff"] = folder / "diff.html"
     found["late-rehearsal"] = late(folder / "rehearsal", folder / "late-rehearsal")
     patch.undo()
@@ -149,6 +153,18 @@ def called(patch: pytest.MonkeyPatch, *words: str | Path) -> int:
     except SystemExit as end:
         return int(end.code or 0)
     return 0
+
+
+def certified(folder: Path) -> Path:
+    """The map of what is certified, broken by a constant delay or an adversary, and unknown."""
+    n = 16
+    highest = tuple(6 if i < 3 else 8 if i < 9 else -1 for i in range(n))
+    grown = frozenset({(0, 9), (4, 11)})
+    region = Region(tuple(range(n)), 0.1, highest, tuple(i > 12 for i in range(n)), grown)
+    marks = [Mark("×", "the failure of cosim falsify, of a large motion", 0.1, 0.5),
+             Mark("○", "the delays of the links", 0.3, 1.2)]  # fmt: skip
+    folder.mkdir()
+    return write_region(region, "Bilateral teleoperation with time-varying delay", marks, folder)
 
 
 def late(rehearsal: Path, to: Path) -> Path:

@@ -148,6 +148,13 @@ def test_the_solver_is_needed_to_certify_only(
     ("--certify", "--delays", "1"),
     ("--certify", "--delays", "2,1"),
     ("--certify", "--delays", "0,inf"),
+    ("--certify", "--delays", "a,b"),
+    ("--certify", "--delays", "-1,1"),
+    ("--certify", "--set", "links.none.delay=3"),
+    ("--certify", "--out", CONFIG),
+    ("--verify", CONFIG),
+    ("--verify", CONFIG.parent),
+    ("--verify", "x.json", "--map", "1"),
     ("--verify", "none.json"),
 ])  # fmt: skip
 def test_options_that_do_not_fit_are_refused(cosim: Command, words: tuple[str, ...]) -> None:

@@ -6,6 +6,7 @@ import json
 from collections.abc import Iterator
 from dataclasses import replace
 from fractions import Fraction
+from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
@@ -227,9 +228,54 @@ def test_a_certificate_covers_its_model_and_bounds_only(
 
 
 def test_other_files_are_no_certificates(tmp_path: Path) -> None:
-    for text in ("", "[]", "{}", '{"format": 3}', '{"format": "cosim certificate 1"}'):
-        (tmp_path / "c.json").write_text(text)
+    for text in ("", "[]", "{}", '{"format": 3}', '{"format": "cosim certificate 1"}', "\xff"):
+        (tmp_path / "c.json").write_bytes(text.encode("latin-1"))
         with pytest.raises(ScenarioError, match="not a certificate"):
             read(tmp_path / "c.json")
     with pytest.raises(ScenarioError, match="cannot be read"):
         read(tmp_path / "none.json")
+
+
+#: A part of a certificate, another value of it, and words of the reason.
+WRONG: list[tuple[tuple[Any, ...], Any, str]] = [
+    (("model",), None, "expected a text"),
+    (("links", 0, "name"), {"a": 1}, "expected a text"),
+    (("links", 0, "greatest"), -1, "integer of 0 or more"),
+    (("links", 0, "least"), 99, "ages of 99 to 20 samples"),
+    (("links", 0, "colour"), "red", "of another kind"),
+    (("method",), "magic", "'magic', expected one of"),
+    (("P", "over"), 0, "over a positive integer"),
+    (("P", "rows", 0, 0), "1", "a matrix is not one"),
+    (("P", "rows", 0), [1], "differ in length"),
+    (("X",), 3, "of another kind"),
+    (("centres", 0), {"samples": 1}, "no key 'sections'"),
+    (("period",), "fast", "convert"),
+]
+
+
+@pytest.mark.parametrize("place, value, words", WRONG)
+def test_a_forged_part_is_named_in_a_sentence(
+    proofs: list[tuple[CutLoop, Certificate]],
+    place: tuple[Any, ...], value: Any, words: str, tmp_path: Path,
+) -> None:  # fmt: skip
+    document = json.loads(proofs[1][1].text())
+    at = document
+    for key in place[:-1]:
+        at = at[key]
+    at[place[-1]] = value
+    given = {k: v for k, v in document.items() if k != "seal"}
+    document["seal"] = sha256(json.dumps(given, sort_keys=True).encode()).hexdigest()
+    (tmp_path / "c.json").write_text(json.dumps(document))
+    with pytest.raises(ScenarioError, match=words) as refused:
+        read(tmp_path / "c.json")
+    assert "not a certificate" in str(refused.value) and "\n" not in str(refused.value)
+
+
+def test_matrices_of_other_sizes_are_refused(proofs: list[tuple[CutLoop, Certificate]]) -> None:
+    loop, gain = proofs[1]
+    for changes in ({"pivots": (99,)}, {"neutral": gain.neutral.take([0])}):
+        with pytest.raises(ScenarioError, match="neutral directions are not of 4 states"):
+            verify(forged(gain, **changes), loop)
+    of = replace(gain.proof, P=exact([[1.0]]))  # type: ignore[type-var]
+    with pytest.raises(ScenarioError, match="does not hold"):
+        verify(forged(gain, proof=of), loop)

@@ -21,7 +21,9 @@ import sys
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from contextlib import suppress
 from functools import partial
+from itertools import islice
 from pathlib import Path
 from time import process_time
 from typing import Any
@@ -32,7 +34,7 @@ sys.path.append(str(Path(__file__).resolve().parents[1]))  # an installed cosim 
 
 from benchmarks import tables
 from benchmarks.falsify_cases import Document, settling, stiff, waves
-from cosim.falsify.evaluation import run_candidates
+from cosim.falsify.evaluation import Problem, run_candidates
 from cosim.falsify.families import Space
 from cosim.falsify.judge import CandidateOutcome
 from cosim.falsify.optimizer import optimizer
@@ -82,30 +84,46 @@ MEASURED = {
 METHODS = {name: (name,) for name in MEASURED} | {"all": tuple(FAMILIES)}
 
 
-def first_failure(steps: Outcomes, evaluate: Evaluation) -> int | None:
-    """The number of the first run that fails, 0: the nominal one; None: there is none."""
-    done, some = -1, next(steps)
-    while True:
-        outcomes = evaluate(some)
-        for i, outcome in enumerate(outcomes):
-            if outcome.fails():
-                return done + 1 + i
-        done += len(some)
-        try:
-            some = steps.send(outcomes)
-        except StopIteration:
-            return None
+def first_failures(searches: Sequence[Outcomes], evaluate: Evaluation) -> list[int | None]:
+    """The number of the first run of each search that fails, 0: the nominal one; None: there is
+    none.
+
+    All searches advance together, so that `evaluate` gets many candidates.
+    """
+    found: list[int | None] = [None] * len(searches)
+    done = [-1] * len(searches)
+    waiting = {i: next(search) for i, search in enumerate(searches)}
+    while waiting:
+        results = iter(evaluate([c for some in waiting.values() for c in some]))
+        for i, some in list(waiting.items()):
+            outcomes = list(islice(results, len(some)))
+            failing = [k for k, outcome in enumerate(outcomes) if outcome.fails()]
+            del waiting[i]
+            if failing:
+                found[i] = done[i] + 1 + failing[0]
+                continue
+            done[i] += len(some)
+            with suppress(StopIteration):
+                waiting[i] = searches[i].send(outcomes)
+    return found
 
 
-def failure_within(
-    space: Space, evaluate: Evaluation, families: Sequence[str], runs: int
-) -> int | None:
-    """The first run that fails among the first `runs`, None: there is none."""
-    account = Account()
-    over = lambda: account.total > runs  # noqa: E731
-    budget = Budget(runs, len(families) == 1, tuple(families), over, space.seed)
-    found = first_failure(search(space, budget, account, MEASURED), evaluate)
-    return found if found is None or found <= runs else None
+def failures_within(
+    problem: Problem, seeds: int, evaluate: Evaluation, families: Sequence[str], runs: int
+) -> list[int | None]:
+    """The first run that fails among the first `runs` with each seed, None: there is none."""
+    searches = []
+    for seed in range(seeds):
+        account = Account()
+        over = partial(_used, account, runs)
+        budget = Budget(runs, len(families) == 1, tuple(families), over, seed)
+        searches.append(search(Space(problem, seed), budget, account, MEASURED))
+    found = first_failures(searches, evaluate)
+    return [x if x is None or x <= runs else None for x in found]
+
+
+def _used(account: Account, runs: int) -> bool:
+    return account.total > runs
 
 
 def measured(case: str, method: str, seeds: int, runs: int) -> dict[str, Any]:
@@ -116,10 +134,7 @@ def measured(case: str, method: str, seeds: int, runs: int) -> dict[str, Any]:
         path.write_text(text(CASES[case]()), encoding="utf-8")
         problem, _ = problem_of(path)
         evaluate = partial(run_candidates, problem)
-        found = [
-            failure_within(Space(problem, seed), evaluate, METHODS[method], runs)
-            for seed in range(seeds)
-        ]
+        found = failures_within(problem, seeds, evaluate, METHODS[method], runs)
     return {"case": case, "method": method, "first": found, "seconds": process_time() - before}
 
 

@@ -29,15 +29,14 @@ from typing import Any
 import numpy as np
 
 from benchmarks import tables
-from benchmarks.falsify_families import failure_within
+from benchmarks.falsify_families import failures_within
 from benchmarks.transmission import STEP, simulate
 from cosim.falsify.bounds import MovingChannel
 from cosim.falsify.evaluation import Problem
-from cosim.falsify.families import Space
 from cosim.falsify.judge import CandidateOutcome, margin
 from cosim.falsify.paths import Candidate
 from cosim.links.laws import FloatArray
-from cosim.measure.requirements import requirements
+from cosim.measure.requirements import Requirement, requirements
 from cosim.record import Column
 from cosim.scenario.spec import build
 from cosim.study.memory import Memory
@@ -100,20 +99,25 @@ class Transmission:
             self.formula, (), (),
         )  # fmt: skip
 
-    def evaluate(self, candidates: Sequence[Candidate]) -> list[CandidateOutcome]:
-        """Run candidates together, and judge them by the formula."""
+    @property
+    def requirement(self) -> Requirement:
+        """The formula, ready to be evaluated."""
         problem = self.problem
-        at = np.arange(problem.ticks)
-        paths = [problem.kept(candidate) for candidate in candidates]
-        throttle, brake = (np.array([p[i].at(at) for p in paths]).T for i in (0, 1))
-        found = np.stack(simulate(throttle, brake))
         document = {
             "run": {"step": STEP, "stop": problem.ticks * STEP},
             "components": {},
             "require": {self.formula: {"formula": FORMULAS[self.formula][0]}},
         }
         scenario = build(document, problem.path)
-        [requirement] = requirements(scenario, {c.name: c.unit for c in COLUMNS})
+        return requirements(scenario, {c.name: c.unit for c in COLUMNS})[0]
+
+    def evaluate(self, candidates: Sequence[Candidate]) -> list[CandidateOutcome]:
+        """Run candidates together, and judge them by the formula."""
+        problem, requirement = self.problem, self.requirement
+        at = np.arange(problem.ticks)
+        paths = [problem.kept(candidate) for candidate in candidates]
+        throttle, brake = (np.array([p[i].at(at) for p in paths]).T for i in (0, 1))
+        found = np.stack(simulate(throttle, brake))
         t: FloatArray = np.array(STEP * np.arange(problem.ticks + 1), np.float64)
         return [
             CandidateOutcome(
@@ -126,10 +130,7 @@ class Transmission:
 def measured(formula: str, search: str, seeds: int, runs: int) -> dict[str, Any]:
     """The first failures of all seeds, and the processor time, s."""
     before, plant = process_time(), Transmission(formula)
-    first = [
-        failure_within(Space(plant.problem, seed), plant.evaluate, SEARCHES[search], runs)
-        for seed in range(seeds)
-    ]
+    first = failures_within(plant.problem, seeds, plant.evaluate, SEARCHES[search], runs)
     seconds = process_time() - before
     return {"formula": formula, "search": search, "first": first, "seconds": seconds}
 

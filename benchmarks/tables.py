@@ -18,7 +18,7 @@ Facts = Mapping[str, Any]
 
 PACKAGES = (
     "numpy", "pyarrow", "matplotlib", "msgspec", "typer", "rich", "fmpy", "libcosimpy", "ecospy",
-    "fmu-manipulation-toolbox", "mosaik", "helics",
+    "fmu-manipulation-toolbox", "mosaik", "helics", "cma",
 )  # fmt: skip
 
 

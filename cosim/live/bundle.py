@@ -6,6 +6,7 @@ import base64
 import zlib
 from collections import defaultdict
 from collections.abc import Sequence
+from copy import deepcopy
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -14,14 +15,18 @@ import numpy as np
 
 from cosim.base.errors import CosimError
 from cosim.base.parts import part
+from cosim.base.toml import change
 from cosim.engine.initialization import exits
 from cosim.live.image import LiveError
+from cosim.live.keys import Movable, movable
 from cosim.live.layout import layout
 from cosim.live.plan_image import PlanImage, fmu_of, plan_image
+from cosim.loading import one_fmu
+from cosim.loading.files import read_document
 from cosim.native import structs
 from cosim.native.enums import LOG_LINES, LOG_WIDTH
 from cosim.scenario.assemble import assemble
-from cosim.scenario.spec import Scenario
+from cosim.scenario.spec import Scenario, as_data, build
 from cosim.schedule.parts import Step
 
 #: Of bundles: a page and its data belong together.
@@ -37,13 +42,20 @@ def script() -> str:
     return (Path(__file__).parent / "assets" / "engine.js").read_text(encoding="utf-8")
 
 
-def bundle(scenario: Scenario) -> dict[str, Any]:
+def bundle(scenario: Scenario, settings: Sequence[str] = ()) -> dict[str, Any]:
     """The bundle of a scenario, to be written as JSON.
 
-    Raises LiveError with a sentence for one that a page cannot compute.
+    `settings`: ``path=value``, with which it was read from its file. Raises LiveError with a
+    sentence for one that a page cannot compute.
     """
-    plan = assemble(scenario)
-    made = plan_image(plan, scenario.run.record.signals)
+    recorded = scenario.run.record.signals
+    document = _document(scenario, settings)
+    if document is None:
+        found = Movable(plan_image(assemble(scenario), recorded))
+    else:
+        found = movable(document, scenario.path, recorded)
+    made = found.image
+    plan = made.plan
     return {
         "format": FORMAT,
         "title": scenario.title,
@@ -51,9 +63,7 @@ def bundle(scenario: Scenario) -> dict[str, Any]:
         "start": plan.start,
         "ticks": plan.ticks,
         "every": scenario.run.record.every,
-        "keys": [],
-        "fixed": [],
-        "ordered": [],
+        **found.facts(),
         **_recorded(made),
         **_memory(made),
         **_tables(made),
@@ -70,6 +80,21 @@ def bundle(scenario: Scenario) -> dict[str, Any]:
         "log": {"size": layout(structs.LogStruct).size, "lines": LOG_LINES, "width": LOG_WIDTH,
                 "line": layout(structs.LogStruct).fields["line"].offset},
     }  # fmt: skip
+
+
+def _document(scenario: Scenario, settings: Sequence[str]) -> dict[str, Any] | None:
+    """The file of a scenario with these settings; None if that is not the scenario (any more)."""
+    try:
+        if scenario.path.suffix == ".fmu":
+            document = one_fmu.document(scenario.path, settings)
+        else:
+            document = read_document(scenario.path)
+            for setting in settings:
+                change(document, setting)
+        read = build(deepcopy(document), scenario.path)
+    except CosimError:
+        return None
+    return document if as_data(read) == as_data(scenario) else None
 
 
 def packed(data: bytes) -> str:

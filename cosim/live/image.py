@@ -81,8 +81,8 @@ class Image:
     _copied: dict[tuple[int, int], int] = field(default_factory=dict)
 
     def content(self) -> bytes:
-        """All blocks."""
-        return bytes(self._content)
+        """All blocks, in whole words of 8 bytes."""
+        return bytes(self._content) + bytes(-len(self._content) % 8)
 
     def place(self, data: bytes | NDArray[Any], align: int = 8) -> int:
         """Add a block; where it begins."""

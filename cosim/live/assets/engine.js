@@ -229,12 +229,20 @@ const Live = (() => {
       return {...record.result(), ended, failure};
     }
 
+    /** The values of all keys. Throws RangeError for what a page cannot compute. */
     checked(values) {
       const all = {};
-      for (const key of this.keys) all[key.key] = values[key.key] ?? key.value;
+      for (const {key, value, low, high, choices} of this.keys) {
+        let x = values[key] ?? value;
+        if (choices.length) x = choices.find((choice) => Math.abs(choice - x) <= 1e-9 * choice) ?? NaN;
+        if (!(x >= low && x <= high)) {
+          const expected = choices.length ? `one of ${choices.join(", ")}` : `${low} to ${high}`;
+          throw new RangeError(`${key} = ${values[key]}; expected ${expected}`);
+        }
+        all[key] = x;
+      }
       for (const key of Object.keys(values)) {
-        if (!(key in all)) throw new RangeError(`${key} is not movable in this page`);
-        if (!Number.isFinite(all[key])) throw new RangeError(`${key} = ${all[key]}; expected a number`);
+        if (!(key in all)) throw new RangeError(`${key} cannot be moved in this page`);
       }
       for (const {low, high} of this.bundle.ordered) {
         if (all[low] > all[high]) {
@@ -260,10 +268,7 @@ const Live = (() => {
         for (const at of places) put(at, index);
       }
       for (const [at, i] of bundle.logs) put(at, this.logs[i]);
-      for (const key of this.keys) {
-        if (values[key.key] === key.value) continue;
-        for (const write of key.writes) this.write(write, values);
-      }
+      for (const write of bundle.writes) this.write(write, values);
       this.instantiate();
       for (const [at, i] of bundle.instances) machine.view.setUint32(base + at, this.handles[i], true);
       for (const [at, i] of bundle.values) {
@@ -273,12 +278,16 @@ const Live = (() => {
       }
     }
 
-    write(write, values) {
-      const {view} = this.machine, at = this.base + write.at;
-      if (write.rule === "value") view.setFloat64(at, values[write.of[0]], true);
-      else if (write.rule === "difference") {
-        view.setFloat64(at, values[write.of[0]] - values[write.of[1]], true);
-      } else throw new Error(`unknown rule ${write.rule}`);
+    /** The numbers that follow from keys: see cosim.live.keys. */
+    write({rule, of, at, choices}, values) {
+      const {view} = this.machine, [x, y] = of.map((key) => typeof key === "number" ? key : values[key]);
+      if (rule === "ratio") {
+        const [, draws, samples] = choices.find(([choice]) => choice === x);
+        [draws, samples, samples].forEach((whole, i) => (
+          view.setBigInt64(this.base + at[i], BigInt(whole), true)));
+        return;
+      }
+      for (const place of at) view.setFloat64(this.base + place, rule === "value" ? x : x - y, true);
     }
 
     free() {

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from cosim.base.errors import RunError
 from cosim.engine.simulate import simulate
 from cosim.live import bundle, digest
 from cosim.loading.files import load
@@ -37,3 +39,41 @@ def test_a_page_has_the_digest_of_the_command_line(name, settings, tmp_path):
 def test_a_second_run_in_a_page_has_the_same_bits(tmp_path):
     first, second = computed(bundle(load(CONFIGS / "teleoperation.toml", ["run.stop=1"])), [{}, {}])
     assert first["digest"] == second["digest"]
+
+
+def drawn(bundle, rng):
+    """Values of all keys, somewhere on their sliders; the bounds of a law in their order."""
+    values = {}
+    for key in bundle["keys"]:
+        low, high = key["low"], key["high"]
+        some = [c for c in key["choices"] if low <= c <= high]
+        values[key["key"]] = float(rng.choice(some) if some else rng.uniform(low, high))
+    for pair in bundle["ordered"]:
+        both = sorted(values[pair[x]] for x in ("low", "high"))
+        values[pair["low"]], values[pair["high"]] = both
+    return {key: x for key, x in values.items() if rng.uniform() < 0.7}
+
+
+def ordered(bundle, values):
+    """False where one bound was moved beyond the other one."""
+    all_ = {key["key"]: key["value"] for key in bundle["keys"]} | values
+    return all(all_[pair["low"]] <= all_[pair["high"]] for pair in bundle["ordered"])
+
+
+@pytest.mark.parametrize(
+    ("name", "settings", "seed"),
+    [("teleoperation", ["run.stop=2"], 1), ("teaching", ["run.stop=0.5"], 2)],
+)
+def test_moved_keys_give_the_digests_of_settings(name, settings, seed, tmp_path):
+    path, rng = CONFIGS / f"{name}.toml", np.random.default_rng(seed)
+    made = bundle(load(path, settings), settings)
+    some = [v for v in (drawn(made, rng) for _ in range(12)) if ordered(made, v)][:6]
+    assert made["keys"] and len(some) == 6
+    for n, (values, found) in enumerate(zip(some, computed(made, some), strict=True)):
+        moved = [f"{key}={x!r}" for key, x in values.items()]
+        try:
+            expected = native(path, tmp_path / f"{n}", *settings, *moved)
+        except RunError as error:
+            assert found["failure"]["text"] == str(error)
+            expected = digest(Run.open(tmp_path / f"{n}"))
+        assert found["digest"] == expected, moved

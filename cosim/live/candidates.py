@@ -32,7 +32,7 @@ _DELAYS = {
 
 
 @dataclass(frozen=True)
-class Candidate:
+class Slider:
     """A key of a scenario, as ``--set`` has it, with its `value` in `unit`.
 
     `lows`, `highs`: ends of its slider, the widest first. `choices`: the only values that it can
@@ -64,12 +64,12 @@ class Fixed:
     reason: str
 
 
-def candidates(document: Mapping[str, Any], plan: Plan) -> tuple[list[Candidate], list[Fixed]]:
+def candidates(document: Mapping[str, Any], plan: Plan) -> tuple[list[Slider], list[Fixed]]:
     """The keys of a scenario that may be movable, and those that are not.
 
     `document`: the scenario as a file has it; `plan`: made from it.
     """
-    found: list[Candidate] = []
+    found: list[Slider] = []
     fixed: list[Fixed] = []
     for one in (*_of_components(document, plan), *_of_links(document, plan)):
         if isinstance(one, Fixed):
@@ -84,7 +84,7 @@ def slider_step(low: float, high: float) -> float:
     return _round_down((high - low) / STEPS)
 
 
-def _of_components(document: Mapping[str, Any], plan: Plan) -> Iterator[Candidate | Fixed]:
+def _of_components(document: Mapping[str, Any], plan: Plan) -> Iterator[Slider | Fixed]:
     steps = {step.name: step for step in plan.components}
     for name, table in document.get("components", {}).items():
         for part in ("parameters", "start"):
@@ -100,7 +100,7 @@ def _of_components(document: Mapping[str, Any], plan: Plan) -> Iterator[Candidat
 
 def _leaves(
     component: Any, key: str, variable: str, value: Any, *, start: bool
-) -> Iterator[Candidate | Fixed]:
+) -> Iterator[Slider | Fixed]:
     """The numbers of a value: itself, or the entries of a list."""
     if isinstance(value, list):
         for i, entry in enumerate(value):
@@ -121,7 +121,7 @@ def _leaves(
     least, most, _ = limits(group)
     lows, highs = _range(number_, port.unit, signed=start)
     indices = "".join(f"[{i}]" for i in key.split(f".{variable}", 1)[1].split(".")[1:])
-    yield Candidate(
+    yield Slider(
         key, variable + indices, port.description, port.unit, key.split(".")[1], number_,
         tuple(max(x, least) for x in lows), tuple(min(x, most) for x in highs),
     )  # fmt: skip
@@ -137,7 +137,7 @@ def _range(value: float, unit: str, *, signed: bool) -> tuple[tuple[float, ...],
     return (low, min(0.5 * value, 2 * value), value), (high, max(0.5 * value, 2 * value), value)
 
 
-def _of_links(document: Mapping[str, Any], plan: Plan) -> Iterator[Candidate | Fixed]:
+def _of_links(document: Mapping[str, Any], plan: Plan) -> Iterator[Slider | Fixed]:
     for i, link in enumerate(document.get("links", ())):
         delay = link.get("delay") or {}
         name = link.get("name") or f"{link.get('from')} → {link.get('to')}"
@@ -153,10 +153,10 @@ def _of_links(document: Mapping[str, Any], plan: Plan) -> Iterator[Candidate | F
             most = min(0.9, _round_up(max(4 * p, 0.1)))
             label, about = "packets lost", "The share of packets that are lost."
             place = f"links.{i}.loss.p"
-            yield Candidate(place, label, about, "1", name, p, (0.0, 0.01, p), (most, p))
+            yield Slider(place, label, about, "1", name, p, (0.0, 0.01, p), (most, p))
 
 
-def _delay(place: str, key: str, delay: Mapping[str, Any], name: str, plan: Plan) -> Candidate:
+def _delay(place: str, key: str, delay: Mapping[str, Any], name: str, plan: Plan) -> Slider:
     seconds = {k: number(v, "s", k) for k, v in delay.items() if k in _DELAYS}
     value, (label, about) = seconds[key], _DELAYS[key]
     if key == "hold":
@@ -164,12 +164,12 @@ def _delay(place: str, key: str, delay: Mapping[str, Any], name: str, plan: Plan
         n = min(CHOICES, max(4, ceil(2 * value / period)))
         choices = {float(repr(round(k * period, 12))) for k in range(1, n + 1)} | {value}
         found = tuple(sorted(choices))
-        return Candidate(place, label, about, "s", name, value, found[:1], found[-1:], found)
+        return Slider(place, label, about, "s", name, value, found[:1], found[-1:], found)
     most = max(v for k, v in seconds.items() if k != "hold")
     most = _round_up(2 * most) if most else 10 * _period(name, plan)
     lows = (0.0, _period(name, plan), 0.5 * value, value)
     pair = f"{place.rpartition('.')[0]}" if key in ("low", "high") else ""
-    return Candidate(
+    return Slider(
         place, label, about, "s", name, value, lows, (most, 1.25 * value, value), (), pair
     )
 

@@ -23,7 +23,7 @@ from cosim.base.toml import as_toml, change
 from cosim.engine.initialization import exits
 from cosim.links.laws import draws_per_sample
 from cosim.links.table import DrawnTable
-from cosim.live.candidates import Candidate, Fixed, candidates, slider_step
+from cosim.live.candidates import Fixed, Slider, candidates, slider_step
 from cosim.live.layout import layout
 from cosim.live.plan_image import PlanImage, plan_image
 from cosim.native import structs
@@ -62,7 +62,7 @@ class Movable:
     """
 
     image: PlanImage
-    keys: list[Candidate] = field(default_factory=list)
+    keys: list[Slider] = field(default_factory=list)
     ends: dict[str, tuple[float, float]] = field(default_factory=dict)
     writes: list[Write] = field(default_factory=list)
     fixed: list[Fixed] = field(default_factory=list)
@@ -82,7 +82,7 @@ class Movable:
             ],
         }
 
-    def _key(self, c: Candidate) -> dict[str, Any]:
+    def _key(self, c: Slider) -> dict[str, Any]:
         low, high = self.ends[c.key]
         step = c.choices[0] if c.choices else slider_step(low, high)
         return {
@@ -154,7 +154,7 @@ class _Search:
 
     # ---- ends --------------------------------------------------------------------------------
 
-    def _ends(self, keys: Sequence[Candidate], ends: Sequence[Sequence[float]]) -> dict[str, float]:
+    def _ends(self, keys: Sequence[Slider], ends: Sequence[Sequence[float]]) -> dict[str, float]:
         """The widest ends, one way, at which the plan is that of the scenario but for numbers."""
         at = dict.fromkeys((c.key for c in keys), 0)
         of = {c.key: [*some, c.value] for c, some in zip(keys, ends, strict=True)}
@@ -203,7 +203,7 @@ class _Search:
 
     # ---- what keys write ---------------------------------------------------------------------
 
-    def _inside(self, keys: Sequence[Candidate]) -> dict[str, float]:
+    def _inside(self, keys: Sequence[Slider]) -> dict[str, float]:
         """Values near those of the scenario, each another one; bounds of a law move apart."""
         found = {}
         for i, c in enumerate(keys):
@@ -217,7 +217,7 @@ class _Search:
             found[c.key] = c.value + part * ((high if up else low) - c.value)
         return found
 
-    def _writes(self, keys: Sequence[Candidate]) -> list[Write]:
+    def _writes(self, keys: Sequence[Slider]) -> list[Write]:
         """The numbers that are written for values of these keys."""
         values = self._inside(keys)
         plain = {c.key: values[c.key] for c in keys if not c.choices}
@@ -227,7 +227,7 @@ class _Search:
                 writes += self._ratios(c, values[c.key])
         return writes
 
-    def _of_numbers(self, values: Values, keys: Sequence[Candidate]) -> list[Write]:
+    def _of_numbers(self, values: Values, keys: Sequence[Slider]) -> list[Write]:
         try:
             changed = self._changed(self._made(values))
         except CosimError:
@@ -244,7 +244,7 @@ class _Search:
                 at.setdefault(rules[word], []).append(place)
         return [Write(rule, of, tuple(places)) for (rule, of), places in at.items()]
 
-    def _bounds(self, keys: Sequence[Candidate]) -> Iterable[tuple[Any, Any]]:
+    def _bounds(self, keys: Sequence[Slider]) -> Iterable[tuple[Any, Any]]:
         """The bounds of each law, as keys, or numbers where they are fixed."""
         for pair in {c.pair for c in keys if c.pair}:
             mine = {c.last: c.key for c in keys if c.pair == pair}
@@ -259,7 +259,7 @@ class _Search:
             node = node[int(part)] if isinstance(node, list | tuple) else node[part]
         return number(node[which], "s", pair)
 
-    def _ratios(self, c: Candidate, value: float) -> list[Write]:
+    def _ratios(self, c: Slider, value: float) -> list[Write]:
         """The tables whose draws a time between draws sets."""
         try:
             made = self._made({c.key: value})

@@ -11,7 +11,7 @@ const Live = (() => {
   const START_DONE = 0, START_OTHER = 1, START_REFUSED = 2, START_CHANGED = 4;
   const STAGE_ENTER = 0, STAGE_LEAVE = 2;
   const STATUS = ["ok", "warning", "discard", "error", "fatal", "pending"];
-  const CHUNK_TICKS = 8192, CHUNK_VALUES = 1 << 18;
+  const CHUNK_TICKS = 8192, CHUNK_VALUES = 1 << 15;
 
   /* ---- bytes ---------------------------------------------------------------------------------- */
 
@@ -197,6 +197,7 @@ const Live = (() => {
       it.drawn = bundle.drawn.map((drawn) => (
         {...drawn, at: it.machine.reserve(4 * drawn.rows), count: drawn.rows}));
       it.handles = [];
+      it.callbacks = [];
       return it;
     }
 
@@ -310,11 +311,11 @@ const Live = (() => {
         core.engine_log_open(this.names[i], log);
         let handle;
         if (fmi === 2) {
-          component.callbacks ??= machine.reserve(20);
+          const callbacks = (this.callbacks[i] ??= machine.reserve(20));
           const calls2 = [core.engine_log2, core.calloc, core.free].map((f) => machine.index(f));
           [...calls2, 0, log].forEach((value, n) => (
-            machine.view.setUint32(component.callbacks + 4 * n, value, true)));
-          handle = calls.fmi2Instantiate(this.names[i], 1, text, none, component.callbacks, 0, 0);
+            machine.view.setUint32(callbacks + 4 * n, value, true)));
+          handle = calls.fmi2Instantiate(this.names[i], 1, text, none, callbacks, 0, 0);
         } else {
           const logger = machine.index(core.engine_log3);
           handle = calls.fmi3InstantiateCoSimulation(
@@ -576,23 +577,22 @@ const Live = (() => {
     named.forEach(([, column], i) => {
       all.set(heads[i], at);
       at += heads[i].length;
-      all.set(new Uint8Array(canonical(column).buffer), at);
+      all.set(canonical(column), at);
       at += column.byteLength;
     });
     const found = new Uint8Array(await crypto.subtle.digest("SHA-256", all));
     return [...found].map((byte) => byte.toString(16).padStart(2, "0")).join("");
   }
 
-  /** The same numbers, with one NaN: processors differ in the others. */
+  /** The bytes of numbers, with one NaN: processors differ in the others. */
   function canonical(column) {
     let found = column;
-    column.forEach((x, i) => {
-      if (x !== x) {
-        if (found === column) found = column.slice();
-        found[i] = NaN;
-      }
-    });
-    return found;
+    for (let i = 0; i < column.length; i++) {
+      if (column[i] === column[i]) continue;
+      if (found === column) found = column.slice();
+      new BigUint64Array(found.buffer, found.byteOffset)[i] = 0x7ff8000000000000n;
+    }
+    return new Uint8Array(found.buffer, found.byteOffset, found.byteLength);
   }
 
   function now() {

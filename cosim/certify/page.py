@@ -85,7 +85,7 @@ def drawing(region: Region, marks: Sequence[Mark] = ()) -> str:
             )
     return (
         f'<svg viewBox="0 0 {_LEFT + _SIDE + 10} {_SIDE + _BELOW}" role="img" '
-        f'aria-label="Certified region" style="max-width: 560px; font-size: 14px" '
+        f'aria-label="Certified region" class="chart" '
         f'fill="currentColor">{"".join(cells)}{"".join(signs)}{"".join(ticks)}{names}</svg>'
     )
 

@@ -20,6 +20,8 @@ Sequences = NDArray[np.int64]
 _GROWS, _PARTS = 1.05, 4
 #: Steps of a motion: at least, for each period of the greatest age, and at most.
 _STEPS, _EACH, _MOST = 4000, 40, 24_000
+#: Factors from inputs to states, up to which an attack takes seconds.
+_FACTORS = 60_000
 #: Ages to choose from at most, if the order of samples may change.
 _AGES = 128
 
@@ -27,10 +29,13 @@ _AGES = 128
 def adversary(loop: CutLoop, steps: int = _STEPS, seed: int = 0) -> Sequences | None:
     """Ages (k, links), samples, k >= `steps`, with which a motion grows; None: none was found.
 
-    None also of a loop that depends on itself at once, and of ages that need a motion too long.
+    None also of a loop that depends on itself at once, of one that is too large, and of ages that
+    need a motion too long.
     """
     steps = max(steps, _EACH * max(-(-x.most // x.sends) for x in loop.links))
-    if steps > _MOST or (loop.feeds_through and any(x.least == 0 for x in loop.links)):
+    if len(loop.A) * loop.B.width > _FACTORS or steps > _MOST:
+        return None
+    if loop.feeds_through and any(x.least == 0 for x in loop.links):
         return None
     A, B, C, D = (
         np.array(x.floats()).reshape(len(x), x.width) for x in (loop.A, loop.B, loop.C, loop.D)

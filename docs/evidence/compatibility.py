@@ -24,53 +24,70 @@ KINDS = {
 }
 
 
+#: The package of each tool.
+PACKAGES = {
+    "PythonFMU": "pythonfmu",
+    "PythonFMU3": "pythonfmu3",
+    "CasADi": "casadi",
+    "FMU Manipulation Toolbox": "fmu-manipulation-toolbox",
+    "pyssp-standard": "pyssp-standard",
+    "FMPy": "fmpy",
+    "libcosim": "libcosimpy",
+    "Ecos": "ecospy",
+}
+
+
 @dataclass(frozen=True, slots=True)
 class Tested:
-    """A tool and its package, the files of a test, and the test as ``file::function``."""
+    """A tool, the files of a test, and the test as ``file::function``."""
 
     kind: str
     tool: str
-    package: str
     what: str
     test: str
 
+    @property
+    def package(self) -> str:
+        """The package of the tool."""
+        return PACKAGES[self.tool]
+
 
 TESTED = (
-    Tested("import", "PythonFMU", "pythonfmu", "FMU 2.0, co-simulation",
+    Tested("import", "PythonFMU", "FMU 2.0, co-simulation",
            "tests/cosim/fmi/test_other_exporters.py::test_it_runs_to_the_last_bit"),
-    Tested("import", "PythonFMU3", "pythonfmu3", "FMU 3.0, co-simulation",
+    Tested("import", "PythonFMU3", "FMU 3.0, co-simulation",
            "tests/cosim/fmi/test_other_exporters.py::test_it_runs_to_the_last_bit"),
-    Tested("import", "CasADi", "casadi", "FMU 3.0, model exchange",
+    Tested("import", "CasADi", "FMU 3.0, model exchange",
            "tests/fmi/test_casadi.py::test_it_is_integrated"),
-    Tested("import", "FMU Manipulation Toolbox", "fmu-manipulation-toolbox",
+    Tested("import", "FMU Manipulation Toolbox",
            "FMU 2.0, a container of FMUs and links",
            "tests/ssp/test_export.py::test_a_closed_loop_with_its_latency_is_one_fmu"),
-    Tested("import", "pyssp-standard", "pyssp-standard", "SSP 1.0 and 2.0",
+    Tested("import", "pyssp-standard", "SSP 1.0 and 2.0",
            "tests/ssp/test_written_elsewhere.py::test_it_runs_as_the_scenario_by_hand"),
-    Tested("export", "FMPy", "fmpy", "FMU 2.0 and 3.0, co-simulation: every model",
+    Tested("export", "FMPy", "FMU 2.0 and 3.0, co-simulation: every model",
            "tests/fmi/test_masters.py::test_a_model_gives_the_same_numbers"),
-    Tested("export", "FMPy", "fmpy", "FMU 2.0 and 3.0, model exchange: plants",
+    Tested("export", "FMPy", "FMU 2.0 and 3.0, model exchange: plants",
            "tests/fmus/test_exchange.py::test_fmpy_finds_no_problem_and_simulates_it"),
-    Tested("export", "FMPy", "fmpy", "SSP 1.0",
+    Tested("export", "FMPy", "SSP 1.0",
            "tests/ssp/test_export.py::test_fmpy_runs_it_to_the_same_trajectory"),
-    Tested("export", "FMPy", "fmpy", "FMU 3.0 with FMI-LS-BUS 1.0: nodes and CAN bus",
+    Tested("export", "FMPy", "FMU 3.0 with FMI-LS-BUS 1.0: nodes and CAN bus",
            "tests/bridge/export/test_node_fmu.py"
            "::test_frames_are_the_same_with_fmpy_and_the_bus_fmu"),
-    Tested("export", "libcosim", "libcosimpy", "FMU 2.0, co-simulation: every model",
+    Tested("export", "libcosim", "FMU 2.0, co-simulation: every model",
            "tests/fmi/test_masters.py::test_a_model_gives_the_same_numbers"),
-    Tested("export", "Ecos", "ecospy", "FMU 2.0, co-simulation: every model",
+    Tested("export", "Ecos", "FMU 2.0, co-simulation: every model",
            "tests/fmi/test_masters.py::test_a_model_gives_the_same_numbers"),
-    Tested("export", "Ecos", "ecospy", "SSP 1.0, links as FMUs",
+    Tested("export", "Ecos", "SSP 1.0, links as FMUs",
            "tests/ssp/test_export.py::test_ecos_sees_the_same_latency_to_the_last_bit"),
-    Tested("export", "FMU Manipulation Toolbox", "fmu-manipulation-toolbox",
+    Tested("export", "FMU Manipulation Toolbox",
            "a container with FMI-LS-BUS 1.0: nodes and CAN bus",
            "tests/fmus/test_bus_container.py"
            "::test_the_first_node_of_a_container_hears_the_other_one"),
-    Tested("export", "pyssp-standard", "pyssp-standard", "SSP 1.0, read",
+    Tested("export", "pyssp-standard", "SSP 1.0, read",
            "tests/ssp/test_written_elsewhere.py::test_what_we_write_it_reads"),
-    Tested("check", "FMPy", "fmpy", "FMU 2.0 and 3.0: schemas and rules",
+    Tested("check", "FMPy", "FMU 2.0 and 3.0: schemas and rules",
            "tests/fmus/test_conformance.py::test_fmpy_finds_no_problem"),
-    Tested("check", "FMU Manipulation Toolbox", "fmu-manipulation-toolbox",
+    Tested("check", "FMU Manipulation Toolbox",
            "FMU 2.0 and 3.0: its checks",
            "tests/fmus/test_second_checker.py::test_a_second_checker_finds_nothing"),
 )  # fmt: skip
@@ -79,7 +96,7 @@ TESTED = (
 def installed() -> dict[str, str]:
     """The versions of the packages of all rows. Raises SystemExit where one is missing."""
     try:
-        return {name: version(name) for name in sorted({one.package for one in TESTED})}
+        return {name: version(name) for name in sorted(PACKAGES.values())}
     except PackageNotFoundError as error:
         sys.exit(f"{error}; expected: pip install -e '.[test,oracles]'")
 

@@ -46,6 +46,7 @@ def report(
     from cosim.base.convert import number
     from cosim.base.errors import ScenarioError
     from cosim.cli.summary import draw_figures
+    from cosim.live.page import rewrite_live
     from cosim.measure.metric_result import summary_line
     from cosim.record import Run, seal
     from cosim.record.folder import SUMS
@@ -57,7 +58,7 @@ def report(
         raise ScenarioError(f"found {wide:g} m, expected {LEAST:g} m to {MOST:g} m", "--width")
     result = Run.open(run)
     folder = result.path.parent
-    found = [("report", rewrite(result))]
+    found = [("report", rewrite_live(result) or rewrite(result))]
     if png or pdf:
         found += draw_figures(recorded_scenario(result), result, png=png, pdf=pdf, width=wide)
     if (folder / SUMS).exists():

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import json
+import re
 from collections.abc import Mapping
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
 from cosim.base.units import printed_unit
+from cosim.live.bundle import FORMAT
 from cosim.live.judged import judged
 from cosim.record import Run
+from cosim.record.folder import REPORT
 from cosim.reporting.arms import arm_signals, first_arms
 from cosim.reporting.html import PageData, command, embedded, folded, table
 from cosim.reporting.recorded import recorded_scenario
@@ -93,3 +97,25 @@ def _data(run: Run, data: PageData, facts: Mapping[str, Any], bundle: Mapping[st
 def _asset(name: str) -> str:
     text = (files("cosim.live") / "assets" / name).read_text(encoding="utf-8")
     return text.replace("</script", "<\\/script")
+
+
+def rewrite_live(run: Run) -> Path | None:
+    """Write a live report again, with the simulator that it contains; None: the folder has none.
+
+    Raises CosimError if it cannot be written.
+    """
+    try:
+        text = (run.path.parent / REPORT).read_text(encoding="utf-8")
+    except OSError:
+        return None
+    facts, made = (_embedded(text, name) for name in ("live-data", "bundle"))
+    if facts is None or made is None or made["format"] != FORMAT:
+        return None
+    return write_live_report(run, made, facts["command"], facts["digest"])
+
+
+def _embedded(text: str, name: str) -> dict[str, Any] | None:
+    """A document in a page, by the name of its element."""
+    pattern = rf'<script type="application/json" id="{name}">(.*?)</script>'
+    found = re.search(pattern, text, re.DOTALL)
+    return None if found is None else dict(json.loads(found[1]))

@@ -35,6 +35,8 @@ def test_the_page_has_the_scenario_and_the_digest_is_told(cosim: Command, tmp_pa
     assert 'id="bundle"' in page and "worker-src blob:" in page and told[1] in page
     again = shlex.join(["cosim", "run", str(CONFIG), "--live", *SHORT])
     assert escape(again) in page
+    assert cosim("report", tmp_path / "live").code == 0
+    assert (tmp_path / "live" / "report.html").read_text(encoding="utf-8") == page
 
 
 def test_the_page_of_other_runs_is_as_it_was(cosim: Command, tmp_path: Path) -> None:

@@ -117,9 +117,10 @@ GALLERY = (
 #: What the first report of the gallery is, at its top.
 INTRODUCTION = (
     "<p>An operator's hand moves the <b>master</b> (blue); the <b>slave</b> (orange) follows over "
-    "a network that delays each value by 0.3 to 1.2 s. Drag “high”: when do the arms no longer "
-    "find each other? Everything is computed in this page, and the command below the sliders "
-    "gives the same run on your desk, bit for bit.</p>"
+    "a network that delays each value by 0.3 to 1.2 s. Drag “greatest delay”: the arms find each "
+    "other later. Loosen the operator's grip (k_p of the master) and they do so too late; tighten "
+    "it and the torques are too large. Everything is computed in this page, and the command below "
+    "the sliders gives the same run on your desk, bit for bit.</p>"
 )
 
 #: A report of 1280 by 960 pixels, a quarter as wide.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -95,7 +95,9 @@ def run(
             err=True,
         )
     again = shlex.join([str(scenario), *_repeated(settings, options)])
-    report = _live_report(loaded, f"cosim run {again}", options) if options.live else None
+    report = None
+    if options.live:
+        report = _live_report(loaded, settings.all, f"cosim run {again}", options)
     folder = options.folder(loaded.name)
     options.say(header(loaded, plan))
     found = print_warnings(
@@ -127,16 +129,19 @@ def _repeated(settings: RunSettings, options: RunOptions) -> Iterator[str]:
         yield from ("--set", setting)
 
 
-def _live_report(loaded: Scenario, again: str, options: RunOptions) -> Callable[[Run], Path]:
-    """The function that writes a report which `again` can be computed in.
+def _live_report(
+    loaded: Scenario, given: Sequence[str], again: str, options: RunOptions
+) -> Callable[[Run], Path]:
+    """The function that writes a live report of a run, which the command `again` repeats.
 
-    Raises LiveError with the component that does not run in a page.
+    `given`: the settings of the scenario. Raises LiveError with the component that no page can
+    compute.
     """
     from cosim.live import bundle, digest
     from cosim.live.page import write_live_report
     from cosim.measure.metric_result import summary_line
 
-    made = bundle(loaded)
+    made = bundle(loaded, given)
 
     def write(run: Run) -> Path:
         found = digest(run)

@@ -141,7 +141,7 @@ def _of_links(document: Mapping[str, Any], plan: Plan) -> Iterator[Slider | Fixe
     for i, link in enumerate(document.get("links", ())):
         delay = link.get("delay") or {}
         name = link.get("name") or f"{link.get('from')} → {link.get('to')}"
-        for key in _DELAYS.keys() & delay.keys():
+        for key in (known for known in _DELAYS if known in delay):
             place = f"links.{i}.delay.{key}"
             if delay.get("law") not in ("constant", "uniform"):
                 yield Fixed(place, f"delays of the law {delay.get('law')} are drawn beforehand")

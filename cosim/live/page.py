@@ -20,7 +20,7 @@ from cosim.reporting.recorded import recorded_scenario
 from cosim.reporting.run_report import CHOSEN, SHOWN, frame_times, write_report
 
 #: Groups of values that are open when the page is.
-OPEN = 3
+OPEN = 2
 #: The keys of a value that the page needs; the others are for the engine.
 _SHOWN = ("key", "label", "about", "unit", "value", "low", "high", "step", "choices", "group")
 
@@ -35,7 +35,8 @@ def write_live_report(run: Run, bundle: Mapping[str, Any], again: str, digest: s
         {name: key[name] for name in _SHOWN} | {"unit": printed_unit(key["unit"])}
         for key in bundle["keys"]
     ]
-    links = dict.fromkeys(key["group"] for key in keys if key["key"].startswith("links"))
+    keys.sort(key=lambda key: not key["key"].startswith("links."))
+    links = dict.fromkeys(key["group"] for key in keys if key["key"].startswith("links."))
     facts: dict[str, Any] = {
         "command": again, "digest": digest, "keys": keys, "ordered": bundle["ordered"],
         "links": [*links], "open": OPEN,

@@ -34,8 +34,8 @@ from tests.cosim.study.studies import STUDY, written
 pytestmark = [pytest.mark.slow, pytest.mark.browser]
 
 KINDS = (
-    "run", "rehearsal", "late-rehearsal", "comparison", "diff", "sweep", "campaign", "soak", "ping",
-    "reproduction", "region",
+    "run", "live", "rehearsal", "late-rehearsal", "comparison", "diff", "sweep", "campaign", "soak",
+    "ping", "reproduction", "region",
 )  # fmt: skip
 GRID = """values = [1, 5, 10, 50, 100, 205]
 [vary.start]
@@ -108,6 +108,7 @@ def pages(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
         assert code in codes, words
 
     made("run", CONFIG, "--set", "run.stop=20", "--out", "run")
+    made("run", CONFIG, "--set", "run.stop=20", "--live", "--out", "live")
     made("run", CONFIG, "--set", "run.stop=10", "--seed", "3", "--out", "short")
     made("rehearse", CONFIG, "--deploy", "can", "-i", "cosim", "--clock", "simulated", "--set",
          "run.stop=4", "--out", "rehearsal")  # fmt: skip

@@ -87,14 +87,14 @@ ODD = st.sampled_from([0.0, -0.0, 0.5, 1.5, 2.5, 0.00125, 1.0625, 9.9995e-4, 999
 @given(st.floats(), st.sampled_from(UNITS), st.integers(1, 8))
 @example(2.5, "rad", 1)
 @example(1.0625, "s", 4)
-@settings(max_examples=400, deadline=None)
+@settings(max_examples=200, deadline=None)
 def test_numbers_are_written_alike(numbers: Script, x: float, unit: str, digits: int) -> None:
     expected = [f"{x:.{digits}g}", time_text(x), engineering(x, unit)]
     assert numbers(x, unit, digits) == expected
 
 
 @given(st.one_of(ODD, st.floats(-7, 7).map(lambda e: 10.0**e)), st.sampled_from(UNITS))
-@settings(max_examples=400, deadline=None)
+@settings(max_examples=200, deadline=None)
 def test_sizes_of_every_day_are_written_alike(numbers: Script, x: float, unit: str) -> None:
     expected = [f"{x:.4g}", time_text(x), engineering(x, unit)]
     assert numbers(x, unit, 4) == expected
@@ -107,7 +107,7 @@ ROW = st.one_of(st.integers(-5, 5).map(float), st.sampled_from([nan, float("inf"
 
 
 @given(st.data(), texts.formulas(), st.one_of(UNIFORM, TIMES), st.sampled_from([0.0, 1.0, 5.0]))
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=100, deadline=None)
 def test_random_formulas_have_the_same_robustness(
     judge: Script, data: st.DataObject, text: str, t: list[float], missing: float
 ) -> None:
@@ -124,7 +124,7 @@ def test_random_formulas_have_the_same_robustness(
 
 
 @given(st.data(), texts.formulas(), st.integers(20, 60))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=40, deadline=None)
 def test_windows_slide_over_many_rows_alike(
     judge: Script, data: st.DataObject, text: str, n: int
 ) -> None:

@@ -17,12 +17,13 @@ from cosim.reporting.html import Badge, PageData, write_page
 from cosim.scenario.assemble import assemble
 from cosim.scenario.spec import Scenario
 
-#: As in the figures of sweeps: blue inside, red beyond, grey what is not known.
+#: As in the figures of sweeps: blue inside, red beyond, grey what is not known. What is broken is
+#: hatched as well, for prints without colours.
 _COLOURS: dict[State, str] = {"certified": "#4575b4", "unknown": "#c8c8c8", "broken": "#d73027"}
 _MEANINGS: dict[State, str] = {
     "certified": "stable for all delays between the two, however they vary: proven",
     "unknown": "neither proven nor broken",
-    "broken": "a witness: a constant delay, or one that an adversary chose, with which it grows",
+    "broken": "some delays between the two make a motion grow: constant ones, or an adversary's",
 }
 _SIDE, _LEFT, _BELOW = 420, 78, 56
 #: A sign that can be seen on all colours, in the light and in the dark.
@@ -48,10 +49,12 @@ def drawing(region: Region, marks: Sequence[Mark] = ()) -> str:
     """The map as SVG, with `marks` where they are on it."""
     times = [d * region.period for d in region.delays]
     n, size = len(times), _SIDE / len(times)
-    cells = []
+    cells, hatched = [], list[str]()
     for i in range(n):
         for j in range(i, n):
             state = region.state(i, j)
+            if state == "broken":
+                hatched.append(_hatch(_LEFT + i * size, _SIDE - (j + 1) * size, size))
             text = f"{times[i]:g} to {times[j]:g} s: {state}"
             cells.append(
                 f'<rect x="{_LEFT + i * size:.1f}" y="{_SIDE - (j + 1) * size:.1f}" '
@@ -86,14 +89,29 @@ def drawing(region: Region, marks: Sequence[Mark] = ()) -> str:
     return (
         f'<svg viewBox="0 0 {_LEFT + _SIDE + 10} {_SIDE + _BELOW}" role="img" '
         f'aria-label="Certified region" class="chart" '
-        f'fill="currentColor">{"".join(cells)}{"".join(signs)}{"".join(ticks)}{names}</svg>'
+        f'fill="currentColor">{"".join(cells)}{_lines("".join(hatched))}{"".join(signs)}{"".join(ticks)}{names}</svg>'
     )
+
+
+def _hatch(x: float, y: float, size: float) -> str:
+    """Three diagonals of a cell."""
+    half = size / 2
+    return (
+        f"M{x:.1f} {y + half:.1f}l{half:.1f} {-half:.1f}M{x:.1f} {y + size:.1f}l{size:.1f} "
+        f"{-size:.1f}M{x + half:.1f} {y + size:.1f}l{half:.1f} {-half:.1f}"
+    )
+
+
+def _lines(path: str) -> str:
+    return f'<path d="{path}" stroke="white" stroke-width="1.2" stroke-opacity="0.7"/>'
 
 
 def write(region: Region, title: str, marks: Sequence[Mark], folder: Path) -> Path:
     """Write ``region.html``. Raises CosimError if it cannot be written."""
     legend = "".join(
-        f'<li><span style="color: {_COLOURS[s]}">■</span> <b>{s}</b>: {escape(text)}</li>'
+        f'<li><svg width="12" height="12" aria-hidden="true"><path d="M0 0h12v12H0z" '
+        f'fill="{_COLOURS[s]}"/>{_lines(_hatch(0, 0, 12)) if s == "broken" else ""}</svg> '
+        f"<b>{s}</b>: {escape(text)}</li>"
         for s, text in _MEANINGS.items()
     )
     legend += "".join(

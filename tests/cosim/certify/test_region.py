@@ -39,6 +39,8 @@ def test_the_map_has_a_cell_for_each_interval(tmp_path: Path) -> None:
     svg = drawing(REGION, [mark, far])
     assert svg.count("<rect") == 10 and "0 to 1 s: certified" in svg
     assert "the links" in svg and "beyond" not in svg
+    (hatched,) = re.findall(r'<path d="([^"]+)"', svg)
+    assert hatched.count("M") == 3 * svg.count("s: broken")
     colours = set(re.findall(r'fill="(#\w+)"', svg))
     text = write(REGION, "A pair", [mark], tmp_path).read_text(encoding="utf-8")
     assert len(colours) == 3 and all(c in text for c in colours) and "A pair" in text

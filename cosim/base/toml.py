@@ -10,7 +10,7 @@ TOML has it.
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from copy import deepcopy
 from pathlib import Path
 from typing import Any
@@ -155,6 +155,14 @@ def check_number(value: float, place: str) -> None:
 def is_usable_number(value: float) -> bool:
     """True if a number, in any unit, is finite and of a size that one can compute with."""
     return value == 0 or LEAST <= abs(value) <= MOST  # neither is NaN
+
+
+def changed(document: Mapping[str, Any], settings: Sequence[str]) -> dict[str, Any]:
+    """A copy of the document with these settings. Raises ScenarioError as :func:`change`."""
+    found = deepcopy(dict(document))
+    for setting in settings:
+        change(found, setting)
+    return found
 
 
 def change(document: dict[str, Any], setting: str) -> None:

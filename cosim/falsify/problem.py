@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from cosim.base.errors import CosimError, ScenarioError
-from cosim.base.toml import change
+from cosim.base.toml import change, changed
 from cosim.falsify import judge, spec
 from cosim.falsify.bounds import MovingChannel, channels
 from cosim.falsify.evaluation import Problem
@@ -100,7 +100,5 @@ def _check_axes(problem: Problem, place: str) -> None:
 
 def check_candidate(problem: Problem, candidate: Candidate) -> Plan:
     """The plan of a candidate's values, with nominal delays. Raises CosimError."""
-    document = deepcopy(dict(problem.document))
-    for setting in problem.settings(candidate):
-        change(document, setting)
+    document = changed(problem.document, problem.settings(candidate))
     return assemble(build(document, problem.path))

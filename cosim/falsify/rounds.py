@@ -15,9 +15,10 @@ from typing import Any, Generic, TypeVar, final
 
 from cosim.base.errors import RunError
 from cosim.base.processes import NOTHING_YET, Opened, Pool, spread
-from cosim.falsify.evaluation import PLACES, Problem, run_candidates
+from cosim.falsify.evaluation import Problem, run_candidates
 from cosim.falsify.judge import CandidateOutcome, Margin
 from cosim.falsify.paths import Candidate
+from cosim.study.batch import PLACES
 from cosim.study.runner import interruptible
 from cosim.study.store import Record, ResultJournal
 from cosim.study.tasks import MOST, SECONDS

@@ -5,11 +5,10 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from copy import deepcopy
 from pathlib import Path
 from typing import Any
 
-from cosim.base.toml import change
+from cosim.base.toml import changed
 from cosim.falsify.evaluation import Problem
 from cosim.falsify.paths import Candidate, as_law
 from cosim.links.segments import Segment
@@ -29,9 +28,7 @@ def failing_document(
 
     Links that the candidate leaves at their nominal delay are constant.
     """
-    found = deepcopy({**document})
-    for setting in problem.settings(candidate):
-        change(found, setting)
+    found = changed(document, problem.settings(candidate))
     paths = problem.kept(candidate)
     for channel, path in zip(problem.channels, paths, strict=True):
         law = as_law(channel.law(path), channel.nominal, candidate.ticks)

@@ -1,110 +1,108 @@
-"""Points of a study, several at a time: what they have in common is made once.
+"""Runs of one scenario, several at a time: what they have in common is made once.
 
-A worker keeps some places. Each has components and an engine of its own, which stay from one point
-to the next as long as only numbers change (:mod:`cosim.engine.reuse`). Points whose engines can run
-together (:mod:`cosim.engine.batch`) do so, one in each place. The rows are those of
-:func:`cosim.study.run_point.run_point`, to the bit; only `wall` is a share of the time of all.
+A worker keeps some places. Each has components and an engine of its own, which stay from one run
+to the next as long as only numbers change (:mod:`cosim.engine.reuse`). Runs whose engines can join
+(:mod:`cosim.engine.batch`) are made together, one in each place; the results are those of runs
+alone, to the bit. Points of a study (:mod:`cosim.study.run_point`) and candidates of a search
+(:mod:`cosim.falsify.evaluation`) say how they are prepared and measured.
 """
 
 from __future__ import annotations
 
 import threading
 import weakref
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, Generic, Protocol, TypeVar
 
 import numpy as np
 
 from cosim.base.clock import stopwatch
-from cosim.base.toml import parts
 from cosim.engine.batch import can_join, together
 from cosim.engine.engine import Engine
 from cosim.engine.reset import can_rewind
 from cosim.engine.reuse import RepeatedEngine
 from cosim.record import Column
-from cosim.scenario.assemble import assemble
 from cosim.scenario.kept import KeptComponents
-from cosim.scenario.reseeded import can_reseed, reseeded
-from cosim.scenario.spec import build
+from cosim.scenario.models import LoadedComponent
 from cosim.schedule.plan import Plan
-from cosim.study.axes import setting_path
-from cosim.study.design import Point
 from cosim.study.memory import Memory, Rooms, record_many
-from cosim.study.run_point import (
-    RunMeasures,
-    StudyRow,
-    StudySetup,
-    document_of,
-    failed_row,
-    measured_row,
-    needed_columns,
-    recorded_columns,
-    run_point,
-)
 
-#: Points that run together: with AVX-512, eight instances are a vector.
+#: Runs that are made together: with AVX-512, eight instances are a vector.
 PLACES = 8
-#: How a setting of the seed begins, as axes write it.
-SEED = "run.seed="
+
+#: Loads a component, as :func:`cosim.scenario.models.load_component` does.
+Load = Callable[..., LoadedComponent]
+
+
+class PreparedRun(Protocol):
+    """A plan, and what is recorded: `columns` in every `every`-th tick."""
+
+    @property
+    def plan(self) -> Plan:
+        """The plan of the run."""
+
+    @property
+    def columns(self) -> Sequence[Column]:
+        """The recorded columns."""
+
+    @property
+    def every(self) -> int:
+        """The ticks from one recorded row to the next."""
+
+
+ItemT = TypeVar("ItemT")
+ResultT = TypeVar("ResultT")
+PreparedT = TypeVar("PreparedT", bound=PreparedRun)
+_TakenT = TypeVar("_TakenT", contravariant=True)
+_GivenT = TypeVar("_GivenT", covariant=True)
+
+
+class Runs(Protocol[_TakenT, PreparedT, _GivenT]):
+    """The runs of one scenario; equal if places made for one serve the other."""
+
+    def prepare(self, item: _TakenT, last: PreparedT | None, load: Load) -> PreparedT:
+        """The run of an item, after the `last` one in its place, which it may have in part.
+
+        Raises CosimError, or whatever a component raises.
+        """
+
+    def measured(self, item: _TakenT, prepared: PreparedT, signals: Memory) -> _GivenT:
+        """The result of a run that reached its end; `signals` are overwritten by the next one."""
+
+    def failed(self, item: _TakenT, error: BaseException) -> _GivenT:
+        """The result of a run that did not, or the error again."""
 
 
 @dataclass(frozen=True, slots=True)
-class _Prepared:
-    """A prepared run: `others` are the settings but for the seed, by which the next point may have
-    the same plan with another seed (`can_reseed`).
-    """
+class _Begun(Generic[ItemT, PreparedT]):
+    """The item of number `i`, whose engine is at tick 0."""
 
-    others: Sequence[str]
-    plan: Plan
-    measures: RunMeasures
-    columns: Sequence[Column]
-    every: int
-    can_reseed: bool
-
-
-@dataclass(frozen=True, slots=True)
-class _Begun:
-    """A point whose engine is at tick 0."""
-
-    point: Point
-    prepared: _Prepared
+    i: int
+    item: ItemT
+    prepared: PreparedT
     engine: Engine
 
 
-class _RunPlace:
+class _Place(Generic[ItemT, PreparedT]):
     """Components and an engine that stay."""
 
-    def __init__(self, setup: StudySetup) -> None:
-        self._setup, self._kept, self._repeated = setup, KeptComponents(), RepeatedEngine()
-        self._last: _Prepared | None = None
+    def __init__(self, runs: Runs[ItemT, PreparedT, Any]) -> None:
+        self._runs, self._kept, self._repeated = runs, KeptComponents(), RepeatedEngine()
+        self._last: PreparedT | None = None
         self._close = weakref.finalize(self, _close, self._repeated, self._kept)
 
-    def begin(self, point: Point) -> _Begun:
+    def begin(self, i: int, item: ItemT) -> _Begun[ItemT, PreparedT]:
         """Raises CosimError, or whatever a component raises."""
         last, self._last = self._last, None
-        others, seed = _seed(point.settings)
-        if last is not None and seed is not None and last.can_reseed and others == last.others:
-            prepared = replace(last, plan=reseeded(last.plan, seed))
-        else:
-            prepared = self._prepare(point.settings, others)
+        prepared = self._runs.prepare(item, last, self._kept.load)
         columns = [column.index for column in prepared.columns]
         engine = self._repeated.begin(prepared.plan, columns)
         self._last = prepared
-        return _Begun(point, prepared, engine)
-
-    def _prepare(self, settings: Sequence[str], others: Sequence[str]) -> _Prepared:
-        document = document_of(self._setup, settings)
-        scenario = build(document, self._setup.path)
-        plan = assemble(scenario, self._kept.load)
-        measures = RunMeasures.of(scenario, plan)
-        columns = needed_columns(measures, recorded_columns(scenario, plan))
-        every = scenario.run.record.every
-        last = all(parts(setting_path(s)) not in (["run"], ["run", "seed"]) for s in others)
-        again = last and can_reseed(document, plan)
-        return _Prepared(others, plan, measures, columns, every, again)
+        return _Begun(i, item, prepared, engine)
 
     def free(self) -> None:
-        """Free the FMUs. The processes of isolated ones wait for the next point."""
+        """Free the FMUs. The processes of isolated ones wait for the next run."""
         self._repeated.close()
 
     def close(self) -> None:
@@ -117,87 +115,92 @@ def _close(repeated: RepeatedEngine, kept: KeptComponents) -> None:
     kept.close()
 
 
-def _seed(settings: Sequence[str]) -> tuple[Sequence[str], int | None]:
-    """(the settings without those of the seed, the seed); None: it is not set to a plain number."""
-    seeds = [s.removeprefix(SEED) for s in settings if s.startswith(SEED)]
-    plain = bool(seeds) and all(seed.isdecimal() and len(seed) < 10 for seed in seeds)
-    others = tuple(s for s in settings if not s.startswith(SEED))
-    return others, int(seeds[-1]) if plain else None
-
-
-class _RunPlaces(threading.local):
-    """The places of this thread, for the last study; `rooms`: what was recorded last."""
+class _Places(threading.local):
+    """The places of this thread, for the last runs; `rooms`: what was recorded last."""
 
     def __init__(self) -> None:
         self.rooms = Rooms()
-        self._setup: StudySetup | None = None
-        self._places: list[_RunPlace] = []
+        self._runs: object = None
+        self._places: list[_Place[Any, Any]] = []
 
-    def of(self, setup: StudySetup) -> list[_RunPlace]:
-        """The places of the runs of a study, made anew for another one."""
-        if self._setup != setup:
-            for place in self._places:
-                place.close()
-            self._setup, self._places = setup, [_RunPlace(setup) for _ in range(PLACES)]
+    def of(self, runs: Runs[Any, Any, Any]) -> list[_Place[Any, Any]]:
+        """The places for these runs, made anew for others."""
+        if self._runs != runs:
+            self.close()
+            self._runs, self._places = runs, [_Place(runs) for _ in range(PLACES)]
         return self._places
 
-
-_places = _RunPlaces()
-
-
-def run_points(setup: StudySetup, points: Sequence[Point]) -> list[StudyRow]:
-    """Run points; the rows in this order. What goes wrong with one is the reason of its row."""
-    if setup.keep is not None:
-        return [run_point(setup, point) for point in points]
-    places = _places.of(setup)
-    rows: dict[str, StudyRow] = {}
-    with np.errstate(all="ignore"):  # values that diverge overflow; the row reports it
-        for first in range(0, len(points), PLACES):
-            for row in _run(setup, places, points[first : first + PLACES]):
-                rows[row.run] = row
-    return [rows[point.run] for point in points]
+    def close(self) -> None:
+        """Free everything."""
+        for place in self._places:
+            place.close()
+        self._runs, self._places = None, []
 
 
-def _run(setup: StudySetup, places: Sequence[_RunPlace], points: Sequence[Point]) -> list[StudyRow]:
-    """At most as many points as there are places. Those that can join take one each."""
-    watch = stopwatch()
-    rows: list[StudyRow] = []
-    waiting: list[_Begun] = []
-    for point in points:
+_places = _Places()
+
+
+def run_batch(
+    runs: Runs[ItemT, PreparedT, ResultT], items: Sequence[ItemT]
+) -> list[tuple[ResultT, float]]:
+    """Run items; the results in this order, each with a share of the wall time, s.
+
+    Raises what `runs` raises instead of a result.
+    """
+    places = _places.of(runs)
+    found: list[tuple[ResultT, float]] = []
+    with np.errstate(all="ignore"):  # values that diverge overflow; the result reports it
+        for first in range(0, len(items), PLACES):
+            some = items[first : first + PLACES]
+            watch = stopwatch()
+            results = _run(runs, places, some)
+            share = watch() / len(some)
+            found += [(results[i], share) for i in range(len(some))]
+    return found
+
+
+def _run(
+    runs: Runs[ItemT, PreparedT, ResultT],
+    places: Sequence[_Place[ItemT, PreparedT]],
+    items: Sequence[ItemT],
+) -> dict[int, ResultT]:
+    """At most as many items as there are places. Those that can join take one each."""
+    results: dict[int, ResultT] = {}
+    waiting: list[_Begun[ItemT, PreparedT]] = []
+    for i, item in enumerate(items):
         place = places[len(waiting)]
         try:
-            begun = place.begin(point)
+            begun = place.begin(i, item)
         except Exception as error:
-            rows.append(failed_row(point, error))
+            results[i] = runs.failed(item, error)
             continue
         if can_join(begun.engine):
             waiting.append(begun)
             continue
-        rows += _measured(setup, [begun])
+        results |= _measured(runs, [begun])
         if not can_rewind(begun.engine.bound):
             place.free()  # not two of them at a time
     for every in {begun.prepared.every for begun in waiting}:
         same = {i: x.engine for i, x in enumerate(waiting) if x.prepared.every == every}
         for group in together(same):
-            rows += _measured(setup, [waiting[i] for i in group])
-    share = watch() / len(points)
-    return [replace(row, wall=share) for row in rows]
+            results |= _measured(runs, [waiting[i] for i in group])
+    return results
 
 
-def _measured(setup: StudySetup, group: Sequence[_Begun]) -> list[StudyRow]:
-    """The rows of engines that run together, or of one."""
+def _measured(
+    runs: Runs[ItemT, PreparedT, ResultT], group: Sequence[_Begun[ItemT, PreparedT]]
+) -> dict[int, ResultT]:
+    """The results of engines that run together, or of one."""
     first, engines = group[0].prepared, [begun.engine for begun in group]
+    recorded: Sequence[Memory | BaseException]
     try:
         recorded = record_many(engines, first.columns, first.every, _places.rooms)
     except Exception as error:
-        return [failed_row(begun.point, error) for begun in group]
-    return [_row(setup, begun, found) for begun, found in zip(group, recorded, strict=True)]
-
-
-def _row(setup: StudySetup, begun: _Begun, found: Memory | BaseException) -> StudyRow:
-    if isinstance(found, BaseException):
-        return failed_row(begun.point, found)
-    try:
-        return measured_row(setup, begun.point, begun.prepared.measures, found)
-    except Exception as error:
-        return failed_row(begun.point, error)
+        recorded = [error] * len(group)
+    results: dict[int, ResultT] = {}
+    for begun, signals in zip(group, recorded, strict=True):
+        if isinstance(signals, BaseException):
+            results[begun.i] = runs.failed(begun.item, signals)
+        else:
+            results[begun.i] = runs.measured(begun.item, begun.prepared, signals)
+    return results

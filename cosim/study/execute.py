@@ -20,9 +20,8 @@ from cosim.schedule.plan import Plan
 from cosim.study import figures
 from cosim.study import store as stores
 from cosim.study.axes import Listed
-from cosim.study.batch import run_points
 from cosim.study.design import Point, count, points
-from cosim.study.run_point import StudyRow, StudySetup, job, preview
+from cosim.study.run_point import StudyRow, StudySetup, job, preview, run_points
 from cosim.study.runner import (
     UNOBSERVED,
     Observer,

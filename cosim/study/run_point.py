@@ -1,9 +1,12 @@
-"""One point of a study, run and measured: plain data goes in and comes out, whatever happens."""
+"""Points of a study, run and measured: plain data goes in and comes out, whatever happens.
+
+:func:`run_points` runs several together (:mod:`cosim.study.batch`); the rows are those of
+:func:`run_point`, to the bit. Only `wall` is a share of the time of all.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from copy import deepcopy
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from math import isfinite, isinf, nan
 from pathlib import Path
@@ -14,7 +17,7 @@ import numpy as np
 from cosim.base.clock import stopwatch
 from cosim.base.errors import CosimError, RunError, ScenarioError
 from cosim.base.names import unknown
-from cosim.base.toml import change
+from cosim.base.toml import changed, parts
 from cosim.engine.simulate import columns, simulate
 from cosim.fmi.failures import sentence
 from cosim.loading.files import read_document
@@ -25,12 +28,17 @@ from cosim.measure.requirements import Requirement, requirements
 from cosim.record import Column, Run
 from cosim.record.signals import Signals
 from cosim.scenario.assemble import assemble
+from cosim.scenario.reseeded import can_reseed, reseeded
 from cosim.scenario.spec import Scenario, build
 from cosim.schedule.plan import Plan
-from cosim.study.axes import Cell
+from cosim.study.axes import Cell, setting_path
+from cosim.study.batch import Load, run_batch
 from cosim.study.design import Point
-from cosim.study.memory import record
+from cosim.study.memory import Memory, record
 from cosim.study.study import RESERVED, Study
+
+#: How a setting of the seed begins, as axes write it.
+SEED = "run.seed="
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,10 +123,7 @@ def scenario_of(job: StudySetup, settings: Sequence[str]) -> Scenario:
 
 def document_of(job: StudySetup, settings: Sequence[str]) -> dict[str, Any]:
     """The scenario with these settings, as parsed. Raises ScenarioError."""
-    document = deepcopy(dict(job.document))
-    for setting in settings:
-        change(document, setting)
-    return document
+    return changed(job.document, settings)
 
 
 def preview(job: StudySetup, point: Point) -> tuple[Plan, dict[str, str]]:
@@ -190,7 +195,7 @@ def _recording(job: StudySetup, point: Point) -> tuple[RunMeasures, Signals]:
         folder = job.keep / point.run
         simulate(scenario, folder, plan=plan, force=True)
         return wanted, Run.open(folder)
-    needed = needed_columns(wanted, recorded_columns(scenario, plan))
+    needed = needed_columns(wanted.signals, recorded_columns(scenario, plan))
     return wanted, record(plan, needed, scenario.run.record.every)
 
 
@@ -206,8 +211,73 @@ def recorded_columns(scenario: Scenario, plan: Plan) -> list[Column]:
     return columns(plan, scenario.run.record.signals, scenario.place("run.record.signals"))
 
 
-def needed_columns(measures: RunMeasures, recorded: Sequence[Column]) -> list[Column]:
-    """The columns that the measures read."""
+def needed_columns(signals: Iterable[str], recorded: Sequence[Column]) -> list[Column]:
+    """The columns of these signals. Raises ScenarioError for one that is not recorded."""
     names = Preview({c.name: c.unit for c in recorded})
-    wanted = {entry for signal in measures.signals for entry in names.entries(signal)}
+    wanted = {entry for signal in signals for entry in names.entries(signal)}
     return [column for column in recorded if column.name in wanted]
+
+
+# ---- points that run together -------------------------------------------------------------------
+
+
+def run_points(setup: StudySetup, points: Sequence[Point]) -> list[StudyRow]:
+    """Run points; the rows in this order. What goes wrong with one is the reason of its row."""
+    if setup.keep is not None:
+        return [run_point(setup, point) for point in points]
+    return [replace(row, wall=wall) for row, wall in run_batch(_PointRuns(setup), points)]
+
+
+@dataclass(frozen=True, slots=True)
+class _PreparedPoint:
+    """A prepared run: `others` are the settings but for the seed, by which the next point may have
+    the same plan with another seed (`can_reseed`).
+    """
+
+    others: Sequence[str]
+    plan: Plan
+    measures: RunMeasures
+    columns: Sequence[Column]
+    every: int
+    can_reseed: bool
+
+
+@dataclass(frozen=True, slots=True)
+class _PointRuns:
+    """The runs of a study, for :func:`cosim.study.batch.run_batch`."""
+
+    setup: StudySetup
+
+    def prepare(self, item: Point, last: _PreparedPoint | None, load: Load) -> _PreparedPoint:
+        """The run of a point."""
+        others, seed = _seed(item.settings)
+        if last is not None and seed is not None and last.can_reseed and others == last.others:
+            return replace(last, plan=reseeded(last.plan, seed))
+        document = document_of(self.setup, item.settings)
+        scenario = build(document, self.setup.path)
+        plan = assemble(scenario, load)
+        measures = RunMeasures.of(scenario, plan)
+        columns = needed_columns(measures.signals, recorded_columns(scenario, plan))
+        every = scenario.run.record.every
+        latest = all(parts(setting_path(s)) not in (["run"], ["run", "seed"]) for s in others)
+        again = latest and can_reseed(document, plan)
+        return _PreparedPoint(others, plan, measures, columns, every, again)
+
+    def measured(self, item: Point, prepared: _PreparedPoint, signals: Memory) -> StudyRow:
+        """The row of a run."""
+        try:
+            return measured_row(self.setup, item, prepared.measures, signals)
+        except Exception as error:
+            return failed_row(item, error)
+
+    def failed(self, item: Point, error: BaseException) -> StudyRow:
+        """The row of a run that has no measures."""
+        return failed_row(item, error)
+
+
+def _seed(settings: Sequence[str]) -> tuple[Sequence[str], int | None]:
+    """(the settings without those of the seed, the seed); None: it is not set to a plain number."""
+    seeds = [s.removeprefix(SEED) for s in settings if s.startswith(SEED)]
+    plain = bool(seeds) and all(seed.isdecimal() and len(seed) < 10 for seed in seeds)
+    others = tuple(s for s in settings if not s.startswith(SEED))
+    return others, int(seeds[-1]) if plain else None

@@ -13,9 +13,9 @@ from hypothesis import strategies as st
 from cosim.fmi import component
 from cosim.loading.files import read_document
 from cosim.study import batch, memory
-from cosim.study.batch import PLACES, run_points
+from cosim.study.batch import PLACES
 from cosim.study.design import Point
-from cosim.study.run_point import StudyRow, StudySetup, run_point
+from cosim.study.run_point import StudyRow, StudySetup, run_point, run_points
 from tests.system.runs import CONFIG, teleoperation
 
 MASTER, CONTROL = "components.master", "components.master_control"

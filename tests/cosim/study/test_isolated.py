@@ -14,9 +14,8 @@ from cosim.fmi import FmuComponent, FmuOptions
 from cosim.fmi.isolation import remote
 from cosim.native.structs import MailboxStruct
 from cosim.study import batch
-from cosim.study.batch import run_points
 from cosim.study.design import Point
-from cosim.study.run_point import StudyRow, StudySetup
+from cosim.study.run_point import StudyRow, StudySetup, run_points
 from tests.cosim.fmi.exporter import events3, export, nasty2, strict2, strict3, timed3
 from tests.cosim.fmi.test_calls import DISCARD, ERROR, FATAL, RETURNS
 from tests.fmi.runs import Watch
@@ -52,9 +51,7 @@ def started(monkeypatch: pytest.MonkeyPatch) -> Iterator[Started]:
 
 
 def close() -> None:
-    for place in batch._places._places:
-        place.close()
-    batch._places._setup = None
+    batch._places.close()
 
 
 def study(fmu: Path, isolate: bool = True, output: str = "y", **keys: object) -> StudySetup:

@@ -9,9 +9,8 @@ from pathlib import Path
 import pytest
 
 from cosim.engine import batch
-from cosim.study.batch import run_points
 from cosim.study.design import Point
-from cosim.study.run_point import StudyRow, StudySetup
+from cosim.study.run_point import StudyRow, StudySetup, run_points
 from tests.system.runs import CONFIG, teleoperation
 
 EVERY = "run.record.every="

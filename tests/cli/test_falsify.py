@@ -146,3 +146,25 @@ def test_ctrl_c_keeps_what_there_is_and_the_same_command_continues(tmp_path: Pat
     done = subprocess.run([*call, "--runs", "40"], capture_output=True, text=True, cwd=ROOT)
     assert done.returncode == 0, done.stderr
     assert journal.read_bytes().count(b"\n") >= n
+
+
+def test_a_killed_search_ends_as_one_that_nothing_disturbed(tmp_path: Path) -> None:
+    path = loop(tmp_path, 0.1)
+    call = [*CALL, "falsify", str(path), "--runs", "200", "--jobs", "2", "--quiet", "--out"]
+    subprocess.run([*call, str(tmp_path / "whole")], cwd=ROOT, check=True)
+    process = subprocess.Popen([*call, str(tmp_path / "out")], cwd=ROOT)
+    journal = tmp_path / "out" / "journal.jsonl"
+    while not journal.exists() or journal.read_bytes().count(b"\n") < 70:
+        assert process.poll() is None
+    process.kill()
+    process.wait()
+    killed = journal.read_bytes()
+    subprocess.run([*call, str(tmp_path / "out")], cwd=ROOT, check=True)
+    assert journal.read_bytes().startswith(killed[: killed.rindex(b"\n") + 1])
+    rows = [len((tmp_path / x / "journal.jsonl").read_bytes().splitlines()) for x in RESULTS]
+    assert rows[0] == rows[1]
+    found = [json.loads((tmp_path / x / "falsify.json").read_text()) for x in RESULTS]
+    assert found[0] == found[1]
+
+
+RESULTS = ("whole", "out")

@@ -97,6 +97,7 @@ FILES: Mapping[str, tuple[str, ...]] = {
     ),
 }  # fmt: skip
 
+_STIFF = "--set components.master.parameters.k_p=100 --set components.master.parameters.k_d=10"
 #: Reports of the gallery: name, title, and the command that makes it into the folder {out}.
 GALLERY = (
     ("live", "Drag the delay: a run that this page repeats",
@@ -111,6 +112,12 @@ GALLERY = (
      "compare configs/teleoperation.toml --controllers paper,pd,p+d,nuno --operators light,tight "
      "--out {out}"),
     ("sweep", "A map of 1000 runs", "sweep configs/studies/lambda_M_K.toml --out {out}"),
+    ("falsified", "The smallest network that breaks a stiff grip",
+     f"falsify configs/teleoperation.toml {_STIFF} --set run.stop=10 "
+     "--set 'require={near={always=\"abs(master.q) < 20 rad\"}}' --out {out}"),
+    ("region", "Delays for which the same grip is certified at rest",
+     f"check --certify configs/teleoperation.toml {_STIFF} --map 2 "
+     "--falsified {out}/../falsified --out {out}"),
     ("reproduction", "The paper, claim by claim", "reproduce --out {out}"),
 )  # fmt: skip
 
@@ -346,7 +353,8 @@ def gallery() -> str:
 
 def _card(name: str, title: str, command: str) -> str:
     """A report as a small picture of itself, which leads to it."""
-    page, text = f"gallery/{name}.html", escape(command.replace(" --out {out}", ""))
+    page, text = f"gallery/{name}.html", command.replace(" --out {out}", "")
+    text = escape(text.replace("{out}/..", "runs"))
     return (
         f"<figure><a href='{page}'><span><iframe src='{page}' title='{escape(title)}' "
         f"loading='lazy' scrolling='no' tabindex='-1'></iframe></span>{escape(title)}</a>"
@@ -355,15 +363,21 @@ def _card(name: str, title: str, command: str) -> str:
 
 
 def write_gallery(folder: Path) -> None:
-    """Run the commands of the gallery, and keep their reports. Raises CalledProcessError."""
+    """Run the commands of the gallery, and keep their reports. Raises CalledProcessError.
+
+    A command that has found what it searched ends with 1.
+    """
     folder.mkdir(parents=True)
     with TemporaryDirectory() as scratch:
         for name, _, command in GALLERY:
             out = Path(scratch) / name
-            call = shlex.split(command.format(out=out))
+            call = shlex.split(command.replace("{out}", str(out)))
             with timed(f"gallery/{name}"):
-                subprocess.run([COSIM, *call], check=True, cwd=ROOT, stdout=subprocess.DEVNULL)
-            text = (out / "report.html").read_text(encoding="utf-8")
+                done = subprocess.run([COSIM, *call], cwd=ROOT, stdout=subprocess.DEVNULL)
+            if done.returncode != (name == "falsified"):
+                raise subprocess.CalledProcessError(done.returncode, done.args)
+            page = "region" if name == "region" else "report"
+            text = (out / f"{page}.html").read_text(encoding="utf-8")
             if name == "live":
                 text = text.replace("</header>", f"</header>{INTRODUCTION}", 1)
             (folder / f"{name}.html").write_text(text, encoding="utf-8")

@@ -35,7 +35,12 @@ pytestmark = [pytest.mark.slow, pytest.mark.browser]
 
 KINDS = (
     "run", "live", "rehearsal", "late-rehearsal", "comparison", "diff", "sweep", "campaign", "soak",
-    "ping", "reproduction", "region",
+    "ping", "reproduction", "region", "falsified",
+)  # fmt: skip
+STIFF = (
+    "--set", "components.master.parameters.k_p=100",
+    "--set", "components.master.parameters.k_d=10",
+    "--set", 'require={near={always="abs(master.q) < 20 rad"}}',
 )  # fmt: skip
 GRID = """values = [1, 5, 10, 50, 100, 205]
 [vary.start]
@@ -117,6 +122,8 @@ def pages(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     made("diff", "run", "short", "--html", "diff.html", codes=(1,))
     made("sweep", written(folder, STUDY + GRID), "--out", "sweep", "--jobs", "1")
     made("reproduce", "--only", "thm2", "--out", "reproduction", codes=(0, 1))
+    made("falsify", CONFIG, *STIFF, "--set", "run.stop=3", "--jobs", "1", "--quiet", "--out",
+         "falsified", codes=(1,))  # fmt: skip
     for name in ("campaign", "soak", "ping"):
         (folder / name).mkdir()
     repeat = "cosim campaign configs/faults/campaign.toml"

@@ -54,7 +54,7 @@ def test_the_reference_has_every_command_and_key(site: Path) -> None:
 
 def test_the_reports_of_the_gallery_are_pages_by_themselves(site: Path) -> None:
     reports = sorted(p.name for p in (site / "gallery").iterdir())
-    assert len(reports) == 7
+    assert len(reports) == 9
     for name in reports:
         text = (site / "gallery" / name).read_text(encoding="utf-8")
         assert "default-src 'none'" in text and 'class="verdict' in text

@@ -84,7 +84,7 @@ class _Begun(Generic[ItemT, PreparedT]):
     engine: Engine
 
 
-class _Place(Generic[ItemT, PreparedT]):
+class _RunPlace(Generic[ItemT, PreparedT]):
     """Components and an engine that stay."""
 
     def __init__(self, runs: Runs[ItemT, PreparedT, Any]) -> None:
@@ -115,19 +115,19 @@ def _close(repeated: RepeatedEngine, kept: KeptComponents) -> None:
     kept.close()
 
 
-class _Places(threading.local):
+class _RunPlaces(threading.local):
     """The places of this thread, for the last runs; `rooms`: what was recorded last."""
 
     def __init__(self) -> None:
         self.rooms = Rooms()
         self._runs: object = None
-        self._places: list[_Place[Any, Any]] = []
+        self._places: list[_RunPlace[Any, Any]] = []
 
-    def of(self, runs: Runs[Any, Any, Any]) -> list[_Place[Any, Any]]:
+    def of(self, runs: Runs[Any, Any, Any]) -> list[_RunPlace[Any, Any]]:
         """The places for these runs, made anew for others."""
         if self._runs != runs:
             self.close()
-            self._runs, self._places = runs, [_Place(runs) for _ in range(PLACES)]
+            self._runs, self._places = runs, [_RunPlace(runs) for _ in range(PLACES)]
         return self._places
 
     def close(self) -> None:
@@ -137,7 +137,7 @@ class _Places(threading.local):
         self._runs, self._places = None, []
 
 
-_places = _Places()
+_places = _RunPlaces()
 
 
 def run_batch(
@@ -161,7 +161,7 @@ def run_batch(
 
 def _run(
     runs: Runs[ItemT, PreparedT, ResultT],
-    places: Sequence[_Place[ItemT, PreparedT]],
+    places: Sequence[_RunPlace[ItemT, PreparedT]],
     items: Sequence[ItemT],
 ) -> dict[int, ResultT]:
     """At most as many items as there are places. Those that can join take one each."""

@@ -21,6 +21,7 @@ from cosim.cli.ending import ProgramGroup, run_program
 from fmus.build.archive import ANY_SIZE, SHIPPED, VERSIONS, Version, pack, shipped_models, versions
 from fmus.build.library import compile_model
 from fmus.build.toolchain import PLATFORMS
+from fmus.build.wasm_fmu import add_wasm
 from fmus.model import Model, any_size, clocked, exchanged
 
 app = typer.Typer(
@@ -70,11 +71,19 @@ def build(
     exchange: Annotated[
         bool, typer.Option("--exchange", help="For model exchange: of plants, as NAME_exchange.")
     ] = False,
+    wasm: Annotated[
+        bool,
+        typer.Option("--wasm", help="With a WebAssembly binary as well: FMI 3.0, co-simulation."),
+    ] = False,
 ) -> None:
     """Build FMUs with sources, for this machine or for others."""
     asked, targets, given = _versions(fmi), _platforms(platforms), _sizes(sizes or [])
-    if exchange and clock:
-        raise ScenarioError("found --exchange with --clock, expected one of them", "--exchange")
+    for option, other in (("--clock", clock), ("--wasm", wasm)):
+        if exchange and other:
+            message = f"found --exchange with {option}, expected one of them"
+            raise ScenarioError(message, "--exchange")
+    if wasm and "3.0" not in asked:
+        raise ScenarioError("found --fmi 2.0, expected 3.0 for WebAssembly", "--wasm")
     classes = [name for name in models or [] if ":" in name]
     for name in classes:
         from fmus.python import build_class
@@ -86,7 +95,18 @@ def build(
         binaries = compile_model(model, targets)
         for version in (v for v in asked if v in versions(model) or fmi != "both"):
             path = pack(model, version, out, binaries)
-            typer.echo(f"{path}  FMI {version}, {', '.join(binaries)}")
+            found = [*binaries, "wasm"] if wasm and version == "3.0" else [*binaries]
+            if found[-1] == "wasm":
+                add_wasm(path)
+            typer.echo(f"{path}  FMI {version}, {', '.join(found)}")
+
+
+@app.command("wasm")
+def wasm(fmu: Annotated[Path, typer.Argument(help="The .fmu file, with sources in C.")]) -> None:
+    """Give an FMU of FMI 3.0 a WebAssembly binary, made from its sources (FMI-LS-WASM, draft)."""
+    if not fmu.is_file():
+        raise ScenarioError("no such file", str(fmu))
+    typer.echo(f"{add_wasm(fmu)}  FMI 3.0, wasm")
 
 
 @app.command("build-bus")

@@ -45,17 +45,9 @@ def compile_sources(archive: Archive, fmi: str, identifier: str, output: Path) -
     a listed file or folder is missing, a language is unknown, or it refuses the sources.
     """
     toolchain = part("toolchain")
-    folder = archive.folder / "sources"
-    sets, libraries = _listed(archive, fmi, identifier, toolchain.host_platform())
-    if not any(one.files for one in sets):
-        found = _not_included(sorted(x for x in folder.glob("*") if x.suffix in (".c", *_CPP)))
-        sets = [SourceFileSet(tuple(path.name for path in found))]
     with tempfile.TemporaryDirectory(prefix="sources-") as scratch:
-        headers = header_folder(fmi, Path(scratch))
-        own = _defines(archive, fmi, identifier)
-        calls = [
-            call for one in sets for call in _calls(archive, one, own, [headers] if headers else [])
-        ]
+        host = toolchain.host_platform()
+        calls, libraries = source_calls(archive, fmi, identifier, host, Path(scratch))
         cpp = any("c++" in flags for _, _, flags in calls)
         libraries += [_cpp_library(toolchain)] if cpp else []
         try:
@@ -72,6 +64,27 @@ def compile_sources(archive: Archive, fmi: str, identifier: str, output: Path) -
     with suppress(OSError):  # it is then built again
         add_sum(archive.folder, output)
     return output
+
+
+def source_calls(
+    archive: Archive, fmi: str, identifier: str, platform: str, scratch: Path
+) -> tuple[list[tuple[Path, list[Path], list[str]]], list[str]]:
+    """Files with folders of headers and options, as an FMU's sources are compiled; libraries.
+
+    `scratch`: an empty folder, for the headers of the standard. Raises FmuError for a file or
+    folder that is listed and missing, or an unknown language.
+    """
+    folder = archive.folder / "sources"
+    sets, libraries = _listed(archive, fmi, identifier, platform)
+    if not any(one.files for one in sets):
+        found = _not_included(sorted(x for x in folder.glob("*") if x.suffix in (".c", *_CPP)))
+        sets = [SourceFileSet(tuple(path.name for path in found))]
+    headers = header_folder(fmi, scratch)
+    own = _defines(archive, fmi, identifier)
+    calls = [
+        call for one in sets for call in _calls(archive, one, own, [headers] if headers else [])
+    ]
+    return calls, libraries
 
 
 def _calls(

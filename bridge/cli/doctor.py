@@ -25,6 +25,7 @@ EXTRAS = {
     "matplotlib": ("figures", "figures as PNG, PDF and GIF, and cosim reproduce"),
     "scipy": ("fit", "cosim fit and files for MATLAB"),
     "mujoco-core": ("mujoco", "scenes of MuJoCo"),
+    "wasmtime": ("wasm", 'FMUs in WebAssembly, and isolate = "wasm"'),
     "canopen": ("canopen", "drives with CANopen (CiA 402)"),
     "asammdf": ("mf4", "bus logs as MF4"),
     "foxglove-sdk": ("foxglove", "MCAP files and cosim monitor for Foxglove"),

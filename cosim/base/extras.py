@@ -10,12 +10,22 @@ from cosim.base.errors import ScenarioError
 _EXTRAS = {
     "PIL": ("figures", "a GIF needs Pillow"),
     "clarabel": ("certify", "a certificate needs Clarabel; to verify one, nothing is needed"),
+    "wasmtime": ("wasm", "an FMU in WebAssembly needs wasmtime"),
     "matplotlib": ("figures", "figures need matplotlib; report.html does not"),
 }
 
 
 def require(library: str) -> None:
     """Check that a library is there, before any work. Raises ScenarioError with the command."""
-    if find_spec(library) is None:
-        extra, need = _EXTRAS[library]
-        raise ScenarioError(f"{need}: pip install 'cosim-bridge[{extra}]'")
+    if not is_there(library):
+        raise ScenarioError(f"{_EXTRAS[library][1]}: {cure(library)}")
+
+
+def is_there(library: str) -> bool:
+    """True if a library is installed."""
+    return find_spec(library) is not None
+
+
+def cure(library: str) -> str:
+    """The command that installs a library."""
+    return f"pip install 'cosim-bridge[{_EXTRAS[library][0]}]'"

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from cosim.base.extras import cure, is_there
 from cosim.base.names import extent
 from cosim.base.units import time_text
 from cosim.cli.options import Json, write_json
@@ -156,7 +157,7 @@ def _facts(component: FmuComponent) -> list[tuple[str, str]]:
 
     d = component.description
     binaries = component.archive.folder / "binaries"
-    platforms = sorted(p.name for p in binaries.glob("*") if p.is_dir())
+    platforms = sorted(_platform(p.name) for p in binaries.glob("*") if p.is_dir())
     flags = sorted(name for name, on in d.flags.items() if on)
     return [
         ("model", f"{d.name} - {d.description}" if d.description else d.name),
@@ -175,6 +176,16 @@ def _facts(component: FmuComponent) -> list[tuple[str, str]]:
         *_terminals(component),
         *([("ignored", "; ".join(d.ignored))] if d.ignored else []),
     ]
+
+
+def _platform(name: str) -> str:
+    """A platform of an FMU, with what runs WebAssembly."""
+    from cosim.fmi.file.binaries import WASM_FOLDER
+
+    if name != WASM_FOLDER:
+        return name
+    missing = "" if is_there("wasmtime") else f": {cure('wasmtime')}"
+    return f"{name} (WebAssembly, on any platform{missing})"
 
 
 def _interfaces(component: FmuComponent) -> str:

@@ -108,7 +108,8 @@ def layout(
         partitions=moves.partitions(asked.texts),
         fmi=x.description.fmi, events=x.events, scheduled=x.description.scheduled, begin=x.begin,
         variable=bool(x.description.flags.get("canHandleVariableCommunicationStepSize")),
-        plain=real and found is None and not (x.clocked or x.returns_early), exchange=exchange,
+        plain=real and found is None and not (x.clocked or x.returns_early or x.sandboxed),
+        exchange=exchange,
     )  # fmt: skip
 
 

@@ -30,6 +30,19 @@ class CommonInstance:
         """ERROR or FATAL where one was returned; else OK."""
         return self._calls.broken
 
+    def trapped(self) -> str:
+        """Tell what it did in the call that ended it, in WebAssembly; "": nothing."""
+        return self._calls.trapped(self.handle)
+
+    @property
+    def sandboxed(self) -> bool:
+        """True if its binary is WebAssembly."""
+        return self._calls.sandboxed
+
+    def watch(self, stop: int) -> None:
+        """Let calls in WebAssembly end soon once the number at an address (int32) is not 0."""
+        self._calls.watch(self.handle, stop)
+
     def _suffix(self, verb: str, kind: str) -> str:
         """The name of the function that moves values of an FMI type, without prefix."""
         return verb.capitalize() + (self.ENUMERATION if kind == "Enumeration" else kind)
@@ -40,7 +53,7 @@ class CommonInstance:
 
     def refuse(self, suffix: str, status: int) -> None:
         """Raise FmuError for a bad status of a function, its name without the prefix."""
-        self._calls.refuse(suffix, status)
+        self._calls.refuse(suffix, status, self.handle)
 
     def left(self) -> None:
         """Take note that C has left Initialization Mode."""

@@ -146,6 +146,11 @@ class FmuComponent(FmuInterface):
         return OK if self._instance is None else self._instance.broken
 
     @property
+    def sandboxed(self) -> bool:
+        """True if there is an instance, and it is in WebAssembly: what C calls is Python."""
+        return self._instance is not None and self._instance.sandboxed
+
+    @property
     def ours(self) -> bool:
         """True if there is an instance, in this process, of one of our own models without events.
 
@@ -190,7 +195,8 @@ class FmuComponent(FmuInterface):
         """Equal for FMUs whose start has the same calls if the same values are set."""
         x = self.options
         texts = tuple(group.name for group, _ in self.start_texts)
-        return self.sort, x.log, x.isolate, x.build, x.tolerance, texts
+        limits = x.wasm, x.timeout, x.memory
+        return self.sort, x.log, x.isolate, x.build, x.tolerance, limits, texts
 
     @property
     def observes(self) -> bool:
@@ -206,25 +212,44 @@ class FmuComponent(FmuInterface):
 
     def _setup(self) -> Setup:
         x = self.options
-        what = f"setup {x.log} {x.build} {x.tolerance}"
+        what = f"setup {x.log} {x.build} {x.tolerance} {x.wasm} {x.timeout} {x.memory}"
         return self._derived(what, self._common_setup)._replace(name=self.name)
 
     def _common_setup(self) -> Setup:
         d, options = self.description, self.options
         return Setup(
             fmi=d.fmi, name="", token=d.token,
-            path=binaries.binary(self.archive, d.fmi, d.identifier, options.build),
+            path=self._binary(),
             resources=self.archive.folder / "resources", logging=options.log,
             event_mode=self.events or d.states is not None, interface=d.interface,
             early_return=self.events or self.returns_early,
             intermediate=self.updated if self.intermediate else None,
             tolerance=d.tolerance if options.tolerance is None else options.tolerance,
+            patience=options.timeout, memory=options.memory,
         )  # fmt: skip
+
+    def _binary(self) -> Path:
+        """The binary that is run. Raises FmuError, also for what WebAssembly cannot do."""
+        d, options = self.description, self.options
+        if options.wasm:
+            path = binaries.sandboxed(self.archive, d.identifier)
+        else:
+            path = binaries.binary(self.archive, d.fmi, d.identifier, options.build)
+        if binaries.is_sandboxed(path) and d.interface != "CoSimulation":
+            raise FmuError(
+                f"{self.name}: found {d.interface} in WebAssembly, expected CoSimulation"
+            )
+        if binaries.is_sandboxed(path) and self.intermediate and self.updated:
+            raise FmuError(
+                f"{self.name}: found intermediate updates of inputs in WebAssembly; expected "
+                'extrapolate = "hold", or an FMU without them'
+            )
+        return path
 
     def _instantiate(self, setup: Setup, logs: Iterator[fmu_log.Log]) -> Instance:
         options = self.options
         once = self.description.flags.get("canBeInstantiatedOnlyOncePerProcess")
-        if once and not options.isolate:
+        if once and not options.isolate and not binaries.is_sandboxed(setup.path):
             self._private = tempfile.mkdtemp(prefix="cosim-")  # a copy is a library of its own
             setup = setup._replace(path=binaries.copied(setup.path, Path(self._private)))
         room = LOG_ROOM if options.log else 0

@@ -364,7 +364,8 @@ def close(
             for state in states:
                 x.instance.free_state(state)
     for x in fmus:
-        x.close(abandon=x.archive.sha256 in fatal and x.remote is None)
+        alone = x.remote is not None or x.sandboxed  # no memory in common with others
+        x.close(abandon=x.archive.sha256 in fatal and not alone)
 
 
 def fmus_in(components: Iterable[Component]) -> int:

@@ -90,6 +90,12 @@ def step_failure(result: EngineResult, status: int, said: str, call: str = "doSt
     return f"{verb} returned {status_name(status)} ({said})"
 
 
+def trapped(result: EngineResult, did: str, said: str) -> str:
+    """The error for an FMU in WebAssembly that `did` what ended it; `said`: in its log."""
+    verbs = {EngineResult.SET: "setting inputs", EngineResult.GET: "getting outputs"}
+    return f"{verbs.get(result, 'doStep')} {did} ({said})"
+
+
 #: What computes a step, by the interface of an FMU.
 _CALLS = {
     "CoSimulation": "doStep",
@@ -146,6 +152,9 @@ def step_refused(
     slots = (*step.inputs, *step.outputs)
     if result is EngineResult.LOST and step.component.remote is not None:
         return step.component.remote.lost(status, "doStep").removeprefix(f"{step.name}: ")
-    said = step.component.instance.log.said()
+    instance = step.component.instance
+    said = instance.log.said()
+    if did := instance.trapped():
+        return trapped(result, did, said)
     call = _CALLS[step.component.description.interface]
     return refusal(result, status, said, wrong_value(slots, signals, place), call)

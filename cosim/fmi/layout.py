@@ -132,6 +132,7 @@ def bind(
     `stop`: address of a number (int32) that is not 0 when a step shall return early.
     """
     x = layout
+    instance.watch(stop)
     unit = structs.UnitStruct(lag=x.lag, h=x.h, period=x.period, instance=instance.handle)
     unit.input, unit.input_count = x.input, x.input_count
     unit.output, unit.output_count = x.output, x.output_count

@@ -15,9 +15,10 @@ from pathlib import Path
 from typing import Any, NamedTuple, NoReturn, Protocol
 
 from cosim.base.errors import FmuError
-from cosim.fmi.file.binaries import missing_bytes
+from cosim.fmi.file.binaries import is_sandboxed, missing_bytes
 from cosim.fmi.file.intervals import Interval, Intervals, NextTick
 from cosim.fmi.file.values import NumberedTexts
+from cosim.fmi.options import PATIENCE
 from cosim.native import fmu_log, shared
 from cosim.native.enums import Form
 
@@ -47,6 +48,16 @@ class Instance(Protocol):
     @property
     def broken(self) -> int:
         """ERROR or FATAL where one was returned: what may still be called; else OK."""
+
+    def trapped(self) -> str:
+        """Tell what it did in the call that ended it, in WebAssembly; "": nothing."""
+
+    @property
+    def sandboxed(self) -> bool:
+        """True if its binary is WebAssembly: what C calls is Python."""
+
+    def watch(self, stop: int) -> None:
+        """Let calls in WebAssembly end soon once the number at an address (int32) is not 0."""
 
     def returned(self, status: int) -> None:
         """Take note of a status that the engine got."""
@@ -205,7 +216,8 @@ class Setup(NamedTuple):
 
     `tolerance`: relative tolerance of the FMU's own solver; None: it is left to the FMU.
     `interface`: one of :data:`cosim.fmi.file.description.INTERFACES`. `intermediate`: inputs (value
-    references) that are set within a step; None: without intermediate update.
+    references) that are set within a step; None: without intermediate update. `patience` (s) of a
+    call, `memory` (MB; 0: 1024): limits of a WebAssembly component.
     """
 
     fmi: str
@@ -219,11 +231,21 @@ class Setup(NamedTuple):
     tolerance: float | None = None
     interface: str = "CoSimulation"
     intermediate: tuple[int, ...] | None = None
+    patience: float = PATIENCE
+    memory: int = 0
 
 
 @cache
-def _loaded(path: str) -> tuple[c.CDLL, dict[tuple[Any, ...], Any]]:
-    """A library, which stays loaded, and its functions by name and types. Raises OSError."""
+def _loaded(path: str, limits: tuple[float, int]) -> tuple[Any, dict[tuple[Any, ...], Any]]:
+    """A library, which stays loaded, and its functions by name and types. Raises OSError.
+
+    `limits`: of a WebAssembly component, see :class:`Setup`.
+    """
+    if is_sandboxed(Path(path)):
+        from cosim.sandbox.library import SandboxLibrary  # few runs need it
+        from cosim.sandbox.runtime import Limits
+
+        return SandboxLibrary(Path(path), Limits(*limits)), {}
     lacks = missing_bytes(Path(path))
     if lacks:
         raise OSError(f"the file is {lacks} bytes too short")
@@ -235,16 +257,17 @@ class Calls:
 
     __slots__ = (
         *("library", "_functions", "prefix", "name", "log", "_checked", "broken", "started"),
-        *("_called", "_close", "_at", "_stem"),
+        *("_called", "_close", "_at", "_stem", "sandboxed"),
     )
 
     def __init__(self, setup: Setup, prefix: str, log: fmu_log.Log) -> None:
         try:
-            self.library, self._functions = _loaded(str(setup.path))
+            limits = (setup.patience, setup.memory)
+            self.library, self._functions = _loaded(str(setup.path), limits)
         except OSError as error:
             raise FmuError(f"{setup.name}: cannot load {setup.path.name}: {error}") from error
         self.prefix, self.name, self.log = prefix, setup.name, log
-        self._stem = setup.path.stem
+        self._stem, self.sandboxed = setup.path.stem, is_sandboxed(setup.path)
         engine = shared.library()
         self._called, self._close = setup.name.encode(), engine.engine_log_close
         self._at = c.byref(log)
@@ -295,15 +318,17 @@ class Calls:
                 raise FmuError(f"{self.name}: {name} must not be called after an error of the FMU")
             status = function(*arguments)
             if status not in (OK, WARNING):
-                self.refuse(suffix, status)
+                self.refuse(suffix, status, arguments[0])
 
         self._checked[suffix] = call
         return call
 
-    def refuse(self, suffix: str, status: int) -> NoReturn:
+    def refuse(self, suffix: str, status: int, handle: int) -> NoReturn:
         """Raise FmuError for a status that a function returned, its name without the prefix."""
         self.returned(status)
         said, name = self.log.said(), f"{self.prefix}{suffix}"
+        if self.sandboxed and (did := self.trapped(handle)):
+            raise FmuError(f"{self.name}: {name} {did} ({said})")
         raise FmuError(f"{self.name}: {name} returned {status_name(status)}: {said}")
 
     def returned(self, status: int) -> None:
@@ -320,8 +345,23 @@ class Calls:
         """Terminate unless there was an error, free unless one was fatal."""
         if self.started and not self.broken:
             self.returned(self.function("Terminate", c.c_void_p)(handle))
-        if self.broken < FATAL:
+        if self.broken < FATAL or self.sandboxed:
             self.function("FreeInstance", c.c_void_p, result=None)(handle)
+
+    def trapped(self, handle: int) -> str:
+        """Tell what an instance in WebAssembly did in the call that ended it; "": nothing."""
+        if not self.sandboxed:
+            return ""
+        from cosim.sandbox.library import trapped
+
+        return trapped(handle)
+
+    def watch(self, handle: int, stop: int) -> None:
+        """Let calls in WebAssembly end soon once the number at an address (int32) is not 0."""
+        if self.sandboxed and stop:
+            from cosim.sandbox.library import watch
+
+            watch(handle, stop)
 
 
 def uint32(values: Sequence[int]) -> Any:

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-#: How long (s) an FMU in a process of its own may take to answer, where nothing is said.
+#: How long (s) an FMU in a process of its own, or in a sandbox, may take to answer by default.
 PATIENCE = 60.0
 
 
@@ -20,7 +20,9 @@ class FmuOptions:
 
     `log`: switch the FMU's logging on and keep what it says; `isolate`: a process of its own,
     killed when a call takes longer than `timeout` (s), with at most `memory` MB (0: no limit)
-    more than at its start; `build`: compile the FMU's sources where it has no binary for here.
+    more than at its start; `wasm`: its WebAssembly component, in a sandbox, also where it has a
+    binary for here, with the same `timeout`, and with `memory` in all (0: 1024 MB); `build`:
+    compile the FMU's sources where it has no binary for here.
     `tolerance`: relative tolerance of the FMU's own solver, or of CVODE; None: that of its
     DefaultExperiment. `interface`: that of several which is used, as the model description writes
     it; "": the first of co-simulation, model exchange, scheduled execution. `solver`: euler, heun,
@@ -32,6 +34,7 @@ class FmuOptions:
     given: Mapping[str, Any] = field(default_factory=dict)
     log: bool = False
     isolate: bool = False
+    wasm: bool = False
     timeout: float = PATIENCE
     memory: int = 0
     build: bool = False

@@ -198,7 +198,8 @@ def _fmu(
         raise ScenarioError(f"{seconds:g} s must be positive", f"{place}.timeout")
     kind, interface = _WORDS.get(spec.kind, (spec.kind, ""))  # type: ignore[arg-type]
     options = FmuOptions(
-        sizes=sizes, given={**spec.parameters, **spec.start}, log=spec.log, isolate=spec.isolate,
+        sizes=sizes, given={**spec.parameters, **spec.start}, log=spec.log,
+        isolate=spec.isolate is True, wasm=spec.isolate == "wasm",
         timeout=seconds, memory=spec.memory, build=spec.build, tolerance=spec.tolerance,
         interface=interface, solver=spec.solver, max_step=_longest(spec, place),
     )  # fmt: skip

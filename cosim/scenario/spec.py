@@ -119,7 +119,7 @@ class ComponentSpec(
     start: dict[str, Value] = {}
     inputs: dict[str, str | InputSpec] = {}
     log: bool = False
-    isolate: bool = False
+    isolate: bool | Literal["wasm"] = False
     timeout: Number | None = None
     tolerance: Annotated[float, msgspec.Meta(gt=0)] | None = None
     memory: Annotated[int, msgspec.Meta(ge=0)] = 0

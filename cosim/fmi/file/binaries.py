@@ -12,14 +12,18 @@ import sys
 from pathlib import Path
 
 from cosim.base.errors import FmuError
+from cosim.base.extras import require
 from cosim.fmi.file.archive import Archive
 
+#: The folder of WebAssembly binaries (FMI Layered Standard for WebAssembly, a draft of 2026).
+WASM_FOLDER = "wasm32-wasip2"
 _MACHINE = {"amd64": "x86_64", "x86_64": "x86_64", "arm64": "aarch64", "aarch64": "aarch64"}
 _SYSTEM = {"linux": ("linux", ".so"), "darwin": ("darwin", ".dylib"), "win32": ("windows", ".dll")}
 
 
 def binary(fmu: Archive, fmi: str, identifier: str, build: bool = False) -> Path:
-    """The shared library of this platform, compiled from the FMU's sources if `build` is set.
+    """The shared library of this platform, compiled from the FMU's sources if `build` is set; else
+    the WebAssembly component of an FMU of FMI 3.0.
 
     Raises FmuError naming the platforms there are.
     """
@@ -30,19 +34,49 @@ def binary(fmu: Archive, fmi: str, identifier: str, build: bool = False) -> Path
         from cosim.fmi.file.sources import compile_sources
 
         return compile_sources(fmu, fmi, identifier, path)
-    found = sorted(p.name for p in (fmu.folder / "binaries").glob("*") if p.is_dir())
+    if fmi == "3.0" and wasm(fmu, identifier) is not None:
+        return sandboxed(fmu, identifier)
     sources = " (it holds sources, which could be built: build = true)"
-    there = ", ".join(found) if found else "none"
     raise FmuError(
         f"{fmu.path}: no binary for this platform: expected binaries/{path.parent.name}/"
-        f"{path.name}; platforms in the FMU: {there}"
+        f"{path.name}; platforms in the FMU: {_platforms(fmu)}"
         f"{sources if has_sources(fmu) else ''}"
     )
+
+
+def _platforms(fmu: Archive) -> str:
+    found = sorted(p.name for p in (fmu.folder / "binaries").glob("*") if p.is_dir())
+    return ", ".join(found) if found else "none"
 
 
 def _library(fmu: Archive, fmi: str, identifier: str) -> Path:
     folder, suffix = platform_folder(fmi)
     return fmu.folder / "binaries" / folder / f"{identifier}{suffix}"
+
+
+def is_sandboxed(library: Path) -> bool:
+    """True if a binary is WebAssembly, which runs in a sandbox on any platform."""
+    return library.suffix == ".wasm"
+
+
+def wasm(fmu: Archive, identifier: str) -> Path | None:
+    """The WebAssembly component of an FMU; None: it has none."""
+    path = fmu.folder / "binaries" / WASM_FOLDER / f"{identifier}.wasm"
+    return path if path.is_file() else None
+
+
+def sandboxed(fmu: Archive, identifier: str) -> Path:
+    """The WebAssembly component of an FMU. Raises FmuError where there is none, ScenarioError where
+    the extra is missing that runs it.
+    """
+    path = wasm(fmu, identifier)
+    if path is None:
+        raise FmuError(
+            f'{fmu.path}: isolate = "wasm" found no binaries/{WASM_FOLDER}/{identifier}.wasm; '
+            f"platforms in the FMU: {_platforms(fmu)}; `fmus build --wasm` makes one of FMI 3.0"
+        )
+    require("wasmtime")
+    return path
 
 
 def shipped(fmu: Archive, fmi: str, identifier: str) -> bool:

@@ -19,6 +19,7 @@ from typing import Any, NoReturn
 
 from cosim.base.errors import FmuError
 from cosim.base.python import python_call
+from cosim.fmi.file.binaries import is_sandboxed
 from cosim.fmi.file.intervals import Interval, Intervals, NextTick
 from cosim.fmi.file.values import NumberedTexts
 from cosim.fmi.isolation.protocol import answered, request
@@ -47,6 +48,7 @@ class RemoteInstance:
     """
 
     handle = broken = 0
+    sandboxed = False  # its process may have one
     numbered: NumberedTexts  # none: texts of an isolated FMU are not connected
     next_event = NEVER  # known where the FMU is
     next_ticks: Mapping[int, NextTick] = {}
@@ -81,8 +83,11 @@ class RemoteInstance:
         try:
             self._timeout = max(PATIENCE, options.timeout)  # until Python runs: no FMU's fault
             self._call("ready")
+            if not is_sandboxed(setup.path):  # which is compiled first
+                self._timeout = options.timeout
+            limit = 0 if is_sandboxed(setup.path) else options.memory  # a sandbox keeps its own
+            self._call("start", setup, room, limit)
             self._timeout = options.timeout
-            self._call("start", setup, room, options.memory)
         except BaseException:
             self.end()
             raise
@@ -157,6 +162,14 @@ class RemoteInstance:
 
     def native(self, verb: str, kind: str = "") -> NativeCall | None:
         """There are no addresses in this process: None."""
+
+    def trapped(self) -> str:
+        """Tell what it did in the call that ended it, in WebAssembly; "": nothing."""
+        did: str = self._call("trapped")
+        return did
+
+    def watch(self, stop: int) -> None:
+        """Do nothing: its end is that of the process."""
 
     def left(self) -> None:
         """Do nothing: the process of the FMU takes note itself."""

@@ -1,8 +1,9 @@
-"""What a step of an FMU in its own process costs: ``python benchmarks/isolated.py [--fmus 4]``.
+"""What a step of an FMU apart costs: ``python benchmarks/isolated.py [--fmus 4]``.
 
-The planar arm, whose step takes a fraction of a microsecond, in this process and isolated: alone,
-and several whose steps do not need each other. The least and the median time of all turns; with
-``--busy``, as many processes compute meanwhile as there are processors.
+The planar arm, whose step takes a fraction of a microsecond: in this process, in WebAssembly, and
+in a process of its own; alone, and several whose steps do not need each other. The least and the
+median time of all turns; with ``--busy``, as many processes compute meanwhile as there are
+processors.
 """
 
 from __future__ import annotations
@@ -10,22 +11,32 @@ from __future__ import annotations
 import argparse
 import multiprocessing
 import os
+import shutil
+import tempfile
 import time
+from pathlib import Path
 from statistics import median
 
 from cosim.engine.engine import Engine
 from cosim.fmi import FmuComponent, FmuOptions
 from cosim.schedule.parts import Slot, Step
 from cosim.schedule.plan import Plan, compile_plan
+from fmus.build.wasm_fmu import add_wasm
 from fmus.models import planar2r
 
+WAYS = {
+    "in this process": FmuOptions(),
+    "WebAssembly": FmuOptions(wasm=True),
+    "a process of its own": FmuOptions(isolate=True),
+}
 
-def plan_of(count: int, *, isolate: bool) -> Plan:
+
+def plan_of(path: Path, count: int, options: FmuOptions) -> Plan:
     """Arms that nothing connects: their steps follow each other in a tick."""
     steps, at = [], 0
     for i in range(count):
         name = f"arm{i}"
-        arm = FmuComponent(planar2r.fmu("2.0"), name, None, FmuOptions(isolate=isolate))
+        arm = FmuComponent(path, name, None, options)
         sides: list[list[Slot]] = [[], []]
         for side, ports in zip(sides, (arm.inputs, arm.outputs), strict=True):
             for p in ports:
@@ -36,10 +47,10 @@ def plan_of(count: int, *, isolate: bool) -> Plan:
     return compile_plan(1e-3, 10**9, steps, [], [])
 
 
-def cost(count: int, ticks: int, turns: int, *, isolate: bool) -> tuple[float, float, float]:
+def cost(plan: Plan, ticks: int, turns: int) -> tuple[float, float, float]:
     """Time of the start (s), least and median time of a tick (s)."""
     begin = time.perf_counter()
-    with Engine(plan_of(count, isolate=isolate)) as engine:
+    with Engine(plan) as engine:
         engine.initialize()
         started, times = time.perf_counter() - begin, []
         for _ in range(turns):
@@ -69,14 +80,17 @@ def main() -> None:
     for other in others:
         other.start()
     print(f"{processors} processors, load {os.getloadavg()[0]:.1f}")
-    for isolate in (False, True):
-        for count in (1, given.fmus):
-            started, least, middle = cost(count, given.ticks, given.turns, isolate=isolate)
-            where = "isolated       " if isolate else "in this process"
-            print(
-                f"{count} {where}: start {started:.3f} s, a tick {least * 1e6:.2f} µs, "
-                f"median {middle * 1e6:.2f} µs"
-            )
+    print("| FMUs | where | start, s | a tick, least, µs | median, µs |\n|---|---|---|---|---|")
+    with tempfile.TemporaryDirectory() as folder:
+        path = add_wasm(Path(shutil.copy(planar2r.fmu("3.0"), folder)))
+        for where, options in WAYS.items():
+            for count in (1, given.fmus):
+                plan = plan_of(path, count, options)
+                started, least, middle = cost(plan, given.ticks, given.turns)
+                print(
+                    f"| {count} | {where} | {started:.3f} | {least * 1e6:.2f} | "
+                    f"{middle * 1e6:.2f} |"
+                )
     for other in others:
         other.terminate()
 

@@ -6,9 +6,9 @@
 #include <stdint.h>
 #include <string.h>
 
-__attribute__((import_module("fmi:fmi3/callbacks@3.0.0"), import_name("log-message")))
-extern void log_message(const char *name, size_t n, int32_t status, const char *category, size_t m,
-                        const char *message, size_t k);
+__attribute__((import_module("fmi:fmi3/callbacks@3.0.0"), import_name("log-message"))) extern void
+log_message(const char *name, size_t n, int32_t status, const char *category, size_t m, const char *message,
+            size_t k);
 
 enum { SUCCESS = 0, BAD_DESCRIPTOR = 8, NOT_CAPABLE = 76, FATAL = 4 /* of fmi3Status */ };
 typedef int32_t I;
@@ -16,9 +16,9 @@ typedef int64_t L;
 #define ASKED(name) __imported_wasi_snapshot_preview1_##name
 #define ZIG(name) zig_##name /* as the part of the library that is written in Zig calls it */
 #define LABEL(name) __asm__(#name "|wasi_snapshot_preview1")
-#define REFUSED(name, error, ...)              \
+#define REFUSED(name, error, ...)                \
     I ASKED(name)(__VA_ARGS__) { return error; } \
-    I ZIG(name)(__VA_ARGS__) LABEL(name);      \
+    I ZIG(name)(__VA_ARGS__) LABEL(name);        \
     I ZIG(name)(__VA_ARGS__) { return error; }
 
 static _Noreturn void leave(int32_t code)
@@ -26,7 +26,8 @@ static _Noreturn void leave(int32_t code)
     char said[64] = "tried to end the process, with exit code ";
     char digits[12];
     size_t at = strlen(said), n = 0;
-    for (uint32_t left = (uint32_t)code; n == 0 || left != 0; left /= 10) digits[n++] = (char)('0' + left % 10);
+    for (uint32_t left = (uint32_t)code; n == 0 || left != 0; left /= 10)
+        digits[n++] = (char)('0' + left % 10);
     while (n != 0) said[at++] = digits[--n];
     log_message("", 0, FATAL, "logStatusFatal", 14, said, at);
     __builtin_trap();

@@ -27,7 +27,8 @@ void *fmi3InstantiateCoSimulation(const char *name, const char *token, const cha
                                   void *environment, log_t log, void *update)
 {
     fmu_t *x = calloc(1, sizeof *x);
-    (void)name, (void)resources, (void)visible, (void)logging, (void)events, (void)early, (void)asked, (void)n;
+    (void)name, (void)resources, (void)visible, (void)logging, (void)events, (void)early, (void)asked,
+        (void)n;
     (void)update;
     if (strcmp(token, "t")) return NULL;
     x->log = log, x->environment = environment;
@@ -68,10 +69,7 @@ int fmi3SetInt32(fmu_t *x, const uint32_t *vr, size_t n, const int32_t *values, 
 }
 
 static int (*volatile again)(int);
-static int deeper(int left)
-{
-    return left == 0 ? 0 : again(left - 1) ^ depth;
-}
+static int deeper(int left) { return left == 0 ? 0 : again(left - 1) ^ depth; }
 
 static int wider(volatile int left)
 {
@@ -117,7 +115,8 @@ int fmi3DoStep(fmu_t *x, double t, double h, bool prior, bool *event, bool *ende
     case HUGE: return huge();
     case READ: x->value[Y] = opened("/etc/passwd", "r"); return 0;
     case WRITE: x->value[Y] = opened("/tmp/written-by-an-fmu", "w"); return 0;
-    case CALL: return ((int (*)(int, int, int, int, int, int))(uintptr_t)*(volatile int *)&depth)(1, 2, 3, 4, 5, 6);
+    case CALL:
+        return ((int (*)(int, int, int, int, int, int))(uintptr_t)*(volatile int *)&depth)(1, 2, 3, 4, 5, 6);
     case ASK: x->value[Y] = getenv("PATH") == NULL ? -1.0 : 1.0; return 0;
     case LIE: return 77;
     }

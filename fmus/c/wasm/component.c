@@ -31,34 +31,73 @@ typedef struct {
     uint64_t counter, resolution;
 } Fraction;
 
-/* What a FMU may lack is refused, not called. */
-#define WEAK(function) extern __typeof__(fmi3##function) fmi3##function __attribute__((weak));
+/* What an FMU may lack is refused, not called. */
+#define WEAK(function) extern __typeof__(fmi3##function) fmi3##function __attribute__((weak))
 #define HAS(function) (fmi3##function != NULL)
-WEAK(SetDebugLogging)
-WEAK(EnterEventMode) WEAK(UpdateDiscreteStates) WEAK(EnterConfigurationMode) WEAK(ExitConfigurationMode)
-    WEAK(GetNumberOfVariableDependencies) WEAK(GetVariableDependencies) WEAK(GetFMUState) WEAK(SetFMUState)
-        WEAK(FreeFMUState) WEAK(SerializedFMUStateSize) WEAK(SerializeFMUState) WEAK(DeserializeFMUState)
-            WEAK(GetDirectionalDerivative) WEAK(GetAdjointDerivative) WEAK(GetIntervalDecimal) WEAK(
-                GetIntervalFraction) WEAK(GetShiftDecimal) WEAK(GetShiftFraction) WEAK(SetIntervalDecimal)
-                WEAK(SetIntervalFraction) WEAK(SetShiftDecimal) WEAK(SetShiftFraction)
-                    WEAK(EvaluateDiscreteStates) WEAK(GetOutputDerivatives) WEAK(EnterStepMode) WEAK(Reset)
-                        WEAK(Terminate) WEAK(GetBinary) WEAK(SetBinary) WEAK(GetClock) WEAK(SetClock)
-                            WEAK(GetFloat32) WEAK(GetFloat64) WEAK(GetInt8) WEAK(GetUInt8) WEAK(GetInt16)
-                                WEAK(GetUInt16) WEAK(GetInt32) WEAK(GetUInt32) WEAK(GetInt64) WEAK(GetUInt64)
-                                    WEAK(GetBoolean) WEAK(GetString) WEAK(SetFloat32) WEAK(SetFloat64)
-                                        WEAK(SetInt8) WEAK(SetUInt8) WEAK(SetInt16) WEAK(SetUInt16)
-                                            WEAK(SetInt32) WEAK(SetUInt32) WEAK(SetInt64) WEAK(SetUInt64)
-                                                WEAK(SetBoolean) WEAK(SetString)
+WEAK(SetDebugLogging);
+WEAK(EnterEventMode);
+WEAK(UpdateDiscreteStates);
+WEAK(EnterConfigurationMode);
+WEAK(ExitConfigurationMode);
+WEAK(GetNumberOfVariableDependencies);
+WEAK(GetVariableDependencies);
+WEAK(GetFMUState);
+WEAK(SetFMUState);
+WEAK(FreeFMUState);
+WEAK(SerializedFMUStateSize);
+WEAK(SerializeFMUState);
+WEAK(DeserializeFMUState);
+WEAK(GetDirectionalDerivative);
+WEAK(GetAdjointDerivative);
+WEAK(GetIntervalDecimal);
+WEAK(GetIntervalFraction);
+WEAK(GetShiftDecimal);
+WEAK(GetShiftFraction);
+WEAK(SetIntervalDecimal);
+WEAK(SetIntervalFraction);
+WEAK(SetShiftDecimal);
+WEAK(SetShiftFraction);
+WEAK(EvaluateDiscreteStates);
+WEAK(GetOutputDerivatives);
+WEAK(EnterStepMode);
+WEAK(Reset);
+WEAK(Terminate);
+WEAK(GetBinary);
+WEAK(SetBinary);
+WEAK(GetClock);
+WEAK(SetClock);
+WEAK(GetFloat32);
+WEAK(GetFloat64);
+WEAK(GetInt8);
+WEAK(GetUInt8);
+WEAK(GetInt16);
+WEAK(GetUInt16);
+WEAK(GetInt32);
+WEAK(GetUInt32);
+WEAK(GetInt64);
+WEAK(GetUInt64);
+WEAK(GetBoolean);
+WEAK(GetString);
+WEAK(SetFloat32);
+WEAK(SetFloat64);
+WEAK(SetInt8);
+WEAK(SetUInt8);
+WEAK(SetInt16);
+WEAK(SetUInt16);
+WEAK(SetInt32);
+WEAK(SetUInt32);
+WEAK(SetInt64);
+WEAK(SetUInt64);
+WEAK(SetBoolean);
+WEAK(SetString);
 
 #define IN "fmi:fmi3/co-simulation@3.0.0#"
 #define EXPORTED(name) __attribute__((export_name(name), used))
 #define METHOD(name) EXPORTED(IN "[method]co-simulation-instance." name)
 #define IMPORTED(from, name) __attribute__((import_module(from), import_name(name)))
 
-                                                    IMPORTED(
-                                                        "[export]fmi:fmi3/co-simulation@3.0.0",
-                                                        "[resource-new]co-simulation-instance") extern int32_t
-    new_handle(Resource *x);
+IMPORTED("[export]fmi:fmi3/co-simulation@3.0.0", "[resource-new]co-simulation-instance")
+extern int32_t new_handle(Resource *x);
 IMPORTED("fmi:fmi3/callbacks@3.0.0", "log-message")
 extern void log_message(Text name, size_t n, int32_t status, Text category, size_t m, Text message, size_t k);
 

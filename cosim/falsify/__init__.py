@@ -14,6 +14,7 @@ own links). Output: a folder with a scenario that breaks one of them, made as sm
     optimizer   segments chosen by CMA-ES
     search      the families in order, until one breaks a requirement
     rounds      candidates spread over workers; their results kept, so that a search is resumable
+    trials      candidates as differences from the nominal one, and simpler ones
     shrinking   the smallest candidate that still fails
     execute     all of it, in a folder
     words       the result in words and as data

@@ -43,7 +43,8 @@ class Falsification:
     @property
     def small(self) -> Candidate | None:
         """The smallest candidate that fails, so far."""
-        return None if self.shrinking is None else self.shrinking.candidate(self.shrinking.now)
+        shrinking = self.shrinking
+        return None if shrinking is None else shrinking.trials.candidate(shrinking.now)
 
     @property
     def nominal(self) -> CandidateOutcome | None:
@@ -89,7 +90,7 @@ def falsify(
     budget = replace(budget, families=tuple(families))
     with held_folder(folder):
         again = force and bool(stores.read_state(folder))
-        facts = {"scenario": str(path), "problem": problem.name, "seed": budget.seed}
+        facts = {"scenario": str(path), "problem": problem.name[:12], "seed": budget.seed}
         if again:
             (folder / JOURNAL).unlink(missing_ok=True)
         if again or claim(folder, "falsification", facts):

@@ -4,26 +4,24 @@ are nearer to the nominal ones, and simple numbers.
 Segments are removed by delta debugging (A. Zeller, R. Hildebrandt, "Simplifying and Isolating
 Failure-Inducing Input", IEEE Transactions on Software Engineering 28(2), 2002), then joined,
 shortened and rounded. What is left also has to fail if every delay is changed at random by up to
-:data:`JITTER`; if that cannot be had, it is fragile.
+:data:`cosim.falsify.trials.JITTER`; if that cannot be had, it is fragile.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Iterable, Sequence
+from collections.abc import Generator, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from math import ceil
 
 import numpy as np
-from numpy.random import Generator as RandomGenerator
 
 from cosim.base.random_numbers import generator
 from cosim.falsify.evaluation import Problem
 from cosim.falsify.judge import CandidateOutcome
-from cosim.falsify.paths import Candidate, DelayPath, Piece
+from cosim.falsify.paths import Candidate
 from cosim.falsify.search import Found
+from cosim.falsify.trials import Trial, Trials
 
-#: The change of a delay that must not matter, s, and how long it stays.
-JITTER, KEPT = 0.005, 0.03
 #: The part of the nominal margin by which a requirement stays violated.
 SLACK = 0.1
 #: Networks with jitter for each step of the way, and at the end.
@@ -37,35 +35,6 @@ WIDE = 128
 
 Tests = Generator[list[Candidate], list[CandidateOutcome], list[bool]]
 Steps = Generator[list[Candidate], list[CandidateOutcome], "Trial"]
-Changes = Callable[["Trial", int], Iterable["Trial"]]
-
-
-@dataclass(frozen=True, slots=True)
-class Trial:
-    """A candidate as its differences from the nominal one: pieces by channel, and axes."""
-
-    pieces: tuple[tuple[int, Piece], ...]
-    axes: tuple[float | None, ...]
-    ticks: int
-
-    @property
-    def channels(self) -> frozenset[int]:
-        """The channels that differ."""
-        return frozenset(channel for channel, _ in self.pieces)
-
-    def without(self, gone: Iterable[int]) -> Trial:
-        """The same without some pieces, by number."""
-        left = set(gone)
-        return self.having(p for i, p in enumerate(self.pieces) if i not in left)
-
-    def having(self, pieces: Iterable[tuple[int, Piece]]) -> Trial:
-        """The same with other pieces."""
-        return replace(self, pieces=tuple(sorted(pieces, key=lambda p: (p[0], p[1].begin))))
-
-    def changed(self, i: int, piece: Piece) -> Trial:
-        """The same with another piece in the place of number `i`."""
-        channel = self.pieces[i][0]
-        return self.having([*self.pieces[:i], (channel, piece), *self.pieces[i + 1 :]])
 
 
 @dataclass(slots=True)
@@ -86,48 +55,16 @@ class Shrinking:
     slack: float = 0.0
     failing: int = -1
     outcome: CandidateOutcome | None = None
+    trials: Trials = field(init=False)
     now: Trial = field(init=False)
 
     def __post_init__(self) -> None:
         """Begin with what was found."""
-        self.now = self._trial(self.found.candidate)
+        self.trials = Trials(self.problem)
+        self.now = self.trials.of(self.found.candidate)
         if not self.found.outcome.reason:
             violated = -self.found.outcome.margins[self.found.requirement].value
             self.slack = min(SLACK * self.found.scale, 0.5 * violated)
-
-    def _trial(self, candidate: Candidate) -> Trial:
-        pieces = [
-            (i, piece)
-            for i, (channel, path) in enumerate(
-                zip(self.problem.channels, candidate.paths, strict=True)
-            )
-            for piece in path.pieces(channel.nominal, candidate.ticks)
-        ]
-        return Trial(tuple(pieces), candidate.axes, candidate.ticks)
-
-    def candidate(self, trial: Trial) -> Candidate:
-        """The candidate of a trial."""
-        paths = []
-        for i, channel in enumerate(self.problem.channels):
-            mine = [p for c, p in trial.pieces if c == i and p.begin < trial.ticks]
-            paths.append(DelayPath.changed(channel.nominal, mine))
-        return Candidate(tuple(paths), trial.axes, trial.ticks)
-
-    def _within_bounds(self, trial: Trial) -> Trial:
-        """The pieces as they are run: losses that are too long are cut."""
-        candidate = self.candidate(trial)
-        return self._trial(replace(candidate, paths=self.problem.kept(candidate)))
-
-    def jittered(self, trial: Trial, number: int) -> Candidate:
-        """The candidate with other delays by up to :data:`JITTER`, one of many."""
-        paths = []
-        for channel, path in zip(self.problem.channels, self.candidate(trial).paths, strict=True):
-            held = max(channel.step, round(KEPT / channel.h))
-            ticks = np.arange(0, trial.ticks, channel.step)
-            random = generator(number, f"falsify:jitter:{channel.name}")
-            noise = random.uniform(-JITTER, JITTER, -(-trial.ticks // held) + 1)
-            paths.append(DelayPath.of(ticks, path.at(ticks) + noise[ticks // held]))
-        return Candidate(tuple(paths), trial.axes, trial.ticks)
 
     def _fails(self, outcome: CandidateOutcome) -> bool:
         """True if the requirement is violated by more than the slack."""
@@ -143,11 +80,7 @@ class Shrinking:
         each = WIDE // (1 + jitter) or 1
         for first in range(0, len(trials), each):
             some = trials[first : first + each]
-            candidates = [
-                c
-                for t in some
-                for c in (self.candidate(t), *(self.jittered(t, k) for k in range(jitter)))
-            ]
+            candidates = [c for t in some for c in self.trials.with_jitter(t, jitter)]
             self.runs += len(candidates)
             outcomes = yield candidates
             failed = [self._fails(x) for x in outcomes]
@@ -190,8 +123,8 @@ class Shrinking:
         small = yield from self._nearer(small, jitter)
         small = yield from self._stop(small)
         small = yield from self._simpler(small, jitter)
-        small = self.now = self._within_bounds(small)
-        outcomes = yield [self.candidate(small), *(self.jittered(small, k) for k in range(MANY))]
+        small = self.now = self.trials.within_bounds(small)
+        outcomes = yield self.trials.with_jitter(small, MANY)
         self.outcome, *others = outcomes
         self.failing = sum(x.fails(self.found.requirement) for x in others)
         return small
@@ -217,7 +150,7 @@ class Shrinking:
     def _stop(self, trial: Trial) -> Steps:
         """The shortest run in which it fails and the nominal one does not."""
         h, lengths = self.problem.h, list[int]()
-        [outcome] = yield [self.candidate(trial)]
+        [outcome] = yield [self.trials.candidate(trial)]
         margin = outcome.margins.get(self.found.requirement)
         at = outcome.stopped_at if margin is None else margin.time
         last = max([p.begin for _, p in trial.pieces if p.begin < trial.ticks], default=0)
@@ -230,10 +163,10 @@ class Shrinking:
         for first in range(0, len(trials), 4):
             some = trials[first : first + 4]
             nominal = [replace(self.problem.nominal, ticks=t.ticks) for t in some]
-            outcomes = yield [*(self.candidate(t) for t in some), *nominal]
+            outcomes = yield [*(self.trials.candidate(t) for t in some), *nominal]
             for t, mine, others in zip(some, outcomes, outcomes[len(some) :], strict=False):
                 if self._fails(mine) and others.passes:
-                    self.now = replace(t, pieces=_until(t))
+                    self.now = t.cut(None, None)
                     return self.now
         return trial
 
@@ -244,7 +177,7 @@ class Shrinking:
                 rest = trial.having(p for p in trial.pieces if p[0] != channel)
                 trial = (yield from self.first([rest], jitter)) or trial
         trial = yield from self._window(trial, jitter)
-        trial = yield from self._coarser(trial, jitter)
+        trial = (yield from self.first(self.trials.coarser(trial), jitter)) or trial
         trial = yield from self._delta(trial, jitter)
         for _ in range(TURNS):
             before = len(trial.pieces)
@@ -260,7 +193,7 @@ class Shrinking:
             low, high = 0, trial.ticks  # between them is the time to be found
             while high - low > max(1, trial.ticks // 256) and not self.exhausted:
                 cuts = sorted({low + (high - low) * k // 8 for k in range(1, 8)})
-                trials = [_cut(trial, None if late else c, c if late else None) for c in cuts]
+                trials = [trial.cut(None if late else c, c if late else None) for c in cuts]
                 if not late:
                     cuts, trials = cuts[::-1], trials[::-1]
                 failed = yield from self.fails(trials, jitter)
@@ -272,39 +205,6 @@ class Shrinking:
                 before = cuts[i - 1] if i else (low if late else high)
                 low, high = (before, cuts[i]) if late else (cuts[i], before)
         return trial
-
-    def _coarser(self, trial: Trial, jitter: int) -> Steps:
-        """The same on a coarse grid of time: each cell has its extreme, its mean, or its first."""
-        h = self.problem.h
-        trials = [
-            coarse
-            for length in (2.0, 1.0, 0.5, 0.2, 0.1, 0.05)
-            for how in ("far", "mean", "first")
-            if (cell := round(length / h)) >= 1
-            and len((coarse := self._on_grid(trial, cell, how)).pieces) < len(trial.pieces)
-        ]
-        return (yield from self.first(trials, jitter)) or trial
-
-    def _on_grid(self, trial: Trial, cell: int, how: str) -> Trial:
-        pieces = []
-        candidate = self.candidate(trial)
-        for i in sorted(trial.channels):
-            channel, path = self.problem.channels[i], candidate.paths[i]
-            ticks = np.arange(0, trial.ticks, channel.step)
-            values, cells = path.at(ticks), ticks // cell
-            starts = np.searchsorted(cells, np.arange(cells[-1] + 1))
-            found = []
-            for a, b in zip(starts, [*starts[1:], len(values)], strict=True):
-                some = values[a:b]
-                if how == "first" or np.isnan(some).any():
-                    found.append(float(some[0]))
-                elif how == "mean":
-                    found.append(float(some.mean()))
-                else:
-                    found.append(float(some[np.argmax(np.abs(some - channel.nominal))]))
-            grid = DelayPath.of(cell * np.arange(len(found)), found)
-            pieces += [(i, p) for p in grid.pieces(channel.nominal, trial.ticks)]
-        return trial.having(pieces)
 
     def _delta(self, trial: Trial, jitter: int) -> Steps:
         """Delta debugging over pieces: none can be left out alone."""
@@ -327,26 +227,11 @@ class Shrinking:
     def _joined(self, trial: Trial, jitter: int) -> Steps:
         """Two neighbours of a channel as one, as long as that fails."""
         while not self.exhausted:
-            smaller = yield from self.first(self._joints(trial), jitter)
+            smaller = yield from self.first(self.trials.joints(trial), jitter)
             if smaller is None:
                 return trial
             trial = smaller
         return trial
-
-    def _joints(self, trial: Trial) -> list[Trial]:
-        """All ways to make two neighbours one, the closest first."""
-        found: list[tuple[int, int, Trial]] = []
-        for i, ((c, a), (d, b)) in enumerate(zip(trial.pieces, trial.pieces[1:], strict=False)):
-            if c != d:
-                continue
-            channel = self.problem.channels[c]
-            values = dict.fromkeys(x for x in (a.value, b.value, channel.low, channel.high))
-            for value in values:
-                if value != channel.nominal:
-                    rest = trial.without([i, i + 1]).pieces
-                    one = trial.having([*rest, (c, Piece(a.begin, b.end, value))])
-                    found.append((b.begin - a.end, i, one))
-        return [one for _, _, one in sorted(found, key=lambda x: x[:2])]
 
     def _evolved(self, trial: Trial) -> Steps:
         """One piece less, where the others may change: an evolution with a generation a round."""
@@ -363,7 +248,7 @@ class Shrinking:
                     break
                 if scores[best] < least:
                     base, least = some[best], scores[best]
-                some = [self._mutant(base, random) for _ in range(BROOD)]
+                some = [self.trials.mutant(base, random) for _ in range(BROOD)]
             if smaller is None:
                 break
             trial = self.now = smaller
@@ -374,34 +259,16 @@ class Shrinking:
     ]:  # fmt: skip
         """The margin of each trial, in its unit."""
         self.runs += len(trials)
-        outcomes = yield [self.candidate(trial) for trial in trials]
+        outcomes = yield [self.trials.candidate(trial) for trial in trials]
         name = self.found.requirement
         return [-1e300 if x.reason else x.margins[name].value for x in outcomes]
-
-    def _mutant(self, trial: Trial, random: RandomGenerator) -> Trial:
-        """The same with some edges at other times, some values at a bound, some on other links."""
-        pieces: list[tuple[int, Piece]] = []
-        sd = float(np.exp(random.uniform(np.log(0.02), np.log(1.0)))) / self.problem.h
-        for channel, piece in trial.pieces:
-            begin, end, value = piece.begin, piece.end, piece.value
-            if random.random() < 0.7:
-                shift = random.normal(0.0, sd, 2)
-                begin, end = round(begin + shift[0]), round(end + shift[1])
-            if random.random() < 0.1:
-                channel = int(random.integers(len(self.problem.channels)))
-            bounds = self.problem.channels[channel]
-            if random.random() < 0.3 and value == value:
-                value = float(random.choice((bounds.low, bounds.high)))
-            begin, end = max(0, begin), min(trial.ticks, max(end, begin + bounds.step))
-            pieces.append((channel, Piece(begin, end, value)))
-        return _without_overlaps(trial.having(pieces))
 
     def _nearer(self, trial: Trial, jitter: int) -> Steps:
         """Shorter pieces, with values nearer to the nominal delay."""
         for _ in range(3):
             before = trial
             for i in range(len(trial.pieces)):
-                for changes in (self._later, self._sooner, self._milder):
+                for changes in (self.trials.later, self.trials.sooner, self.trials.milder):
                     for _ in range(4):
                         smaller = yield from self.first(changes(trial, i), jitter)
                         if smaller is None:
@@ -411,98 +278,15 @@ class Shrinking:
                 break
         return trial
 
-    def _later(self, trial: Trial, i: int) -> Iterable[Trial]:
-        channel, piece = trial.pieces[i]
-        step, n = self.problem.channels[channel].step, piece.end - piece.begin
-        for by in _shares(n, step):
-            yield trial.changed(i, replace(piece, begin=piece.begin + by))
-
-    def _sooner(self, trial: Trial, i: int) -> Iterable[Trial]:
-        channel, piece = trial.pieces[i]
-        step, n = self.problem.channels[channel].step, piece.end - piece.begin
-        for by in _shares(n, step):
-            yield trial.changed(i, replace(piece, end=piece.end - by))
-
-    def _milder(self, trial: Trial, i: int) -> Iterable[Trial]:
-        channel, piece = trial.pieces[i]
-        nominal = self.problem.channels[channel].nominal
-        if piece.value != piece.value:
-            yield trial.changed(i, replace(piece, value=self.problem.channels[channel].high))
-            return
-        for share in (0.1, 0.25, 0.5, 0.75, 0.9, 0.97):
-            value = round(nominal + share * (piece.value - nominal), 3)
-            if value not in (nominal, piece.value):
-                yield trial.changed(i, replace(piece, value=value))
-
     def _simpler(self, trial: Trial, jitter: int) -> Steps:
         """Times and delays of few digits."""
         for i in range(len(trial.pieces)):
-            trial = (yield from self.first(self._rounded(trial, i), jitter)) or trial
-            trial = (yield from self.first(self._rounded_value(trial, i), jitter)) or trial
+            trial = (yield from self.first(self.trials.rounded(trial, i), jitter)) or trial
+            trial = (yield from self.first(self.trials.rounded_value(trial, i), jitter)) or trial
         return trial
-
-    def _rounded(self, trial: Trial, i: int) -> Iterable[Trial]:
-        channel, piece = trial.pieces[i]
-        step, h = self.problem.channels[channel].step, self.problem.h
-        for size in (1.0, 0.5, 0.2, 0.1, 0.05, 0.02, 0.01, step * h):
-            n = max(1, round(size / h))
-            a, b = round(piece.begin / n) * n, round(piece.end / n) * n
-            if a < b and (size == step * h or b - a <= 1.5 * (piece.end - piece.begin) + step):
-                one = trial.changed(i, replace(piece, begin=a, end=b))
-                if _apart(one):
-                    yield one
-
-    def _rounded_value(self, trial: Trial, i: int) -> Iterable[Trial]:
-        channel, piece = trial.pieces[i]
-        bounds = self.problem.channels[channel]
-        if piece.value == piece.value:
-            for size in (0.5, 0.1, 0.05, 0.01, 0.005, 0.001):
-                value = round(round(piece.value / size) * size, 6)
-                if bounds.low <= value <= bounds.high and value != bounds.nominal:
-                    yield trial.changed(i, replace(piece, value=value))
-
-
-def _shares(n: int, step: int) -> list[int]:
-    """Parts of a length of `n` ticks, the largest first, in steps."""
-    found = dict.fromkeys(int(n * share) // step * step for share in (0.75, 0.5, 0.25, 0.1))
-    return [x for x in (*found, step) if 0 < x < n]
 
 
 def _round_up(seconds: float, h: float) -> int:
     """A length of at least this, in ticks, that is a simple number of seconds."""
     unit = 0.1 if seconds < 5 else 0.5 if seconds < 20 else 1.0
     return round(max(unit, ceil(round(seconds / unit, 6)) * unit) / h)
-
-
-def _until(trial: Trial) -> tuple[tuple[int, Piece], ...]:
-    """The pieces before the end of the run."""
-    return tuple(
-        (c, replace(p, end=min(p.end, trial.ticks))) for c, p in trial.pieces
-        if p.begin < trial.ticks
-    )  # fmt: skip
-
-
-def _cut(trial: Trial, begin: int | None, end: int | None) -> Trial:
-    """The parts of pieces from `begin` on, and before `end`."""
-    a, b = begin or 0, trial.ticks if end is None else end
-    return trial.having(
-        (c, replace(p, begin=max(p.begin, a), end=min(p.end, b)))
-        for c, p in trial.pieces
-        if p.end > a and p.begin < b
-    )
-
-
-def _without_overlaps(trial: Trial) -> Trial:
-    """The same with pieces that end where the next one of their channel begins."""
-    pieces = []
-    for (c, a), (d, b) in zip(trial.pieces, [*trial.pieces[1:], (-1, None)], strict=True):
-        end = min(a.end, b.begin) if b is not None and c == d else a.end
-        if end > a.begin:
-            pieces.append((c, replace(a, end=end)))
-    return trial.having(pieces)
-
-
-def _apart(trial: Trial) -> bool:
-    """True if no two pieces of a channel overlap."""
-    pairs = zip(trial.pieces, trial.pieces[1:], strict=False)
-    return all(c != d or a.end <= b.begin for (c, a), (d, b) in pairs)

@@ -12,7 +12,8 @@ from cosim.falsify.bounds import MovingChannel
 from cosim.falsify.execute import Falsification
 from cosim.falsify.judge import CandidateOutcome, Margin
 from cosim.falsify.paths import Piece
-from cosim.falsify.shrinking import JITTER, MANY, Trial
+from cosim.falsify.shrinking import MANY
+from cosim.falsify.trials import JITTER, Trial
 from cosim.links.laws import decimal_fraction
 from cosim.measure.robustness import plain
 from cosim.study.axes import Drawn

@@ -148,5 +148,5 @@ def test_what_is_left_fails(seed):
         return value > bound if bound > 0 else value < bound
 
     shrinking, trial = shrunk(fails, base)
-    assert judged(fails, shrinking.candidate(trial))
+    assert judged(fails, shrinking.trials.candidate(trial))
     assert len(trial.pieces) <= 26

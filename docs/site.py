@@ -354,7 +354,7 @@ def gallery() -> str:
 def _card(name: str, title: str, command: str) -> str:
     """A report as a small picture of itself, which leads to it."""
     page, text = f"gallery/{name}.html", command.replace(" --out {out}", "")
-    text = escape(text.replace("{out}/..", "runs"))
+    text = escape(text.replace("{out}/../falsified", "runs/teleoperation-falsified"))
     return (
         f"<figure><a href='{page}'><span><iframe src='{page}' title='{escape(title)}' "
         f"loading='lazy' scrolling='no' tabindex='-1'></iframe></span>{escape(title)}</a>"
@@ -380,6 +380,7 @@ def write_gallery(folder: Path) -> None:
             text = (out / f"{page}.html").read_text(encoding="utf-8")
             if name == "live":
                 text = text.replace("</header>", f"</header>{INTRODUCTION}", 1)
+            text = re.sub(r'<a href="[\w/.-]+report\.html">(.*?)</a>', r"\1", text)  # not there
             (folder / f"{name}.html").write_text(text, encoding="utf-8")
 
 

@@ -45,11 +45,11 @@ def write_comparison(
     _add_links(state, data, failing, nominal)
     data.events += list(_events(state))
     numbers = [(k, v) for k, v in words.lines(state) if k not in ("breaks",)]
-    head = ["link", "from", "to", "delay"]
+    head = ["link", "delay", "from", "to"]
     trial, h = state.shrinking.now, decimal_fraction(state.problem.h)
     rows = [
-        (state.problem.channels[i].name, f"{float(p.begin * h):g} s", f"{float(p.end * h):g} s",
-         words.delay_of(state, i, p))
+        (state.problem.channels[i].name, words.delay_of(state, i, p),
+         f"{float(p.begin * h):g} s", f"{float(p.end * h):g} s")
         for i, p in trial.pieces
     ]  # fmt: skip
     scenario = folder / "failing.toml"

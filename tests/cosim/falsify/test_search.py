@@ -12,9 +12,9 @@ from cosim.base.errors import ScenarioError
 from cosim.base.processes import processes
 from cosim.falsify.execute import JOURNAL, falsify
 from cosim.falsify.families import Space, constant, draw, segment, single, wave
-from cosim.falsify.problem import problem_of
+from cosim.falsify.problem import document_of, problem_of
 from cosim.falsify.rounds import perform
-from cosim.falsify.scenario_text import text
+from cosim.falsify.scenario_text import failing_document, text
 from cosim.falsify.search import Account, Budget, search
 from cosim.falsify.words import as_data, lines
 from cosim.study.workers import threads
@@ -192,3 +192,19 @@ def test_a_family_without_its_library_is_left_out(tmp_path, monkeypatch):
     state = searched(scenario(tmp_path, 0.9), tmp_path / "out", "optimizer", "single", runs=40)
     assert "pip install 'cosim-bridge[falsify]'" in state.account.notes["optimizer"]
     assert any(what == "left out" for what, _ in lines(state))
+
+
+def test_a_limited_rate_is_told_and_written(tmp_path):
+    path = scenario(tmp_path, 1.8, falsify={"links": {"*": {"rate": 2.0}}})
+    state = searched(path, tmp_path / "out", "wave", "segment", runs=120)
+    assert "(it changes by at most 2 s/s)" in as_data(state)["sentence"]
+    alone = failing_document(state.problem, document_of(path, ()), state.small, tmp_path)
+    law = alone["links"][0]["delay"]
+    assert (law["rise"], law["fall"]) == (2.0, 2.0) and law["segments"]
+
+
+def test_packets_are_told_by_when_they_are_sent(tmp_path):
+    path = scenario(tmp_path, 1.8)
+    path.write_text(path.read_text().replace("[[links]]", '[[links]]\nsemantics = "last-arrival"'))
+    state = searched(path, tmp_path / "out", "wave", "segment", runs=120)
+    assert "for what is sent from" in as_data(state)["sentence"]

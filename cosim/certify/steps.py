@@ -44,10 +44,8 @@ def certified(scenario: Scenario, delays: str, folder: Path) -> tuple[bool, list
     try:
         proof = certify(loop)
     except ValueError as error:
-        raise ScenarioError(
-            f"the linear loop at t = {opened.time:g} s cannot be certified: {error}; expected a "
-            "scenario at rest by then: set run.stop to a later time"
-        ) from None
+        found = f"the linear loop at t = {opened.time:g} s cannot be certified: {error}"
+        raise ScenarioError("; ".join([found, *_moves(opened)])) from None
     if proof is None:
         return False, [*_unproven(loop, scenario), *_moves(opened)]
     changed = verify(proof, loop)

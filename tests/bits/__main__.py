@@ -1,4 +1,5 @@
-"""``python -m tests.bits [--write]``: kernels and engine by all compilers, on other processors.
+"""``python -m tests.bits [--write]``: kernels and engine by all compilers, on other processors and
+as WebAssembly.
 
 Prints a line for each compiler and exits with 1 where a digest is another one than in
 ``golden.json``, where the control (contraction on) gives the same, or where a compiler or emulator
@@ -12,7 +13,7 @@ import json
 import tempfile
 from pathlib import Path
 
-from tests.bits.programs import CONTRACTED, EMULATED, GOLDEN, NATIVE, digests, golden
+from tests.bits.programs import CONTRACTED, EMULATED, GOLDEN, NATIVE, PAGES, digests, golden
 
 
 def main() -> int:
@@ -25,7 +26,7 @@ def main() -> int:
             found = digests(NATIVE[1], Path(scratch) / "write")
             GOLDEN.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
         expected, wrong = golden(), 0
-        for n, toolchain in enumerate((*NATIVE, *EMULATED, CONTRACTED)):
+        for n, toolchain in enumerate((*NATIVE, *EMULATED, *PAGES, CONTRACTED)):
             if missing := toolchain.missing():
                 print(f"{toolchain.name}: {missing} is not installed")
                 wrong += 1

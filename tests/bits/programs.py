@@ -14,6 +14,7 @@ from pathlib import Path
 
 from fmus.build.archive import shipped_models
 from fmus.build.source import LANES, sources
+from fmus.build.toolchain import WEB, compiler
 from fmus.model import Model
 
 HERE = Path(__file__).parent
@@ -30,11 +31,11 @@ class Toolchain:
 
     name: str
     compiler: tuple[str, ...]
-    emulator: str = ""
+    emulator: tuple[str, ...] = ()
 
     def missing(self) -> str:
         """The program that is not here; empty: all are."""
-        needed = [*self.compiler[:1], *([self.emulator] if self.emulator else [])]
+        needed = [*self.compiler[:1], *self.emulator[:1]]
         return next((name for name in needed if shutil.which(name) is None), "")
 
 
@@ -42,7 +43,14 @@ def _zig(machine: str, *options: str, emulated: bool = True) -> Toolchain:
     """A static program of Clang's for another processor."""
     name = f"clang, {machine}{' ' if options else ''}{' '.join(options)}"
     target = (*ZIG, "-target", f"{machine}-linux-musl", "-static", "-O3", *options)
-    return Toolchain(name, target, f"qemu-{machine}-static" if emulated else "")
+    return Toolchain(name, target, (f"qemu-{machine}-static",) if emulated else ())
+
+
+def _page(runtime: str) -> Toolchain:
+    """A program of WebAssembly, as pages have it."""
+    command = compiler(WEB)[len(ZIG) :]
+    run = (sys.executable, "-m", "tests.bits.wasi", runtime)
+    return Toolchain(f"WebAssembly in {runtime}", (*ZIG, *command, "-O2"), run)
 
 
 NATIVE = (
@@ -52,6 +60,7 @@ NATIVE = (
     Toolchain("clang -O3 -march=native", (*ZIG, "-O3", "-march=native")),
 )
 EMULATED = (_zig("aarch64"), _zig("riscv64"), _zig("s390x"))
+PAGES = (_page("node"), _page("wasmtime"))
 #: What must give other bits: products and sums in one rounding.
 CONTRACTED = Toolchain(
     "gcc -O3 -mfma -ffp-contract=fast", ("gcc", "-O3", "-mfma", "-ffp-contract=fast")
@@ -101,7 +110,7 @@ def _run(toolchain: Toolchain, files: Sequence[Path], folder: Path, include: Seq
     )
     assert built.returncode == 0, f"{toolchain.name}: {built.stderr}"
     ran = subprocess.run(
-        [*filter(None, [toolchain.emulator]), str(program)], capture_output=True, text=True
+        [*toolchain.emulator, str(program)], capture_output=True, text=True, cwd=ROOT
     )
     done = ran.returncode == 0 or toolchain is CONTRACTED  # whose lanes differ, too
     assert done, f"{toolchain.name}, {folder.name}: {ran.stdout}{ran.stderr}"

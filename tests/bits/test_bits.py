@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.bits.programs import CONTRACTED, NATIVE, Toolchain, digests, golden
+from tests.bits.programs import CONTRACTED, NATIVE, PAGES, Toolchain, digests, golden
 
 SOME = ("planar2r", "teleoperation", "nuno_adaptive", "engine")
 
@@ -20,6 +20,12 @@ def test_a_level_of_optimisation_does_not_change_a_bit(
     found = digests(toolchain, tmp_path, SOME)
     assert len(found) == len(SOME)
     assert found == {name: golden()[name] for name in found}
+
+
+@pytest.mark.parametrize("toolchain", PAGES, ids=lambda t: t.name)
+def test_webassembly_has_the_same_bits(tmp_path: Path, toolchain: Toolchain) -> None:
+    found = digests(toolchain, tmp_path, SOME)
+    assert found == {name: golden()[name] for name in SOME}
 
 
 def test_contraction_does(tmp_path: Path) -> None:

@@ -33,6 +33,7 @@ def test_the_page_has_the_scenario_and_the_digest_is_told(cosim: Command, tmp_pa
     assert told is not None and told[1] == digest(Run.open(tmp_path / "live"))
     page = (tmp_path / "live" / "report.html").read_text(encoding="utf-8")
     assert 'id="bundle"' in page and "worker-src blob:" in page and told[1] in page
+    assert "links.0.delay.low" in page, "settings are part of the scenario whose keys are moved"
     again = shlex.join(["cosim", "run", str(CONFIG), "--live", *SHORT])
     assert escape(again) in page
     assert cosim("report", tmp_path / "live").code == 0

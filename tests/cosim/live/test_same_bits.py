@@ -15,6 +15,12 @@ from cosim.record import Run
 from tests.cosim.live.node import computed
 
 CONFIGS = Path(__file__).parents[3] / "configs"
+#: All scenarios of `configs` that a page can compute.
+WHOLE = (
+    *("many", "network", "openarm", "six_axis", "six_axis_position", "six_axis_velocity"),
+    *("task_space", "teaching", "teleoperation", "compare/networks/ring", "robots/fr3"),
+    *("robots/turn", "vibration/joint2"),
+)
 
 
 def native(path: Path, folder: Path, *settings: str) -> str:
@@ -34,6 +40,14 @@ def test_a_page_has_the_digest_of_the_command_line(name, settings, tmp_path):
     (found,) = computed(bundle(load(path, settings)), [{}])
     assert found["digest"] == native(path, tmp_path / "run", *settings)
     assert found["failure"] is None
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", WHOLE)
+def test_whole_scenarios_have_the_digest_of_the_command_line(name, tmp_path):
+    path = CONFIGS / f"{name}.toml"
+    (found,) = computed(bundle(load(path)), [{}])
+    assert found["digest"] == native(path, tmp_path / "run")
 
 
 def test_a_second_run_in_a_page_has_the_same_bits(tmp_path):

@@ -38,8 +38,6 @@ NEAR = 0.01
 SAME = 1e-6
 #: Curvature of a step from which on it has no linear model.
 EDGE = 0.05
-#: States of a closed loop up to which all its eigenvalues are computed.
-WHOLE = 1200
 
 
 @dataclass(frozen=True, slots=True)
@@ -354,22 +352,8 @@ class GrowingPole:
 
 def growing_pole(loop: OpenLoop, delays: Sequence[int], growth: float) -> GrowingPole:
     """The pole that grows the fastest, of a loop with one that grows faster than `growth`, 1/s."""
-    _, before = loop.sources(delays)
-    if len(loop.A) + int(before.max(initial=0)) * loop.sent <= WHOLE:
-        F, names = loop.closed(delays)
-        z, vectors = np.linalg.eig(F)
-        i = int(np.argmax(np.abs(z)))
-        own = np.abs(vectors[: len(loop.A), i])
-        state = names[int(np.argmax(own))]
-        s = np.log(complex(z[i])) / loop.period
-        return GrowingPole(float(s.real), abs(float(s.imag)) / (2 * np.pi), state)
-    low, high = growth, 4 * growth
-    while loop.unstable(delays, high):
-        low, high = high, 4 * high
-    while high > 1.05 * low:
-        middle = float(np.sqrt(low * high))
-        low, high = (middle, high) if loop.unstable(delays, middle) else (low, middle)
-    return GrowingPole(low, float("nan"), "")
+    pole, state = loop.fastest(delays, growth)
+    return GrowingPole(pole.real, pole.imag / (2 * np.pi), state)
 
 
 # ---- where a pole comes from --------------------------------------------------------------------

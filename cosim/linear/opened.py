@@ -36,9 +36,10 @@ NEUTRAL = 1e-6
 _FEW, _MANY, _ROUNDS = 40, 3000, 24
 #: The largest change of the logarithm of the determinant from one point to the next.
 _STEP = 0.8
-#: The share of an angle over which a slope is taken, and the first angle, as a share of the
-#: distance of the circle from neutral poles.
-_SLOPE, _FIRST = 1e-6, 0.005
+#: The share of an angle over which a slope is taken, of at least so many rad.
+_SLOPE, _LEAST = 1e-6, 1e-3
+#: Places at which a pole is looked for, and steps of Newton's method, more for a double zero.
+_GUESSES, _NEWTON = 8, 60
 #: Norm of the open loop below which the determinant cannot turn about 0.
 _SMALL = 0.3
 
@@ -182,6 +183,13 @@ class OpenLoop:
         """
         if not back.size:
             return 0
+        turned = float(_steps(self._around(back, radius)[1]).imag.sum()) / np.pi
+        if not abs(turned - round(turned)) < 0.05:
+            raise RunError("a pole is too near to the circle to be counted")
+        return round(turned)
+
+    def _around(self, back: _Return, radius: float) -> tuple[Matrix, Complex, Matrix]:
+        """Angles (k,), rad, close enough to each other, the logarithm there, and its slope."""
         angle = self._angles(radius, min(_MANY, max(_FEW, 3 * back.depth)))
         log, slope, norm = back.logarithm(radius, angle)
         for _ in range(_ROUNDS):
@@ -203,17 +211,44 @@ class OpenLoop:
             log, slope, norm = (
                 np.insert(old, at, new) for old, new in zip((log, slope, norm), more, strict=True)
             )
-        turned = float(_steps(log).imag.sum()) / np.pi
-        if not abs(turned - round(turned)) < 0.05:
-            raise RunError("a pole is too near to the circle to be counted")
-        return round(turned)
+        return angle, log, slope
+
+    def fastest(self, delays: Sequence[int], growth: float) -> tuple[complex, str]:
+        """The pole that grows the fastest, 1/s, of a loop with one that grows faster than `growth`,
+        and the state with the greatest part in it.
+
+        Its growth is found by counting, then it is the zero of the determinant (Newton) that begins
+        where the circle of that growth passes it; nan and "" if it is not found. Raises RunError.
+        """
+        low, high = growth, 4.0 * growth
+        while self.unstable(delays, high):
+            low, high = high, 4.0 * high
+        while high > 1.05 * low:
+            middle = float(np.sqrt(low * high))
+            low, high = (middle, high) if self.unstable(delays, middle) else (low, middle)
+        back, T = _Return(self, delays), self.period
+        if back.size:
+            angle, _, slope = self._around(back, float(np.exp(low * T)))
+            for i in np.argsort(-slope)[:_GUESSES]:
+                s = back.zero(complex(low, float(angle[i]) / T), T)
+                if s is not None and 0.9 * low < s.real < 1.1 * high:
+                    part = np.abs(back.states(np.exp(s * T)))
+                    return complex(s.real, abs(s.imag)), self.states[int(part.argmax())][0]
+        z, vectors = np.linalg.eig(self.A)  # a pole that no link takes part in
+        i = int(np.argmax(np.abs(z)))
+        pole = complex(np.log(complex(z[i]))) / T
+        if not 0.9 * low < pole.real < 1.1 * high:
+            return complex(low, float("nan")), ""
+        return complex(pole.real, abs(pole.imag)), self.states[int(np.abs(vectors[:, i]).argmax())][
+            0
+        ]
 
     def _angles(self, radius: float, many: int) -> Matrix:
         """The first angles: closer to z = 1, where neutral poles are, and to poles of the open loop
         beside the circle.
         """
         least = min(1e-3, np.pi / many) * self.period
-        least = min(least, _FIRST * abs(float(np.log(radius))) or least)
+        first = 0.0 if radius != 1.0 else least  # it is real at angle 0, but for neutral poles
         poles = np.log(np.linalg.eigvals(self.A).astype(np.complex128) / radius)
         poles = poles[(np.abs(poles.real) < np.pi / _FEW) & (poles.imag > 0.0)]
         away = np.maximum(np.abs(poles.real), least)[:, None] * 2.0 ** np.arange(-1, 8)
@@ -221,7 +256,7 @@ class OpenLoop:
         angle = np.concatenate([
             np.geomspace(least, np.pi, _FEW), np.linspace(0.0, np.pi, _FEW), beside.reshape(-1)
         ])  # fmt: skip
-        return np.unique(angle[(angle >= least) & (angle <= np.pi)])
+        return np.unique(np.append(angle[(angle >= least) & (angle <= np.pi)], first))
 
     def response(self, delays: Sequence[int], z: Complex) -> Complex:
         """Gain from `inputs` to `outputs` at `z` (k,) with every link closed, (k, outputs, inputs).
@@ -303,7 +338,7 @@ class _Return:
         """
         log, norm = self._logarithm(radius, angle)
         slope, near = np.zeros(len(angle)), norm > _SMALL
-        beside = _SLOPE * angle[near]
+        beside = _SLOPE * np.maximum(angle[near], _LEAST)
         change = np.stack([log[near], self._logarithm(radius, angle[near] + beside)[0]], axis=1)
         slope[near] = np.abs(_steps(change)[:, 0]) / beside
         return log, slope, norm
@@ -313,6 +348,31 @@ class _Return:
         L = self.gain(z, links, links) * (1.0 / z)[:, None, None] ** self.back[:, None]
         sign, size = np.linalg.slogdet(np.eye(self.size) - L)
         return size + 1j * np.angle(sign), np.asarray(np.linalg.norm(L, axis=(1, 2)))
+
+    def zero(self, s: complex, T: float) -> complex | None:
+        """The zero of the determinant next to `s`, 1/s; None if Newton's steps do not end."""
+        for _ in range(_NEWTON):
+            if abs(s.real * T) > 1.0:
+                return None
+            angle = s.imag * T + _SLOPE * np.array([0.0, max(abs(s.imag * T), _LEAST)])
+            log, _ = self._logarithm(float(np.exp(s.real * T)), angle)
+            slope = complex(_steps(log)[0] / (angle[1] - angle[0])) * T / 1j
+            if not np.isfinite(slope) or slope == 0.0:
+                return s if np.isneginf(log[0].real) else None
+            s -= 1.0 / slope
+            if abs(slope * s) > 1.0 / _SLOPE:
+                return s
+        return None
+
+    def states(self, z: complex) -> Complex:
+        """The states, (n,), of the motion z^k, a zero of the determinant."""
+        at, links = np.array([z]), slice(0, self.size)
+        late = z ** -self.back[:, None]
+        sent = np.linalg.svd(np.eye(self.size) - late * self.gain(at, links, links)[0])[2][-1]
+        x = np.zeros(len(self._B), np.complex128)
+        for some, A in self._blocks:
+            x[some] = np.linalg.solve(z * np.eye(len(A)) - A, self._B[some, links] @ sent.conj())
+        return x
 
     def response(self, z: Complex) -> Complex:
         """The gain from the other inputs to the other outputs, with the links closed."""

@@ -103,6 +103,38 @@ def test_joints_alike_have_poles_at_one_place(joints: int) -> None:
             assert cut.unstable([d], 1e-6) == expected, d
 
 
+@pytest.mark.parametrize(
+    ("weight", "delays"), [(30.0, [5, 300]), (250.0, [5, 5]), (250.0, [5, 80])]
+)
+def test_the_fastest_pole_is_found_without_the_samples_on_their_way(
+    weight: float, delays: list[int]
+) -> None:
+    """Against all eigenvalues of the closed loop, and the greatest entry of the eigenvector."""
+    cut = loop(document(0.005, weight))
+    F, names = cut.closed(delays)
+    z, vectors = np.linalg.eig(F)
+    i = int(np.argmax(np.abs(z)))
+    pole, state = cut.fastest(delays, 0.01)
+    expected = np.log(z[i]) / cut.period
+    assert pole == pytest.approx(complex(expected.real, abs(expected.imag)), rel=1e-4)
+    own = {name[2:] for name, x in zip(names, np.abs(vectors[: len(cut.A), i]), strict=False)
+           if x > 0.999 * np.abs(vectors[: len(cut.A), i]).max()}  # fmt: skip
+    assert state[2:] in own
+
+
+def test_the_fastest_pole_may_be_one_without_a_link() -> None:
+    one = np.eye(1)
+    link = CutLink("x", 1, 1, np.zeros((1, 1), int), np.zeros((1, 1), int))
+    names = (("x", ""), ("y", ""))
+    for links in ((link,), ()):
+        B, C = (np.eye(2)[:, :1], np.eye(2)[:1]) if links else (np.zeros((2, 0)), np.zeros((0, 2)))
+        D = 0.0 * one[: len(links), : len(links)]
+        A = np.diag([0.5, np.exp(0.01)])
+        cut = OpenLoop(0.0, 0.005, 1, names, links, (), (), A, -0.1 * B, C, D, ())
+        assert cut.unstable([3] * len(links), 0.1) == 1
+        assert cut.fastest([3] * len(links), 0.1) == (pytest.approx(2.0), "y")
+
+
 def test_what_does_not_change_the_poles_is_neutral() -> None:
     """Free arms rest anywhere together, whatever they estimate; a held one rests at the hand."""
     for hand, agree in ((0.0, 2), (20.0, 0)):

@@ -43,6 +43,8 @@ Document = dict[str, Any]
 TRUE = (3.34, 1.20, 0.97)
 #: Angle by which a joint is moved, rad, and the length of a scenario and of the run beside it, s.
 SMALL, STOP, LONG = 1e-5, 20.0, 80.0
+#: A speed (rad/s) below which growth is looked at for longer: with delays that vary it may end.
+SURE = 0.01
 #: The share of a start that is nearer to rest; the share of speeds that tells growth then, and
 #: speeds (rad/s) from which on it is run.
 NEARER, BOUNDED, MOVED = 1e-3, 1e-2, 1e-4
@@ -299,11 +301,14 @@ def speeds(found: RandomScenario, stop: float) -> tuple[np.ndarray[Any, Any], bo
 
 def unstable_at_rest(found: RandomScenario) -> bool | None:
     """True if a small motion grows, also one that is bounded later; None if a run does not tell."""
-    v, whole = speeds(found, LONG)
+    v, whole = speeds(found, stop := LONG)
     grows = _grows(v) if whole else True
+    if grows and whole and v.max() < SURE:
+        v, whole = speeds(found, stop := 8 * LONG)
+        grows = _grows(v) if whole else True
     if grows or v.max() <= MOVED:
         return grows
-    smaller, whole = speeds(nearer(found), LONG)
+    smaller, whole = speeds(nearer(found), stop)
     bounded = not whole or _grows(smaller) or smaller.max() > BOUNDED * v.max()
     return True if bounded else grows
 

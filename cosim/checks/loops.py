@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from math import inf, isfinite, log
+from math import inf, isfinite, log, nan
 
 import numpy as np
 
@@ -36,6 +36,8 @@ STIFF = 0.01
 NEAR = 0.01
 #: Change of a position (rad) or an estimate that moves a pole by less than :data:`GROWTH`.
 SAME = 1e-6
+#: The time, s, and the periods at the most, over which delays are drawn.
+DRAWN, PERIODS = 100.0, 20_000
 #: Curvature of a step from which on it has no linear model.
 EDGE = 0.05
 
@@ -301,19 +303,23 @@ def _missing(reason: str) -> Finding:
 def _poles(
     found: ComputedLoops, at: RestingLoop, rule: str, severity: Severity
 ) -> Iterator[Finding]:
-    delays, kind = found.delays.mean, ""
-    if not at.loop.unstable(delays, at.growth):
-        if found.delays.least == found.delays.most:
-            return
-        extremes = (("longest", found.delays.most), ("shortest", found.delays.least))
-        bad = [one for one in extremes if at.loop.unstable(one[1], at.growth)]
-        if not bad:
-            return
-        kind, delays = bad[0]
-        rule, severity = "posture" if rule == "posture" else "delays", "warning"
+    d = found.delays
+    kinds = [("mean", d.mean)]
+    kinds += [("longest", d.most), ("shortest", d.least)] if d.least != d.most else []
+    bad = next(((k, x) for k, x in kinds if at.loop.unstable(x, at.growth)), None)
+    if bad is None:
+        return
+    kind, delays = bad
+    held = ""
+    if d.least != d.most:
+        drawn = _drawn(found, at)
+        held = f" while the links have their {kind} delays"
+        if drawn > at.growth:
+            held += f", and grows by a factor of ten in {log(10) / drawn:.3g} s with those drawn"
+        elif drawn < 0.0 or kind != "mean":
+            rule, severity = "posture" if rule == "posture" else "delays", "warning"
     pole = growing_pole(at.loop, delays, at.growth)
     why, advice, where = _cause(found, at, delays, pole)
-    held = f" while the links have their {kind} delays" if kind else ""
     if rule == "posture":
         yield Finding(
             rule="posture", severity=severity, where=where, number=pole.rate, unit="1/s",
@@ -328,8 +334,20 @@ def _poles(
     else:
         yield Finding(
             rule="poles", severity=severity, where=where, number=pole.rate, unit="1/s",
-            reason=f"{at.where} the loop is unstable: {pole.sentence}; {why}", advice=advice,
+            reason=f"{at.where} the loop is unstable{held}: {pole.sentence}; {why}", advice=advice,
         )  # fmt: skip
+
+
+def _drawn(found: ComputedLoops, at: RestingLoop) -> float:
+    """The growth with the delays that the links draw, 1/s; nan if they draw too few."""
+    try:
+        rows = []
+        for link, cut in zip(found.plan.links, at.loop.links, strict=True):
+            looks = min(PERIODS, int(DRAWN / at.loop.period)) * len(cut.held)
+            rows.append(link.table.stream(looks).rows(looks).astype(np.intp))
+        return at.loop.drawn_growth(rows)
+    except CosimError:
+        return nan
 
 
 @dataclass(frozen=True, slots=True)

@@ -40,6 +40,8 @@ _STEP = 0.8
 _SLOPE, _LEAST = 1e-6, 1e-3
 #: Places at which a pole is looked for, and steps of Newton's method, more for a double zero.
 _GUESSES, _NEWTON = 8, 60
+#: A motion that is made smaller again.
+_HUGE = 1e60
 #: Norm of the open loop below which the determinant cannot turn about 0.
 _SMALL = 0.3
 
@@ -174,6 +176,42 @@ class OpenLoop:
         radius = float(np.exp(growth * self.period))
         alone = int(np.count_nonzero(np.abs(np.linalg.eigvals(self.A)) > radius))
         return alone - self._turns(_Return(self, delays), radius)
+
+    def drawn_growth(self, rows: Sequence[Index]) -> float:
+        """The growth of small motions, 1/s, while links hold the samples that they draw.
+
+        `rows`: of each link the number of the sample that is held at each look from the start on,
+        (looks,), -1: none yet. All begins somewhere, and what moves is fitted by a line in the
+        logarithm of its speed.
+        """
+        r = [len(link.held) for link in self.links]
+        periods = min((len(x) // n for x, n in zip(rows, r, strict=True)), default=0)
+        sample, place = np.full((2, periods, self.held), -1, np.intp)
+        for link, held, n in zip(self.links, rows, r, strict=True):
+            number = held[: periods * n].reshape(periods, n, 1)
+            at = link.held.reshape(-1)
+            sample[:, at] = np.repeat(number // len(link.sent), link.held.shape[1], 2).reshape(
+                periods, -1
+            )
+            place[:, at] = link.sent[number[:, :, 0] % len(link.sent)].reshape(periods, -1)
+        m, p = self.held, self.sent
+        B, C, D = self.B[:, :m], self.C[:p], self.D[:p, :m]
+        x, y = np.random.default_rng(0).standard_normal(len(self.A)), np.zeros((periods + 1, p))
+        moved, scale = np.empty(periods), 0.0
+        for k in range(periods):
+            for _ in range(2):  # what is sent in this period may be held in it
+                u = np.where(sample[k] < 0, 0.0, y[sample[k], place[k]])
+                y[k] = C @ x + D @ u
+            last, x = x, self.A @ x + B @ u
+            size = float(np.abs(x - last).max())
+            moved[k] = np.log(max(size, 1e-300)) + scale
+            if size > _HUGE:
+                x, y, scale = x / _HUGE, y / _HUGE, scale + float(np.log(_HUGE))
+        if periods < 10:
+            return float("nan")
+        parts = [float(part.max()) for part in np.array_split(moved[periods // 5 :], 10)]
+        middles = 0.08 * periods * self.period * np.arange(10)
+        return float(np.polyfit(middles, parts, 1)[0])
 
     def _turns(self, back: _Return, radius: float) -> int:
         """The turns of the determinant about 0 along a circle, counter-clockwise.

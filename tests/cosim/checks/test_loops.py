@@ -273,8 +273,8 @@ def test_what_has_no_linear_model_is_told() -> None:
 
 #: Random scenarios, number and seed, that were judged wrongly once: estimates that differ where a
 #: run ends, by much and by less than 0.01, samples of two ages that are one delay, delays of one or
-#: two steps, and double poles beside the circle.
-HARD = [(209, 0), (1919, 0), (526, 0), (32, 0), (508, 0), (711, 0), (751, 0)]
+#: two steps, double poles beside the circle, and delays that vary about an unstable mean.
+HARD = [(209, 0), (1919, 0), (526, 0), (32, 0), (508, 0), (711, 0), (751, 0), (978, 0)]
 
 
 @pytest.mark.parametrize(("number", "seed"), [*((n, 1) for n in range(20)), *HARD])

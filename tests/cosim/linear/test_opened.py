@@ -122,6 +122,19 @@ def test_the_fastest_pole_is_found_without_the_samples_on_their_way(
     assert state[2:] in own
 
 
+@pytest.mark.parametrize("late", [(1, 60), (30, 44)])
+def test_the_growth_with_drawn_samples_is_that_of_the_pole_where_they_are_one_delay(
+    late: tuple[int, int],
+) -> None:
+    """Samples that are so many periods of 5 ms old, against all eigenvalues."""
+    cut = loop(document(0.005, 30.0))
+    looks = np.arange(2000)
+    rows = [np.maximum(looks - periods, -1) for periods in late]
+    F, _ = cut.closed([5 * periods for periods in late])
+    expected = np.log(np.abs(np.linalg.eigvals(F)).max()) / cut.period
+    assert expected > 1.0 and cut.drawn_growth(rows) == pytest.approx(expected, rel=0.02)
+
+
 def test_the_fastest_pole_may_be_one_without_a_link() -> None:
     one = np.eye(1)
     link = CutLink("x", 1, 1, np.zeros((1, 1), int), np.zeros((1, 1), int))

@@ -36,8 +36,9 @@ STIFF = 0.01
 NEAR = 0.01
 #: Change of a position (rad) or an estimate that moves a pole by less than :data:`GROWTH`.
 SAME = 1e-6
-#: The time, s, and the periods at the most, over which delays are drawn.
-DRAWN, PERIODS = 100.0, 20_000
+#: Times, s, and the periods at the most, over which delays are drawn; growth, 1/s, that the first
+#: of them does not tell.
+DRAWN, PERIODS, UNSURE = (100.0, 400.0), 80_000, 0.05
 #: Curvature of a step from which on it has no linear model.
 EDGE = 0.05
 
@@ -340,14 +341,19 @@ def _poles(
 
 def _drawn(found: ComputedLoops, at: RestingLoop) -> float:
     """The growth with the delays that the links draw, 1/s; nan if they draw too few."""
-    try:
-        rows = []
-        for link, cut in zip(found.plan.links, at.loop.links, strict=True):
-            looks = min(PERIODS, int(DRAWN / at.loop.period)) * len(cut.held)
-            rows.append(link.table.stream(looks).rows(looks).astype(np.intp))
-        return at.loop.drawn_growth(rows)
-    except CosimError:
-        return nan
+    growth = nan
+    for time in DRAWN:
+        try:
+            rows = []
+            for link, cut in zip(found.plan.links, at.loop.links, strict=True):
+                looks = min(PERIODS, int(time / at.loop.period)) * len(cut.held)
+                rows.append(link.table.stream(looks).rows(looks).astype(np.intp))
+        except CosimError:  # a stored table, or a trace, that is shorter
+            break
+        growth = at.loop.drawn_growth(rows)
+        if abs(growth) > UNSURE:
+            break
+    return growth
 
 
 @dataclass(frozen=True, slots=True)

@@ -88,7 +88,8 @@ def _grown(loop: CutLoop, found: Region, say: Callable[[str], None]) -> Iterator
             j += 1
         if j == n:
             return
-        yield i, j
+        if not any(found.unstable[i : j + 1]):
+            yield i, j
 
 
 def _proof(loop: CutLoop, *, peaks: bool) -> Certificate | None:

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from cosim.base.errors import ScenarioError
-from cosim.certify.model import LinkBounds
+from cosim.certify import region as certified
+from cosim.certify.model import CutLoop, LinkBounds
 from cosim.certify.page import Mark, drawing, failure, said, write
 from cosim.certify.region import Region
 from cosim.certify.witness import adversary
@@ -83,6 +84,26 @@ def test_an_adversary_of_receivers_that_look_at_some_samples() -> None:
         found = adversary(loop)
         assert found is not None and found.max() == most
     assert adversary(replace(twice, links=(LinkBounds("link", 1, 0, 1, sends=2),))) is None
+
+
+def test_the_least_intervals_that_an_adversary_breaks_are_found(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """An adversary that needs 3 samples between the ends, and a constant delay of 8 that is bad."""
+    asked = []
+
+    def grows(loop: CutLoop) -> object:
+        asked.append((loop.links[0].least, loop.links[0].most))
+        return 1 if loop.links[0].most - loop.links[0].least >= 3 else None
+
+    monkeypatch.setattr(certified, "adversary", grows)
+    plain = Region(tuple(range(9)), 1.0, (1,) * 9, (False,) * 8 + (True,), frozenset())
+    loop = integrator(0.1, 8)
+    found = set(certified._grown(loop, plain, lambda text: None))
+    assert found == {(i, i + 3) for i in range(5)} and len(asked) < 2 * 9
+    monkeypatch.setattr(certified, "adversary", lambda loop: None)
+    quiet = replace(plain, unstable=(False,) * 9)
+    assert not set(certified._grown(loop, quiet, lambda text: None))
 
 
 def test_a_failure_of_the_search_is_a_mark(tmp_path: Path) -> None:

@@ -246,8 +246,9 @@ class _Started:
             one, other = getattr(found, name), getattr(again, name)
             if np.abs(one - other).max(initial=0.0) > MOVES * np.abs(one).max(initial=1.0):
                 raise RunError(
-                    "its derivatives change from step to step, as those of a ring of samples do; "
-                    "expected a component whose memory stays where it is"
+                    "its derivatives change from step to step, as those of a ring of samples do, "
+                    "or of a law with an edge; expected a component whose memory stays where it "
+                    "is, and a smooth law"
                 )
 
 

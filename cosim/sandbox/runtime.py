@@ -30,6 +30,7 @@ _INSTANTIATE = "[static]co-simulation-instance.instantiate-co-simulation"
 GRACE = 1.0
 #: MB of memory that an FMU may have where nothing is said.
 MEMORY = 1024
+_LEAVING = "tried to end the process"
 #: What wasmtime says of a trap, and what an FMU did then.
 _TRAPS = {
     "out of bounds memory access": "touched memory that is not its own",
@@ -126,8 +127,11 @@ class Guest:
         self._began = EPOCHS.now
         return linker.instantiate(store, component)
 
-    def _log(self, _: Any, __: str, status: str, category: str, message: str) -> None:
-        self._callbacks.log(STATUSES.index(status), category, message)
+    def _log(self, _: Any, name: str, status: str, category: str, message: str) -> None:
+        if not name and message.startswith(_LEAVING):  # of fmus/c/wasm/system.c, which then traps
+            self._cause = message
+        else:
+            self._callbacks.log(STATUSES.index(status), category, message)
 
     def _read(self, _: Any, path: str) -> bytes | str:
         folder = self._callbacks.resources.resolve()
@@ -165,7 +169,7 @@ class Guest:
         if cause:
             return cause
         if isinstance(error, wasmtime.ExitTrap):
-            return f"tried to end the process (exit code {error.code})"
+            return f"{_LEAVING}, with exit code {error.code}"
         text = str(error)
         for said, did in _TRAPS.items():
             if said in text:

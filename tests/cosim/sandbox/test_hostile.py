@@ -41,7 +41,7 @@ def plan(path: Path, how: int, **options):
     [
         (LOOP, {"timeout": 0.3}, "doStep took longer than 0.3 s and was ended (last words)"),
         (WILD, {}, "doStep touched memory that is not its own (last words)"),
-        (EXIT, {}, "tried to end the process, with exit code 7"),
+        (EXIT, {}, "doStep tried to end the process, with exit code 7 (last words)"),
         (ABORT, {}, "doStep gave up: it called abort or trapped itself (last words)"),
         (RECURSION, {}, "doStep used up its stack (last words)"),
         (BIG_FRAMES, {}, "doStep touched memory that is not its own (last words)"),

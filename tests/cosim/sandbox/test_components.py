@@ -113,3 +113,57 @@ def test_info_names_the_platform(path: Path, capsys: pytest.CaptureFixture[str])
 
     info(str(path), validate=False)
     assert "wasm32-wasip2 (WebAssembly, on any platform)" in capsys.readouterr().out
+
+
+#: A component that reads a file of its resources when it is instantiated, and traps unless it
+#: begins with 7. It exports the interface of co-simulation without any function.
+READER = """(component
+  (import "fmi:fmi3/resource-dir-callbacks@3.0.0" (instance $dir (export "read-file"
+    (func (param "path" string) (result (result (list u8) (error string)))))))
+  (core module $memory
+    (memory (export "memory") 1)
+    (global $next (mut i32) (i32.const 1024))
+    (func (export "realloc") (param i32 i32 i32 i32) (result i32)
+      global.get $next
+      (global.set $next (i32.add (global.get $next) (local.get 3)))))
+  (core instance $m (instantiate $memory))
+  (alias export $dir "read-file" (func $read))
+  (core func $lowered (canon lower (func $read) (memory (core memory $m "memory"))
+    (realloc (core func $m "realloc"))))
+  (core module $main
+    (import "dir" "read" (func $read (param i32 i32 i32)))
+    (import "m" "memory" (memory 1))
+    (data (i32.const 0) "NAME")
+    (func $start
+      (call $read (i32.const 0) (i32.const LENGTH) (i32.const 512))
+      (if (i32.ne (i32.load8_u (i32.load (i32.const 516))) (i32.const 0x37)) (then unreachable)))
+    (start $start))
+  (core instance (instantiate $main (with "m" (instance $m))
+    (with "dir" (instance (export "read" (func $lowered))))))
+  (instance $nothing)
+  (export "fmi:fmi3/co-simulation@3.0.0" (instance $nothing)))"""
+
+
+@pytest.mark.parametrize(
+    ("name", "found"),
+    [("seven.txt", True), ("gone.txt", False), ("../secret.txt", False), ("/etc/passwd", False)],
+)
+def test_only_files_of_its_resources_are_read(tmp_path: Path, name: str, found: bool) -> None:
+    from cosim.sandbox.runtime import Callbacks, Guest, Limits, Trap
+
+    resources = tmp_path / "resources"
+    resources.mkdir()
+    (resources / "seven.txt").write_text("7")
+    (tmp_path / "secret.txt").write_text("7")
+    text = READER.replace("NAME", name).replace("LENGTH", str(len(name)))
+    path = tmp_path / "reader.wasm"
+    path.write_bytes(wasmtime.wat2wasm(text))
+    callbacks = Callbacks(lambda *_: None, resources)
+    if not found:
+        with pytest.raises(FmuError, match=r"reader\.wasm cannot be instantiated: gave up"):
+            Guest(path, Limits(10.0), callbacks)
+        return
+    guest = Guest(path, Limits(10.0), callbacks)
+    with pytest.raises(Trap, match=r"does not export \[method\]co-simulation-instance\.do-step"):
+        guest.function("do-step")
+    guest.close()

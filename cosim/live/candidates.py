@@ -139,16 +139,19 @@ def _range(value: float, unit: str, *, signed: bool) -> tuple[tuple[float, ...],
 
 def _of_links(document: Mapping[str, Any], plan: Plan) -> Iterator[Slider | Fixed]:
     for i, link in enumerate(document.get("links", ())):
-        delay = link.get("delay") or {}
+        delay, loss = link.get("delay") or {}, link.get("loss") or {}
         name = link.get("name") or f"{link.get('from')} → {link.get('to')}"
-        for key in (known for known in _DELAYS if known in delay):
-            place = f"links.{i}.delay.{key}"
-            if delay.get("law") not in ("constant", "uniform"):
-                yield Fixed(place, f"delays of the law {delay.get('law')} are drawn beforehand")
-                continue
-            yield _delay(place, key, delay, name, plan)
-        loss = link.get("loss") or {}
-        if loss.get("law") == "independent" and "p" in loss:
+        law, losses = delay.get("law"), loss.get("law", "independent")
+        if law not in ("constant", "uniform"):
+            yield Fixed(f"links.{i}.delay", f"delays of the law {law} are drawn beforehand")
+            continue
+        if losses != "independent":
+            reason = f"losses of the law {losses} are drawn beforehand, with the delays"
+            yield Fixed(f"links.{i}.delay", reason)
+            continue
+        for key in (key for key in _DELAYS if key in delay):
+            yield _delay(f"links.{i}.delay.{key}", key, delay, name, plan)
+        if "p" in loss:
             p = number(loss["p"], "1", "p")
             most = min(0.9, _round_up(max(4 * p, 0.1)))
             label, about = "packets lost", "The share of packets that are lost."

@@ -35,6 +35,8 @@ Values = Mapping[str, float]
 #: By link: samples that it keeps, packets on their way.
 Room = dict[str, tuple[int, int]]
 _DIFFERS = "the plan changes with it in more than a number"
+#: Plans that are made to find out which keys can be moved, at most; the rest is fixed then.
+TRIES = 256
 _TABLE = layout(structs.TableStruct)
 _RATIO = ("draws", "samples", "rest")
 
@@ -109,6 +111,7 @@ class _Search:
         self._base = self._made({})
         self._reasons: dict[str, str] = {}
         self._values: dict[str, float] = {}
+        self._tries = 0
 
     def found(self) -> Movable:
         keys, fixed = candidates(self._document, self._plan)
@@ -168,10 +171,11 @@ class _Search:
 
     def _offenders(self, values: Values, fits: Callable[[Values], bool]) -> set[str]:
         """The keys with which values do not fit, found by halves."""
-        if not values or fits(values):
+        self._tries += bool(values)
+        if not values or (self._tries <= TRIES and fits(values)):
             return set()
         keys = list(values)
-        if len(keys) == 1:
+        if len(keys) == 1 or self._tries > TRIES:
             return set(keys)
         half = len(keys) // 2
         parts = [{k: values[k] for k in some} for some in (keys[:half], keys[half:])]

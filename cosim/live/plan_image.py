@@ -321,7 +321,7 @@ class _Making:
             table = plan.links[i].table
             assert isinstance(table, DrawnTable)
             place = at + n * found.size
-            room = max(made.pending[i], self._room.get(table.name, (0, 0))[1])
+            room = max(made.pending[i], self._room.get(plan.links[i].name, (0, 0))[1])
             image.write(place + found.fields["capacity"].offset, np.array([room], "<i8"))
             image.point(
                 place + found.fields["pending"].offset, image.reserve(_PACKET * max(1, room))

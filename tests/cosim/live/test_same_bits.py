@@ -15,6 +15,14 @@ from cosim.record import Run
 from tests.cosim.live.node import computed
 
 CONFIGS = Path(__file__).parents[3] / "configs"
+#: Other laws, losses and semantics than the scenario has.
+LOSSY = (
+    "run.stop=2",
+    'links.0.delay={law="constant",delay="200 ms"}',
+    'links.0.loss={law="independent",p=0.1}',
+    'links.0.semantics="newest-stamp"',
+    'links.1.semantics="last-arrival"',
+)
 #: All scenarios of `configs` that a page can compute.
 WHOLE = (
     *("many", "network", "openarm", "six_axis", "six_axis_position", "six_axis_velocity"),
@@ -76,7 +84,13 @@ def ordered(bundle, values):
 
 @pytest.mark.parametrize(
     ("name", "settings", "seed"),
-    [("teleoperation", ["run.stop=2"], 1), ("teaching", ["run.stop=0.5"], 2)],
+    [
+        ("teleoperation", ["run.stop=2"], 1),
+        ("teleoperation", LOSSY, 2),
+        ("teaching", ["run.stop=0.5"], 3),
+        pytest.param("openarm", ["run.stop=2"], 4, marks=pytest.mark.slow),
+        pytest.param("network", ["run.stop=2"], 5, marks=pytest.mark.slow),
+    ],
 )
 def test_moved_keys_give_the_digests_of_settings(name, settings, seed, tmp_path):
     path, rng = CONFIGS / f"{name}.toml", np.random.default_rng(seed)
@@ -91,3 +105,12 @@ def test_moved_keys_give_the_digests_of_settings(name, settings, seed, tmp_path)
             assert found["failure"]["text"] == str(error)
             expected = digest(Run.open(tmp_path / f"{n}"))
         assert found["digest"] == expected, moved
+
+
+def test_laws_that_c_does_not_draw_are_fixed_with_the_reason():
+    gamma = 'links.0.delay={law="gamma",shift=0.02,shape=2,scale=0.005,maximum=0.2}'
+    settings = ["run.stop=1", gamma]
+    made = bundle(load(CONFIGS / "teleoperation.toml", settings), settings)
+    reason = "delays of the law gamma are drawn beforehand"
+    assert {"key": "links.0.delay", "reason": reason} in made["fixed"]
+    assert not [key for key in made["keys"] if key["key"].startswith("links.0")]

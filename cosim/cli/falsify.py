@@ -181,7 +181,7 @@ def _progress(state: Falsification, done: int, seconds: float) -> str:
     rate = f"{done / seconds:.3g} runs/s" if seconds > 0 else ""
     if state.shrinking is not None:
         n = len(state.shrinking.now.pieces)
-        return f"{done} runs, {rate}, shrinking: {n} segments"
+        return f"{done} runs, {rate}, shrinking: {n} segment{'s' * (n != 1)}"
     family = next(reversed(state.account.runs), "nominal")
     least = f", least margin {100 * state.account.best:.3g} % of the nominal one"
     return f"{done} runs, {rate}, {family}{least if state.account.runs else ''}"

@@ -175,6 +175,15 @@ def test_the_way_to_the_first_report_is_measured_stage_by_stage(tmp_path: Path) 
 
 
 @pytest.mark.slow
+@pytest.mark.browser
+def test_a_live_page_is_measured_from_its_size_to_the_changed_run(tmp_path: Path) -> None:
+    found, said = run("live_page.py", tmp_path)
+    assert found["bytes"]["plain"] < found["bytes"]["live"] < 2_500_000
+    assert found["processor_s"]["plain"] > 0 and found["first_picture_ms"] > 0
+    assert 0 < found["computed_ms"] < found["shown_ms"] and "moved value shown in" in said
+
+
+@pytest.mark.slow
 def test_dynamics_of_an_arm_are_measured_and_those_of_others_where_they_are(
     tmp_path: Path,
 ) -> None:

@@ -137,6 +137,19 @@ def test_windows_slide_over_many_rows_alike(
     assert seen["required"][0]["text"] == expected.text, text
 
 
+@pytest.mark.parametrize("word", ["and", "or"])
+@pytest.mark.parametrize("first", [0, 1])
+def test_of_two_equal_margins_the_left_one_decides(judge: Script, word: str, first: int) -> None:
+    text = f"{_at(first)} {word} {_at(1 - first)}"
+    scenario = declared(require={"one": {"formula": text}})
+    _, seen = both(judge, scenario, PAIR, [0.0, 1.0, 2.0], {name: [1.0] * 3 for name in PAIR})
+    assert seen["required"][0]["time"] == first
+
+
+def _at(second: int) -> str:
+    return f"(eventually within [{second} s, {second} s] a.x >= 0 m)"
+
+
 ARM = {"a.q[0]": "rad", "a.q[1]": "rad", "b.q[0]": "deg", "b.q[1]": "deg", "a.tau": "N.m"}
 EXPRESSIONS = (
     "norm(a.q - b.q) <= 0.6 rad",

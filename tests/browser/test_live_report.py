@@ -129,6 +129,23 @@ def test_a_value_by_the_keyboard(browser: Browser, cosim: Command, tmp_path: Pat
     assert seen(browser)["said"] == "as recorded"
 
 
+def test_links_that_move_together_stay_each_in_its_range(
+    browser: Browser, cosim: Command, tmp_path: Path
+) -> None:
+    """Ranges of links may differ; what is beyond them is not asked for."""
+    settings = ["--set", "run.stop=2", "--set", "links.1.delay={law='constant', delay='0.5 s'}",
+                "--set", "links.0.delay={law='constant', delay='0.5 s'}"]  # fmt: skip
+    recorded = run(cosim, ["run", str(CONFIG), "--live", *settings], tmp_path / "a")
+    opened(browser, recorded.path.parent / "report.html")
+    one = HIGH.replace("delay.high", "delay.delay")
+    browser.ask(f"document.querySelector('[data-key] [type=range]').max = 1e9, {one}.max = 1e9")
+    browser.ask(MOVE.format(one, "1e6"))
+    browser.until(f"{DONE} && {IDLE}")
+    after = seen(browser)
+    again = run(cosim, shlex.split(after["command"])[1:], tmp_path / "b")
+    assert "1000000" not in after["command"] and after["digest"] == digest(again)
+
+
 @pytest.mark.parametrize("missing", ["WebAssembly", "Worker"])
 def test_without_the_means_the_report_is_as_it_was(
     missing: str, browser: Browser, cosim: Command, tmp_path: Path

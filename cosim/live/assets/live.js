@@ -151,7 +151,7 @@
     return given.keys.filter((one) => one.label === label && given.links.includes(one.group)).map((one) => one.key);
   }
   function move(key, value) {
-    for (const one of alike(key)) set(one, value);
+    for (const one of alike(key)) set(one, controls.get(one).inside(value));
     ask();
   }
   /** The slider and the field of a value. Of a value with choices, the slider has the number of one. */
@@ -167,16 +167,15 @@
     const row = make("div", { class: "value", "data-key": key, "data-unit": unit }, name, range, make("span", {}, field, ` ${unit}`));
     range.addEventListener("input", () => {
       const found = Number(range.value);
-      if (choices.length) move(key, choices[found]);
-      else move(key, Math.abs(found - value) < step / 1e3 ? value : Math.min(high, Math.max(low, tidy(found))));
+      move(key, choices.length ? choices[found] : Math.abs(found - value) < step / 1e3 ? value : tidy(found));
     });
     field.addEventListener("change", () => {
       const wrong = !field.checkValidity() || field.value === "";
       row.classList.toggle("wrong", wrong);
       if (wrong) say(`${key}: found ${field.value || "nothing"}, expected a number from ${low} to ${high}`, true);
-      else move(key, choices.length ? nearest(Number(field.value)) : Number(field.value));
+      else move(key, Number(field.value));
     });
-    controls.set(key, { range, field, row, at });
+    controls.set(key, { range, field, row, at, inside: (x) => (choices.length ? nearest(x) : Math.min(high, Math.max(low, x))) });
     return row;
   }
   const groups = new Map();
@@ -184,6 +183,7 @@
     if (!groups.has(one.group)) groups.set(one.group, []);
     groups.get(one.group).push(control(one, i));
   });
+  const FEW = 9; // lines of a group that is open at first
   const parts = new Map();
   for (const [name, found] of groups) {
     const part = make("details", {}, make("summary", {}, name), ...found);
@@ -197,7 +197,7 @@
       if (!i) parts.get(name).firstChild.textContent = together() ? (given.links.length === 2 ? "both links" : `all ${given.links.length} links`) : name;
     });
     const shown = [...parts.values()].filter((part) => !part.hidden), narrow = matchMedia("(max-width: 820px)").matches;
-    shown.forEach((part, i) => { part.open ||= i < (narrow ? 1 : given.open); });
+    shown.forEach((part, i) => { part.open ||= i < (narrow ? 1 : given.open) && part.children.length <= FEW; });
   }
   const same = (label) => new Set(given.keys.filter((one) => given.links.includes(one.group) && one.label === label).map((one) => one.value)).size === 1;
   if (given.links.length > 1 && given.keys.every((one) => !given.links.includes(one.group) || same(one.label))) {

@@ -142,6 +142,9 @@ def _of_links(document: Mapping[str, Any], plan: Plan) -> Iterator[Slider | Fixe
         delay, loss = link.get("delay") or {}, link.get("loss") or {}
         name = link.get("name") or f"{link.get('from')} → {link.get('to')}"
         law, losses = delay.get("law"), loss.get("law", "independent")
+        if link.get("bus"):
+            yield Fixed(f"links.{i}.bus", "the delays on its bus are computed beforehand")
+            continue
         if law not in ("constant", "uniform"):
             yield Fixed(f"links.{i}.delay", f"delays of the law {law} are drawn beforehand")
             continue

@@ -14,7 +14,7 @@
 size_t wide_steps_4(double *const x[], const double t[], size_t m, double h);
 size_t wide_steps_8(double *const x[], const double t[], size_t m, double h);
 
-enum { STEPS = 4000, SIZE = 4096, EACH = 7 };
+enum { STEPS = 10000, SIZE = 4096, EACH = 7 };
 
 static double values[1 + WIDEST][SIZE];
 

@@ -27,7 +27,7 @@ LOSSY = (
 WHOLE = (
     *("many", "network", "openarm", "six_axis", "six_axis_position", "six_axis_velocity"),
     *("task_space", "teaching", "teleoperation", "compare/networks/ring", "robots/fr3"),
-    *("robots/turn", "vibration/joint2"),
+    *("robots/turn", "vibration/joint2", "can/teleoperation-bus"),
 )
 
 

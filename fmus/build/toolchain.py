@@ -130,7 +130,17 @@ def zig(platform: str) -> tuple[str, ...]:
     """
     target, cpu = _TARGETS.get(platform, platform), _CPU.get(platform, "baseline")
     flags = (f"-mcpu={cpu}", "-fno-sanitize=undefined")
-    return (*_ZIG, "cc", "-target", target, *flags)
+    program = _zig_itself() if platform == WEB else _ZIG
+    return (*program, "cc", "-target", target, *flags)
+
+
+def _zig_itself() -> tuple[str, ...]:
+    """The program of zig, without a process of Python around each of its many calls for pages."""
+    found = find_spec("ziglang")
+    if found is None or found.origin is None:
+        return _ZIG
+    program = Path(found.origin).with_name("zig.exe" if os.name == "nt" else "zig")
+    return (str(program),) if program.is_file() else _ZIG
 
 
 def compile_shared(
@@ -230,7 +240,7 @@ def _web_linker(flags: Iterable[str]) -> list[str]:
     if any(flag.startswith("-mexec-model") for flag in flags):
         return [*compiler(WEB), *flags]
     library = ["--experimental-pic", "-shared", "--import-memory", "--no-entry"]
-    return [*_ZIG, "wasm-ld", *library, "--allow-undefined", "--strip-all"]
+    return [*_zig_itself(), "wasm-ld", *library, "--allow-undefined", "--strip-all"]
 
 
 def _position_independent(platform: str) -> list[str]:

@@ -48,7 +48,8 @@ def _zig(machine: str, *options: str, emulated: bool = True) -> Toolchain:
 
 def _page(runtime: str) -> Toolchain:
     """A program of WebAssembly, as pages have it."""
-    command = compiler(WEB)[len(ZIG) :]
+    command = compiler(WEB)
+    command = command[command.index("cc") + 1 :]
     run = (sys.executable, "-m", "tests.bits.wasi", runtime)
     return Toolchain(f"WebAssembly in {runtime}", (*ZIG, *command, "-O2"), run)
 

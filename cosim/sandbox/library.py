@@ -28,15 +28,20 @@ class SandboxLibrary:
         self._new = _NEW(self._instantiate)
 
     def __getitem__(self, name: str) -> Any:
-        """A function by its name. Raises AttributeError where the standard has none."""
+        """A function by its name, as an object of its own whose types may be set.
+
+        Raises AttributeError where the standard has none.
+        """
         suffix = name.removeprefix(_PREFIX)
         if suffix == "InstantiateCoSimulation":
-            return self._new
-        if suffix == "FreeInstance":
-            return _FREE_INSTANCE
-        if suffix not in FUNCTIONS or suffix == name:
+            found = self._new
+        elif suffix == "FreeInstance":
+            found = _FREE_INSTANCE
+        elif suffix in FUNCTIONS and suffix != name:
+            found = _pointer(suffix)
+        else:
             raise AttributeError(name)
-        return _pointer(suffix)
+        return type(found)(c.cast(found, c.c_void_p).value)
 
     def _instantiate(self, name: bytes, token: bytes, resources: bytes, *settings: Any) -> int:
         visible, logging, events, early, _, _, environment, log, _ = settings

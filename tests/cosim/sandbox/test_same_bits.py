@@ -105,6 +105,18 @@ def test_models_give_the_same_bits(model, folder: Path) -> None:
     assert rows_of(path, feed, 1000, model.model().step, wasm=True) == native
 
 
+def test_an_instance_is_called_by_python_after_c_has_its_functions(folder: Path) -> None:
+    """The functions of a component are shared, and the types of their arguments are not."""
+    path = with_wasm(xi.model(), folder)
+    x = FmuComponent(path, "x", options=FmuOptions(wasm=True))
+    x.initialize({})
+    x.exit_initialization()
+    x.step(0.0, 0.005, {})
+    x.instance.loop_functions()  # with types of their own, none
+    assert x.step(0.005, 0.005, {}).keys() == {p.name for p in x.outputs}
+    x.close()
+
+
 def test_a_saved_state_is_that_of_the_native_binary(folder: Path) -> None:
     path = with_wasm(planar2r.model(), folder)
     found = []

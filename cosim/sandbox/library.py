@@ -41,7 +41,7 @@ class SandboxLibrary:
             found = _pointer(suffix)
         else:
             raise AttributeError(name)
-        return type(found)(c.cast(found, c.c_void_p).value)
+        return type(found)(c.cast(found, c.c_void_p).value or 0)
 
     def _instantiate(self, name: bytes, token: bytes, resources: bytes, *settings: Any) -> int:
         visible, logging, events, early, _, _, environment, log, _ = settings

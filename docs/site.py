@@ -48,6 +48,7 @@ GROUPS: Mapping[str, tuple[str, ...]] = {
         "arm",
         "controllers",
         "fmi",
+        "sandbox",
         "algorithms",
         "scale",
         "sweep",

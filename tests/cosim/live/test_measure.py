@@ -223,12 +223,14 @@ def signals(seed: int, kind: str) -> tuple[list[float], dict[str, list[float]]]:
     x["a.one"] = np.where(np.sin(3 * t) > random.uniform(-1, 1.2), 1.0, 0.0)
     if kind == "bad":
         x["a.q[1]"][n // 2 :] = nan
+    if kind == "whole":  # values that are equal, or 0
+        x = {name: np.round(2 * values) for name, values in x.items()}
     if kind == "still":
         x = {name: np.zeros(n) for name in x}
     return t.tolist(), {name: values.tolist() for name, values in x.items()}
 
 
-@pytest.mark.parametrize("kind", ["random", "bad", "still"])
+@pytest.mark.parametrize("kind", ["random", "bad", "still", "whole"])
 @pytest.mark.parametrize("seed", range(6))
 def test_metrics_have_the_same_numbers_and_words(judge: Script, seed: int, kind: str) -> None:
     scenario = declared(metrics=METRICS, require=REQUIRED)

@@ -88,25 +88,44 @@ def _models(platform: str | None) -> list[Path]:
 
 
 def _web() -> list[Path]:
-    """The engine and the models as WebAssembly, the same on every platform."""
-    from fmus.build import shipped, toolchain, wasm
+    """The engine and the models as WebAssembly, where they are not those of the sources."""
+    from fmus.build import wasm
     from fmus.build.archive import installed_models
 
-    folder, made = ROOT / "cosim/c", []
-    units = [folder / name for name in WEB_UNITS]
-    headers = [*folder.glob("*.h"), *folder.glob("engine/*")]
-    stamp, output = ROOT / "cosim/_engine.wasm.json", ROOT / "cosim/_engine.wasm"
-    made_from = _fingerprint([*units, *headers, ROOT / "fmus/build/wasm.py"], toolchain.WEB)
-    if not _current(stamp, made_from):
-        made.append(wasm.engine(units, output, [folder]))
-        _write(stamp, made_from, made)
-    stamp = ROOT / "fmus/_built/models.wasm.json"
-    made_from = _fingerprint(shipped.made_from(), toolchain.WEB)
-    if not _current(stamp, made_from):
-        packed = wasm.pack(installed_models(), stamp.with_name(wasm.ARCHIVE))
-        _write(stamp, made_from, [packed])
+    made, (engine, models) = [], _pages()
+    if not _current(*engine):
+        units = [ROOT / "cosim/c" / name for name in WEB_UNITS]
+        made.append(wasm.engine(units, engine[0].with_suffix(""), [ROOT / "cosim/c"]))
+        _write(*engine, made)
+    if not _current(*models):
+        packed = wasm.pack(installed_models(), models[0].with_name(wasm.ARCHIVE))
+        _write(*models, [packed])
         made.append(packed)
     return made
+
+
+def _pages() -> tuple[tuple[Path, str], tuple[Path, str]]:
+    """The stamps of engine and models as WebAssembly, and the digests of their sources."""
+    from fmus.build import shipped
+
+    folder = ROOT / "cosim/c"
+    units = [folder / name for name in WEB_UNITS]
+    headers = [*folder.glob("*.h"), *folder.glob("engine/*")]
+    builder = [ROOT / "fmus/build/wasm.py", ROOT / "fmus/build/toolchain.py"]
+    return (
+        (ROOT / "cosim/_engine.wasm.json", _contents([*units, *headers, *builder])),
+        (ROOT / "fmus/_built/models.wasm.json", _contents(shipped.made_from())),
+    )
+
+
+def pages_are_current() -> bool:
+    """True if the WebAssembly that the repository has is that of the sources.
+
+    It is the same on every platform, so it is committed: who installs does not need zig for it.
+    """
+    if str(ROOT) not in sys.path:
+        sys.path.insert(0, str(ROOT))
+    return all(_current(*page) for page in _pages())
 
 
 def _fingerprint(files: Iterable[Path], platform: str | None) -> str:
@@ -114,7 +133,12 @@ def _fingerprint(files: Iterable[Path], platform: str | None) -> str:
     from fmus.build.toolchain import compiler, host_platform
 
     name = platform or host_platform()
-    digest = hashlib.sha256(repr((name, compiler(name)[1:])).encode())
+    return _contents(files, repr((name, compiler(name)[1:])))
+
+
+def _contents(files: Iterable[Path], more: str = "") -> str:
+    """SHA-256 of names and contents of files."""
+    digest = hashlib.sha256(more.encode())
     for path in sorted(files):
         digest.update(f"{path.relative_to(ROOT).as_posix()}\0".encode())
         digest.update(hashlib.sha256(path.read_bytes()).digest())

@@ -1,7 +1,7 @@
 """The build backend (PEP 517, PEP 660): setuptools, after the compiled parts are made.
 
-* ``ziglang`` compiles what pages contain, and the rest where no C compiler works; ``uplot-python``
-  is asked for only without pip.
+* ``ziglang`` is asked for only where no C compiler works, or where the committed WebAssembly is not
+  that of the sources; ``uplot-python`` only without pip.
 * The wheel is for one platform and any Python 3: the engine is a plain shared library.
 * Nothing is built in ``build/``: what an earlier version left there cannot get into a wheel.
 """
@@ -110,7 +110,10 @@ def build_editable(
 
 
 def _others() -> list[str]:
-    return ["ziglang>=0.13", *plots.requirements()]
+    from fmus.build.toolchain import host_compiler
+
+    zig = [] if host_compiler() and compiled.pages_are_current() else ["ziglang>=0.13"]
+    return [*zig, *plots.requirements()]
 
 
 @contextmanager

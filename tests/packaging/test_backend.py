@@ -59,7 +59,8 @@ def backend(monkeypatch: pytest.MonkeyPatch) -> Iterator[ModuleType]:
 
 
 def copy_of_the_sources(folder: Path) -> Path:
-    skip = shutil.ignore_patterns("_built", "_engine.*", "_bus.*", "__pycache__")
+    made = ("*.fmu", "built.json", "_engine.json", "_engine.[sd]*", "_bus.*", "__pycache__")
+    skip = shutil.ignore_patterns(*made)
     for part in PARTS:
         shutil.copytree(ROOT / part, folder / part, ignore=skip)
     for name in FILES:
@@ -101,16 +102,31 @@ def hook(folder: Path, name: str, target: Path) -> Path:
 
 
 @pytest.mark.parametrize("kind", ["wheel", "editable"])
-def test_the_compiler_for_pages_is_always_asked_for(
+def test_zig_is_asked_for_only_where_it_has_something_to_compile(
     backend: ModuleType, kind: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     requires = getattr(backend, f"get_requires_for_build_{kind}")
     monkeypatch.setenv("CC", "cc")
-    assert any("ziglang" in requirement for requirement in requires())
-    monkeypatch.delenv("CC")
+    assert not any("ziglang" in requirement for requirement in requires())
+    with monkeypatch.context() as old:
+        old.setattr(backend.compiled, "WEB_UNITS", ("engine.c",))
+        assert any("ziglang" in requirement for requirement in requires()), "old WebAssembly"
+    monkeypatch.delenv("CC", raising=False)
     monkeypatch.setenv("PATH", str(tmp_path))
     host_compiler.cache_clear()
-    assert any("ziglang" in requirement for requirement in requires())
+    assert any("ziglang" in requirement for requirement in requires()), "no compiler"
+
+
+def test_the_webassembly_in_the_repository_is_that_of_the_sources(backend: ModuleType) -> None:
+    """A build renews it; it is then committed with the change of the sources."""
+    for (stamp, made_from), name in zip(
+        backend.compiled._pages(), (f"{PAGE}.json", "fmus/_built/models.wasm.json"), strict=True
+    ):
+        assert stamp == ROOT / name
+        show = ["git", "-c", "safe.directory=*", "show", f"HEAD:{name}"]
+        committed = json.loads(run(show, ROOT))
+        assert committed["made_from"] == made_from, f"{name}: commit the one of the last build"
+        assert backend.compiled._current(stamp, made_from)
 
 
 def test_a_source_distribution_needs_no_compiler(

@@ -31,6 +31,7 @@ ENDINGS = (
     ".fmu",
     "_built/built.json",
     "_built/models.wasm.json",
+    "c/wasm/world.bin",
     MODELS,
     PAGE,
     "py.typed",

@@ -294,7 +294,8 @@ class OpenLoop:
         angle = np.concatenate([
             np.geomspace(least, np.pi, _FEW), np.linspace(0.0, np.pi, _FEW), beside.reshape(-1)
         ])  # fmt: skip
-        return np.unique(np.append(angle[(angle >= least) & (angle <= np.pi)], first))
+        found = np.sort(np.append(angle[(angle >= least) & (angle <= np.pi)], first))
+        return found[np.diff(found, prepend=-1.0) > 0.0]  # numpy.unique would import numpy.ma
 
     def response(self, delays: Sequence[int], z: Complex) -> Complex:
         """Gain from `inputs` to `outputs` at `z` (k,) with every link closed, (k, outputs, inputs).

@@ -1,4 +1,4 @@
-"""A page computes what the command line does, to the last bit."""
+"""A page computes what the command line does, to the last bit: in Node, and in wasmtime."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from cosim.engine.simulate import simulate
 from cosim.live import bundle, digest
 from cosim.loading.files import load
 from cosim.record import Run
+from tests.cosim.live.in_wasmtime import Simulator
 from tests.cosim.live.node import computed
 
 CONFIGS = Path(__file__).parents[3] / "configs"
@@ -41,21 +42,26 @@ def native(path: Path, folder: Path, *settings: str) -> str:
     ("name", "settings"),
     [("teleoperation", ["run.stop=3"]), ("teleoperation", ["run.stop=1.0005", "run.step=0.0005"]),
      ("teaching", ["run.stop=1"]), ("openarm", ["run.stop=0.2"]),
-     ("teleoperation", ["run.stop=1", "run.record.every=7"])],
+     ("teleoperation", ["run.stop=1", "run.record.every=7"]), ("teleoperation", LOSSY),
+     ("network", ["run.stop=0.2"])],
 )  # fmt: skip
-def test_a_page_has_the_digest_of_the_command_line(name, settings, tmp_path):
+def test_a_page_and_wasmtime_have_the_digest_of_the_command_line(name, settings, tmp_path):
     path = CONFIGS / f"{name}.toml"
-    (found,) = computed(bundle(load(path, settings)), [{}])
-    assert found["digest"] == native(path, tmp_path / "run", *settings)
+    made = bundle(load(path, settings))
+    (found,) = computed(made, [{}])
     assert found["failure"] is None
+    assert found["digest"] == native(path, tmp_path / "run", *settings)
+    assert Simulator(made).run() == found["digest"]
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", WHOLE)
 def test_whole_scenarios_have_the_digest_of_the_command_line(name, tmp_path):
     path = CONFIGS / f"{name}.toml"
-    (found,) = computed(bundle(load(path)), [{}])
+    made = bundle(load(path))
+    (found,) = computed(made, [{}])
     assert found["digest"] == native(path, tmp_path / "run")
+    assert Simulator(made).run() == found["digest"]
 
 
 def test_a_second_run_in_a_page_has_the_same_bits(tmp_path):

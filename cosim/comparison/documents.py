@@ -92,6 +92,11 @@ def read_base(path: str | Path, variants: Variants, settings: Sequence[str] = ()
 
 def scenario(base: Base, variants: Variants, case: Case) -> Scenario:
     """The scenario of a case. Raises ScenarioError for what makes none."""
+    return build(case_document(base, variants, case), base.path)
+
+
+def case_document(base: Base, variants: Variants, case: Case) -> Document:
+    """The scenario of a case, as a file has it; its last links are those of the link law."""
     document = deepcopy(dict(base.document))
     for key in ("metrics", "figures", "require"):
         document.pop(key, None)
@@ -105,7 +110,7 @@ def scenario(base: Base, variants: Variants, case: Case) -> Scenario:
     kept = [x for x in document.get("links", []) if not _touches(x, replaced)]
     made = _links(controller, law, variants)
     document["links"] = [*kept, *made]
-    return build(document, base.path)
+    return document
 
 
 def signals_read(variants: Variants) -> Iterator[tuple[str, str]]:

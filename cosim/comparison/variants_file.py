@@ -56,6 +56,7 @@ from typing import Any, get_args
 
 from cosim.base.convert import convert, convert_each, number
 from cosim.base.errors import ScenarioError
+from cosim.base.toml import change
 from cosim.comparison.aligned import KIND, aligned_error
 from cosim.comparison.extends import document
 from cosim.comparison.port_columns import port_bench
@@ -92,6 +93,7 @@ from cosim.measure.metrics import metric
 from cosim.scenario.connect import unknown
 
 _NAME = re.compile(r"[\w.+-]+$")
+_OF_LAW = re.compile(r"links\.(?!\d+\.)[\w+-]+\.")
 _ENDPOINT = re.compile(r"(\w+)\.(\w[\w.]*(?:\[[\d, ]+\])*)$")
 
 
@@ -114,10 +116,27 @@ def variants_path(scenario: str | Path) -> Path:
     )
 
 
-def read(path: str | Path) -> Variants:
-    """Read a variants file. Raises ScenarioError with the place of what is wrong."""
+def of_laws(settings: Iterable[str]) -> tuple[list[str], list[str]]:
+    """Settings ``path=value`` of link laws, ``links.LAW.KEY``, and those of the scenario.
+
+    Links of a scenario have numbers instead of names.
+    """
+    laws, others = [], []
+    for setting in settings:
+        (laws if _OF_LAW.match(setting) else others).append(setting)
+    return laws, others
+
+
+def read(path: str | Path, settings: Sequence[str] = ()) -> Variants:
+    """Read a variants file, changed by `settings` of link laws (:func:`of_laws`).
+
+    Raises ScenarioError with the place of what is wrong.
+    """
     path = Path(path)
-    spec = convert(document(path), VariantsSpec, path)
+    data = document(path)
+    for setting in settings:
+        _change_law(data, setting, path)
+    spec = convert(data, VariantsSpec, path)
     _check_names(spec, path)
     if len(spec.roles) < 2:
         there = ", ".join(spec.roles) or "none"
@@ -153,6 +172,16 @@ def read(path: str | Path) -> Variants:
 
 
 # ---- parts of the file --------------------------------------------------------------------------
+
+
+def _change_law(data: dict[str, Any], setting: str, path: Path) -> None:
+    """Change a link law, and its title, which is shown with the results."""
+    laws, (name, _, rest) = data.get("links", {}), setting.split(".", 1)[1].partition(".")
+    if name not in laws:
+        raise ScenarioError(unknown(name, laws, "link"), f"--set links.{name}")
+    change(data, setting)
+    law = laws[name]
+    law["title"] = f"{law.get('title', name)}; {rest}"
 
 
 def _check_names(spec: VariantsSpec, path: Path) -> None:

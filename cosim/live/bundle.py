@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 import zlib
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from copy import deepcopy
 from functools import cache
 from pathlib import Path
@@ -54,6 +54,19 @@ def bundle(scenario: Scenario, settings: Sequence[str] = ()) -> dict[str, Any]:
         found = Movable(plan_image(assemble(scenario), recorded))
     else:
         found = movable(document, scenario.path, recorded)
+    return _bundle(scenario, found)
+
+
+def bundle_of(document: Mapping[str, Any], path: Path, only: str = "") -> dict[str, Any]:
+    """The bundle of a scenario, given as a file has it; `path`: to which its paths are relative.
+
+    `only`: how the keys begin that can be moved. Raises LiveError as :func:`bundle`.
+    """
+    scenario = build(deepcopy(dict(document)), path)
+    return _bundle(scenario, movable(document, path, scenario.run.record.signals, only))
+
+
+def _bundle(scenario: Scenario, found: Movable) -> dict[str, Any]:
     made = found.image
     plan = made.plan
     return {

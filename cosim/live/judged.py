@@ -36,15 +36,20 @@ def judged(
         "end": end,
         "entries": {name: list(signals.entries(name)) for name in names},
         "metrics": [_metric(*pair) for pair in zip(metrics, results, strict=True)],
-        "require": [_requirement(one) for one in required],
+        "require": [requirement_data(one) for one in required],
     }
 
 
 def _metric(metric: Metric, result: MetricResult) -> dict[str, Any]:
+    shown = {"title": metric_title(metric), "shown": metric_card(metric, result).label}
+    return metric_data(metric, result.unit) | shown
+
+
+def metric_data(metric: Metric, unit: str) -> dict[str, Any]:
+    """A metric as data; `unit`: of its value."""
     found: dict[str, Any] = {
         "name": metric.name, "kind": "energy", "of": list(metric.of), "label": metric.label,
-        "unit": result.unit, "title": metric_title(metric),
-        "shown": metric_card(metric, result).label,
+        "unit": unit,
     }  # fmt: skip
     if isinstance(metric, Error):
         found |= {"kind": "error", "norm": metric.norm, "within": metric.within}
@@ -58,7 +63,8 @@ def _metric(metric: Metric, result: MetricResult) -> dict[str, Any]:
     return found
 
 
-def _requirement(one: Requirement) -> dict[str, Any]:
+def requirement_data(one: Requirement) -> dict[str, Any]:
+    """A requirement as data."""
     return {
         "name": one.name, "condition": one.condition, "unit": one.unit, "relative": one.relative,
         "word": one.word, "names": list(one.names), "metrics": [m.name for m in one.metrics],

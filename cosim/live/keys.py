@@ -94,13 +94,15 @@ class Movable:
         }  # fmt: skip
 
 
-def movable(document: Mapping[str, Any], path: Any, recorded: Sequence[str]) -> Movable:
-    """The keys of the scenario `document` of the file `path`.
+def movable(
+    document: Mapping[str, Any], path: Any, recorded: Sequence[str], only: str = ""
+) -> Movable:
+    """The keys of the scenario `document` of the file `path` that begin with `only`.
 
     `recorded`: the signals, as in ``run.record``. Raises LiveError if a page cannot compute it,
     CosimError if it cannot be run.
     """
-    return _Search(document, path, recorded).found()
+    return _Search(document, path, recorded).found(only)
 
 
 class _Search:
@@ -113,8 +115,10 @@ class _Search:
         self._values: dict[str, float] = {}
         self._tries = 0
 
-    def found(self) -> Movable:
+    def found(self, only: str) -> Movable:
         keys, fixed = candidates(self._document, self._plan)
+        keys = [c for c in keys if c.key.startswith(only)]
+        fixed = [x for x in fixed if x.key.startswith(only)]
         self._values = {c.key: c.value for c in keys}
         lows = self._ends(keys, [c.lows for c in keys])
         highs = self._ends(keys, [c.highs for c in keys])

@@ -53,7 +53,7 @@ def _panel(again: str, bundle: Mapping[str, Any]) -> str:
     """The part of the page in which values are moved; hidden until a script can run them."""
     fixed = [(entry["key"], entry["reason"]) for entry in bundle["fixed"]]
     why = folded("What cannot be moved, and why", table(["value", "reason"], fixed))
-    return f"""<section id="live" aria-labelledby="live-title" hidden><style>{_asset("live.css")}
+    return f"""<section id="live" aria-labelledby="live-title" hidden><style>{asset("live.css")}
 </style><h2 id="live-title">Try other values</h2>
 <p>Move a value: this page computes the whole run again, with the bits of <code>cosim run</code>.
 Pale curves are the recorded run.</p><p class="choices" id="live-choices"></p>
@@ -90,12 +90,13 @@ def _data(run: Run, data: PageData, facts: Mapping[str, Any], bundle: Mapping[st
         f'<script type="application/json" id="bundle">{embedded(bundle)}</script>',
     ]
     for name in ("engine", "measure", "worker"):
-        parts.append(f'<script type="text/plain" id="live-{name}">{_asset(f"{name}.js")}</script>')
-    parts.append(f'<script type="module">{_asset("live.js")}</script>')
+        parts.append(f'<script type="text/plain" id="live-{name}">{asset(f"{name}.js")}</script>')
+    parts.append(f'<script type="module">{asset("live.js")}</script>')
     return "".join(parts)
 
 
-def _asset(name: str) -> str:
+def asset(name: str) -> str:
+    """The text of a script or style of live pages, as it may stand inside an element."""
     text = (files("cosim.live") / "assets" / name).read_text(encoding="utf-8")
     return text.replace("</script", "<\\/script")
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -35,7 +36,11 @@ class Selection:
     seeds: Annotated[int, typer.Option(min=1, help="Number of seeds, starting at run.seed.")] = 1
     set_: Annotated[
         list[str],
-        typer.Option("--set", metavar="PATH=VALUE", help="Change the scenario; repeatable."),
+        typer.Option(
+            "--set",
+            metavar="PATH=VALUE",
+            help="Change the scenario, or a link law by links.LAW.KEY; repeatable.",
+        ),
     ] = field(default_factory=list)
 
 
@@ -57,6 +62,12 @@ class ComparisonOptions:
     jobs: Jobs = PROCESSORS
     plot: Plot = True
     png: Png = False
+    live: Annotated[
+        bool,
+        typer.Option(
+            "--live", help="Let readers of report.html move delays and run all controllers again."
+        ),
+    ] = False
     list_: Annotated[
         bool, typer.Option("--list", help="List the variants, without running them.")
     ] = False
@@ -71,24 +82,28 @@ def compare(
 ) -> None:
     """Compare controllers: run each with every operator and link law, and print one table."""
     from cosim.base.clock import stamp, stopwatch
+    from cosim.base.errors import ScenarioError
     from cosim.cli.check import report_unconnected_inputs
     from cosim.cli.summary import this_command
     from cosim.cli.sweep import watched
-    from cosim.comparison import report
+    from cosim.comparison import live_part, report
     from cosim.comparison.comparison import compare as compare_all
     from cosim.comparison.documents import check, read_base
     from cosim.comparison.kept import KeptResults
     from cosim.comparison.requirement_columns import with_requirements
-    from cosim.comparison.variants_file import read, variants_path
+    from cosim.comparison.variants_file import of_laws, read, variants_path
     from cosim.engine.simulate import versions
     from cosim.record import held_folder
     from cosim.study.runner import fingerprint_of
 
-    known = read(selection.variants or variants_path(scenario))
+    if options.live and not options.plot:
+        raise ScenarioError("found --live with --no-plot; expected one of them")
+    laws, settings = of_laws(selection.set_)
+    known = read(selection.variants or variants_path(scenario), laws)
     if options.list_:
         typer.echo("\n".join(_listing(known)))
         return
-    base = read_base(scenario, known, selection.set_)
+    base = read_base(scenario, known, settings)
     known = with_requirements(known, base).with_columns(_names(selection.columns))
     chosen = known.select(
         _names(selection.controllers), _names(selection.operators), _names(selection.links)
@@ -96,6 +111,7 @@ def compare(
     folder = options.out or Path("runs") / f"compare-{scenario.stem}-{stamp()}"
     plans = check(base, known, chosen)  # before there is a folder
     report_unconnected_inputs(plans, strict=options.strict, quiet=result.quiet)
+    made = live_part.live_cases(base, known, chosen) if options.live else None
     watch, same = stopwatch(), fingerprint_of(repr(versions()).encode(), plans)
     runs, seeds = folder / report.RUNS if options.keep else None, selection.seeds
     title, count = _title(known, chosen, scenario, seeds), range(base.seed, base.seed + seeds)
@@ -108,14 +124,29 @@ def compare(
             found = compare_all(
                 base, known, chosen, count, jobs=options.jobs, kept=kept, observer=observer
             )
-        paths = _written(found, folder, options)
+        part = "" if made is None else live_part.section(found, made, _again(scenario, selection))
+        paths = _written(found, folder, options, part)
     result.save("compare", report.as_data(found, this_command()))
     result.say("\n".join(report.text(found)))
     result.say(f"{len(found.outcomes)} runs in {watch():.1f} s; {', '.join(map(str, paths))}")
 
 
-def _written(found: Comparison, folder: Path, wanted: ComparisonOptions) -> list[Path]:
-    """Write the results into the folder; the path of each, the page first."""
+def _again(scenario: Path, given: Selection) -> str:
+    """The command that makes the same comparison in another folder."""
+    lists = {"controllers": given.controllers, "operators": given.operators, "links": given.links,
+             "columns": given.columns, "variants": given.variants}  # fmt: skip
+    words = [word for key, x in lists.items() if x for word in (f"--{key}", str(x))]
+    if given.seeds > 1:
+        words += ["--seeds", str(given.seeds)]
+    words += [word for setting in given.set_ for word in ("--set", setting)]
+    return shlex.join(["cosim", "compare", str(scenario), *words, "--live"])
+
+
+def _written(found: Comparison, folder: Path, wanted: ComparisonOptions, live: str) -> list[Path]:
+    """Write the results into the folder; the path of each, the page first.
+
+    `live`: the part of the page that computes runs, or "".
+    """
     from cosim.cli.summary import this_command
     from cosim.comparison import page, report
     from cosim.record import seal
@@ -126,7 +157,11 @@ def _written(found: Comparison, folder: Path, wanted: ComparisonOptions) -> list
 
         paths.insert(0, figure.draw(found, folder / report.FIGURE))
     if wanted.plot:
-        paths.insert(0, page.write(found, folder, this_command()))
+        try:
+            paths.insert(0, page.write(found, folder, this_command(), live))
+        except page.PageSizeError as error:
+            typer.echo(f"warning: {error}", err=True)
+            paths.insert(0, page.write(found, folder, this_command()))
     seal(folder, anew=True)
     return paths
 

@@ -23,6 +23,7 @@ from cosim.comparison.verdict import RunVerdict, judge
 from cosim.engine.simulate import simulate
 from cosim.links.semantics import Grid
 from cosim.links.storage import load_table
+from cosim.live import digest
 from cosim.measure.metrics import Metric, MetricResult
 from cosim.record import Run
 from cosim.reporting.thinning import thin
@@ -93,7 +94,7 @@ class CaseOutcome:
     """The outcome of a case: numbers by column, each (value, unit); NaN where there is none.
 
     `errors`: two standard deviations of those that were estimated, in their units; `remark`: why
-    numbers of the port are missing.
+    numbers of the port are missing; `digest`: of the run (:func:`cosim.live.digest`).
     """
 
     case: Case
@@ -103,6 +104,7 @@ class CaseOutcome:
     tables: tuple[RecordedTable, ...] = ()
     curves: tuple[Curve, ...] = ()
     remark: str = ""
+    digest: str = ""
 
     def without_tables(self) -> CaseOutcome:
         """The same, but for its tables."""
@@ -148,7 +150,9 @@ def _measured(task: Task, run: Run, failure: RunError | None) -> CaseOutcome:
             if not isinstance(c.metric, PortMeasure)
         }
     curves = _curves(run, task.picture)
-    return CaseOutcome(task.case, verdict, numbers, tables=tables, curves=curves)
+    return CaseOutcome(
+        task.case, verdict, numbers, tables=tables, curves=curves, digest=digest(run)
+    )
 
 
 def _evaluated(

@@ -11,6 +11,7 @@ from statistics import median
 
 import numpy as np
 
+from cosim.base.errors import CosimError
 from cosim.comparison.comparison import Comparison
 from cosim.comparison.requirement_margin import RequirementMargin
 from cosim.comparison.rows import ComparisonRow, columns, format_number, header, notes, rows
@@ -20,6 +21,8 @@ from cosim.measure.contact_metrics import PortEnergy
 from cosim.reporting.html import Badge, PageData, command, folded, table, write_page
 
 PAGE = "report.html"
+#: Bytes of a page that computes runs, at the most: it is sent by mail.
+MOST = 2_500_000
 #: Points of a curve in a small picture, and the colour of its ground by how the run ended.
 MINI = 60
 _GROUNDS = {
@@ -28,28 +31,40 @@ _GROUNDS = {
 }  # fmt: skip
 
 
-def write(comparison: Comparison, folder: Path, repeat: str) -> Path:
+class PageSizeError(CosimError):
+    """A page that computes runs is too large."""
+
+
+def write(comparison: Comparison, folder: Path, repeat: str, live: str = "") -> Path:
     """Write the report of a comparison. `repeat`: the command that made it.
 
-    Raises CosimError if it cannot be written.
+    `live`: its part that computes runs, of :mod:`cosim.comparison.live_part`, or "". Raises
+    PageSizeError if the page is too large with it, CosimError if it cannot be written.
     """
     c = comparison
     every = list(rows(c))
     ended = [row for row in every if row.is_stable]
     badge = Badge("finished", f"{len(ended)} of {len(every)} rows are stable")
     subtitle = f"{c.base.path} · {c.variants.path} · seeds {', '.join(map(str, c.seeds))}"
-    data = PageData(_until(c))
+    data = PageData(_until(c), computes=bool(live))
     tables = "".join(_blocks(c, every, data))
     reference = escape(json.dumps(list(c.variants.picture.reference)))
     over = f'<section id="overlay" data-reference="{reference}"></section>' if data.signals else ""
     told = folded("Notes", "".join(f"<p>{escape(line)}</p>" for line in notes(c)), opened=True)
     rest = (
-        f"{tables}<p>✓ best, ✗ worst of a column where less is better. Not ranked: rows that are "
-        f"not stable, under which an arm does not move, and numbers that look alike. {_seeds(c)}"
-        "</p>"
+        f"{live}{tables}<p>✓ best, ✗ worst of a column where less is better. Not ranked: rows "
+        "that are not stable, under which an arm does not move, and numbers that look alike. "
+        f"{_seeds(c)}</p>"
         f"{told}{_names(c)}<h2>Repeat it</h2>{command('repeat', repeat)}"
     )
-    return write_page(folder / PAGE, c.variants.title, subtitle, badge, over, data, rest)
+    path = write_page(folder / PAGE, c.variants.title, subtitle, badge, over, data, rest)
+    if live and (size := path.stat().st_size) > MOST:
+        raise PageSizeError(
+            f"with runs to try, the report has {size / 1e6:.1f} MB, expected at most "
+            f"{MOST / 1e6:.1f} MB, so it has none; choose fewer by --controllers, --operators or "
+            "--links"
+        )
+    return path
 
 
 def _seeds(c: Comparison) -> str:

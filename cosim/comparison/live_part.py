@@ -237,7 +237,7 @@ def _short(values: Any) -> list[float | None]:
 def _judged(
     c: Comparison, live: LiveCases, shown: Sequence[tuple[MetricColumn, str]]
 ) -> dict[str, Any]:
-    """How a page judges a run: columns, requirements and the criteria of :func:`judge`."""
+    """The rules by which a page judges a run: columns, requirements, criteria of rest."""
     made = next(iter(live.bundles.values()))
     s = c.variants.stability
     entries = {signal["name"]: signal["names"] for signal in made["signals"]}

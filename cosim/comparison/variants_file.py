@@ -121,7 +121,7 @@ def of_laws(settings: Iterable[str]) -> tuple[list[str], list[str]]:
 
     Links of a scenario have numbers instead of names.
     """
-    laws, others = [], []
+    laws, others = list[str](), list[str]()
     for setting in settings:
         (laws if _OF_LAW.match(setting) else others).append(setting)
     return laws, others

@@ -12,7 +12,8 @@ from cosim.base.parts import part
 from cosim.cli.options import Set
 
 _TOGETHER = (
-    "found one of --deploy, --nodes, --node and --platforms, expected --deploy NAME --nodes FOLDER"
+    "found one of --deploy, --nodes, --node, --platforms and --wasm, expected --deploy NAME --nodes"
+    " FOLDER"
 )
 
 
@@ -72,6 +73,9 @@ class NodeFmuOptions:
             show_default="host",
         ),
     ] = ""
+    wasm: Annotated[
+        bool, typer.Option("--wasm", help="With --nodes: with a WebAssembly binary as well.")
+    ] = False
 
 
 def export(
@@ -97,7 +101,7 @@ def export(
         raise ScenarioError(f"{system.links!r} is neither annotation nor fmu", "--links")
     nodes = network.nodes
     if (nodes is None) is not (network.deploy is None) or (
-        nodes is None and (network.node or network.platforms)
+        nodes is None and (network.node or network.platforms or network.wasm)
     ):
         raise ScenarioError(_TOGETHER, "cosim export")
     if system.ssp is None and system.fmu is None and nodes is None:
@@ -107,7 +111,13 @@ def export(
         )
     if nodes is not None:
         part("twin").write_nodes(
-            scenario, network.deploy, nodes, network.node, set_ or [], network.platforms
+            scenario,
+            network.deploy,
+            nodes,
+            network.node,
+            set_ or [],
+            network.platforms,
+            wasm=network.wasm,
         )
     if system.ssp is not None or system.fmu is not None:
         _export_system(scenario, set_ or [], system)

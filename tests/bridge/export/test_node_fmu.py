@@ -32,6 +32,7 @@ from cosim.lsbus.operations import (
     FormatError,
 )
 from cosim.lsbus.terminals import read_terminals
+from fmus.build.archive import write_archive
 from fmus.build.bus_fmu import build_bus
 from fmus.build.kernel import Kernel
 from fmus.models import planar2r
@@ -211,6 +212,23 @@ def test_a_component_that_fails_stops_the_run_with_its_sentence(
         run_nodes(shipped.system, {"master": path}, tmp_path)
 
 
+@pytest.mark.slow
+def test_nodes_in_webassembly_have_the_frames_of_the_twin(shipped: Built, tmp_path: Path) -> None:
+    """What `--wasm` writes, without the sources and native binaries that are in it as well."""
+    nodes = NodeFmuOptions(deploy="can-one-bus", nodes=tmp_path, wasm=True)
+    export(TELEOPERATION, RunFileOptions(), SystemOptions(), nodes, [f"run.stop={STOP}"])
+    fmus = {}
+    for path in tmp_path.glob("*.fmu"):
+        with zipfile.ZipFile(path) as archive:
+            names = [n for n in archive.namelist() if not n.startswith("sources/")]
+            kept = [n for n in names if "wasm" in n or not n.startswith("binaries/")]
+            fmus[path.stem] = tmp_path / "alone" / path.name
+            write_archive({n: archive.read(n) for n in kept}, fmus[path.stem])
+    assert len(fmus) == 4
+    folder = run_nodes(shipped.system, fmus, tmp_path / "run")
+    assert logged(folder) == rounded(shipped.frames)
+
+
 # ---- the FMU alone ----------------------------------------------------------------------------
 
 
@@ -328,6 +346,7 @@ def test_what_an_fmu_does_differently_is_said() -> None:
         ({"nodes": Path("x")}, "expected --deploy NAME --nodes FOLDER"),
         ({"deploy": "can"}, "expected --deploy NAME --nodes FOLDER"),
         ({"ssp": Path("x.ssp"), "node": ["master"]}, "expected --deploy NAME --nodes FOLDER"),
+        ({"ssp": Path("x.ssp"), "wasm": True}, "expected --deploy NAME --nodes FOLDER"),
         ({}, "expected --ssp FILE, --fmu FILE, --nodes FOLDER or --to FILE"),
         ({"deploy": "can", "nodes": Path("x"), "node": ["me"]}, "found no node 'me', expected one"),
     ],

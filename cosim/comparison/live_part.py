@@ -11,7 +11,6 @@ import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from html import escape
-from itertools import groupby
 from typing import Any
 
 from cosim.base.errors import CosimError, ScenarioError
@@ -188,11 +187,13 @@ def section(comparison: Comparison, live: LiveCases, again: str) -> str:
 
 def _missing(live: LiveCases) -> str:
     """The cases that the page cannot compute, with the reason of each."""
-    named = sorted((c.controller, why, c.link) for c, why in live.reasons.items())
-    lines = []
-    for (controller, why), group in groupby(named, key=lambda x: x[:2]):
-        links = dict.fromkeys(link for _, _, link in group)
-        lines.append((controller, ", ".join(links), why))
+    links: dict[tuple[str, str], dict[str, None]] = {}
+    for case, why in live.reasons.items():
+        links.setdefault((case.controller, why), {})[case.link] = None
+    alike: dict[tuple[str, str], list[str]] = {}
+    for (controller, why), found in links.items():
+        alike.setdefault((", ".join(found), why), []).append(controller)
+    lines = [(", ".join(names), found, why) for (found, why), names in alike.items()]
     shown = table(["controller", "link", "reason"], lines)
     return folded("What cannot be run here, and why", shown) if lines else ""
 

@@ -34,8 +34,8 @@ from tests.cosim.study.studies import STUDY, written
 pytestmark = [pytest.mark.slow, pytest.mark.browser]
 
 KINDS = (
-    "run", "live", "rehearsal", "late-rehearsal", "comparison", "diff", "sweep", "campaign", "soak",
-    "ping", "reproduction", "region", "falsified",
+    "run", "live", "rehearsal", "late-rehearsal", "comparison", "live-comparison", "diff", "sweep",
+    "campaign", "soak", "ping", "reproduction", "region", "falsified",
 )  # fmt: skip
 STIFF = (
     "--set", "components.master.parameters.k_p=100",
@@ -119,6 +119,8 @@ def pages(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
          "run.stop=4", "--out", "rehearsal")  # fmt: skip
     made("compare", CONFIG, "--controllers", "paper,pd,p+d,free", "--operators", "light,tight",
          "--links", "paper,constant", "--set", "run.stop=20", "--out", "comparison")  # fmt: skip
+    made("compare", CONFIG, "--controllers", "paper,pd,p+d", "--operators", "light", "--links",
+         "paper,wifi5", "--set", "run.stop=20", "--live", "--out", "live-comparison")  # fmt: skip
     made("diff", "run", "short", "--html", "diff.html", codes=(1,))
     made("sweep", written(folder, STUDY + GRID), "--out", "sweep", "--jobs", "1")
     made("reproduce", "--only", "thm2", "--out", "reproduction", codes=(0, 1))

@@ -84,6 +84,7 @@ def test_what_a_page_cannot_run_is_named_with_its_reason(tmp_path: Path) -> None
     outcomes = compare(base, variants, chosen, [0])
     part = section(outcomes, found, "cosim compare x --live")
     assert "What cannot be run here, and why" in part and "is a Python component" in part
+    assert "<td>push</td><td>constant, wifi</td>" in part and "<td>pd</td><td>wifi</td>" in part
     assert next(o.digest for o in outcomes.outcomes if o.case.controller == "pd") in part
     with pytest.raises(ScenarioError, match=r"no page can run constant/light/push.* leave out"):
         live_cases(base, variants, variants.select(["push"], ["light"], ["constant"]))

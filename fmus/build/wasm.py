@@ -74,12 +74,12 @@ def _archive(folder: Path) -> dict[str, bytes]:
         return {name: file.read() for name, file in files.items() if file is not None}
 
 
-def module(fmu: Path, token: str) -> bytes | None:
+def module(fmu: Path, token: str, *, build: bool = True) -> bytes | None:
     """The library of one of our own FMUs, None for another one's.
 
     `token`: of its description. Models that an installation does not bring are compiled from the
-    sources in the FMU, once. Raises ToolchainError if that fails, FmuError if the cache cannot be
-    written.
+    sources in the FMU, once. Raises ToolchainError if that fails, or if it is needed without
+    `build`, FmuError if the cache cannot be written.
     """
     name = f"{fmu.name.split('.')[0]}.wasm"
     if fmu.parent.resolve() == FOLDER.resolve() and name in _archive(FOLDER):
@@ -91,6 +91,8 @@ def module(fmu: Path, token: str) -> bytes | None:
         return None
     found = cache_folder(token) / name
     if not found.is_file():
+        if not build:
+            raise toolchain.ToolchainError(f"{fmu.name} is not compiled to WebAssembly yet")
         with tempfile.TemporaryDirectory(prefix="fmu-") as scratch:
             for file, text in texts.items():
                 Path(scratch, file).write_bytes(text)

@@ -2,7 +2,7 @@
 
     python benchmarks/live_page.py [--rounds 5] [--json FILE]
 
-Runs ``configs/teleoperation.toml`` with and without ``--live``, in turns, and opens the page in
+Runs ``configs/teleoperation.toml`` with ``--no-live`` and ``--live``, and opens the page in
 headless Chromium. Then the greatest delay of both links is moved: `computed` is the time of the run
 and its digest in the worker, `shown` that from the moved slider to the changed page. Processor time
 of the command depends less on other work on the machine than the times do. Needs Chromium.
@@ -79,7 +79,7 @@ def main() -> None:
     rounds = 1 if given.quick else given.rounds
     with TemporaryDirectory() as name:
         plain, live = Path(name) / "plain", Path(name) / "live"
-        times = [(written(plain), written(live, "--live")) for _ in range(rounds)]
+        times = [(written(plain, "--no-live"), written(live, "--live")) for _ in range(rounds)]
         pages = [folder / "report.html" for folder in (plain, live)]
         sizes = [page.stat().st_size for page in pages]
         seen = [*looked_at(pages[1], Path(name) / "profile", rounds)]
@@ -90,8 +90,8 @@ def main() -> None:
         "processor_s": dict(zip(("plain", "live"), commands, strict=True)),
         "first_picture_ms": paint, "shown_ms": shown, "computed_ms": computed,
     }  # fmt: skip
-    print(f"report.html          {sizes[0] / 1e3:7.0f} kB, with --live {sizes[1] / 1e3:.0f} kB")
-    print(f"cosim run            {commands[0]:7.2f} s of processor time, with --live"
+    print(f"report.html          {sizes[0] / 1e3:7.0f} kB, live {sizes[1] / 1e3:.0f} kB")
+    print(f"cosim run            {commands[0]:7.2f} s of processor time, live"
           f" {commands[1]:.2f} s")  # fmt: skip
     print(f"first picture        {paint:7.0f} ms")
     print(f"moved value shown in {shown:7.0f} ms, of which the run took {computed:.0f} ms")

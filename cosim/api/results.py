@@ -245,9 +245,10 @@ class RunResult:
 
     def report(self) -> Path:
         """Write ``report.html`` into the run folder, and return its path. Raises CosimError."""
+        from cosim.live.page import rewrite_live
         from cosim.reporting.rewritten import rewrite
 
-        return rewrite(self._run)
+        return rewrite_live(self._run) or rewrite(self._run)
 
     def _repr_html_(self) -> str:
         """The top of a report: title, status, metrics; without scripts."""

@@ -76,7 +76,7 @@ def is_whole(folder: Path) -> bool:
     try:
         said = (folder / SUMS).read_text(encoding="utf-8")
         names = [line[66:] for line in said.splitlines()]
-        states = tuple(_file_state(folder / name) for name in names)
+        states = tuple(_file_state(f"{folder}/{name}") for name in names)
     except (OSError, ValueError):
         return False
     return _fits(folder, said, states)
@@ -92,8 +92,8 @@ def add_sum(folder: Path, path: Path) -> None:
     scratch.replace(folder / SUMS)
 
 
-def _file_state(path: Path) -> tuple[int, ...]:
-    found = path.stat()
+def _file_state(path: str) -> tuple[int, ...]:
+    found = os.stat(path)
     return found.st_ino, found.st_size, found.st_mtime_ns, found.st_ctime_ns
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -42,11 +42,13 @@ class RunOptions(OutputOptions):
         bool, typer.Option("--fmu-log", help="Write the log of every FMU to NAME.fmu.log.")
     ] = False
     live: Annotated[
-        bool,
+        bool | None,
         typer.Option(
-            "--live", help="Let readers of report.html move values and run the scenario again."
+            "--live/--no-live",
+            help="Let readers of report.html move values and run the scenario again; default: if "
+            "it can be, in 2.5 MB.",
         ),
-    ] = False
+    ] = None
     threads: Annotated[
         int, typer.Option(min=1, max=256, help="Threads that share many FMUs; same results.")
     ] = 1
@@ -94,10 +96,10 @@ def run(
             "records all variables",
             err=True,
         )
-    again = shlex.join([str(scenario), *_repeated(settings, options)])
     report = None
-    if options.live:
-        report = _live_report(loaded, settings.all, f"cosim run {again}", options)
+    if options.plot and options.live is not False:
+        again = shlex.join(["cosim", "run", str(scenario), *_repeated(settings, options)])
+        report = _live_report(loaded, plan, settings.all, again, options)
     folder = options.folder(loaded.name)
     options.say(header(loaded, plan))
     found = print_warnings(
@@ -124,29 +126,46 @@ def _repeated(settings: RunSettings, options: RunOptions) -> Iterator[str]:
     """The options of a command that computes the same run."""
     if options.table is not None:
         yield from ("--input", str(options.table))
-    yield "--live"
+    if options.live:
+        yield "--live"
     for setting in settings.all:
         yield from ("--set", setting)
 
 
 def _live_report(
-    loaded: Scenario, given: Sequence[str], again: str, options: RunOptions
+    loaded: Scenario, plan: Plan, given: Sequence[str], again: str, options: RunOptions
 ) -> Callable[[Run], Path]:
-    """The function that writes a live report of a run, which the command `again` repeats.
+    """The function that writes the report of a run, which the command `again` repeats.
 
-    `given`: the settings of the scenario. Raises LiveError with the component that no page can
-    compute.
+    It is live if it can be. `given`: the settings of the scenario. Raises LiveError with the
+    component that no page can compute, if a live report was asked for; if not, nothing is done
+    before the run.
     """
-    from cosim.live import bundle, digest
-    from cosim.live.page import write_live_report
-    from cosim.measure.metric_result import summary_line
+    asked = None
+    if options.live:
+        from cosim.live import bundle
 
-    made = bundle(loaded, given)
+        asked = bundle(loaded, given, plan)
+
+    def make() -> Mapping[str, Any]:
+        from cosim.live import LiveError, bundle
+
+        if options.links is not None:
+            raise LiveError("its links have the delays of another run (--links)")
+        return bundle(loaded, given, plan, asked=False) if asked is None else asked
 
     def write(run: Run) -> Path:
+        from cosim.live.page import write_if_live
+        from cosim.measure.metric_result import summary_line
+        from cosim.record.digest import digest
+
         found = digest(run)
-        options.say(summary_line("digest", found))
-        return write_live_report(run, made, again, found)
+        path, reason = write_if_live(run, make, again, found)
+        if not reason:
+            options.say(summary_line("digest", found))
+        elif options.live:
+            typer.echo(f"warning: the report is not live: {reason}", err=True)
+        return path
 
     return write
 
@@ -229,6 +248,7 @@ def _finish(
     from cosim.measure.joint_limits import beyond
     from cosim.measure.metric_result import summary_line
     from cosim.record import seal
+    from cosim.record.digest import digest
     from cosim.record.folder import CSV
 
     folder = result.path.parent
@@ -246,7 +266,8 @@ def _finish(
         options.say(summary_line(what, str(path)))
     seal(folder)
     if options.json is not None:
-        write_json(options.json, "run", as_data(loaded, result, outcome, judged))
+        found = {**as_data(loaded, result, outcome, judged), "digest": digest(result)}
+        write_json(options.json, "run", found)
     options.say(summary_line("run folder", str(folder)))
     if options.strict:
         exit_unless_passed(judged)

@@ -23,9 +23,9 @@ from cosim.comparison.verdict import RunVerdict, judge
 from cosim.engine.simulate import simulate
 from cosim.links.semantics import Grid
 from cosim.links.storage import load_table
-from cosim.live.digest import digest
 from cosim.measure.metrics import Metric, MetricResult
 from cosim.record import Run
+from cosim.record.digest import digest
 from cosim.reporting.thinning import thin
 from cosim.scenario.spec import Scenario
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import ctypes as c
-from collections.abc import Sequence
+from collections.abc import Hashable, Sequence
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -19,9 +20,17 @@ Rows = NDArray[np.void]
 LINE = 64
 
 
+@cache
+def row_type(struct: Hashable) -> np.dtype[np.void]:
+    """The type of a struct of C in NumPy."""
+    found: np.dtype[np.void] = np.dtype(struct)  # type: ignore[call-overload]
+    return found
+
+
 def rows_of(array: c.Array[Any]) -> Rows:
     """An array of structs, as a view (n,)."""
-    kind = np.dtype(array._type_)
+    struct: Any = array._type_
+    kind = row_type(struct)
     return np.frombuffer(memoryview(array), kind) if len(array) else np.empty(0, kind)
 
 

@@ -8,7 +8,7 @@ and what it takes to judge a run in JavaScript, with the numbers and words of Py
 from __future__ import annotations
 
 from cosim.live.bundle import bundle
-from cosim.live.digest import digest
 from cosim.live.image import LiveError
+from cosim.record.digest import digest
 
 __all__ = ["LiveError", "bundle", "digest"]

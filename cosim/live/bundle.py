@@ -6,21 +6,25 @@ import base64
 import zlib
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from copy import deepcopy
 from functools import cache
+from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from cosim.base.errors import CosimError
+from cosim.base.archive import cache_folder
+from cosim.base.errors import CosimError, RunError
+from cosim.base.files import write_file
 from cosim.base.parts import part
 from cosim.base.toml import change
 from cosim.engine.initialization import exits
 from cosim.live.image import LiveError
-from cosim.live.keys import Movable, movable
+from cosim.live.keys import TRIES, Movable, movable
 from cosim.live.layout import layout
-from cosim.live.plan_image import PlanImage, fmu_of, plan_image
+from cosim.live.plan_image import PlanImage, effort, fmu_of, plan_image, refuse
 from cosim.loading import one_fmu
 from cosim.loading.files import read_document
 from cosim.native import structs
@@ -28,9 +32,13 @@ from cosim.native.enums import LOG_LINES, LOG_WIDTH
 from cosim.scenario.assemble import assemble
 from cosim.scenario.spec import Scenario, as_data, build
 from cosim.schedule.parts import Step
+from cosim.schedule.plan import Plan
 
 #: Of bundles: a page and its data belong together.
 FORMAT = 1
+#: Effort of a bundle that was not asked for (half a second, see :func:`effort`), and plans that it
+#: takes at least to find out what can be moved.
+EFFORT, LEAST_TRIES = 256, 8
 _STRUCTS = {
     "engine": structs.EngineStruct, "start": structs.StartStruct, "units": structs.UnitStruct,
     "links": structs.LinkStruct, "players": structs.PlayerStruct, "tables": structs.TableStruct,
@@ -42,19 +50,32 @@ def script() -> str:
     return (Path(__file__).parent / "assets" / "engine.js").read_text(encoding="utf-8")
 
 
-def bundle(scenario: Scenario, settings: Sequence[str] = ()) -> dict[str, Any]:
+def bundle(
+    scenario: Scenario,
+    settings: Sequence[str] = (),
+    plan: Plan | None = None,
+    *,
+    asked: bool = True,
+) -> dict[str, Any]:
     """The bundle of a scenario, to be written as JSON.
 
-    `settings`: ``path=value``, with which it was read from its file. Raises LiveError with a
-    sentence for one that a page cannot compute.
+    `settings`: ``path=value``, with which it was read from its file; `plan`: of the scenario, if
+    there is one. `asked`: False if it has to be made fast, or not at all. Raises LiveError with a
+    sentence for a scenario that a page cannot compute, CosimError for one that does not start.
     """
+    plan = assemble(scenario) if plan is None else plan
+    refuse(plan)
+    tries = TRIES if asked else _affordable(plan)
+    modules = _modules(plan.components, build=asked)
     recorded = scenario.run.record.signals
     document = _document(scenario, settings)
     if document is None:
         found = Movable(plan_image(assemble(scenario), recorded))
     else:
-        found = movable(document, scenario.path, recorded)
-    return _bundle(scenario, found)
+        found = movable(document, scenario.path, recorded, tries)
+    if not (asked or found.keys):
+        raise LiveError("none of its values can be moved")
+    return _bundle(scenario, found, modules)
 
 
 def bundle_of(document: Mapping[str, Any], path: Path, only: str = "") -> dict[str, Any]:
@@ -63,10 +84,11 @@ def bundle_of(document: Mapping[str, Any], path: Path, only: str = "") -> dict[s
     `only`: how the keys begin that can be moved. Raises LiveError as :func:`bundle`.
     """
     scenario = build(deepcopy(dict(document)), path)
-    return _bundle(scenario, movable(document, path, scenario.run.record.signals, only))
+    found = movable(document, path, scenario.run.record.signals, only=only)
+    return _bundle(scenario, found, _modules(found.image.plan.components, build=True))
 
 
-def _bundle(scenario: Scenario, found: Movable) -> dict[str, Any]:
+def _bundle(scenario: Scenario, found: Movable, modules: Mapping[str, str]) -> dict[str, Any]:
     made = found.image
     plan = made.plan
     return {
@@ -84,7 +106,7 @@ def _bundle(scenario: Scenario, found: Movable) -> dict[str, Any]:
         "order": exits(plan),
         "links": [link.name for link in plan.links],
         "engine": packed(_engine()),
-        "modules": _modules(plan.components),
+        "modules": modules,
         "layouts": {
             name: {"size": layout(kind).size,
                    "members": {k: m.offset for k, m in layout(kind).fields.items()}}
@@ -110,9 +132,20 @@ def _document(scenario: Scenario, settings: Sequence[str]) -> dict[str, Any] | N
     return document if as_data(read) == as_data(scenario) else None
 
 
+def _affordable(plan: Plan) -> int:
+    """Plans that a report which was not asked for may make. Raises LiveError if they are few."""
+    found = min(TRIES, EFFORT // effort(plan))
+    if found < LEAST_TRIES:
+        raise LiveError(
+            f"{len(plan.components)} components and their tables take long to prepare; --live does"
+            " it in any case"
+        )
+    return found
+
+
 def packed(data: bytes) -> str:
     """A block of a bundle: compressed by zlib, in base64."""
-    return base64.b64encode(zlib.compress(data, 9)).decode()
+    return base64.b64encode(zlib.compress(data)).decode()
 
 
 def _recorded(made: PlanImage) -> dict[str, Any]:
@@ -177,17 +210,35 @@ def _component(step: Step) -> dict[str, Any]:
     }
 
 
-def _modules(steps: Sequence[Step]) -> dict[str, str]:
-    """The models of components, each once, by the tokens of their FMUs."""
+def _modules(steps: Sequence[Step], *, build: bool) -> dict[str, str]:
+    """The models of components, packed, each once, by the tokens of their FMUs.
+
+    `build`: True to compile those that are not. Raises LiveError.
+    """
     one_of = {fmu_of(step).description.token: step for step in steps}
-    return {token: packed(_code(step)) for token, step in one_of.items()}
+    return {token: _module(step, build=build) for token, step in one_of.items()}
 
 
-def _code(step: Step) -> bytes:
+def _module(step: Step, *, build: bool) -> str:
+    """The model of a component, packed; the cache keeps it, since archives are slow to read."""
+    version = sha256(_engine()).hexdigest()[:16]
+    kept = cache_folder() / "wasm" / f"{fmu_of(step).archive.sha256[:32]}-{version}"
+    with suppress(OSError, zlib.error):
+        return packed(zlib.decompress(kept.read_bytes()))
+    code = _code(step, build=build)
+    with suppress(OSError, RunError):
+        kept.parent.mkdir(parents=True, exist_ok=True)
+        write_file(kept, zlib.compress(code))
+    return packed(code)
+
+
+def _code(step: Step, *, build: bool) -> bytes:
     """The model of a component as WebAssembly. Raises LiveError."""
     fmu = fmu_of(step)
     try:
-        found: bytes | None = part("wasm").module(fmu.archive.path, fmu.description.token)
+        found: bytes | None = part("wasm").module(
+            fmu.archive.path, fmu.description.token, build=build
+        )
     except CosimError as error:
         raise LiveError(f"{step.name}: {error}") from error
     if found is None:

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim.base.errors import ScenarioError
+from cosim.engine.arrays import rows_of
 from cosim.live.layout import layout
 from cosim.native import structs
 
@@ -125,7 +126,7 @@ class Image:
 
     def _structs(self, kind: type[c.Structure], address: int, count: int) -> int:
         array = (kind * count).from_address(address)
-        rows = np.frombuffer(memoryview(array), np.dtype(kind)) if count else np.empty(0, kind)
+        rows = rows_of(array)
         at, size = self.array(kind, rows), layout(kind).size
         for i, struct in enumerate(array):
             self.members(struct, at + i * size)

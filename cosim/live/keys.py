@@ -95,31 +95,39 @@ class Movable:
 
 
 def movable(
-    document: Mapping[str, Any], path: Any, recorded: Sequence[str], only: str = ""
+    document: Mapping[str, Any],
+    path: Any,
+    recorded: Sequence[str],
+    tries: int = TRIES,
+    only: str = "",
 ) -> Movable:
     """The keys of the scenario `document` of the file `path` that begin with `only`.
 
-    `recorded`: the signals, as in ``run.record``. Raises LiveError if a page cannot compute it,
-    CosimError if it cannot be run.
+    `recorded`: the signals, as in ``run.record``; `tries`: plans made to find out, at most. Raises
+    LiveError if a page cannot compute it, CosimError if it cannot be run.
     """
-    return _Search(document, path, recorded).found(only)
+    return _Search(document, path, recorded, tries).found(only)
 
 
 class _Search:
-    def __init__(self, document: Mapping[str, Any], path: Any, recorded: Sequence[str]) -> None:
+    def __init__(
+        self, document: Mapping[str, Any], path: Any, recorded: Sequence[str], tries: int
+    ) -> None:
         self._document, self._path, self._recorded = document, path, recorded
         self._room: Room = {}
         self._plan = self._assembled({})
         self._base = self._made({})
         self._reasons: dict[str, str] = {}
         self._values: dict[str, float] = {}
-        self._tries = 0
+        self._pairs: dict[str, str] = {}
+        self._tries, self._most = 0, tries
 
     def found(self, only: str) -> Movable:
         keys, fixed = candidates(self._document, self._plan)
         keys = [c for c in keys if c.key.startswith(only)]
         fixed = [x for x in fixed if x.key.startswith(only)]
         self._values = {c.key: c.value for c in keys}
+        self._pairs = {c.key: c.pair for c in keys if c.pair}
         lows = self._ends(keys, [c.lows for c in keys])
         highs = self._ends(keys, [c.highs for c in keys])
         moving = [c for c in keys if lows[c.key] < highs[c.key]]
@@ -176,15 +184,29 @@ class _Search:
     def _offenders(self, values: Values, fits: Callable[[Values], bool]) -> set[str]:
         """The keys with which values do not fit, found by halves."""
         self._tries += bool(values)
-        if not values or (self._tries <= TRIES and fits(values)):
+        if not values or (self._tries <= self._most and fits(values)):
             return set()
         keys = list(values)
-        if len(keys) == 1 or self._tries > TRIES:
+        if len(keys) == 1 or self._tries > self._most:
             return set(keys)
-        half = len(keys) // 2
-        parts = [{k: values[k] for k in some} for some in (keys[:half], keys[half:])]
+        parts = [{k: values[k] for k in some} for some in self._halves(keys)]
         wrong = set[str]().union(*(self._offenders(part, fits) for part in parts))
         return wrong or set(keys)  # each half fits, both together do not
+
+    def _halves(self, keys: Sequence[str]) -> tuple[list[str], list[str]]:
+        """Two or more keys in two parts.
+
+        Those of one name, which often fail for one reason, are in the same part, if there are
+        others; so are the bounds of a law, which have to fit each other.
+        """
+        law = {key: self._pairs.get(key, key) for key in keys}
+        name = {key: "" if key in self._pairs else key.rpartition(".")[2] for key in keys}
+        for kind in (name, law, {key: key for key in keys}):
+            kinds = list(dict.fromkeys(kind.values()))
+            if len(kinds) > 1:
+                first = set(kinds[: len(kinds) // 2])
+                break
+        return [k for k in keys if kind[k] in first], [k for k in keys if kind[k] not in first]
 
     def _alike(self, values: Values) -> bool:
         """True if the plan with these values is the same but for numbers."""

@@ -4,21 +4,26 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Mapping
+import warnings
+from collections.abc import Callable, Mapping
+from html import escape, unescape
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
+from cosim.base.errors import CosimError
 from cosim.base.units import printed_unit
 from cosim.live.bundle import FORMAT
 from cosim.live.judged import judged
-from cosim.record import Run
-from cosim.record.folder import REPORT
+from cosim.record import Run, seal
+from cosim.record.folder import REPORT, SUMS
 from cosim.reporting.arms import arm_signals, first_arms
 from cosim.reporting.html import PageData, command, embedded, folded, table
 from cosim.reporting.recorded import recorded_scenario
 from cosim.reporting.run_report import CHOSEN, SHOWN, frame_times, write_report
 
+#: Bytes of a page, at most.
+MOST = 2_500_000
 #: Groups of values that are open when the page is.
 OPEN = 2
 #: The keys of a value that the page needs; the others are for the engine.
@@ -47,6 +52,41 @@ def write_live_report(run: Run, bundle: Mapping[str, Any], again: str, digest: s
         return _NOTE + _data(run, data, facts, bundle)
 
     return write_report(run, extend=extend, first=_panel(again, bundle))
+
+
+def write_if_live(
+    run: Run, made: Callable[[], Mapping[str, Any]], again: str, digest: str
+) -> tuple[Path, str]:
+    """Write the report of a run, live if it can be and has at most :data:`MOST` bytes.
+
+    The file, and the reason why it is not live, or "". `made` makes the bundle; the others are as
+    in :func:`write_live_report`. An error there, also one of this program, costs no report. Raises
+    CosimError if the report cannot be written.
+    """
+    try:
+        path = write_live_report(run, made(), again, digest)
+        size = path.stat().st_size
+        if size <= MOST:
+            return path, ""
+        reason = (
+            f"the page would have {size / 1e6:.2f} MB, expected at most {MOST / 1e6:.1f} MB: record"
+            " fewer signals (--record) or fewer ticks (run.record.every)"
+        )
+    except CosimError as error:
+        reason = str(error)
+    except Exception as error:
+        reason = f"an error of this program, {type(error).__name__}: {error}"
+        warnings.warn(f"a report is not live: {reason}", RuntimeWarning, stacklevel=1)
+    return _write_without(run, reason), reason
+
+
+def _write_without(run: Run, reason: str) -> Path:
+    """Write a report that cannot compute, with the reason."""
+    text = f'<p class="arms" id="not-live">{_CANNOT}{escape(reason)}</p>'
+    return write_report(run, extend=lambda data: text)
+
+
+_CANNOT = "This report cannot compute: "
 
 
 def _panel(again: str, bundle: Mapping[str, Any]) -> str:
@@ -102,7 +142,9 @@ def asset(name: str) -> str:
 
 
 def rewrite_live(run: Run) -> Path | None:
-    """Write a live report again, with the simulator that it contains; None: the folder has none.
+    """Write a live report again, with the simulator that it contains, or the reason for none.
+
+    None: the report of the folder has neither.
 
     Raises CosimError if it cannot be written.
     """
@@ -110,10 +152,20 @@ def rewrite_live(run: Run) -> Path | None:
         text = (run.path.parent / REPORT).read_text(encoding="utf-8")
     except OSError:
         return None
+    without = re.search(rf'<p class="arms" id="not-live">{_CANNOT}(.*?)</p>', text, re.DOTALL)
+    if without is not None:
+        return _sealed(_write_without(run, unescape(without[1])))
     facts, made = (_embedded(text, name) for name in ("live-data", "bundle"))
     if facts is None or made is None or made["format"] != FORMAT:
         return None
-    return write_live_report(run, made, facts["command"], facts["digest"])
+    return _sealed(write_live_report(run, made, facts["command"], facts["digest"]))
+
+
+def _sealed(report: Path) -> Path:
+    """A report, after its sum was written again if the folder has sums."""
+    if (report.parent / SUMS).exists():
+        seal(report.parent, changed=[report.name])
+    return report
 
 
 def _embedded(text: str, name: str) -> dict[str, Any] | None:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from cosim.base.component import NativeComponent
 from cosim.base.random_numbers import entropy
-from cosim.engine.arrays import rows_of
+from cosim.engine.arrays import row_type, rows_of
 from cosim.engine.binding import ALONE, MEANS, SLOPES, Binding
 from cosim.engine.engine import SignalViews
 from cosim.engine.initialization import PlanStart, exits
@@ -39,6 +39,8 @@ from cosim.schedule.plan import Plan
 _PACKET = layout(structs.PacketStruct).size
 #: Rows of tables, and values of players, that a page may hold.
 MOST_ROWS = 1 << 25
+#: Rows of tables that take about the time in which a component starts (2 ms).
+ROWS = 10_000
 
 
 @dataclass
@@ -64,7 +66,7 @@ class PlanImage:
 
     def hits(self, component: str) -> int:
         """The number of steps of a component."""
-        return -(-self.plan.ticks // self.plan.component(component).period)
+        return _hits(self.plan, component)
 
 
 def plan_image(
@@ -97,6 +99,17 @@ def refuse(plan: Plan) -> None:
     for step in plan.components:
         if reason := _reason(step):
             raise LiveError(f"{step.name}: {reason}, which a page cannot compute")
+
+
+def effort(plan: Plan) -> int:
+    """The effort of an image: components to start, and one for each :data:`ROWS` table rows."""
+    ends = [x.target.component for x in plan.links if not isinstance(x.table, DrawnTable)]
+    ends += [player.target.component for player in plan.players]
+    return len(plan.components) + sum(_hits(plan, end) for end in ends) // ROWS
+
+
+def _hits(plan: Plan, component: str) -> int:
+    return -(-plan.ticks // plan.component(component).period)
 
 
 def _reason(step: Step) -> str:
@@ -220,7 +233,7 @@ class _Making:
         known = image.shared.get(address)
         if known is None:
             found = layout(structs.StartKindStruct)
-            row = np.frombuffer(memoryview(struct), np.dtype(structs.StartKindStruct))
+            row = np.frombuffer(memoryview(struct), row_type(structs.StartKindStruct))
             known = image.shared[address] = image.array(structs.StartKindStruct, row)
             calls = image.copied(structs.StartCallStruct, struct.calls, struct.first[-1])
             image.point(known + found.fields["calls"].offset, calls)
@@ -229,7 +242,7 @@ class _Making:
     def _struct(self, struct: Any, name: str) -> dict[str, int]:
         """Add a struct; the places of its members."""
         kind: Any = type(struct)
-        row = np.frombuffer(memoryview(struct), np.dtype(kind))
+        row = np.frombuffer(memoryview(struct), row_type(kind))
         at = self._made.places[name] = self._made.image.array(kind, row)
         return {k: at + member.offset for k, member in layout(kind).fields.items()}
 
@@ -245,7 +258,7 @@ class _Making:
             (
                 "units",
                 structs.UnitStruct,
-                np.frombuffer(memoryview(bound.units), np.dtype(structs.UnitStruct)),
+                rows_of(bound.units),
             ),
         ):
             places[name] = image.array(kind, rows)

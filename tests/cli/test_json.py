@@ -17,6 +17,8 @@ from cosim.base.errors import RunError
 from cosim.cli.commands import app
 from cosim.cli.options import JSON_VERSION, write_json
 from cosim.cli.overview import COMMANDS
+from cosim.record import Run
+from cosim.record.digest import digest
 from fmus.models import planar2r
 from tests.cli.command import ROOT, Command
 from tests.cli.conftest import cosim as cosim  # the command as a fixture
@@ -88,6 +90,7 @@ def test_a_run_and_its_twin(said: Any, tmp_path: Path) -> None:
     effort = found["metrics"]["effort"]
     assert f"{effort['value']:.4g} {effort['unit']}" in text
     assert len(found["link_ages"]) == 2
+    assert found["digest"] == digest(Run.open(tmp_path / "run"))
     twin, text = said("run", CONFIG, "--deploy", "zenoh", *short, "--out", tmp_path / "twin")
     assert f"{twin['metrics']['effort']['value']:.4g}" in text
 

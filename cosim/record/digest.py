@@ -6,7 +6,7 @@ from hashlib import sha256
 
 import numpy as np
 
-from cosim.record import Run
+from cosim.record.run import Run
 
 
 def digest(run: Run) -> str:
@@ -17,7 +17,10 @@ def digest(run: Run) -> str:
     """
     found = sha256()
     for name in ("t", *run.names):
-        values = np.array(run.column(name), "<f8")
-        values[np.isnan(values)] = np.nan
-        found.update(f"{name}\0".encode() + values.tobytes())
+        values = np.ascontiguousarray(run.column(name), "<f8")
+        missing = np.isnan(values)
+        if missing.any():
+            values = np.where(missing, np.nan, values)
+        found.update(f"{name}\0".encode())
+        found.update(values.data)
     return found.hexdigest()

@@ -9,8 +9,9 @@ const Measure = (() => {
   function rounded(x, digits) {
     const [mantissa, exponent] = Math.abs(x).toExponential(digits - 1).split("e");
     let found = mantissa.replace(".", "");
-    const rest = Math.abs(x).toExponential(60).split("e")[0].replace(".", "").slice(digits);
-    if (/^50*$/.test(rest) && Number(found.at(-1)) % 2 === 1) found = found.slice(0, -1) + String(Number(found.at(-1)) - 1);
+    const [exact, before] = Math.abs(x).toExponential(60).split("e");
+    const rest = exact.replace(".", "").slice(digits), carried = before !== exponent; // to 10, even
+    if (!carried && /^50*$/.test(rest) && Number(found.at(-1)) % 2 === 1) found = found.slice(0, -1) + String(Number(found.at(-1)) - 1);
     return [x < 0 || Object.is(x, -0) ? "-" : "", found, Number(exponent)];
   }
   const special = (x) => (Number.isNaN(x) ? "nan" : x > 0 ? "inf" : "-inf");

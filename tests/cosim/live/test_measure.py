@@ -87,6 +87,7 @@ ODD = st.sampled_from([0.0, -0.0, 0.5, 1.5, 2.5, 0.00125, 1.0625, 9.9995e-4, 999
 @given(st.floats(), st.sampled_from(UNITS), st.integers(1, 8))
 @example(2.5, "rad", 1)
 @example(1.0625, "s", 4)
+@example(95.0, "rad", 1)
 @settings(max_examples=200, deadline=None)
 def test_numbers_are_written_alike(numbers: Script, x: float, unit: str, digits: int) -> None:
     expected = [f"{x:.{digits}g}", time_text(x), engineering(x, unit)]

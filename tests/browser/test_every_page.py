@@ -112,8 +112,8 @@ def pages(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
         code = called(patch, *words)
         assert code in codes, words
 
-    made("run", CONFIG, "--set", "run.stop=20", "--out", "run")
-    made("run", CONFIG, "--set", "run.stop=20", "--live", "--out", "live")
+    made("run", CONFIG, "--set", "run.stop=20", "--no-live", "--out", "run")
+    made("run", CONFIG, "--set", "run.stop=20", "--out", "live")
     made("run", CONFIG, "--set", "run.stop=10", "--seed", "3", "--out", "short")
     made("rehearse", CONFIG, "--deploy", "can", "-i", "cosim", "--clock", "simulated", "--set",
          "run.stop=4", "--out", "rehearsal")  # fmt: skip

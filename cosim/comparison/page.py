@@ -17,12 +17,11 @@ from cosim.comparison.requirement_margin import RequirementMargin
 from cosim.comparison.rows import ComparisonRow, columns, format_number, header, notes, rows
 from cosim.comparison.spec import PortMeasure
 from cosim.comparison.variants import MetricColumn
+from cosim.live.page import MOST
 from cosim.measure.contact_metrics import PortEnergy
 from cosim.reporting.html import Badge, PageData, command, folded, table, write_page
 
 PAGE = "report.html"
-#: Bytes of a page that computes runs, at the most: it is sent by mail.
-MOST = 2_500_000
 #: Points of a curve in a small picture, and the colour of its ground by how the run ended.
 MINI = 60
 _GROUNDS = {

@@ -181,7 +181,7 @@ def _set_law(state: TableStruct, law: Law, period: Fraction) -> None:
         ratio = draws_per_sample(law.hold, period)
         state.draws, state.samples = ratio.numerator, ratio.denominator
         state.rest = state.samples  # the first one for sample 0
-    elif law.loses_packets:
+    else:
         from cosim.links.losses import Independent, Lossy
 
         if isinstance(law, Lossy) and isinstance(law.loss, Independent):

@@ -7,6 +7,7 @@ Each has the range and the step of a slider, in SI. Whether it can be moved is f
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from copy import deepcopy
 from dataclasses import dataclass
 from math import ceil, floor, inf, log10
 from typing import Any
@@ -22,6 +23,8 @@ from cosim.schedule.plan import Plan
 TURN = 3.2
 #: Steps of a slider, about; choices of a time between two draws.
 STEPS, CHOICES = 200, 40
+#: Entries of a parameter that a preset gives, at most, for it to have sliders.
+MOST_ENTRIES = 4
 #: Keys of a law that C draws: label, and what it is in words.
 _DELAYS = {
     "delay": ("delay", "The delay of every sample."),
@@ -77,6 +80,33 @@ def candidates(document: Mapping[str, Any], plan: Plan) -> tuple[list[Slider], l
         else:
             found.append(one)
     return found, fixed
+
+
+def written_out(
+    document: Mapping[str, Any], plan: Plan, *, losses: bool
+) -> tuple[dict[str, Any], dict[str, list[str]]]:
+    """A scenario with values in it that it leaves out: of its presets, and `losses` of links: none.
+
+    `plan`: made from `document`. Also how each of these tables and lists is set as a whole, by its
+    path: text, in which the keys of its numbers stand for them.
+    """
+    found, added = deepcopy(dict(document)), dict[str, list[str]]()
+    values = {step.name: step.values for step in plan.components}
+    for name, table in found.get("components", {}).items():
+        for variable, numbers in values.get(name, {}).items() if "preset" in table else ():
+            given = {**table.get("parameters", {}), **table.get("start", {})}
+            if variable not in given and len(numbers) <= MOST_ENTRIES:
+                path = f"components.{name}.parameters.{variable}"
+                table.setdefault("parameters", {})[variable] = list(numbers)
+                entries = [x for i in range(len(numbers)) for x in (", ", f"{path}.{i}")]
+                added[path] = ["[", *entries[1:], "]"]
+    for i, link in enumerate(found.get("links", ()) if losses else ()):
+        law = (link.get("delay") or {}).get("law")
+        if law in ("constant", "uniform") and "loss" not in link and not link.get("bus"):
+            link["loss"] = {"law": "independent", "p": 0.0}
+            path = f"links.{i}.loss"
+            added[path] = ['{law="independent", p=', f"{path}.p", "}"]
+    return found, added
 
 
 def slider_step(low: float, high: float) -> float:

@@ -23,7 +23,7 @@ from cosim.base.toml import as_toml, change
 from cosim.engine.initialization import exits
 from cosim.links.laws import draws_per_sample
 from cosim.links.table import DrawnTable
-from cosim.live.candidates import Fixed, Slider, candidates, slider_step
+from cosim.live.candidates import Fixed, Slider, candidates, slider_step, written_out
 from cosim.live.layout import layout
 from cosim.live.plan_image import PlanImage, plan_image
 from cosim.native import structs
@@ -60,7 +60,8 @@ class Write:
 class Movable:
     """The keys of a scenario: those of sliders, with what they write, and the fixed ones.
 
-    `image`: of the scenario, with room for all values.
+    `image`: of the scenario, with room for all values. `added`: tables and lists that are not in
+    the file, and how each is set (:func:`written_out`).
     """
 
     image: PlanImage
@@ -68,6 +69,7 @@ class Movable:
     ends: dict[str, tuple[float, float]] = field(default_factory=dict)
     writes: list[Write] = field(default_factory=list)
     fixed: list[Fixed] = field(default_factory=list)
+    added: dict[str, list[str]] = field(default_factory=dict)
 
     def facts(self) -> dict[str, Any]:
         """The entries of a bundle."""
@@ -79,6 +81,7 @@ class Movable:
             "keys": [self._key(c) for c in self.keys],
             "fixed": [{"key": x.key, "reason": x.reason} for x in self.fixed],
             "ordered": [pair for pair in pairs.values() if len(pair) == 2],
+            "added": self.added,
             "writes": [
                 {"rule": w.rule, "of": w.of, "at": w.at, "choices": w.choices} for w in self.writes
             ],
@@ -106,7 +109,10 @@ def movable(
     `recorded`: the signals, as in ``run.record``; `tries`: plans made to find out, at most. Raises
     LiveError if a page cannot compute it, CosimError if it cannot be run.
     """
-    return _Search(document, path, recorded, tries).found(only)
+    search = _Search(document, path, recorded, tries)
+    if not only:
+        search.write_out()
+    return search.found(only)
 
 
 class _Search:
@@ -121,6 +127,30 @@ class _Search:
         self._values: dict[str, float] = {}
         self._pairs: dict[str, str] = {}
         self._tries, self._most = 0, tries
+        self._added: dict[str, list[str]] = {}
+
+    def write_out(self) -> None:
+        """Put values into the document that it leaves out, as far as that changes nothing."""
+        for losses in (True, False):
+            document, added = written_out(self._document, self._plan, losses=losses)
+            if added and self._is_the_same(document):
+                self._document, self._added = document, added
+                break
+
+    def _is_the_same(self, document: Mapping[str, Any]) -> bool:
+        """True if another document makes the same image, with room for both."""
+        before = self._document
+        try:
+            self._document = document
+            self._made({})
+            self._document = before
+            self._base = self._made({})
+            self._document = document
+            return self._made({}).image.content() == self._base.image.content()
+        except CosimError:
+            return False
+        finally:
+            self._document = before
 
     def found(self, only: str) -> Movable:
         keys, fixed = candidates(self._document, self._plan)
@@ -149,7 +179,16 @@ class _Search:
             Fixed(c.key, self._reasons.get(c.key, _DIFFERS)) for c in keys if c.key not in kept
         ]
         ends = {c.key: (lows[c.key], highs[c.key]) for c in moving}
-        return Movable(self._base, moving, ends, writes, fixed)
+        return Movable(self._base, moving, ends, writes, fixed, self._settings(kept))
+
+    def _settings(self, kept: set[str]) -> dict[str, list[str]]:
+        """The tables and lists that are set as a whole, with the numbers of entries that stay."""
+        every = self._values
+        return {
+            path: [as_toml(every[x]) if x in every and x not in kept else x for x in parts]
+            for path, parts in self._added.items()
+            if kept.intersection(parts)
+        }
 
     # ---- plans -------------------------------------------------------------------------------
 

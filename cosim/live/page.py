@@ -44,7 +44,7 @@ def write_live_report(run: Run, bundle: Mapping[str, Any], again: str, digest: s
     links = dict.fromkeys(key["group"] for key in keys if key["key"].startswith("links."))
     facts: dict[str, Any] = {
         "command": again, "digest": digest, "keys": keys, "ordered": bundle["ordered"],
-        "links": [*links], "open": OPEN,
+        "added": bundle["added"], "links": [*links], "open": OPEN,
     }  # fmt: skip
 
     def extend(data: PageData) -> str:

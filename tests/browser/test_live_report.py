@@ -98,6 +98,29 @@ def test_a_moved_delay_gives_the_run_of_the_command_bit_for_bit(
     assert not browser.console
 
 
+def test_masses_of_a_preset_and_losses_are_set_as_a_whole(
+    browser: Browser, cosim: Command, tmp_path: Path
+) -> None:
+    newest = [w for i in (0, 1) for w in ("--set", f"links.{i}.semantics='newest-stamp'")]
+    words = ["run", str(CONFIG), "--live", "--set", "run.stop=5", *newest]
+    recorded = run(cosim, words, tmp_path / "a")
+    before = opened(browser, recorded.path.parent / "report.html")
+    for key, value in (
+        ("components.slave.parameters.theta.0", "5.5"),
+        ("components.slave.parameters.theta.1", "1.5"),
+        ("links.0.loss.p", "0.05"),
+    ):
+        one = f"""document.querySelector('[data-key="{key}"] input')"""
+        browser.ask(MOVE.format(one, value))
+    browser.until(f"{DONE} && {IDLE}")
+    after = seen(browser)
+    assert "'components.slave.parameters.theta=[5.5, 1.5, 0.97]'" in after["command"]
+    assert after["command"].count(".loss=") == 2  # links move together
+    again = run(cosim, shlex.split(after["command"])[1:], tmp_path / "b")
+    assert before["digest"] != after["digest"] == digest(again)
+    assert not browser.console
+
+
 def test_the_newest_values_win_and_reset_returns(
     browser: Browser, cosim: Command, tmp_path: Path
 ) -> None:

@@ -13,7 +13,12 @@
   // ---- the command that gives this run ------------------------------------------------------------
 
   const quoted = (text) => (/^[\w@%+=:,./-]+$/.test(text) ? text : `'${text.replaceAll("'", `'"'"'`)}'`);
-  const command = () => [given.command, ...moved().map((key) => `--set ${quoted(`${key}=${values[key]}`)}`)].join(" ");
+  /** The setting that gives a value; of what is not in the file, the whole list or table is set. */
+  function setting(key) {
+    const [path, parts] = Object.entries(given.added).find(([, some]) => some.includes(key)) ?? [key, [key]];
+    return `${path}=${parts.map((one) => values[one] ?? one).join("")}`;
+  }
+  const command = () => [given.command, ...new Set(moved().map(setting))].map((one, i) => (i ? `--set ${quoted(one)}` : one)).join(" ");
 
   // ---- the worker: the newest values win --------------------------------------------------------------
 

@@ -32,6 +32,7 @@ _DELAYS = {
     "high": ("greatest delay", "The upper bound of the delays."),
     "hold": ("delay changes every", "The time between two draws of the delay."),
 }
+_NO_LOSS = 'packets cannot be lost with semantics = "signal"; expected "newest-stamp" or such'
 
 
 @dataclass(frozen=True)
@@ -102,7 +103,8 @@ def written_out(
                 added[path] = ["[", *entries[1:], "]"]
     for i, link in enumerate(found.get("links", ()) if losses else ()):
         law = (link.get("delay") or {}).get("law")
-        if law in ("constant", "uniform") and "loss" not in link and not link.get("bus"):
+        packets = link.get("semantics", "signal") != "signal" and not link.get("bus")
+        if law in ("constant", "uniform") and "loss" not in link and packets:
             link["loss"] = {"law": "independent", "p": 0.0}
             path = f"links.{i}.loss"
             added[path] = ['{law="independent", p=', f"{path}.p", "}"]
@@ -150,6 +152,8 @@ def _leaves(
         return
     least, most, _ = limits(group)
     lows, highs = _range(number_, port.unit, signed=start)
+    if port.unit == "kg.m2":  # zero is no inertia, and double of all entries is a heavier arm
+        lows, highs = lows[1:], (2 * number_, number_)
     indices = "".join(f"[{i}]" for i in key.split(f".{variable}", 1)[1].split(".")[1:])
     yield Slider(
         key, variable + indices, port.description, port.unit, key.split(".")[1], number_,
@@ -184,7 +188,9 @@ def _of_links(document: Mapping[str, Any], plan: Plan) -> Iterator[Slider | Fixe
             continue
         for key in (key for key in _DELAYS if key in delay):
             yield _delay(f"links.{i}.delay.{key}", key, delay, name, plan)
-        if "p" in loss:
+        if link.get("semantics", "signal") == "signal":
+            yield Fixed(f"links.{i}.loss.p", _NO_LOSS)
+        elif "p" in loss:
             p = number(loss["p"], "1", "p")
             most = min(0.9, _round_up(max(4 * p, 0.1)))
             label, about = "packets lost", "The share of packets that are lost."

@@ -146,7 +146,7 @@ def test_masses_of_a_preset_and_losses_that_a_file_leaves_out_can_be_moved():
 def test_a_reason_is_given_where_a_link_cannot_lose():
     made = bundle(load(CONFIGS / "teleoperation.toml", ["run.stop=1"]), ["run.stop=1"])
     (reason,) = [x["reason"] for x in made["fixed"] if x["key"] == "links.0.loss.p"]
-    assert 'packets are lost, but semantics = "signal"' in reason
+    assert 'packets cannot be lost with semantics = "signal"' in reason
 
 
 def test_laws_that_c_does_not_draw_are_fixed_with_the_reason():

@@ -20,7 +20,7 @@ _ELSEWHERE = re.compile(
     r"can0|vcan|socketcan|udp_multicast|192\.0\.2|robot\.local|\bRUN\b|runs/|plant\.fmu|scene\.xml|"
     r"arm\.fmu|\barm\.toml|mine\.toml|\bmy_|\.log\b|^(node|pong|tell|monitor|campaign|soak|completion)\b|"
     r"^ping|--deploy (zenoh|mixed|gateway|network|can$)|^reproduce$|^rehearse \S+$|lambda_M_K|"
-    r"benchmark\.toml|--controllers|^bus |^keys|bench\b"
+    r"benchmark\.toml|--controllers|^bus |^keys|bench\b|^doctor --deploy|/tmp/"
 )
 #: These pages have tests of their own.
 _TESTED = ("docs/tutorial.md", "docs/zh/tutorial.md", "docs/your-own-arm.md")

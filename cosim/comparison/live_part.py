@@ -26,14 +26,13 @@ from cosim.comparison.variants import ComparisonSelection, LinkLaw, MetricColumn
 from cosim.live.bundle import bundle_of, packed
 from cosim.live.candidates import slider_step
 from cosim.live.judged import metric_data, requirement_data
-from cosim.live.page import asset
+from cosim.live.page import asset, scripts
 from cosim.measure.requirements import requirements
-from cosim.reporting.html import command, embedded, folded, table
+from cosim.reporting.html import command, folded, table
 from cosim.scenario.spec import build
 
 #: Entries of a bundle that are equal in all of them.
 _SHARED = ("engine", "layouts", "log")
-_SCRIPTS = ("engine", "measure", "compare_worker")
 
 
 @dataclass
@@ -157,16 +156,6 @@ def section(comparison: Comparison, live: LiveCases, again: str) -> str:
         ],
         "page": _judged(c, live, shown),
     }  # fmt: skip
-    documents = {"live-data": facts, "bundle": _bundles(live)}
-    scripts = [
-        f'<script type="application/json" id="{name}">{embedded(data)}</script>'
-        for name, data in documents.items()
-    ]
-    scripts += [
-        f'<script type="text/plain" id="live-{name}">{asset(f"{name}.js")}</script>'
-        for name in _SCRIPTS
-    ]
-    scripts.append(f'<script type="module">{asset("compare.js")}</script>')
     heads = "".join(f'<th class="number">{escape(header(x, unit))}</th>' for x, unit in shown)
     others = [x.label for x, _ in columns(c) if not _computed(x)]
     above = f" Only in the tables below: {', '.join(others)}." if others else ""
@@ -182,7 +171,7 @@ def section(comparison: Comparison, live: LiveCases, again: str) -> str:
 <th>survives?</th><th>curves</th>{heads}</tr></thead><tbody></tbody></table></div>
 <p>The same runs by the command line:</p>{command("live-command", again)}
 {folded("SHA-256 of the signals of each run", '<dl id="live-digests"></dl>')}
-{_missing(live)}</section>{"".join(scripts)}"""
+{_missing(live)}</section>{scripts(facts, _bundles(live), "compare_worker", "compare")}"""
 
 
 def _missing(live: LiveCases) -> str:

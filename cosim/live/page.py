@@ -124,14 +124,25 @@ def _data(run: Run, data: PageData, facts: Mapping[str, Any], bundle: Mapping[st
             "begin": data.begin, "frame": data.frame, "count": len(times),
         },
     }  # fmt: skip
-    document = embedded({**facts, "page": page})
+    return scripts({**facts, "page": page}, bundle, "worker", "live")
+
+
+def scripts(facts: Any, bundle: Any, worker: str, own: str) -> str:
+    """The data and the scripts of a live page.
+
+    `facts`, `bundle`: what the page and its worker read, as JSON has it; `worker`, `own`: the names
+    of their scripts.
+    """
+    documents = {"live-data": facts, "bundle": bundle}
     parts = [
-        f'<script type="application/json" id="live-data">{document}</script>',
-        f'<script type="application/json" id="bundle">{embedded(bundle)}</script>',
+        f'<script type="application/json" id="{name}">{embedded(data)}</script>'
+        for name, data in documents.items()
     ]
-    for name in ("engine", "measure", "worker"):
-        parts.append(f'<script type="text/plain" id="live-{name}">{asset(f"{name}.js")}</script>')
-    parts.append(f'<script type="module">{asset("live.js")}</script>')
+    parts += [
+        f'<script type="text/plain" id="live-{name}">{asset(f"{name}.js")}</script>'
+        for name in ("engine", "measure", worker)
+    ]
+    parts.append(f'<script type="module">{asset("controls.js")}\n{asset(f"{own}.js")}</script>')
     return "".join(parts)
 
 

@@ -3,12 +3,11 @@
    "bundle". */
 "use strict";
 (() => {
-  const { find, make, svg } = page;
-  const place = find("live"), able = typeof WebAssembly === "object" && typeof Worker === "function" && typeof DecompressionStream === "function";
-  if (!place || !able) return;
+  const { find, make, svg, live } = page;
+  const place = find("live");
+  if (!place || !live.able) return;
   const given = JSON.parse(find("live-data").textContent), said = find("live-said");
   const say = (text, wrong = false) => { said.textContent = text; said.classList.toggle("wrong", wrong); };
-  const tidy = (x) => Number(x.toPrecision(12));
 
   // ---- what is chosen ---------------------------------------------------------------------------------
 
@@ -31,17 +30,13 @@
     return [name, box];
   }));
   const moved = () => values[law.value];
-  const quoted = (text) => (/^[\w@%+=:,./-]+$/.test(text) ? text : `'${text.replaceAll("'", `'"'"'`)}'`);
-  const command = () => [given.command, ...Object.entries(moved()).map(([path, x]) => `--set ${quoted(`links.${law.value}.${path}=${x}`)}`)].join(" ");
+  const command = () => live.command(given.command, Object.entries(moved()).map(([path, x]) => `links.${law.value}.${path}=${x}`));
 
   // ---- the worker: the newest values win --------------------------------------------------------------
 
   let worker = null, ready = false, run = 0;
   function begin() {
-    const scripts = ["engine", "measure", "compare_worker"].map((name) => `${find(`live-${name}`).textContent}\n`);
-    worker = new Worker(URL.createObjectURL(new Blob(scripts, { type: "text/javascript" })));
-    worker.onmessage = ({ data }) => take(data);
-    worker.onerror = (event) => give_up(event.message || "its worker does not start");
+    worker = live.worker(["engine", "measure", "compare_worker"], take, give_up);
     worker.postMessage({ open: { ...given.page, columns: given.columns, bundle: find("bundle").textContent } });
   }
   function give_up(why) {
@@ -144,37 +139,17 @@
     put(path, value);
     const [other, wrong] = path.endsWith(".low") ? [path.replace(/low$/, "high"), (x) => x < value] : [path.replace(/high$/, "low"), (x) => x > value];
     if (other !== path && other in all && wrong(of(other))) put(other, value);
-    for (const [name, { range, field, row, at }] of controls) {
-      range.value = String(at(of(name)));
-      field.value = String(of(name));
-      range.setAttribute("aria-valuetext", `${of(name)} ${all[name].unit}`);
-      row.classList.toggle("moved", name in now);
-    }
+    for (const [name, { show }] of controls) show(of(name), name in now);
     ask();
   }
-  /** The slider and the field of a value. Of a value with choices, the slider has the number of one. */
-  function control(path, { label, about, unit, value, low: least, high: most, step, choices }, number) {
+  function control(path, one, number) {
     if (!number) controls.clear();
-    const id = `live-${number}`, title = `${about} links.${law.value}.${path}`, now = moved()[path] ?? value;
-    const nearest = (x) => choices.reduce((best, one) => (Math.abs(one - x) < Math.abs(best - x) ? one : best));
-    const at = (x) => (choices.length ? choices.indexOf(nearest(x)) : x);
-    const grid = Math.min(value, tidy(value - Math.floor((value - least) / step + 1e-9) * step)); // it has the value
-    const ends = choices.length ? { min: 0, max: choices.length - 1, step: 1 } : { min: grid, max: most, step };
-    const range = make("input", { type: "range", id, ...ends, value: at(now) });
-    const field = make("input", { type: "number", min: least, max: most, step: "any", value: now, "aria-label": `${label}, ${unit}`, title });
-    const row = make("div", { class: `value${path in moved() ? " moved" : ""}`, "data-path": path }, make("label", { for: id, title }, label), range, make("span", {}, field, ` ${unit === "1" ? "" : unit}`));
-    range.addEventListener("input", () => {
-      const found = Number(range.value);
-      set(path, choices.length ? choices[found] : Math.abs(found - value) < step / 1e3 ? value : tidy(found));
-    });
-    field.addEventListener("change", () => {
-      const wrong = !field.checkValidity() || field.value === "";
-      row.classList.toggle("wrong", wrong);
-      if (wrong) say(`${path}: found ${field.value || "nothing"}, expected a number from ${least} to ${most}`, true);
-      else set(path, choices.length ? nearest(Number(field.value)) : Number(field.value));
-    });
-    controls.set(path, { range, field, row, at });
-    return row;
+    const keyed = { ...one, key: `links.${law.value}.${path}` };
+    const found = live.slider(number, keyed, (value) => set(path, value), (text) => say(`${path}: ${text}`, true));
+    found.row.dataset.path = path;
+    found.show(moved()[path] ?? one.value, path in moved());
+    controls.set(path, found);
+    return found.row;
   }
   find("live-reset").addEventListener("click", () => {
     for (const name of laws) values[name] = {};
@@ -184,6 +159,5 @@
   arrange();
   place.hidden = false;
   ask();
-  const idle = window.requestIdleCallback ?? ((call) => setTimeout(call, 200));
-  idle(() => { if (!worker) try { begin(); } catch (error) { give_up(error.message); } });
+  live.idle(() => { if (!worker) try { begin(); } catch (error) { give_up(error.message); } });
 })();

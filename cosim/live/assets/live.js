@@ -2,9 +2,9 @@
    the elements "live" (hidden until it is sure to work), "live-data", "bundle" and "live-worker". */
 "use strict";
 (() => {
-  const { find, make } = page;
-  const place = find("live"), able = typeof WebAssembly === "object" && typeof Worker === "function" && typeof DecompressionStream === "function";
-  if (!place || !able || !page.report) return;
+  const { find, make, live } = page;
+  const place = find("live");
+  if (!place || !live.able || !page.report) return;
   const given = JSON.parse(find("live-data").textContent), said = find("live-said");
   const recorded = Object.fromEntries(given.keys.map(({ key, value }) => [key, value]));
   const values = { ...recorded };
@@ -12,25 +12,20 @@
 
   // ---- the command that gives this run ------------------------------------------------------------
 
-  const quoted = (text) => (/^[\w@%+=:,./-]+$/.test(text) ? text : `'${text.replaceAll("'", `'"'"'`)}'`);
   /** The setting that gives a value; of what is not in the file, the whole list or table is set. */
   function setting(key) {
     const [path, parts] = Object.entries(given.added).find(([, some]) => some.includes(key)) ?? [key, [key]];
     return `${path}=${parts.map((one) => values[one] ?? one).join("")}`;
   }
-  const command = () => [given.command, ...new Set(moved().map(setting))].map((one, i) => (i ? `--set ${quoted(one)}` : one)).join(" ");
+  const command = () => live.command(given.command, [...new Set(moved().map(setting))]);
 
   // ---- the worker: the newest values win --------------------------------------------------------------
 
   const PATIENCE = 1000; // ms after which a run with old values is given up
-  let worker = null, address = "", ready = false, busy = null, wanted = false, number = 0, lasts = 0;
+  let worker = null, ready = false, busy = null, wanted = false, number = 0, lasts = 0;
   function begin() {
-    const scripts = ["live-engine", "live-measure", "live-worker"].map((id) => find(id).textContent);
-    address ||= URL.createObjectURL(new Blob(scripts.map((text) => `${text}\n`), { type: "text/javascript" }));
-    worker = new Worker(address);
+    worker = live.worker(["engine", "measure", "worker"], take, give_up);
     ready = false;
-    worker.onmessage = ({ data }) => take(data);
-    worker.onerror = (event) => give_up(event.message || "its worker does not start");
     worker.postMessage({ open: { ...given.page, bundle: find("bundle").textContent } });
   }
   function give_up(why) {
@@ -133,7 +128,6 @@
   // ---- values -----------------------------------------------------------------------------------------
 
   const controls = new Map();
-  const tidy = (x) => Number(x.toPrecision(12));
   /** Set a value, and those that have to stay in order with it. */
   function set(key, value) {
     values[key] = value;
@@ -141,12 +135,7 @@
       if (key === low && values[high] < value) values[high] = value;
       if (key === high && values[low] > value) values[low] = value;
     }
-    for (const [name, { range, field, row, at }] of controls) {
-      if (Number(range.value) !== at(values[name])) range.value = String(at(values[name]));
-      if (Number(field.value) !== values[name]) field.value = String(values[name]);
-      range.setAttribute("aria-valuetext", `${values[name]} ${row.dataset.unit}`);
-      row.classList.toggle("moved", values[name] !== recorded[name]);
-    }
+    for (const [name, { show }] of controls) show(values[name], values[name] !== recorded[name]);
   }
   const together = () => find("live-together")?.checked;
   /** The same value of the other links, where all are moved together. */
@@ -159,29 +148,12 @@
     for (const one of alike(key)) set(one, controls.get(one).inside(value));
     ask();
   }
-  /** The slider and the field of a value. Of a value with choices, the slider has the number of one. */
-  function control({ key, label, about, unit, value, low, high, step, choices }, number) {
-    const id = `live-${number}`, title = `${about ? `${about} ` : ""}${key}`;
-    const nearest = (x) => choices.reduce((best, one) => (Math.abs(one - x) < Math.abs(best - x) ? one : best));
-    const at = (x) => (choices.length ? choices.indexOf(nearest(x)) : x);
-    const least = tidy(value - Math.floor((value - low) / step + 1e-9) * step); // of a grid that has the value
-    const ends = choices.length ? { min: 0, max: choices.length - 1, step: 1 } : { min: Math.min(least, value), max: high, step };
-    const name = make("label", { for: id, title }, label);
-    const range = make("input", { type: "range", id, ...ends, value: at(value) });
-    const field = make("input", { type: "number", min: low, max: high, step: "any", value, "aria-label": `${label}${unit ? `, ${unit}` : ""}`, title });
-    const row = make("div", { class: "value", "data-key": key, "data-unit": unit }, name, range, make("span", {}, field, ` ${unit}`));
-    range.addEventListener("input", () => {
-      const found = Number(range.value);
-      move(key, choices.length ? choices[found] : Math.abs(found - value) < step / 1e3 ? value : tidy(found));
-    });
-    field.addEventListener("change", () => {
-      const wrong = !field.checkValidity() || field.value === "";
-      row.classList.toggle("wrong", wrong);
-      if (wrong) say(`${key}: found ${field.value || "nothing"}, expected a number from ${low} to ${high}`, true);
-      else move(key, Number(field.value));
-    });
-    controls.set(key, { range, field, row, at, inside: (x) => (choices.length ? nearest(x) : Math.min(high, Math.max(low, x))) });
-    return row;
+  function control(one, number) {
+    const { key } = one;
+    const found = live.slider(number, one, (value) => move(key, value), (text) => say(`${key}: ${text}`, true));
+    found.row.dataset.key = key;
+    controls.set(key, found);
+    return found.row;
   }
   const groups = new Map();
   given.keys.forEach((one, i) => {
@@ -221,6 +193,5 @@
   place.hidden = false;
   back();
   // Engine and models are compiled while nothing else is to be done.
-  const idle = window.requestIdleCallback ?? ((call) => setTimeout(call, 200));
-  idle(() => { if (!worker) try { begin(); } catch (error) { give_up(error.message); } });
+  live.idle(() => { if (!worker) try { begin(); } catch (error) { give_up(error.message); } });
 })();

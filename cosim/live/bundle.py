@@ -22,8 +22,9 @@ from cosim.base.parts import part
 from cosim.base.toml import change
 from cosim.engine.initialization import exits
 from cosim.live.image import LiveError
-from cosim.live.keys import TRIES, Movable, movable
+from cosim.live.keys import TRIES, movable
 from cosim.live.layout import layout
+from cosim.live.movable import Movable
 from cosim.live.plan_image import PlanImage, effort, fmu_of, plan_image, refuse
 from cosim.loading import one_fmu
 from cosim.loading.files import read_document
@@ -105,7 +106,7 @@ def _bundle(scenario: Scenario, found: Movable, modules: Mapping[str, str]) -> d
         "components": [_component(step) for step in plan.components],
         "order": exits(plan),
         "links": [link.name for link in plan.links],
-        "engine": packed(_engine()),
+        "engine": _engine()[0],
         "modules": modules,
         "layouts": {
             name: {"size": layout(kind).size,
@@ -221,15 +222,17 @@ def _modules(steps: Sequence[Step], *, build: bool) -> dict[str, str]:
 
 def _module(step: Step, *, build: bool) -> str:
     """The model of a component, packed; the cache keeps it, since archives are slow to read."""
-    version = sha256(_engine()).hexdigest()[:16]
+    version = _engine()[1]
     kept = cache_folder() / "wasm" / f"{fmu_of(step).archive.sha256[:32]}-{version}"
     with suppress(OSError, zlib.error):
-        return packed(zlib.decompress(kept.read_bytes()))
-    code = _code(step, build=build)
+        found = kept.read_bytes()
+        zlib.decompress(found)  # it may be damaged
+        return base64.b64encode(found).decode()
+    code = packed(_code(step, build=build))
     with suppress(OSError, RunError):
         kept.parent.mkdir(parents=True, exist_ok=True)
-        write_file(kept, zlib.compress(code))
-    return packed(code)
+        write_file(kept, base64.b64decode(code))
+    return code
 
 
 def _code(step: Step, *, build: bool) -> bytes:
@@ -250,9 +253,10 @@ def _code(step: Step, *, build: bool) -> bytes:
 
 
 @cache
-def _engine() -> bytes:
-    """The engine as WebAssembly. Raises LiveError."""
+def _engine() -> tuple[str, str]:
+    """The engine as WebAssembly, packed, and a digest of it. Raises LiveError."""
     path = Path(__file__).parents[1] / "_engine.wasm"
     if not path.is_file():
         raise LiveError(f"{path} is missing: install the project (pip install .), which builds it")
-    return path.read_bytes()
+    code = path.read_bytes()
+    return packed(code), sha256(code).hexdigest()[:16]

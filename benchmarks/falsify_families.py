@@ -19,7 +19,7 @@ import argparse
 import json
 import sys
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import suppress
 from functools import partial
@@ -147,31 +147,50 @@ def cell(first: Sequence[int | None], runs: int) -> str:
     return f"{f'> {runs}' if middle > runs else f'{middle:g}'} ({found} of {len(first)})"
 
 
-def main() -> None:
-    """Measure, and print the table."""
+def arguments(description: str | None, runs: int) -> argparse.ArgumentParser:
+    """The options of a benchmark of many seeds, each with so many `runs`."""
     parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawTextHelpFormatter
+        description=description, formatter_class=argparse.RawTextHelpFormatter
     )
-    parser.add_argument("--quick", action="store_true", help="one seed, one round")
+    parser.add_argument("--quick", action="store_true", help="one seed, few runs")
     parser.add_argument("--seeds", type=int, default=20)
-    parser.add_argument("--runs", type=int, default=1000)
+    parser.add_argument("--runs", type=int, default=runs)
     parser.add_argument("--jobs", type=int, default=os.cpu_count())
     parser.add_argument("--json", type=Path)
-    options = parser.parse_args()
+    return parser
+
+
+def all_measured(
+    options: argparse.Namespace,
+    quick: int,
+    measure: Callable[[str, str, int, int], dict[str, Any]],
+    tasks: Iterable[tuple[str, str]],
+) -> list[dict[str, Any]]:
+    """The results of all tasks, computed by several processes, and written as JSON if wanted.
+
+    `quick`: runs of the one seed of a quick measurement.
+    """
     if options.quick:
-        options.seeds, options.runs = 1, 40
-    tasks = [(case, method) for method in METHODS for case in CASES]
+        options.seeds, options.runs = 1, quick
     with ProcessPoolExecutor(options.jobs) as pool:
-        waiting = [pool.submit(measured, *t, options.seeds, options.runs) for t in tasks]
+        waiting = [pool.submit(measure, *t, options.seeds, options.runs) for t in tasks]
         found = [one.result() for one in waiting]
+    if options.json:
+        facts = {"machine": tables.machine(), "runs": options.runs, "found": found}
+        options.json.write_text(json.dumps(facts, indent=1), encoding="utf-8")
+    return found
+
+
+def main() -> None:
+    """Measure, and print the table."""
+    options = arguments(__doc__, 1000).parse_args()
+    tasks = [(case, method) for method in METHODS for case in CASES]
+    found = all_measured(options, 40, measured, tasks)
     cells = {(x["case"], x["method"]): cell(x["first"], options.runs) for x in found}
     rows = [[method, *(cells[case, method] for case in CASES)] for method in METHODS]
     seconds = sum(x["seconds"] for x in found)
     print(tables.grid(["candidates", *CASES], rows))
     print(f"\n{options.seeds} seeds, {options.runs} runs; {seconds:.0f} s of processor time")
-    if options.json:
-        facts = {"machine": tables.machine(), "runs": options.runs, "found": found}
-        options.json.write_text(json.dumps(facts, indent=1), encoding="utf-8")
 
 
 if __name__ == "__main__":

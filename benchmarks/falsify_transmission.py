@@ -16,10 +16,7 @@ import os
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # before NumPy: threads of BLAS would be measured
 
-import argparse
-import json
 from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from statistics import fmean, median
@@ -29,7 +26,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks import tables
-from benchmarks.falsify_families import failures_within
+from benchmarks.falsify_families import all_measured, arguments, failures_within
 from benchmarks.transmission import STEP, simulate
 from cosim.falsify.bounds import MovingChannel
 from cosim.falsify.evaluation import Problem
@@ -146,33 +143,17 @@ def cell(first: Sequence[int | None], short: int) -> str:
 
 def main() -> None:
     """Measure, and print the table."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawTextHelpFormatter
-    )
-    parser.add_argument("--quick", action="store_true", help="one seed, few runs")
-    parser.add_argument("--seeds", type=int, default=20)
-    parser.add_argument("--runs", type=int, default=1500)
+    parser = arguments(__doc__, 1500)
     parser.add_argument("--short", type=int, default=300, help="a shorter budget, counted too")
-    parser.add_argument("--jobs", type=int, default=os.cpu_count())
-    parser.add_argument("--json", type=Path)
     options = parser.parse_args()
-    if options.quick:
-        options.seeds, options.runs = 1, 20
-    with ProcessPoolExecutor(options.jobs) as pool:
-        waiting = [
-            pool.submit(measured, formula, search, options.seeds, options.runs)
-            for formula in FORMULAS for search in SEARCHES
-        ]  # fmt: skip
-        found = [one.result() for one in waiting]
+    tasks = [(formula, search) for formula in FORMULAS for search in SEARCHES]
+    found = all_measured(options, 20, measured, tasks)
     cells = {(x["formula"], x["search"]): cell(x["first"], options.short) for x in found}
     rows = [[formula, *(cells[formula, search] for search in SEARCHES)] for formula in FORMULAS]
     print(tables.grid(["formula", *SEARCHES], rows))
     seconds = sum(x["seconds"] for x in found)
     print(f"\nmean / median of runs (found in {options.short}, in {options.runs} runs)")
     print(f"{seconds:.0f} s of processor time")
-    if options.json:
-        facts = {"machine": tables.machine(), "runs": options.runs, "found": found}
-        options.json.write_text(json.dumps(facts, indent=1), encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -7,11 +7,13 @@ import os
 import re
 import shutil
 import subprocess
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
+
+from tests.browser.devtools import Browser
 
 BEFORE = """<script>window.said = [];
 addEventListener("error", (e) => said.push(`error: ${e.message}`));
@@ -32,6 +34,12 @@ def chromium() -> str:
         assert not os.environ.get("CI"), "no chromium"
         pytest.skip("no chromium on this machine")
     return found
+
+
+@pytest.fixture(scope="module")
+def browser(chromium: str, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
+    with Browser(chromium, tmp_path_factory.mktemp("profile")) as found:
+        yield found
 
 
 @pytest.fixture(scope="session")

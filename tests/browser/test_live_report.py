@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import json
 import shlex
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -12,15 +10,13 @@ import pytest
 
 from cosim.live import digest
 from cosim.record import Run
+from tests.browser import live_page
 from tests.browser.devtools import Browser
+from tests.browser.live_page import CONFIG, MOST
 from tests.cli.command import Command
 from tests.cli.conftest import cosim as cosim  # the command as a fixture
 
 pytestmark = [pytest.mark.slow, pytest.mark.browser]
-ROOT = Path(__file__).resolve().parents[2]
-CONFIG = ROOT / "configs" / "teleoperation.toml"
-#: Bytes of a page, at the most.
-MOST = 2_500_000
 HIGH = "document.querySelector('[data-key=\"links.0.delay.high\"] [type=range]')"
 #: Moves a slider as a hand does.
 MOVE = """(() => {{ const one = {}; one.value = "{}";
@@ -41,25 +37,12 @@ SEEN = """JSON.stringify({
 })"""
 
 
-@pytest.fixture(scope="module")
-def browser(chromium: str, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
-    with Browser(chromium, tmp_path_factory.mktemp("profile")) as found:
-        yield found
-
-
 def opened(browser: Browser, page: Path) -> dict[str, Any]:
-    """What the page shows as soon as its script has run."""
-    browser.console.clear()
-    browser.open("about:blank")
-    browser.open(page.as_uri())
-    browser.until("document.body?.dataset.ready === 'yes'")
-    browser.until("document.getElementById('live').hidden === false")
-    return seen(browser)
+    return live_page.opened(browser, page, SEEN, "document.body?.dataset.ready === 'yes'")
 
 
 def seen(browser: Browser) -> dict[str, Any]:
-    found: dict[str, Any] = json.loads(browser.ask(SEEN))
-    return found
+    return live_page.seen(browser, SEEN)
 
 
 def run(cosim: Command, words: list[str], out: Path) -> Run:

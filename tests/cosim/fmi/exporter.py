@@ -2,10 +2,17 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 import tempfile
+import threading
 import zipfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import lru_cache
 from pathlib import Path
+from time import sleep
 
 import numpy as np
 
@@ -386,3 +393,28 @@ def outputs(plan: Plan, feed: dict[str, np.ndarray]) -> dict[str, list[float]]:
     engine.close()
     ports = plan.components[0].component.outputs
     return {p.name: column(plan, rows, p.name).tolist() for p in ports}
+
+
+def by_command(folder: Path) -> subprocess.CompletedProcess[str]:
+    """``cosim run bad.toml --out here`` in `folder`, in a process of its own."""
+    return subprocess.run(
+        [sys.executable, "-c", "from cosim.cli import main; main()", "run", "bad.toml",
+         "--out", "here", "--no-plot", "-q"],
+        cwd=folder, capture_output=True, text=True, check=False,
+        env={**os.environ, "PYTHONPATH": str(Path(__file__).parents[3])},
+    )  # fmt: skip
+
+
+@contextmanager
+def stopped_at(engine: Engine, tick: int) -> Iterator[None]:
+    """Another thread asks the engine to stop at this tick, while the block runs it."""
+
+    def stop() -> None:
+        while engine.tick < tick:
+            sleep(0.01)
+        engine.stop()
+
+    thread = threading.Thread(target=stop, daemon=True)
+    thread.start()
+    yield
+    thread.join()

@@ -3,12 +3,7 @@
 from __future__ import annotations
 
 import json
-import os
-import subprocess
-import sys
-import threading
 from pathlib import Path
-from time import sleep
 
 import numpy as np
 import pytest
@@ -17,7 +12,15 @@ from cosim.base.errors import CosimError, RunError
 from cosim.engine.engine import Engine
 from cosim.fmi import FmuOptions
 from fmus.models import planar2r
-from tests.cosim.fmi.exporter import column, export, nasty2, plan_of, run
+from tests.cosim.fmi.exporter import (
+    by_command,
+    column,
+    export,
+    nasty2,
+    plan_of,
+    run,
+    stopped_at,
+)
 
 CRASH, HANG, NOT_A_NUMBER, LEAK, DISCARD, ERROR, FATAL, EXIT, NO_START, SAY = range(1, 11)
 
@@ -168,12 +171,7 @@ def test_the_command_survives_a_crash_and_says_where_the_data_is(nasty: Path) ->
         f"[components.x.parameters]\nhow = {ERROR}\nwhen = 0.25\n",
         encoding="utf-8",
     )
-    done = subprocess.run(
-        [sys.executable, "-c", "from cosim.cli import main; main()", "run", "bad.toml",
-         "--out", "here", "--no-plot", "-q"],
-        cwd=folder, capture_output=True, text=True, check=False,
-        env={**os.environ, "PYTHONPATH": str(Path(__file__).parents[3])},
-    )  # fmt: skip
+    done = by_command(folder)
     assert done.returncode == 1
     assert "Traceback" not in done.stderr
     assert "x: doStep returned error (no step from 0.3 on) at tick 3 (t = 0.3 s)" in done.stderr
@@ -181,19 +179,13 @@ def test_the_command_survives_a_crash_and_says_where_the_data_is(nasty: Path) ->
 
 
 def test_a_step_that_hangs_can_be_stopped(nasty: Path) -> None:
-    """What Ctrl-C asks of the engine: the FMU gets a moment more, then the run ends."""
+    """Ctrl-C asks the engine to stop: the FMU gets a moment more, then the run ends."""
     plan = plan_of(nasty, 10, values={"how": (float(HANG),), "when": (0.25,)},
                    options=FmuOptions(isolate=True))  # fmt: skip
     with Engine(plan) as engine:
         engine.initialize()
-
-        def stop() -> None:
-            while engine.tick < 3:  # the first step that hangs
-                sleep(0.01)
-            engine.stop()
-
-        thread = threading.Thread(target=stop, daemon=True)
-        thread.start()
-        with pytest.raises(RunError, match="doStep was stopped and was ended"):
-            engine.run(10)
-        thread.join()
+        with (
+            stopped_at(engine, 3),
+            pytest.raises(RunError, match="doStep was stopped and was ended"),
+        ):
+            engine.run(10)  # the step of tick 3 hangs

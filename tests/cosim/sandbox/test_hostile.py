@@ -3,12 +3,8 @@
 from __future__ import annotations
 
 import json
-import os
-import subprocess
-import sys
 import threading
 from pathlib import Path
-from time import sleep
 
 import numpy as np
 import pytest
@@ -19,7 +15,7 @@ from cosim.base.errors import FmuError, RunError
 from cosim.engine.engine import Engine
 from cosim.fmi import FmuComponent, FmuOptions
 from cosim.sandbox.instances import GUESTS
-from tests.cosim.fmi.exporter import column, plan_of, run
+from tests.cosim.fmi.exporter import by_command, column, plan_of, run, stopped_at
 from tests.cosim.sandbox.exporter import hostile
 
 LOOP, WILD, EXIT, ABORT, RECURSION, BIG_FRAMES, HUGE, READ, WRITE, CALL, ASK, LIE = range(1, 13)
@@ -98,20 +94,14 @@ def test_memory_is_given_back(path: Path) -> None:
 
 
 def test_a_step_that_hangs_can_be_stopped(path: Path) -> None:
-    """What Ctrl-C asks of the engine: the FMU gets a moment more, then the run ends."""
+    """Ctrl-C asks the engine to stop: the FMU gets a moment more, then the run ends."""
     with Engine(plan(path, LOOP)) as engine:
         engine.initialize()
-
-        def stop() -> None:
-            while engine.tick < 3:
-                sleep(0.01)
-            engine.stop()
-
-        thread = threading.Thread(target=stop, daemon=True)
-        thread.start()
-        with pytest.raises(RunError, match="doStep was stopped and was ended"):
+        with (
+            stopped_at(engine, 3),
+            pytest.raises(RunError, match="doStep was stopped and was ended"),
+        ):
             engine.run(6)
-        thread.join()
 
 
 def test_the_command_ends_with_the_sentence_and_its_data(path: Path) -> None:
@@ -121,12 +111,7 @@ def test_the_command_ends_with_the_sentence_and_its_data(path: Path) -> None:
         f'isolate = "wasm"\ntimeout = "300 ms"\nparameters = {{ how = {LOOP}, when = 0.25 }}\n',
         encoding="utf-8",
     )
-    done = subprocess.run(
-        [sys.executable, "-c", "from cosim.cli import main; main()", "run", "bad.toml",
-         "--out", "here", "--no-plot", "-q"],
-        cwd=folder, capture_output=True, text=True, check=False,
-        env={**os.environ, "PYTHONPATH": str(Path(__file__).parents[3])},
-    )  # fmt: skip
+    done = by_command(folder)
     assert done.returncode == 1
     assert "Traceback" not in done.stderr
     assert "plant: doStep took longer than 0.3 s and was ended (last words)" in done.stderr

@@ -1,4 +1,4 @@
-"""What a step of an FMU apart costs: ``python benchmarks/isolated.py [--fmus 4]``.
+"""The cost of a step of an FMU that runs apart: ``python benchmarks/isolated.py [--fmus 4]``.
 
 The planar arm, whose step takes a fraction of a microsecond: in this process, in WebAssembly, and
 in a process of its own; alone, and several whose steps do not need each other. The least and the

@@ -1,6 +1,6 @@
 """Trials: candidates as their differences from the nominal one, and simpler or other ones.
 
-:mod:`cosim.falsify.shrinking` decides which of them are run, and with which it goes on.
+:mod:`cosim.falsify.shrinking` decides which of them are run, and from which the next ones come.
 """
 
 from __future__ import annotations

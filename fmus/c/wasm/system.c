@@ -1,7 +1,7 @@
 /* system.c - an FMU has no system: what the C library would ask of it is refused here.
  *
  * So the module imports nothing of WASI. A file cannot be opened, nothing is printed, and the end of the process
- * is the end of the FMU: it says so, and traps.
+ * is the end of the FMU: it logs this, and traps.
  */
 #include <stdint.h>
 #include <string.h>

@@ -214,7 +214,7 @@ def test_a_component_that_fails_stops_the_run_with_its_sentence(
 
 @pytest.mark.slow
 def test_nodes_in_webassembly_have_the_frames_of_the_twin(shipped: Built, tmp_path: Path) -> None:
-    """What `--wasm` writes, without the sources and native binaries that are in it as well."""
+    """The FMU that `--wasm` writes, without its sources and native binaries."""
     nodes = NodeFmuOptions(deploy="can-one-bus", nodes=tmp_path, wasm=True)
     export(TELEOPERATION, RunFileOptions(), SystemOptions(), nodes, [f"run.stop={STOP}"])
     fmus = {}

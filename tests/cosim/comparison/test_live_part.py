@@ -1,4 +1,4 @@
-"""What a comparison's page needs to run controllers again: bundles, values of links, reasons."""
+"""A comparison's page has what it needs to run controllers again: bundles, values, reasons."""
 
 from __future__ import annotations
 

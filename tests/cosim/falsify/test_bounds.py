@@ -56,7 +56,7 @@ def document(semantics: str, bounds: Document, vary: Document | None = None) -> 
 
 
 def kept(bounds: Document, delays: list[float], period: float, signal: bool) -> Iterator[str]:
-    """What is wrong with the delays (s, not a number: lost) of packets one `period` (s) apart.
+    """The first mistake in the delays (s, not a number: lost) of packets one `period` (s) apart.
 
     Losses are counted on the faster link.
     """

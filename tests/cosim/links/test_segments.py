@@ -58,7 +58,7 @@ def test_packets_of_a_segment_are_lost():
 
 
 def test_a_delay_that_changes_no_faster_than_it_may():
-    """From 750 ms to 300 ms at 1 s/s takes 0.45 s; back at 3 s/s a third of this."""
+    """A change from 750 ms to 300 ms at 1 s/s takes 0.45 s; back at 3 s/s a third of this."""
     law = Segments(0.75, (Segment(1.0, 2.0, 0.3), Segment(3.0, 3.1, lost=True)), 3.0, 1.0)
     T = delays(law, 800)
     t = 0.005 * np.arange(800)

@@ -77,7 +77,7 @@ def main() -> None:
     parser.add_argument("--json", type=Path)
     given = parser.parse_args()
     rounds = 1 if given.quick else given.rounds
-    with TemporaryDirectory() as name:
+    with TemporaryDirectory(ignore_cleanup_errors=True) as name:
         plain, live = Path(name) / "plain", Path(name) / "live"
         times = [(written(plain, "--no-live"), written(live, "--live")) for _ in range(rounds)]
         pages = [folder / "report.html" for folder in (plain, live)]

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bridge.cli.ping_path import _path_trace
+from bridge.cli.paths.path import _path_trace
 from bridge.ping.prediction import ScenarioPrediction, parts, predict
 from bridge.relay.network import RelayNetwork
 from cosim.measure import declared_metrics

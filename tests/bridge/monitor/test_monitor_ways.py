@@ -9,7 +9,7 @@ import typer
 from typer.testing import CliRunner
 
 from bridge.can.interface import attach
-from bridge.cli.ping import ping
+from bridge.cli.paths.ping import ping
 from bridge.cli.tell import tell
 from bridge.deployment.zenoh_keys import names_of
 from bridge.monitor.listener import Listener

@@ -9,7 +9,7 @@ import pytest
 
 from bridge.can.interface import CanBusSpec
 from bridge.can.plain import PlainBus
-from bridge.cli.ping_path import EndOptions, PathRequest, ping_path
+from bridge.cli.paths.path import EndOptions, PathRequest, ping_path
 from bridge.native.frame import Flags, Frame
 from bridge.ping.can import (
     ASK,

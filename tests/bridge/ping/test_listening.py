@@ -12,8 +12,8 @@ from zenoh.ext import Int64, z_serialize
 
 from bridge.can.interface import CanBusSpec
 from bridge.can.plain import PlainBus
-from bridge.cli.ping_listen import ping_listen
-from bridge.cli.ping_path import EndOptions
+from bridge.cli.paths.listen import ping_listen
+from bridge.cli.paths.path import EndOptions
 from bridge.native.frame import Frame
 from bridge.ping.exchanges import NONE
 from bridge.ping.listening import HeardStreams, StreamSample, stream_lines, zenoh_sample

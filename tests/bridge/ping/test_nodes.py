@@ -12,8 +12,8 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from bridge.cli.ping import ping
-from bridge.cli.pong import pong
+from bridge.cli.paths.ping import ping
+from bridge.cli.paths.pong import pong
 from bridge.deployment.latency import delays_for, network_delays
 from bridge.deployment.system import System, load_system
 from bridge.ping.measure import PingResponder

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from bridge.cli.ping_path import PathRequest, ping_path, requests
-from bridge.cli.ping_several import ping_several
+from bridge.cli.paths.path import PathRequest, ping_path, requests
+from bridge.cli.paths.several import ping_several
 from bridge.ping.can import CanResponder
 from bridge.ping.exchanges import Arrival, Exchanges
 from bridge.ping.figures import evaluate

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bridge.cli.ping_path import _links
+from bridge.cli.paths.path import _links
 from bridge.ping import figures
 from bridge.ping.as_link import fitted, traces
 from bridge.ping.exchanges import Arrival, Exchanges, ReceivedAnswer

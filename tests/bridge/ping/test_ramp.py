@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bridge.cli.ping_path import PathRequest
-from bridge.cli.ping_several import ping_ramp
+from bridge.cli.paths.path import PathRequest
+from bridge.cli.paths.several import ping_ramp
 from bridge.ping.figures import PathResult, evaluate
 from bridge.ping.measure import PingResponder
 from bridge.ping.ramp import HIGHEST, RampStep, ramp

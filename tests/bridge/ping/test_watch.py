@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bridge.cli.ping_path import PathRequest, WatchOptions, ping_path
+from bridge.cli.paths.path import PathRequest, WatchOptions, ping_path
 from bridge.ping.exchanges import Arrival, Exchanges, ReceivedAnswer
 from bridge.ping.figures import evaluate
 from bridge.ping.measure import PingResponder

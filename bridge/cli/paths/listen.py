@@ -12,7 +12,7 @@ import typer
 from cosim.cli.options import write_json
 
 if TYPE_CHECKING:
-    from bridge.cli.ping_path import EndOptions
+    from bridge.cli.paths.path import EndOptions
     from bridge.ping.listening import HeardStreams
 
 
@@ -64,7 +64,7 @@ def _can(
 ) -> Iterator[Callable[[int], None]]:
     """A function that listens until a time; only `identifier` (hexadecimal), if it is given."""
     from bridge.can.plain import PlainBus
-    from bridge.cli.ping_path import can_bus
+    from bridge.cli.paths.path import can_bus
     from bridge.native.frame import Flags
     from bridge.ping.listening import StreamSample
     from cosim.base.clock import realtime_ns

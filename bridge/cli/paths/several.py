@@ -13,7 +13,7 @@ from typing import Any
 
 import typer
 
-from bridge.cli.ping_path import PathOutcome, PathRequest, end_live_line, measured, open_path
+from bridge.cli.paths.path import PathOutcome, PathRequest, end_live_line, measured, open_path
 from bridge.ping.exchanges import Exchanges
 from bridge.ping.figures import PathResult, evaluate
 from bridge.ping.measure import measure

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from bridge.cli.options import PingDeployment
-from bridge.cli.ping_path import EndOptions, PathRequest, PredictionOptions, WatchOptions
+from bridge.cli.paths.path import EndOptions, PathRequest, PredictionOptions, WatchOptions
 from cosim.cli.options import Json, finite
 
 if TYPE_CHECKING:
@@ -85,7 +85,7 @@ def ping(
     length, out = usual if questions.duration is None else questions.duration, questions.out
     words, nodes = target or [], None
     if path == "listen":
-        from bridge.cli.ping_listen import ping_listen
+        from bridge.cli.paths.listen import ping_listen
 
         ping_listen(
             words, identifier=listen.id_, connect=listen.connect, duration=length,
@@ -110,12 +110,12 @@ def _paths(
     kind: str, target: list[str], common: PathRequest, *, json: Path | None, ramp: bool
 ) -> None:
     """One path, several of them, or one at rising rates."""
-    from bridge.cli.ping_path import ping_path, requests
+    from bridge.cli.paths.path import ping_path, requests
     from cosim.base.errors import ScenarioError
 
     found = requests(kind, target, common)
     if ramp:
-        from bridge.cli.ping_several import ping_ramp
+        from bridge.cli.paths.several import ping_ramp
 
         if (
             len(found) > 1
@@ -132,7 +132,7 @@ def _paths(
     elif len(found) == 1:
         ping_path(found[0], json)
     else:
-        from bridge.cli.ping_several import ping_several
+        from bridge.cli.paths.several import ping_several
 
         ping_several(found, json)
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from bridge.cli.options import PingDeployment
-from bridge.cli.ping_path import LineOptions
+from bridge.cli.paths.path import LineOptions
 from cosim.cli.options import Set, finite
 
 if TYPE_CHECKING:
@@ -108,7 +108,7 @@ def _node(
 
 
 def _can(channel: str, interface: str, bitrate: float | None, stack: ExitStack) -> CanResponder:
-    from bridge.cli.ping_path import can_bus
+    from bridge.cli.paths.path import can_bus
     from bridge.ping.can import ASK, CanPath, CanQuestion, CanResponder
 
     answers = CanQuestion(ASK + 1, b"", ASK)

@@ -1,0 +1,1 @@
+"""Commands that measure a path between two machines: ping and pong."""

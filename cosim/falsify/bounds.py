@@ -126,7 +126,10 @@ def channels(
     names: dict[str, str] = {}
     places = {link.name: i for i, link in enumerate(plan.links)}
     for i, (spec, name) in enumerate(zip(scenario.links, _names(scenario, plan), strict=True)):
-        table = plan.links[places[name]].table
+        link = plan.links[places[name]]
+        if scenario.components[link.source.component].compute:
+            continue  # a law in a file has the time that the sender computes on top
+        table = link.table
         if isinstance(table, DrawnTable) and not isinstance(table.law, BusDelays):
             names[name] = spec.channel or name
             groups.setdefault(spec.channel or name, []).append((i, places[name], table))

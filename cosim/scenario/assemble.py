@@ -17,8 +17,8 @@ from cosim.base.python import without_collections
 from cosim.fmi.components import fmu_of, is_fmu
 from cosim.scenario import connect
 from cosim.scenario.component_types import Sort, Sorts
+from cosim.scenario.connect_links import computed, stepped_buses
 from cosim.scenario.connect_links import links as connected_links
-from cosim.scenario.connect_links import stepped_buses
 from cosim.scenario.exposed import ExposedVariables
 from cosim.scenario.models import LoadedComponent, load_alike, load_component
 from cosim.scenario.spec import ComponentSpec, InputSpec, Scenario
@@ -45,7 +45,8 @@ def _assemble(scenario: Scenario, load: Load) -> Plan:
         from cosim.scenario.bus_nodes import connect_nodes
 
         connect_nodes(scenario, list(parts.steps.values()))
-    wires, links, players = connect.wires(parts), connected_links(parts), _players(parts)
+    wires, late = computed(parts, connect.wires(parts))
+    links, players = [*connected_links(parts), *late], _players(parts)
     connect.check_single_sources(parts, wires, links, players)
     adaptive = None
     if scenario.run.algorithm == "adaptive" or scenario.run.adaptive is not None:

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from cosim.base.convert import numbers
 from cosim.base.errors import CosimError, ScenarioError
 from cosim.base.names import unknown
+from cosim.fmi.components import is_text
 from cosim.scenario.connect import ScenarioComponents, fit
 from cosim.scenario.spec import LinkSpec
-from cosim.schedule.parts import Link, Slot, SteppedBus
+from cosim.schedule.parts import Link, Slot, SteppedBus, Wire
 
 if TYPE_CHECKING:
     from cosim.links.table import DrawnTable, TableSpec
@@ -32,12 +33,13 @@ class _TableSources:
     simulated: Simulated
     known: dict[Hashable, DrawnTable]
     folder: Path
+    late: Mapping[str, float]  # see computing()
 
 
 def links(parts: ScenarioComponents) -> list[Link]:
     """The links of the table [[links]]. Raises ScenarioError if two have the same name."""
     found: dict[str, Link] = {}
-    given = _TableSources(_on_buses(parts), {}, parts.scenario.path.parent)
+    given = _TableSources(_on_buses(parts), {}, parts.scenario.path.parent, computing(parts))
     array = parts.scenario.place("links")
     for i, spec in enumerate(parts.scenario.links):
         place = f"{array}.{i}"
@@ -61,6 +63,84 @@ def _on_buses(parts: ScenarioComponents) -> Simulated:
         for bus, frames in groups.items()
     }
     return {place: done[bus][name, receiver] for place, (bus, name, receiver) in at.items()}
+
+
+def computing(parts: ScenarioComponents) -> dict[str, float]:
+    """The time that a step takes of each component with the key `compute`, s.
+
+    Its inputs are those of the beginning of the step, and its outputs reach the others that much
+    later: by links with this delay in place of wires, and on links in addition to their delay.
+    Raises ScenarioError for a component that is continuous, or a time beyond its period.
+    """
+    found: dict[str, float] = {}
+    for name, spec in parts.scenario.components.items():
+        if not spec.compute:
+            continue
+        seconds = parts.scenario.seconds(spec.compute, "components", name, "compute")
+        place = f"{parts.scenario.place('components', name)}.compute"
+        step = parts.steps[name]
+        if step.kind != "sampled":
+            raise ScenarioError("found a continuous component, expected a sampled one", place)
+        if not 0.0 <= seconds <= step.period * parts.h:
+            raise ScenarioError(
+                f"found {seconds:g} s, expected 0 to the period of the component, "
+                f"{step.period * parts.h:g} s: each step ends before the next one begins",
+                place,
+            )
+        found[name] = seconds
+    return found
+
+
+def computed(parts: ScenarioComponents, wires: Sequence[Wire]) -> tuple[list[Wire], list[Link]]:
+    """The wires that remain, and the links in place of those from components that compute.
+
+    Raises ScenarioError for a wire of texts from one of these.
+    """
+    late = computing(parts)
+    if not late:
+        return list(wires), []
+    from cosim.links.semantics import Grid
+    from cosim.links.spec import link_table
+
+    kept, links = [w for w in wires if w.source.component not in late], list[Link]()
+    for wire in wires:
+        sender, receiver = parts.steps[wire.source.component], parts.steps[wire.target.component]
+        if sender.name not in late:
+            continue
+        place = f"{parts.scenario.place('components', sender.name)}.compute"
+        if is_text(sender.component, wire.source.port):
+            raise ScenarioError(
+                f"{wire.source.name} is a text, which cannot be late; expected numbers", place
+            )
+        name = f"{wire.source.name}->{wire.target.name}"
+        grid = Grid(sender.period, receiver.period, parts.h)
+        spec = LinkSpec(
+            source=wire.source.name, target=wire.target.name,
+            semantics="newest-stamp", delay=_constant(late[sender.name]),
+        )  # fmt: skip
+        table = link_table(spec, name, parts.scenario.run.seed, grid, Path(), parts.ticks)
+        links.append(Link(name, wire.source, wire.target, table, wire.gain, wire.offset))
+    return kept, links
+
+
+def _constant(seconds: float) -> dict[str, Any]:
+    return {"law": "constant", "delay": seconds}
+
+
+def _later(spec: LinkSpec, seconds: float, place: str) -> LinkSpec:
+    """The link with the time that its sender computes added to its delay.
+
+    A stored table contains it. Raises ScenarioError for "signal", which rounds delays to samples.
+    """
+    if not seconds or spec.delay is None or spec.delay.get("law") == "table":
+        return spec
+    if spec.semantics == "signal":
+        raise ScenarioError(
+            'found semantics = "signal" on a link from a component with compute, whose delays are '
+            'rounded to whole samples of the sender; expected "newest-stamp", or another rule of '
+            "packets", f"{place}.semantics"
+        )  # fmt: skip
+    return spec.delayed({"law": "sum", "of": [_constant(seconds), spec.delay]})
 
 
 def stepped_buses(parts: ScenarioComponents, links: Sequence[Link]) -> list[SteppedBus]:
@@ -94,16 +174,22 @@ def _frames(
     """(frames by bus and name; of each link's place its bus, frame and receiver)."""
     groups: dict[str, dict[str, FrameOnBus]] = {}
     at: dict[str, tuple[str, str, str]] = {}
+    late = computing(parts)
     for i, spec in enumerate(parts.scenario.links):
         if spec.bus:
             place = parts.scenario.place("links", i)
-            name, receiver = _add_frame(parts, spec, groups.setdefault(spec.bus, {}), place)
+            frames = groups.setdefault(spec.bus, {})
+            name, receiver = _add_frame(parts, spec, frames, late, place)
             at[place] = spec.bus, name, receiver
     return groups, at
 
 
 def _add_frame(
-    parts: ScenarioComponents, spec: LinkSpec, frames: dict[str, FrameOnBus], place: str
+    parts: ScenarioComponents,
+    spec: LinkSpec,
+    frames: dict[str, FrameOnBus],
+    late: Mapping[str, float],
+    place: str,
 ) -> tuple[str, str]:
     """(name of the frame, receiver) of a link, whose frame is put into `frames`."""
     from cosim.scenario.bus_frames import frame_on_bus
@@ -127,6 +213,7 @@ def _add_frame(
     known = frames.get(name)
     if spec.frame is not None:
         offset = parts.scenario.seconds(spec.frame.offset, "links", "frame", "offset")
+        offset += late.get(source.component, 0.0)
         fast = buses[spec.bus].data_bitrate is not None
         try:
             made = frame_on_bus(spec.frame, fast, name, ends, period, offset)
@@ -175,7 +262,8 @@ def _link(parts: ScenarioComponents, spec: LinkSpec, place: str, given: _TableSo
     gain, offset = fit(parts, source, target, place)
     name = spec.name or f"{source.name}->{target.name}"
     periods = parts.steps[source.component].period, parts.steps[target.component].period
-    table = _table(parts, spec, name, periods, place, given)
+    late = _later(spec, given.late.get(source.component, 0.0), place)
+    table = _table(parts, late, name, periods, place, given)
     initial = None
     if spec.initial is not None:
         initial = numbers(spec.initial, target.shape, target.unit, f"{place}.initial")

@@ -7,6 +7,7 @@ discovered or registered.
 
 from __future__ import annotations
 
+import hashlib
 import importlib
 from collections.abc import Callable, Mapping
 from functools import lru_cache
@@ -87,7 +88,15 @@ def _loaded(name: str, spec: ComponentSpec, folder: Path, place: str) -> LoadedC
     if spec.kind is not None:
         component.kind = spec.kind  # type: ignore[assignment]
     _check(component, f"{place}.model")
-    return component, presets, prepared
+    return component, presets, _hashed(options) or prepared
+
+
+def _hashed(options: Mapping[str, Any]) -> Preparation | None:
+    """The SHA-256 sum of the file that the option `path` of a Python component names, if any."""
+    path = Path(options["path"]) if isinstance(options.get("path"), str) else None
+    if path is None or not path.is_file():
+        return None
+    return Preparation({}, {}, {str(path): hashlib.sha256(path.read_bytes()).hexdigest()})
 
 
 def load_alike() -> Callable[[str, ComponentSpec, Path, str], LoadedComponent]:

@@ -105,6 +105,8 @@ class ComponentSpec(
     an FMU with a CAN terminal (FMI-LS-BUS), and `terminal` that terminal where it has several.
     `kind`: "co-simulation", "model exchange" (which is continuous) and "scheduled execution" (which
     is sampled) are for an FMU that has several interfaces; they may be written with a hyphen.
+    `compute`: the time that each step of a sampled component takes; its outputs are that much
+    later for all others (:func:`cosim.scenario.connect_links.computing`).
     """
 
     model: str
@@ -113,6 +115,7 @@ class ComponentSpec(
     options: dict[str, Any] = {}
     kind: ComponentKind | None = None
     period: Number | None = None
+    compute: Number = 0.0
     extrapolate: Literal["hold", "linear"] = "hold"
     preset: str | None = None
     parameters: dict[str, Value] = {}
@@ -180,6 +183,10 @@ class LinkSpec(
     name: str = ""
     channel: str = ""
     age: str = ""
+
+    def delayed(self, delay: dict[str, Any]) -> LinkSpec:
+        """The same with another delay law."""
+        return msgspec.structs.replace(self, delay=delay)
 
 
 class EventSpec(

@@ -76,6 +76,28 @@ def test_own_controller_with_the_changes_of_the_readme(examples: Path, changes: 
     assert printed != promised("own_controller")
 
 
+def test_policy(examples: Path) -> None:
+    folder = examples / "policy"
+    assert called(*COSIM, "run", "policy.toml", "--out", "out", cwd=folder) == promised("policy")
+
+
+def test_the_page_on_components_has_the_settling_times_of_the_policy(examples: Path) -> None:
+    page = (ROOT / "docs/own-component.md").read_text(encoding="utf-8")
+    for compute, words in (
+        ("0", "after 2.1 s"),
+        ("150 ms", "after 4.0 s"),
+        ("300 ms", "not within"),
+    ):
+        change = f"components.policy.compute={compute}"
+        command = [*COSIM, "run", "policy.toml", "--no-plot", "--set", change]
+        printed = called(*command, "--out", compute, cwd=examples / "policy")
+        (settled,) = [line for line in printed if line.startswith("settled")]
+        found = re.search(r"after ([\d.]+) s", settled)
+        row = f"after {float(found[1]):.1f} s" if found else "not within"
+        assert row == words
+        assert re.search(rf"^\| {compute}[^|]*\| {words}", page, re.MULTILINE)
+
+
 def test_own_controller_is_shown(examples: Path) -> None:
     printed = called(*COSIM, "show", "scenario.toml", cwd=examples / "own_controller")
     assert any("controller:PD, Python call-back" in line for line in printed)

@@ -18,7 +18,6 @@
 #include "traffic.h"
 
 enum bus_kind { BUS_SOCKET = 1, BUS_RING = 2, BUS_MEMORY = 3 };
-enum { BUS_BATCH = 8 };
 enum bus_state { BUS_ACTIVE, BUS_WARNING, BUS_PASSIVE, BUS_OFF, BUS_DOWN };
 
 typedef struct {

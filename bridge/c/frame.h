@@ -11,13 +11,14 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#include "target.h"
+
 #if defined(_WIN32)
 #define API __declspec(dllexport)
 #else
 #define API __attribute__((visibility("default")))
 #endif
 
-enum { FRAME_DATA = 232 };
 enum flags {
     FRAME_FD = 1 << 0,
     FRAME_BRS = 1 << 1,
@@ -40,7 +41,7 @@ typedef struct {
     uint32_t sequence; /* of this frame in its ring or log */
     uint32_t reserved;
     uint8_t data[FRAME_DATA];
-} frame_t; /* 256 bytes */
+} frame_t; /* 256 bytes; of firmware 88 */
 
 /* Which frames: those with this identifier and these flags under the two masks. This is the only rule
  * by which frames are selected: for messages, for services, and in the filters of buses. */

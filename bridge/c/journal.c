@@ -1,10 +1,10 @@
 /* journal.c: memory and disk of a journal, in pieces; see journal.h. */
-#if defined(__linux__)
+#if defined(__linux__) && !defined(NODE_FIRMWARE)
 #define _GNU_SOURCE /* MAP_POPULATE */
 #endif
 #include "journal.h"
 
-#if defined(__linux__)
+#if defined(__linux__) && !defined(NODE_FIRMWARE)
 
 #include <errno.h>
 #include <fcntl.h>

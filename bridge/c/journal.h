@@ -42,8 +42,8 @@ API int32_t journal_grow(journal_t *j, uint64_t rows);
 /* The place of the next row, to be filled and then committed; NULL when full (counted). */
 static inline void *journal_next(journal_t *j)
 {
-    uint64_t n = __atomic_load_n(&j->rows, __ATOMIC_RELAXED);
-    if (n >= __atomic_load_n(&j->limit, __ATOMIC_ACQUIRE) &&
+    uint64_t n = SHARED_LOAD(&j->rows, __ATOMIC_RELAXED);
+    if (n >= SHARED_LOAD(&j->limit, __ATOMIC_ACQUIRE) &&
         (n >= j->capacity || !j->descriptor || journal_grow(j, n + 1 + JOURNAL_PIECE / j->row_size))) {
         j->dropped++;
         return 0;
@@ -52,7 +52,7 @@ static inline void *journal_next(journal_t *j)
 }
 static inline void journal_commit(journal_t *j)
 {
-    __atomic_store_n(&j->rows, __atomic_load_n(&j->rows, __ATOMIC_RELAXED) + 1, __ATOMIC_RELEASE);
+    SHARED_STORE(&j->rows, SHARED_LOAD(&j->rows, __ATOMIC_RELAXED) + 1, __ATOMIC_RELEASE);
 }
 
 #endif

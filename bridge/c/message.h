@@ -18,7 +18,6 @@
 #include "frame.h"
 
 enum field_kind { FIELD_UNSIGNED, FIELD_SIGNED, FIELD_FLOAT }; /* FLOAT: 32 or 64 bits, IEEE 754 */
-enum { MESSAGE_FIELDS = 256 };                                 /* the most values a message may have */
 
 typedef struct {
     uint16_t start; /* as in a DBC file: of the least (Intel), most (Motorola) significant bit */

@@ -7,8 +7,6 @@
 
 #include "frame.h"
 
-enum { PACE_BINS = 2048 }; /* bins of 1 us to 1024 us, then doubling with 64 a factor of two */
-
 typedef struct {                     /* empty: all zero */
     int64_t count, minimum, maximum; /* ns */
     double sum;

@@ -28,6 +28,7 @@ _NAMES: Mapping[type, str] = {
     node.OutletStruct: "outlet_t",
     node.MotorStruct: "motor_t",
     node.Inside: "inside_t",
+    node.Apart: "apart_t",
     node.Services: "services_t",
     message.Message: "message_t",
     message.Field: "field_t",
@@ -78,6 +79,7 @@ _POINTERS: Mapping[type, Mapping[str, _Target]] = {
         "inlets": _many(node.InletStruct, "n_inlets"),
         "outlets": _many(node.OutletStruct, "n_outlets"),
         "insides": _many(node.Inside, "n_insides"),
+        "aparts": _many(node.Apart, "n_aparts"),
         "peers": _many(safety.Peer, "n_peers"),
         "services": _many(node.Services, "n_buses"),
         "commanded": _many(CommandedStruct, "n_commanded"),
@@ -115,6 +117,7 @@ _POINTERS: Mapping[type, Mapping[str, _Target]] = {
         "disabling": _many(Frame, "n_disabling", kept=True),
     },
     node.Inside: {"node": _one(node.NodeStruct), "guard": _one(safety.Guard)},
+    node.Apart: {name: _one(node.Reception) for name in ("a", "b")},
     node.Services: {
         name: _MESSAGE
         for name in ("heartbeat", "sync", "nmt", "estop", "epoch", "host_heartbeat", "host_sync")
@@ -136,12 +139,11 @@ _POINTERS: Mapping[type, Mapping[str, _Target]] = {
         "values": _Target(c.c_double, lambda d: (d.capacity + 1) * d.width, empty=True),
     },
 }
-#: Parts of a node that the FMU sets itself, or that exist on the wall clock only.
+#: Parts of a node that whoever runs it sets, or that exist on Linux only.
 _OUTSIDE = frozenset(
     {"engine", "run", "signals", "record", "record_row", "buses", "journal", "heard", "pending"}
-    | {"has_pending", "played", "n_played", "joined", "aparts", "n_aparts", "faults", "replayed"}
-    | {"lead_ns", "patience_ns", "overrun_ns", "row_size", "drive_events"}
-    | {"inlet_offset", "outlet_offset", "signals_offset"}
+    | {"has_pending", "played", "n_played", "joined", "faults", "replayed", "lead_ns"}
+    | {"drive_events", "boots"}
 )
 _FIRST = "node_first"
 
@@ -248,7 +250,8 @@ class NodeImage:
         if isinstance(value, c.Array) and not any(bytes(value)):
             return ""
         if isinstance(value, c.Array):
-            return braces([number(v) for v in value]) if any(value) else ""
+            last = max((i for i, v in enumerate(value) if v), default=-1)  # the others are 0 in C
+            return braces([number(v) for v in value[: last + 1]]) if last >= 0 else ""
         if kind is c.c_void_p or hasattr(kind, "contents"):
             if value:
                 raise CosimError(f"{type(x).__name__}.{name}: found a pointer, expected none")

@@ -34,8 +34,8 @@ from fmus.build.lsbus_fmu import (
 #: Delays of a link, or values of an input, that an FMU may bring, drawn before the run.
 DRAWN = 1_000_000
 _C = Path(__file__).parent.parent / "c"
-#: The parts of ``bridge/c`` that a node in an FMU consists of.
-_UNITS = (
+#: The parts of ``bridge/c`` that a node without a system consists of, in an FMU or as firmware.
+UNITS = (
     *("bringup", "crc", "delay", "dispatch", "drive", "e2e", "emulated", "epoch", "forward"),
     *("guard", "inlet", "journal", "life_cycle", "limit", "message", "outlet", "receiver"),
     *("reception", "run_epoch", "sample_journal", "send", "service", "slot", "vendor"),
@@ -114,7 +114,7 @@ def _constant(link: Link) -> bool:
 
 def _write(node: WiredNode, target: Path, platforms: Sequence[str] | None, objects: Path) -> Path:
     system = node.system
-    _check_tables(node)
+    check_tables(node)
     identifier = re.sub(r"\W", "_", f"node_{node.name}")
     found = kernels([(s.name, s.component) for s in node.plan.plan.components])
     sources = {
@@ -142,7 +142,7 @@ def _write(node: WiredNode, target: Path, platforms: Sequence[str] | None, objec
     return target
 
 
-def _check_tables(node: WiredNode) -> None:
+def check_tables(node: WiredNode) -> None:
     """True if what was drawn for the run has a size for C. Raises ScenarioError."""
     sizes = {f"delays of the link to {name}": x.struct.n_delays for name, x in node.lines.items()}
     hits = {c.name: node.plan.slots // c.period for c in node.plan.plan.components}
@@ -159,6 +159,7 @@ def _check_tables(node: WiredNode) -> None:
 
 def _bridge_sources() -> dict[str, str]:
     """The C files of a node, by name, with all headers of ``bridge/c``."""
-    files = [_C / f"{name}.c" for name in _UNITS]
-    files += [*_C.glob("*.h"), *(_C / "lsbus").glob("*.[ch]")]
+    files = [_C / f"{name}.c" for name in UNITS]
+    files += [*_C.glob("*.h")]
+    files += [file for part in ("portable", "lsbus") for file in (_C / part).glob("*.[ch]")]
     return {file.name: file.read_text(encoding="utf-8") for file in sorted(files)}

@@ -1,4 +1,4 @@
-"""The plan of a node as C: components, operations and outputs (``bridge/c/lsbus/core.h``)."""
+"""The plan of a node as C: components, operations and outputs (``bridge/c/portable``)."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def node_data(node: WiredNode, kernels: Mapping[str, KernelSource]) -> dict[str,
     tables = _tables(node, image, units)
     head = f"generated from the node {node.name} of a deployment. */"
     parts = [
-        f'/* node_data.c - {head}\n#include <math.h>\n\n#include "core.h"\n#include "inlet.h"\n'
+        f'/* node_data.c - {head}\n#include <math.h>\n\n#include "portable.h"\n#include "inlet.h"\n'
         '#include "outlet.h"',
         *(_KERNEL.format(name) for name in sorted({k.name for k in kernels.values()})),
         *image.constants,
@@ -66,7 +66,7 @@ def node_data(node: WiredNode, kernels: Mapping[str, KernelSource]) -> dict[str,
 
 
 def _tables(node: WiredNode, image: NodeImage, units: _Units) -> dict[str, list[str]]:
-    """Entries of each table of ``core.h``, by its declaration."""
+    """Entries of each table of ``portable.h``, by its declaration."""
     operations = [_operation(o, node.name) for o in node.plan.plan.operations]
     gates = braces(_gates(node, image))
     signals = braces([number(float(v)) for v in node.engine.signals])

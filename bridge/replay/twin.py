@@ -65,7 +65,7 @@ def wired_nodes(
                 WiredNode(
                     system,
                     name,
-                    _buses(system, name),
+                    memory_buses(system, name),
                     folder / Life(name).file("journal"),
                     native.SIMULATED,
                 )
@@ -80,7 +80,8 @@ def wired_nodes(
         yield nodes
 
 
-def _buses(system: System, node: str) -> dict[str, Bus]:
+def memory_buses(system: System, node: str) -> dict[str, Bus]:
+    """The buses of a node, by name, each between two queues in memory."""
     return {
         name: Bus.from_rings(Ring(RING), Ring(RING), number, kind=BusKind.MEMORY)
         for number, name in enumerate(system.buses_of(node))

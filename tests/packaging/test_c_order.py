@@ -12,7 +12,7 @@ from fmus.build.toolchain import FLAGS, compiler
 from tests.c_order import ROOT, calls, includes, ordered
 
 LIBRARIES = {
-    "bridge": ("bridge/c", "bridge/c/lsbus"),
+    "bridge": ("bridge/c", "bridge/c/portable", "bridge/c/lsbus"),
     "engine": ("cosim/c", "cosim/c/engine"),
     "simulated bus": ("cosim/c/bus",),
     "models": ("fmus/c",),

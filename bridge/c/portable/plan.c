@@ -1,7 +1,7 @@
-/* node_plan.c - the plan of a node's components, executed as engine.c does; see core.h. */
-#include <string.h>
+/* plan.c - the plan of a node's components, executed as engine.c does; see portable.h. */
+#include "portable.h"
 
-#include "core.h"
+#include <string.h>
 
 static void move(const move_t *moves, int32_t n, const double *from, double *to)
 {
@@ -9,7 +9,7 @@ static void move(const move_t *moves, int32_t n, const double *from, double *to)
         memcpy(to + moves[i].to, from + moves[i].from, (size_t)moves[i].count * sizeof *to);
 }
 
-const char *plan_begin(fmu_t *x)
+const char *plan_begin(portable_t *x)
 {
     memory_t *m = &x->memory;
     for (int32_t i = 0; i < N_UNITS; i++) {
@@ -34,7 +34,7 @@ static int finite(const double *x, int32_t n)
     return all;
 }
 
-static const char *step(fmu_t *x, int32_t index, int64_t tick)
+static const char *step(portable_t *x, int32_t index, int64_t tick)
 {
     const unit_t *u = node_units + index;
     memory_t *m = &x->memory;
@@ -50,7 +50,7 @@ static const char *step(fmu_t *x, int32_t index, int64_t tick)
     return NULL;
 }
 
-static const char *carry_out(fmu_t *x, const plan_operation_t *op, int64_t tick)
+static const char *carry_out(portable_t *x, const plan_operation_t *op, int64_t tick)
 {
     memory_t *m = &x->memory;
     double *s = m->signals;
@@ -72,13 +72,16 @@ static const char *carry_out(fmu_t *x, const plan_operation_t *op, int64_t tick)
         return m->gates[op->index].passing(m->gates[op->index].context, tick, s)
                    ? "found an input or output that stops the node"
                    : NULL;
-    default: memcpy(m->seen, s, sizeof m->seen); return NULL;
+    default:
+        memcpy(m->seen, s, sizeof m->seen);
+        if (x->record) memcpy(x->record, s, sizeof m->seen);
+        return NULL;
     }
 }
 
 int32_t plan_run(void *context, int64_t ticks)
 {
-    fmu_t *x = context;
+    portable_t *x = context;
     const int64_t tick = x->memory.node.slot;
     (void)ticks; /* one */
     for (int32_t i = 0; i < N_OPERATIONS; i++) {

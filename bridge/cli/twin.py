@@ -217,3 +217,32 @@ def write_nodes(
             found.setdefault(note, []).append(name)
     for note, of in found.items():
         typer.echo(f"note: {', '.join(of)}: {note}")
+
+
+def write_firmware(
+    scenario: Path,
+    deploy: str,
+    folder: Path,
+    name: str,
+    settings: Sequence[str],
+    *,
+    target: str,
+    real: bool,
+) -> None:
+    """Write the firmware of a node, and how it becomes an image.
+
+    `target`: of :data:`bridge.export.firmware.TARGETS`; "": the first. Raises ScenarioError for a
+    node that cannot be firmware.
+    """
+    from bridge.deployment.system import load_system
+    from bridge.export.firmware import TARGETS, export_firmware
+
+    target = target or TARGETS[0]
+    if target not in TARGETS:
+        raise ScenarioError(f"found {target!r}, expected {', '.join(TARGETS)}", "--target")
+    system = load_system(scenario, deploy, settings)
+    export_firmware(system, name, folder, target, real=real)
+    components = ", ".join(c.name for c in system.nodes[name].plan.components)
+    buses = ", ".join(system.buses_of(name))
+    typer.echo(f"{folder}  node {name} for {target}, on CAN {buses}, with {components}")
+    typer.echo(f"build: make -C {folder}")

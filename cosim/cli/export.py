@@ -15,6 +15,10 @@ _TOGETHER = (
     "found one of --deploy, --nodes, --node, --platforms and --wasm, expected --deploy NAME --nodes"
     " FOLDER"
 )
+_FIRMWARE = (
+    "found --firmware, --target or --real without the others, expected --deploy NAME --node NODE"
+    " --firmware FOLDER, and no --nodes"
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +57,8 @@ class NodeFmuOptions:
     """The nodes of a deployment as network FMUs."""
 
     deploy: Annotated[
-        str | None, typer.Option(help="With --nodes: the deployment, by name or file.")
+        str | None,
+        typer.Option(help="With --nodes or --firmware: the deployment, by name or file."),
     ] = None
     nodes: Annotated[
         Path | None,
@@ -64,7 +69,10 @@ class NodeFmuOptions:
     ] = None
     node: Annotated[
         list[str],
-        typer.Option(metavar="NAME", help="With --nodes: only this node; repeatable."),
+        typer.Option(
+            metavar="NAME",
+            help="With --nodes: only this node; repeatable. With --firmware: this node.",
+        ),
     ] = field(default_factory=list)
     platforms: Annotated[
         str,
@@ -78,6 +86,30 @@ class NodeFmuOptions:
     ] = False
 
 
+@dataclass(frozen=True, slots=True)
+class FirmwareOptions:
+    """A node of a deployment as firmware."""
+
+    firmware: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FOLDER",
+            help="Write the --node of --deploy as C for a microcontroller, which make builds.",
+        ),
+    ] = None
+    target: Annotated[
+        str,
+        typer.Option(
+            help="With --firmware: cortex-m4, cortex-m7 or native.",
+            show_default="cortex-m4",
+        ),
+    ] = ""
+    real: Annotated[
+        bool,
+        typer.Option("--real", help="With --firmware: it may move real drives."),
+    ] = False
+
+
 def export(
     scenario: Annotated[
         Path, typer.Argument(help="Scenario file (.toml or .ssp), or with --to a run folder.")
@@ -85,12 +117,14 @@ def export(
     file: RunFileOptions,
     system: SystemOptions,
     network: NodeFmuOptions,
+    image: FirmwareOptions,
     set_: Set = None,
 ) -> None:
     """Write a scenario or a run for other tools.
 
-    A scenario becomes an SSP, one FMU, or a network FMU of each node; a run, with --to, a file of
-    data. MCAP has joint states, frames and lines of the arms besides the signals.
+    A scenario becomes an SSP, one FMU, a network FMU of each node, or the firmware of one; a run,
+    with --to, a file of data. MCAP has joint states, frames and lines of the arms besides the
+    signals.
     """
     if file.to is not None or file.signal:
         _export_run(scenario, file.to, file.signal)
@@ -99,6 +133,9 @@ def export(
 
     if system.links not in ("annotation", "fmu"):
         raise ScenarioError(f"{system.links!r} is neither annotation nor fmu", "--links")
+    if image.firmware is not None or image.target or image.real:
+        _export_firmware(scenario, network, image, set_ or [])
+        return
     nodes = network.nodes
     if (nodes is None) is not (network.deploy is None) or (
         nodes is None and (network.node or network.platforms or network.wasm)
@@ -106,7 +143,8 @@ def export(
         raise ScenarioError(_TOGETHER, "cosim export")
     if system.ssp is None and system.fmu is None and nodes is None:
         raise ScenarioError(
-            "nothing to write; expected --ssp FILE, --fmu FILE, --nodes FOLDER or --to FILE",
+            "nothing to write; expected --ssp FILE, --fmu FILE, --nodes FOLDER, --firmware FOLDER"
+            " or --to FILE",
             "cosim export",
         )
     if nodes is not None:
@@ -121,6 +159,25 @@ def export(
         )
     if system.ssp is not None or system.fmu is not None:
         _export_system(scenario, set_ or [], system)
+
+
+def _export_firmware(
+    scenario: Path, network: NodeFmuOptions, image: FirmwareOptions, settings: list[str]
+) -> None:
+    from cosim.base.errors import ScenarioError
+
+    alone = network.nodes is None and not network.platforms and not network.wasm
+    if image.firmware is None or network.deploy is None or len(network.node) != 1 or not alone:
+        raise ScenarioError(_FIRMWARE, "cosim export")
+    part("twin").write_firmware(
+        scenario,
+        network.deploy,
+        image.firmware,
+        network.node[0],
+        settings,
+        target=image.target,
+        real=image.real,
+    )
 
 
 def _export_system(scenario: Path, settings: list[str], system: SystemOptions) -> None:

@@ -17,7 +17,7 @@ from bridge.export.kernels import kernels
 from bridge.export.node_fmu import check, export_nodes, notes
 from cosim.base.errors import CosimError, FmuError, ScenarioError
 from cosim.bus.timing import BusTiming
-from cosim.cli.export import NodeFmuOptions, RunFileOptions, SystemOptions, export
+from cosim.cli.export import FirmwareOptions, NodeFmuOptions, RunFileOptions, SystemOptions, export
 from cosim.fmi import FmuComponent
 from cosim.fmi.file.validation import problems
 from cosim.fmi.options import FmuOptions
@@ -216,7 +216,14 @@ def test_a_component_that_fails_stops_the_run_with_its_sentence(
 def test_nodes_in_webassembly_have_the_frames_of_the_twin(shipped: Built, tmp_path: Path) -> None:
     """The FMU that `--wasm` writes, without its sources and native binaries."""
     nodes = NodeFmuOptions(deploy="can-one-bus", nodes=tmp_path, wasm=True)
-    export(TELEOPERATION, RunFileOptions(), SystemOptions(), nodes, [f"run.stop={STOP}"])
+    export(
+        TELEOPERATION,
+        RunFileOptions(),
+        SystemOptions(),
+        nodes,
+        FirmwareOptions(),
+        [f"run.stop={STOP}"],
+    )
     fmus = {}
     for path in tmp_path.glob("*.fmu"):
         with zipfile.ZipFile(path) as archive:
@@ -347,7 +354,7 @@ def test_what_an_fmu_does_differently_is_said() -> None:
         ({"deploy": "can"}, "expected --deploy NAME --nodes FOLDER"),
         ({"ssp": Path("x.ssp"), "node": ["master"]}, "expected --deploy NAME --nodes FOLDER"),
         ({"ssp": Path("x.ssp"), "wasm": True}, "expected --deploy NAME --nodes FOLDER"),
-        ({}, "expected --ssp FILE, --fmu FILE, --nodes FOLDER or --to FILE"),
+        ({}, "expected --ssp FILE, --fmu FILE, --nodes FOLDER"),
         ({"deploy": "can", "nodes": Path("x"), "node": ["me"]}, "found no node 'me', expected one"),
     ],
 )
@@ -358,4 +365,5 @@ def test_the_command_says_what_it_expected(given: dict[str, Any], said: str) -> 
             RunFileOptions(),
             SystemOptions(ssp=given.get("ssp")),
             NodeFmuOptions(**{k: v for k, v in given.items() if k != "ssp"}),
+            FirmwareOptions(),
         )

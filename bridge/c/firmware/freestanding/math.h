@@ -1,0 +1,11 @@
+/* math.h - all that a node and its controllers take of it; sqrt is in freestanding.c. */
+#ifndef FREESTANDING_MATH_H
+#define FREESTANDING_MATH_H
+
+#define NAN __builtin_nanf("")
+#define INFINITY __builtin_inff()
+
+double sqrt(double x);
+static inline double fabs(double x) { return __builtin_fabs(x); }
+
+#endif

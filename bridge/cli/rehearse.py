@@ -36,6 +36,14 @@ class RehearsalOptions(OutputOptions):
         str | None,
         typer.Option(metavar="A,B", help="Start these nodes only; the others are already running."),
     ] = None
+    outside: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NODE=COMMAND",
+            help="Program that runs a node in place of this project's process; repeatable. {BUS} "
+            "becomes the channel of a bus. Without =COMMAND, somebody else starts it.",
+        ),
+    ] = None
     clock: Annotated[
         str,
         typer.Option(
@@ -75,6 +83,7 @@ def rehearse(
     from bridge.deployment import spec as deployments
     from bridge.deployment.changes import clock_settings
     from bridge.deployment.system import load_system
+    from bridge.rehearsal.outside import parse
     from bridge.rehearsal.supervisor import Settings
 
     path = deployments.find(scenario, deploy.deploy)
@@ -88,6 +97,7 @@ def rehearse(
         system.deployment,
         faults=options.faults is not None,
         nodes=options.nodes is not None,
+        outside=bool(options.outside),
         hardware=hardware.hardware,
     )
     found = checked(system, scenario, changes, options)
@@ -100,6 +110,7 @@ def rehearse(
         real=hardware.hardware,
         script=str(options.faults) if options.faults else "",
         nodes=_selected_nodes(system, options.nodes),
+        outside=parse(options.outside or [], system),
         say=options.say,
     )
     _run(system, settings, options, found)

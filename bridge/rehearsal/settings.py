@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -56,6 +56,7 @@ class Settings:
     script: str = ""
     events: Sequence[ScheduledEvent] = ()
     nodes: tuple[str, ...] = ()  # those started here; empty: all
+    outside: Mapping[str, str] = field(default_factory=dict)  # commands of other nodes' programs
     on_host: OnHost = lambda node: nullcontext()  # the host a node's process is started on
     say: Callable[[str], None] = lambda text: None
 

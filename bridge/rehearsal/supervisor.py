@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import final
 
 from bridge.bus_server.lag import BusLag
-from bridge.deployment.system import System
+from bridge.deployment.system import System, load_system
 from bridge.node.drive_enable import disabled_at_the_end, foreign_drives
 from bridge.node.handle import NodeHandle, NodeStart, missing_text
 from bridge.node.lockstep import is_lockstep
@@ -24,7 +24,17 @@ from bridge.node.process import Process
 from bridge.node.simulated import is_simulated
 from bridge.node.thread import Thread
 from bridge.records.node_lives import Life
-from bridge.records.records import Deaf, Gone, Lagged, LifeEnd, Missed, Refused, record_note
+from bridge.records.records import (
+    Deaf,
+    Gone,
+    Lagged,
+    LifeEnd,
+    Missed,
+    Refused,
+    Remark,
+    record_note,
+)
+from bridge.rehearsal.outside import OutsideNodes
 from bridge.rehearsal.settings import RehearsalRecord as RehearsalRecord
 from bridge.rehearsal.settings import ScheduledEvent
 from bridge.rehearsal.settings import Settings as Settings
@@ -66,6 +76,7 @@ class Rehearsal:
         self._timed = not (is_lockstep(system) or is_simulated(system))
         self._lags: list[BusLag] = []
         self._addresses: tuple[str, ...] = ()  # of buses that this process serves, as settings
+        self._outside: OutsideNodes | None = None
         self._kind: type[Process] | type[Thread] = Thread if alone else Process
         self._stack, self._drives = ExitStack(), ExitStack()
         (folder / NODES).mkdir(parents=True, exist_ok=True)
@@ -73,6 +84,15 @@ class Rehearsal:
     def __enter__(self) -> Rehearsal:
         self._addresses = self._stack.enter_context(served(self.system, self._lags))
         return self
+
+    def _start_outside(self) -> None:
+        """Start the programs of nodes that are not this project's."""
+        s = self.settings
+        if s.outside:
+            changes = [*s.changes, *self._addresses]
+            system = load_system(s.scenario, str(s.deployment), changes)
+            outside = OutsideNodes(system, s.outside, self.folder / NODES)
+            self._outside = self._stack.enter_context(outside)
 
     def __exit__(self, *_: object) -> None:
         self.end()
@@ -114,7 +134,9 @@ class Rehearsal:
         ends on its own; Ctrl-C and SIGTERM stop all nodes safely and become Interrupted.
         """
         for name in self.settings.nodes or tuple(self.system.nodes):
-            self.start_node(name)
+            if name not in self.settings.outside:
+                self.start_node(name)
+        self._start_outside()
         prepared = [e.prepare(self) for e in self.settings.events if e.prepare is not None]
         self._all_ready()
         for wait in prepared:
@@ -126,6 +148,8 @@ class Rehearsal:
         self._announce()
         for process in self.current.values():
             process.send_command("start", start_ns=self.ended.start_ns)
+        if self._outside:
+            self._outside.start(self.ended.start_ns)
         try:
             with signals_as_interrupt():
                 self._watch(progress)
@@ -226,13 +250,18 @@ class Rehearsal:
         patience = self.system.deployment.patience
         end = monotonic_ns() + round(patience * 1e9)
         waiting = dict(self.current)
-        while waiting:
+        outside = list(self.settings.outside)
+        while waiting or outside:
             for name, process in list(waiting.items()):
                 process.check()
                 if process.ready:
                     del waiting[name]
+            outside = self._outside.waiting() if self._outside else []
             if monotonic_ns() > end:
-                said = "; ".join(f"{n}: {missing_text(p.waiting)}" for n, p in waiting.items())
+                said = "; ".join(
+                    [f"{n}: {missing_text(p.waiting)}" for n, p in waiting.items()]
+                    + [f"{n}, outside: is not heard to wait for its start" for n in outside]
+                )
                 raise RunError(f"not ready after {patience:g} s (patience): {said}")
             sleep(LOOK)
 
@@ -259,6 +288,8 @@ class Rehearsal:
 
     def _look(self) -> None:
         """Detect nodes that have ended; an unplanned end stops the others."""
+        for name, how in self._outside.ended() if self._outside and self.t < self.length else ():
+            self.ended.notes.append(Remark(t=self.t, remark=f"node {name}, outside: {how}"))
         for name, process in list(self.current.items()):
             process.poll()
             self._refused(process)
@@ -331,6 +362,8 @@ class Rehearsal:
 
     def stop(self) -> None:
         """Safe stop of all nodes, and wait for it."""
+        if self._outside:
+            self._outside.stop()
         for process in self.current.values():
             process.send_command("stop")
         for process in self.current.values():

@@ -128,7 +128,7 @@ def test_nothing_is_written_over(tmp_path: Path) -> None:
 
 def test_the_commands_say_what_they_wrote(tmp_path: Path) -> None:
     app = Typer()
-    app.command("new")(new)
+    app.command("new")(flat(new))
     app.command("export")(flat(export))
     runner = CliRunner()
     done = runner.invoke(app, ["new", "controller", "law", "--dir", str(tmp_path)])

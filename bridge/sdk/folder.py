@@ -1,0 +1,96 @@
+"""The folder of a participant: sources of a language, tables of its node, and a page about them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from bridge.deployment.system import System
+from bridge.scaffold.files import write_files
+from bridge.sdk import c_table
+from bridge.sdk.amalgamation import SDK, core
+from bridge.sdk.laws import law_in_c
+from bridge.sdk.page import page
+from bridge.sdk.table import NodeTable, node_table
+from cosim.base.errors import ScenarioError
+
+
+@dataclass(frozen=True, slots=True)
+class Kit:
+    """A language on one kind of bus: how it is built ("": not at all) and started, and its sources.
+
+    `files` gives them for a table and the command that builds the program.
+    """
+
+    build: str
+    start: str
+    files: Callable[[NodeTable, str], dict[str, str]]
+
+
+@dataclass(frozen=True, slots=True)
+class Written:
+    """The files of a participant, and the commands that build and start it; as in :class:`Kit`."""
+
+    paths: list[Path]
+    build: str
+    start: str
+
+
+def write_participant(system: System, node: str, language: str, folder: Path) -> Written:
+    """Write a participant for a node into `folder`.
+
+    Raises ScenarioError for a node that no participant can replace, and where a file exists.
+    """
+    table = node_table(system, node)
+    kinds = {bus.kind for bus in table.buses}
+    if len(kinds) > 1:
+        raise ScenarioError(
+            "found a node on CAN and on Zenoh, expected one with buses of one kind",
+            system.deployment.place("nodes", node),
+        )
+    kit = _kit(language, kinds.pop())
+    start = f"{folder}/{kit.start} {' '.join(_places(table))}"
+    files = kit.files(table, kit.build)
+    files["README.md"] = page(table, system, kit.build, start)
+    return Written(write_files(folder, files), kit.build, start)
+
+
+def _kit(language: str, kind: str) -> Kit:
+    """The kit for a language and a kind of bus. Raises ScenarioError for one there is not."""
+    if (language, kind) not in KITS:
+        expected = ", ".join(name for name, on in KITS if on == kind)
+        raise ScenarioError(
+            f"found {language!r}, expected one of {expected} for a node on {kind}", "--language"
+        )
+    return KITS[language, kind]
+
+
+def _places(table: NodeTable) -> list[str]:
+    """The arguments of a program: its buses, as ``cosim rehearse --outside`` fills them in."""
+    return [f"{{{bus.name}}}" for bus in table.buses]
+
+
+def _c_can(table: NodeTable, build: str) -> dict[str, str]:
+    words = {"node": table.node, "build": build, "law": law_in_c(table)}
+    return {**c_sources(table), "main.c": _filled("main.c", words)}
+
+
+def c_sources(table: NodeTable) -> dict[str, str]:
+    """The sources in C without the program itself, by name."""
+    linux = {name: (SDK / name).read_text(encoding="utf-8") for name in ("linux.h", "linux.c")}
+    tables = {"table.h": c_table.header(table), "table.c": c_table.source(table)}
+    return {**core(), **linux, **tables}
+
+
+def _filled(name: str, words: Mapping[str, str]) -> str:
+    text = (SDK / name).read_text(encoding="utf-8")
+    for word, value in words.items():
+        text = text.replace(f"    /* @{word}@ */", value).replace(f"@{word}@", value)
+    return text
+
+
+#: By language and kind of bus.
+KITS: Mapping[tuple[str, str], Kit] = {
+    ("c", "can"): Kit("cc -std=c99 -O2 -o participant *.c", "participant", _c_can),
+}

@@ -1,0 +1,1 @@
+"""Participants: programs in place of a node's process."""

@@ -85,7 +85,9 @@ void delay_reset(delay_t *d)
     for (int64_t i = 0; i < d->capacity; i++) d->samples[i].sequence = -1;
     d->newest = d->visible = d->held = d->given.sequence = -1;
     d->n_queue = d->network_ns = d->last_due = 0;
-    d->lost = d->ignored = d->forgotten = 0;
+    d->lost = d->ignored = d->forgotten = d->dropped = 0;
+    d->line_first = d->n_line = 0;
+    d->looked = -1;
 }
 
 static int64_t network(int64_t sent_ns, int64_t arrival_ns)
@@ -151,6 +153,34 @@ static void take_packets(delay_t *d, int64_t K)
     if (best) hold(d, best);
 }
 
+/* A sample that has got through enters the queue. */
+static void enter(delay_t *d, int64_t sequence)
+{
+    if (d->n_line == d->depth) {
+        d->dropped++;
+        if (d->drops_newest) return;
+        d->line_first = (d->line_first + 1) % d->depth;
+        d->n_line--;
+    }
+    d->line[(d->line_first + d->n_line++) % d->depth] = sequence;
+}
+
+static void take_queue(delay_t *d, int64_t K, int64_t row)
+{
+    const sample_t *best = NULL, *s;
+    while ((s = next_due(d, K))) enter(d, s->sequence);
+    if (row <= d->looked) return; /* it has taken already */
+    d->looked = row;
+    while (d->n_line > 0 && (d->takes_all || !best)) {
+        s = find_sample(d, d->line[d->line_first]);
+        d->line_first = (d->line_first + 1) % d->depth;
+        d->n_line--;
+        if (s) best = s;
+        else d->forgotten++;
+    }
+    if (best) hold(d, best);
+}
+
 static void take_playout(delay_t *d, int64_t K)
 {
     const int64_t back = ticks_up(d, d->buffer - NS * (double)d->phase_ns);
@@ -199,6 +229,7 @@ int64_t delay_take(delay_t *d, int64_t row, int64_t now_ns)
         break;
     case DELAY_SIGNAL: take_signal(d, K, row); break;
     case DELAY_PLAYOUT: take_playout(d, K); break;
+    case DELAY_QUEUE: take_queue(d, K, row); break;
     default: take_packets(d, K);
     }
     return d->held;

@@ -15,6 +15,9 @@
  *                  network lost are not waited for; overtaken samples are ignored.
  *   DELAY_PLAYOUT  plays the newest sent at or before now - buffer if its a_j + T_j has passed, else
  *                  holds
+ *   DELAY_QUEUE    as LAST, but samples that get through wait in a queue of `depth`, behind the network
+ *                  and the law; a look takes the first of them, or all of them and holds the last. A
+ *                  look that a node leaves out takes nothing.
  *
  * Time is counted in base ticks as the tables do, so that it is exact for any h: sample j is sent at
  * tick period*j, row r looks at tick look*r, and only d is in ns. With d = 0 the rows are those of
@@ -29,7 +32,7 @@
 
 #include "frame.h"
 
-enum { DELAY_NONE, DELAY_SIGNAL, DELAY_LAST, DELAY_STAMP, DELAY_FIFO, DELAY_PLAYOUT };
+enum { DELAY_NONE, DELAY_SIGNAL, DELAY_LAST, DELAY_STAMP, DELAY_FIFO, DELAY_PLAYOUT, DELAY_QUEUE };
 
 typedef struct {
     int64_t sequence;            /* -1: empty */
@@ -54,15 +57,20 @@ typedef struct {
     double *values;       /* (capacity + 1, width); the last row is what is held */
     waiting_t *queue;     /* (capacity,), a heap: the earliest due on top */
     int64_t n_queue;
-    int64_t newest;     /* sequence put, -1: none */
-    int64_t visible;    /* SIGNAL: the newest that has arrived, -1: none */
-    int64_t network_ns; /* SIGNAL: what the network took for that one */
-    int64_t last_due;   /* FIFO: of the newest */
-    int64_t held;       /* sequence given last, -1: none */
-    sample_t given;     /* what is held; its age is now - given.sent_ns */
-    int64_t lost;       /* by law */
-    int64_t ignored;    /* put twice, too old to keep, or (FIFO) overtaken */
-    int64_t forgotten;  /* gone before it was due or wanted: capacity too small */
+    int64_t *line; /* (depth,), QUEUE: the sequences that wait, the first at line_first */
+    int64_t depth, line_first, n_line;
+    int32_t drops_newest, takes_all; /* QUEUE: what a full one drops, what a look takes */
+    int64_t looked;                  /* QUEUE: the last row, -1: none */
+    int64_t newest;                  /* sequence put, -1: none */
+    int64_t visible;                 /* SIGNAL: the newest that has arrived, -1: none */
+    int64_t network_ns;              /* SIGNAL: what the network took for that one */
+    int64_t last_due;                /* FIFO: of the newest */
+    int64_t held;                    /* sequence given last, -1: none */
+    sample_t given;                  /* what is held; its age is now - given.sent_ns */
+    int64_t lost;                    /* by law */
+    int64_t ignored;                 /* put twice, too old to keep, or (FIFO) overtaken */
+    int64_t forgotten;               /* gone before it was due or wanted: capacity too small */
+    int64_t dropped;                 /* by a full queue */
     int64_t reserved[2];
 } delay_t;
 

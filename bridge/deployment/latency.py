@@ -17,7 +17,14 @@ from bridge.native.delay import DelayLine
 from cosim.base.errors import ScenarioError
 from cosim.base.random_numbers import generator
 from cosim.links.laws import Constant, FloatArray
-from cosim.links.semantics import Grid, PacketSemantics, PlayoutSemantics, Rule, SignalSemantics
+from cosim.links.semantics import (
+    Grid,
+    PacketSemantics,
+    PlayoutSemantics,
+    QueueSemantics,
+    Rule,
+    SignalSemantics,
+)
 from cosim.links.storage import StoredTable
 from cosim.links.table import DrawnTable, TableSpec
 from cosim.schedule.parts import Link, Wire
@@ -37,8 +44,8 @@ class DelaySpec:
     """Everything a delay line is made of.
 
     `kind`: of :mod:`bridge.native.delay`; `width`: values of a sample; `period`, `look`: ticks of
-    `h` (s) between two samples and two looks; `delays`: s, (looks,) or (samples,); `buffer`: s;
-    `capacity`: samples kept, a power of two.
+    `h` (s) between two samples and two looks; `delays`: s, (looks,) or (samples,); `buffer`: s, or
+    the rule of a queue; `capacity`: samples kept, a power of two.
     """
 
     name: str
@@ -48,7 +55,7 @@ class DelaySpec:
     look: int
     h: float
     delays: FloatArray
-    buffer: float
+    buffer: float | QueueSemantics
     capacity: int
 
     def line(self, phase_ns: int = 0) -> DelayLine:
@@ -76,12 +83,15 @@ def delays_for(link: Link, ticks: int, every: int = 1, margin: float = MARGIN) -
     table = link.table
     grid = Grid(table.grid.n_s * every, table.grid.n_r, table.grid.h)
     looks = -(-ticks // grid.n_r)
-    buffer = 0.0
+    buffer: float | QueueSemantics = 0.0
     if isinstance(table, DrawnTable):
         table = DrawnTable(table.name, grid, table.law, table.rule, table.seed)
         table.check(looks)
         kind, buffer = _kind(table.rule, link.name)
         delays, greatest = _drawn(table, looks), table.rule.greatest(table.law, grid)
+        if isinstance(table.rule, QueueSemantics):  # which the network may fill
+            full = grid.ticks(table.law.maximum) + table.rule.depth * max(grid.n_s, grid.n_r)
+            greatest = min(full, ticks)
     elif isinstance(table, StoredTable):
         kind = native.SIGNAL
         delays, greatest = _stored(table, looks, grid.n_s)
@@ -125,8 +135,8 @@ def zero_delay(edge: Wire | Link, period: int, look: int, h: float) -> DelaySpec
     return DelaySpec(name, native.NONE, edge.source.size, period, look, h, np.empty(0), 0.0, 16)
 
 
-def _kind(rule: Rule, name: str) -> tuple[int, float]:
-    """The kind and the buffer (s) of a semantics."""
+def _kind(rule: Rule, name: str) -> tuple[int, float | QueueSemantics]:
+    """The kind and the buffer (s, or the queue) of a semantics."""
     match rule:
         case SignalSemantics():
             return native.SIGNAL, 0.0
@@ -134,6 +144,8 @@ def _kind(rule: Rule, name: str) -> tuple[int, float]:
             return _ORDERS[order], 0.0
         case PlayoutSemantics(buffer):
             return native.PLAYOUT, buffer
+        case QueueSemantics():
+            return native.QUEUE, rule
     raise _unknown(f"semantics {type(rule).__name__}", name)
 
 

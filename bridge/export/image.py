@@ -136,6 +136,7 @@ _POINTERS: Mapping[type, Mapping[str, _Target]] = {
         "delays": _many(c.c_double, "n_delays", kept=True),
         "samples": _many(SampleStruct, "capacity", empty=True),
         "queue": _many(WaitingStruct, "capacity", empty=True),
+        "line": _many(c.c_int64, "depth", empty=True),
         "values": _Target(c.c_double, lambda d: (d.capacity + 1) * d.width, empty=True),
     },
 }

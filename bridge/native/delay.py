@@ -13,10 +13,12 @@ from bridge.native import enums
 from bridge.native.library import library
 from bridge.native.structs import Delay, SampleStruct, WaitingStruct
 from cosim.base.errors import PlanError
+from cosim.links.semantics import QueueSemantics
 
 __all__ = ["Delay", "DelayLine", "SampleStruct", "WaitingStruct"]
 NONE, SIGNAL, LAST = enums.DELAY_NONE, enums.DELAY_SIGNAL, enums.DELAY_LAST
 STAMP, FIFO, PLAYOUT = enums.DELAY_STAMP, enums.DELAY_FIFO, enums.DELAY_PLAYOUT
+QUEUE = enums.DELAY_QUEUE
 FloatArray = NDArray[np.float64]
 
 
@@ -25,9 +27,10 @@ class DelayLine:
     """A `delay_t` and its memory.
 
     `width`: values of a sample; `period`, `look`: of sender and receiver, base ticks of `h` (s);
-    `delays`: s, one per step of the receiver (SIGNAL) or per sample; `buffer`: s (PLAYOUT);
-    `phase_ns`: phase of the receiver's slots minus that of the sender's. Raises PlanError for a
-    `capacity` (samples) that is not a power of two, and without a sample or a step of the receiver.
+    `delays`: s, one per step of the receiver (SIGNAL) or per sample; `buffer`: s (PLAYOUT), or the
+    rule of a queue (QUEUE); `phase_ns`: phase of the receiver's slots minus that of the sender's.
+    Raises PlanError for a `capacity` (samples) that is not a power of two, and without a sample or
+    a step of the receiver.
     """
 
     def __init__(
@@ -39,7 +42,7 @@ class DelayLine:
         h: float,
         capacity: int,
         delays: FloatArray | Sequence[float] = (),
-        buffer: float = 0.0,
+        buffer: float | QueueSemantics = 0.0,
         phase_ns: int = 0,
     ) -> None:
         if capacity < 1 or capacity & (capacity - 1):
@@ -54,7 +57,15 @@ class DelayLine:
         self._queue = (WaitingStruct * capacity)()
         self._values = np.zeros((capacity + 1, width))
         self.struct = Delay(kind=kind, width=width, period=period, look=look, h=h)
-        self.struct.buffer, self.struct.phase_ns = buffer, phase_ns
+        self.struct.phase_ns = phase_ns
+        if isinstance(buffer, QueueSemantics):
+            self._line = (c.c_int64 * buffer.depth)()
+            self.struct.line = c.addressof(self._line)
+            self.struct.depth = buffer.depth
+            self.struct.drops_newest = buffer.drop == "newest"
+            self.struct.takes_all = buffer.take == "all"
+        else:
+            self.struct.buffer = buffer
         self.struct.delays, self.struct.n_delays = self._delays.ctypes.data, self._delays.size
         self.struct.capacity = capacity
         self.struct.samples = self._samples

@@ -29,6 +29,7 @@ from cosim.comparison.comparison import compare
 from cosim.comparison.documents import read_base
 from cosim.comparison.variants_file import read as read_variants
 from cosim.engine.simulate import simulate
+from cosim.links.spec import QUEUE_KEYS
 from cosim.links.traces import write_trace
 from cosim.loading.files import read_document
 from cosim.measure import declared_metrics
@@ -224,7 +225,7 @@ def _on(
     document = _document(path, settings)
     for i, delay in delays.items():
         link = document["links"][i]
-        for key in ("loss", "bus", "frame", *(("playout",) if semantics else ())):
+        for key in ("loss", "bus", "frame", *(("playout", *QUEUE_KEYS) if semantics else ())):
             link.pop(key, None)
         link |= {"delay": delay, **({"semantics": semantics} if semantics else {})}
     return build(document, path)

@@ -191,6 +191,68 @@ static int packet_rows(table_t *t, int32_t *rows, int64_t n)
     return 0;
 }
 
+/* ---- a queue: the first `waiting` of the pending packets have arrived and wait in it ---------------- */
+
+/* Remove packet i of the pending ones, which begin at `first`. */
+INLINE void leave(table_t *t, int64_t *first, int64_t i)
+{
+    packet_t *const place = t->pending + *first + i;
+    t->n_pending--;
+    if (i == 0) (*first)++;
+    else memmove(place, place + 1, (size_t)(t->n_pending - i) * sizeof *place);
+}
+
+/* Those that arrive up to tick K enter the queue. */
+static void enter(table_t *t, int64_t *first, int64_t K)
+{
+    while (t->waiting < t->n_pending && t->pending[*first + t->waiting].arrival <= K) {
+        if (t->waiting < t->depth) t->waiting++;
+        else leave(t, first, t->queue & QUEUE_DROP_NEWEST ? t->waiting : 0);
+    }
+}
+
+/* A packet in its place: behind those that arrive no later. Returns 1 if there is no room. */
+static int put(table_t *t, int64_t *first, packet_t p)
+{
+    packet_t *place;
+    if (*first + t->n_pending == t->capacity) {
+        if (*first == 0) return 1;
+        memmove(t->pending, t->pending + *first, (size_t)t->n_pending * sizeof p);
+        *first = 0;
+    }
+    place = t->pending + *first + t->n_pending++;
+    for (; place > t->pending + *first && place[-1].arrival > p.arrival; place--) place[0] = place[-1];
+    *place = p;
+    return 0;
+}
+
+static int queue_rows(table_t *t, int32_t *rows, int64_t n)
+{
+    int64_t K = t->n_r * t->row, first = 0;
+    for (int64_t i = 0; i < n; i++, K += t->n_r) {
+        for (; t->sent * t->n_s <= K; t->sent++) {
+            const double T = next_delay(t);
+            packet_t p = {t->sent * t->n_s, t->sent};
+            enter(t, &first, p.arrival - 1);
+            if (!isfinite(T)) continue;
+            if (T < 0) return 1;
+            p.arrival += ticks_up(t, T);
+            if (put(t, &first, p)) return 1;
+        }
+        enter(t, &first, K);
+        if (t->waiting > 0) {
+            const int64_t taken = t->queue & QUEUE_TAKE_ALL ? t->waiting : 1;
+            t->held = t->pending[first + taken - 1].sample;
+            first += taken;
+            t->n_pending -= taken;
+            t->waiting -= taken;
+        }
+        rows[i] = (int32_t)t->held;
+    }
+    memmove(t->pending, t->pending + first, (size_t)t->n_pending * sizeof *t->pending);
+    return 0;
+}
+
 static void playout_rows(table_t *t, int32_t *rows, int64_t n)
 {
     int64_t K = t->n_r * t->row;
@@ -210,7 +272,8 @@ int64_t tables_rows(table_t *tables, int64_t n_tables)
             n = t->n - first < BLOCK ? t->n - first : BLOCK;
             if (t->rule == RULE_SIGNAL) signal_rows(t, rows, n);
             else if (t->rule == RULE_PLAYOUT) playout_rows(t, rows, n);
-            else if (packet_rows(t, rows, n)) return t - tables;
+            else if (t->rule == RULE_QUEUE ? queue_rows(t, rows, n) : packet_rows(t, rows, n))
+                return t - tables;
         }
     }
     return -1;

@@ -6,7 +6,10 @@
 
 #include "engine.h"
 
-enum rule_code { RULE_SIGNAL, RULE_LAST_ARRIVAL, RULE_NEWEST_STAMP, RULE_FIFO, RULE_PLAYOUT };
+enum rule_code { RULE_SIGNAL, RULE_LAST_ARRIVAL, RULE_NEWEST_STAMP, RULE_FIFO, RULE_PLAYOUT, RULE_QUEUE };
+
+/* Of RULE_QUEUE: a full queue drops the sample that arrives, not its first; a look takes all. */
+enum queue_bit { QUEUE_DROP_NEWEST = 1 << 0, QUEUE_TAKE_ALL = 1 << 1 };
 
 /* The generator PCG64 of NumPy: PCG XSL RR 128/64; numbers of 128 bits, the higher word first. */
 typedef struct {
@@ -27,14 +30,15 @@ typedef struct {
     double h;                /* s, base step */
     int64_t n_s, n_r;        /* ticks, periods of sender and receiver */
     int64_t buffer;          /* ticks, of RULE_PLAYOUT */
-    int32_t rule, reserved;
+    int32_t rule, queue;     /* `queue`: enum queue_bit */
+    int64_t depth;           /* of the queue */
     pcg_t delay, loss;       /* the generators of delays and losses */
     double drawn, played;    /* s: the last draw; the delay of the sample that is played */
     int64_t rest;            /* rest/samples draws, rounded down, are made for the next sample */
     int64_t row, sent, held; /* the next row, the next sample; what is held */
     int64_t arrived;         /* tick at which the last packet arrives, of RULE_FIFO */
-    packet_t *pending;       /* capacity */
-    int64_t n_pending, capacity;
+    packet_t *pending;       /* capacity; of RULE_QUEUE by arrival, those that wait in the queue first */
+    int64_t n_pending, capacity, waiting;
     const double *delays; /* s, of the next samples; NULL: they are drawn */
     int32_t *rows;        /* n: what is asked for */
     int64_t n;

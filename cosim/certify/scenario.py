@@ -15,7 +15,7 @@ from cosim.linear.loop import CutLink
 from cosim.linear.opened import OpenLoop
 from cosim.linear.scenario import opened
 from cosim.links.losses import Lossy
-from cosim.links.semantics import PacketSemantics, PlayoutSemantics
+from cosim.links.semantics import PacketSemantics, PlayoutSemantics, QueueSemantics
 from cosim.links.table import DrawnTable, TableSpec
 from cosim.scenario.assemble import assemble
 from cosim.scenario.spec import Scenario
@@ -127,6 +127,9 @@ def age_limits(table: TableSpec, ticks: int) -> tuple[int, int | None, bool]:
     late = isinstance(rule, PlayoutSemantics) and law.maximum > rule.buffer
     last = isinstance(rule, PacketSemantics) and rule.order == "last-arrival"
     ordered = isinstance(rule, PacketSemantics | PlayoutSemantics) and not last
+    if isinstance(rule, QueueSemantics):  # in the order of arrival; what is held may get older
+        ordered = grid.ticks(law.maximum) - grid.ticks(law.minimum) <= grid.n_s
+        last = law.maximum > law.minimum
     least = rule.least(law, grid) // grid.n_s
     if isinf(longest) or late or isinf(law.maximum):
         return least, None, ordered
@@ -135,4 +138,5 @@ def age_limits(table: TableSpec, ticks: int) -> tuple[int, int | None, bool]:
         oldest += grid.ticks(longest) + grid.n_r
     if last:  # an old sample that arrives last is held until the next one arrives
         oldest += grid.ticks(law.maximum) - grid.ticks(law.minimum)
+        oldest += grid.n_s if isinstance(rule, QueueSemantics) else 0
     return least, oldest // grid.n_s, ordered

@@ -9,6 +9,7 @@
 ``ports``         passivity of ports, how long a hand takes
 ``laws``          degenerate gains, gravity, what can be predicted
 ``channels``      links: bounded delays, losses, order, buffers, CAN buses
+``receivers``     links: queues that grow, values of one sender that are not of one time
 ``wiring``        unconnected inputs, size of what is recorded
 ``requirements``  conditions that cannot fail, cannot hold, or are of times after the run
 ================  =================================================================

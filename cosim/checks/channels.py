@@ -9,7 +9,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cosim.checks import Finding, Severity
-from cosim.links.semantics import PacketSemantics, PlayoutSemantics, SignalSemantics
+from cosim.links.semantics import (
+    PacketSemantics,
+    PlayoutSemantics,
+    QueueSemantics,
+    SignalSemantics,
+)
 from cosim.links.table import DrawnTable
 from cosim.predict.ages import age_bound
 from cosim.predict.facts import SpringDamper
@@ -97,7 +102,7 @@ def reordered_samples(system: AnalyzedSystem) -> Iterator[Finding]:
         if not isinstance(table, DrawnTable) or is_constant(link):
             continue
         last = isinstance(table.rule, PacketSemantics) and table.rule.order == "last-arrival"
-        if last or isinstance(table.rule, SignalSemantics):
+        if last or isinstance(table.rule, SignalSemantics) or _overtakes(table):
             name = table.rule.facts()["semantics"]
             mean = system.age(link).mean
             yield Finding(
@@ -110,6 +115,13 @@ def reordered_samples(system: AnalyzedSystem) -> Iterator[Finding]:
                 f" {mean:.2g} s, up to {longest_delay(link):.3g} s)",
                 advice='for a real network use "newest-stamp", which gives newer samples',
             )
+
+
+def _overtakes(table: DrawnTable) -> bool:
+    """True for a queue that samples may enter in another order than that of sending."""
+    law = table.law
+    later = law.maximum - law.minimum > float(table.grid.sending_period)
+    return isinstance(table.rule, QueueSemantics) and later
 
 
 def zero_minimum_delay(system: AnalyzedSystem) -> Iterator[Finding]:
@@ -131,6 +143,8 @@ def longest_delay(link: Link) -> float:
     table = link.table
     if not isinstance(table, DrawnTable):
         return table.history * table.grid.n_s * table.grid.h
+    if isinstance(table.rule, QueueSemantics):
+        return table.rule.greatest(table.law, table.grid) * table.grid.h
     return table.rule.buffer if isinstance(table.rule, PlayoutSemantics) else table.law.maximum
 
 
@@ -144,6 +158,8 @@ def is_constant(link: Link) -> bool:
         return False
     if isinstance(table.rule, PlayoutSemantics):
         return law.maximum <= table.rule.buffer
+    if isinstance(table.rule, QueueSemantics) and table.rule.grows(table.grid):
+        return table.rule.depth == 1 and law.minimum == law.maximum
     return law.minimum == law.maximum
 
 

@@ -61,6 +61,13 @@ def _plants(known: AnalyzedSystem) -> bool:
     return any(w.source.component in plants and w.target.component in plants for w in wires)
 
 
+def _drawn_links(known: AnalyzedSystem) -> bool:
+    """True if links have queues, or two of them join the same components."""
+    links = known.plan.links
+    ends = {(x.source.component, x.target.component) for x in links}
+    return len(ends) < len(links) or any(x.semantics == "queue" for x in known.scenario.links)
+
+
 #: Other rules that can find an error or a warning; they take milliseconds together.
 RULES: tuple[Rule, ...] = (
     reachability.unreached_robots,
@@ -77,6 +84,7 @@ RULES: tuple[Rule, ...] = (
     *_rules("servos", _commands, "gains", "inertia", "torque", "bandwidth", "holding"),
     channels.unbounded_delay,
     channels.buffer,
+    *_rules("receivers", _drawn_links, "growing_queue", "skew"),
     channels.lost_frames,
     lambda known: wiring.unconnected_inputs(known.plan),
     lambda known: wiring.unitless_connections(known.plan),

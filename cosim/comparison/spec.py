@@ -102,6 +102,9 @@ class WaySpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
     delay: Any = None
     semantics: Any = None
     playout: Any = None
+    depth: Any = None
+    drop: Any = None
+    take: Any = None
     loss: Any = None
 
     def keys(self) -> Table:

@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 from cosim.base.errors import RunError
 from cosim.base.random_numbers import entropy
 from cosim.links.laws import Constant, Law, Uniform, draws_per_sample
+from cosim.links.semantics import QueueSemantics
 from cosim.native import shared
-from cosim.native.enums import RuleCode
+from cosim.native.enums import QueueBit, RuleCode
 from cosim.native.structs import PacketStruct, TableStruct
 
 if TYPE_CHECKING:
@@ -35,6 +36,7 @@ RULES = {
     "newest-stamp": RuleCode.NEWEST_STAMP,
     "fifo": RuleCode.FIFO,
     "playout": RuleCode.PLAYOUT,
+    "queue": RuleCode.QUEUE,
 }
 TABLE, PACKET = np.dtype(TableStruct), np.dtype(PacketStruct)
 IntArray = NDArray[np.int64]
@@ -167,6 +169,12 @@ def begun(table: Drawable) -> TableStruct:
     state.buffer = grid.ticks(rule.get("playout", 0.0))
     if rule["semantics"] not in ("signal", "playout"):
         state.capacity = grid.ticks(table.law.maximum) // grid.n_s + 1
+    if isinstance(table.rule, QueueSemantics):
+        state.depth = table.rule.depth
+        state.queue = QueueBit.DROP_NEWEST * (table.rule.drop == "newest")
+        state.queue |= QueueBit.TAKE_ALL * (table.rule.take == "all")
+        # twice, so that packets that leave make room for many that come before memory is moved
+        state.capacity = 2 * (state.capacity + table.rule.longest(table.law, grid))
     _set_law(state, table.law, table.rule.asks(grid, 0)[0])
     return state
 

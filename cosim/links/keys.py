@@ -100,4 +100,7 @@ def si(value: Number, name: str, unit: str = "s") -> float:
 
 
 #: Names of :mod:`cosim.links.semantics`.
-Semantics = Literal["signal", "last-arrival", "newest-stamp", "fifo", "playout"]
+Semantics = Literal["signal", "last-arrival", "newest-stamp", "fifo", "playout", "queue"]
+#: The sample that a full queue drops, and what a look takes of it.
+Drop = Literal["oldest", "newest"]
+Take = Literal["one", "all"]

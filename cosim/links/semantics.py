@@ -1,4 +1,4 @@
-"""Times at which a link is written and read, and five rules for the sample that a read holds.
+"""Times at which a link is written and read, and six rules for the sample that a read holds.
 
 A rule (the semantics) selects one of the samples that have arrived.
 
@@ -21,6 +21,11 @@ a tick is available to a read in the same tick.
 ``playout``
     Holds the sample sent b ago (the newest at or before K - ceil(b/h)) if it has arrived;
     otherwise the held sample does not change. If b is at least every T, the delay is always b.
+``queue``
+    Packets wait at the receiver, in the order in which they arrive, in a queue of `depth`. A read
+    takes the first (`take` one), or takes all and holds the last (all); of an empty queue it keeps
+    what it holds. If a packet arrives at a full queue, the first leaves it (`drop` oldest), or it
+    is dropped itself (newest).
 
 Rounding: T is rounded **up** to whole ticks for packets and to the **nearest** sample for
 `signal`, where a tie goes to the older sample (so that a constant delay stays constant; rounding
@@ -41,9 +46,12 @@ from typing import Any, Literal, Protocol
 import numpy as np
 
 from cosim.base.errors import ScenarioError
+from cosim.links.keys import Drop, Take
 from cosim.links.laws import IntArray, Law, decimal_fraction
 
 Ordering = Literal["last-arrival", "newest-stamp", "fifo"]
+#: Samples that a queue can hold, at most.
+DEEPEST = 100_000
 
 
 class Rule(Protocol):
@@ -168,6 +176,68 @@ class PlayoutSemantics:
         """One delay a sample that may be played."""
         last = grid.n_r * (rows - 1) - grid.ticks(self.buffer)
         return grid.sending_period, max(0, last // grid.n_s + 1) if rows else 0
+
+
+@dataclass(frozen=True, slots=True)
+class QueueSemantics:
+    """Packets wait in a queue of `depth`; a look takes one, or all and holds the last."""
+
+    depth: int
+    drop: Drop = "oldest"
+    take: Take = "one"
+
+    def __post_init__(self) -> None:
+        """Check the depth. Raises ScenarioError."""
+        if not 1 <= self.depth <= DEEPEST:
+            raise ScenarioError(f"depth = {self.depth}; expected 1 to {DEEPEST} samples")
+
+    def facts(self) -> dict[str, Any]:
+        """Its name, its depth (samples), and what it drops and takes."""
+        return {
+            "semantics": "queue",
+            "depth": self.depth,
+            "drop": self.drop,
+            "take": self.take,
+        }
+
+    def check(self, law: Law, grid: Grid) -> None:
+        """Refuse nothing: what is lost does not enter the queue."""
+
+    def least(self, law: Law, grid: Grid) -> int:
+        """Least delay in ticks, at a look."""
+        return grid.up(grid.ticks(law.minimum))
+
+    def greatest(self, law: Law, grid: Grid) -> int:
+        """Greatest delay in ticks, and the looks until it is the turn of the last in the queue.
+
+        One that drops the oldest has the last `depth` arrivals, which are at most n_s·depth and the
+        jitter apart, if none is lost.
+        """
+        most = grid.ticks(law.maximum)
+        looks = self.longest(law, grid) if self.take == "one" else 1
+        waits = looks * grid.n_r
+        if self.drop == "oldest" and not law.loses_packets:
+            waits = min(waits, most - grid.ticks(law.minimum) + self.depth * grid.n_s)
+        return most + waits - 1
+
+    def asks(self, grid: Grid, rows: int) -> tuple[Fraction, int]:
+        """One delay a sample sent."""
+        return grid.sending_period, grid.sent(rows)
+
+    def longest(self, law: Law, grid: Grid) -> int:
+        """No more samples wait at a time.
+
+        If no more are sent than taken, these are what may arrive before one is taken: the arrivals
+        in `t` ticks are at most (t + jitter)/n_s + 1.
+        """
+        if self.take == "one" and self.grows(grid):
+            return self.depth
+        jitter = grid.ticks(law.maximum) - grid.ticks(law.minimum)
+        return min(self.depth, (grid.n_r - 1 + jitter) // grid.n_s + 1)
+
+    def grows(self, grid: Grid, share: float = 1.0) -> bool:
+        """True if more samples arrive than are taken, where a `share` of those sent arrives."""
+        return self.take == "one" and share * grid.n_r > grid.n_s * (1 + TOLERANCE)
 
 
 TOLERANCE = 1e-9  # ticks; 0.3 s / 5 ms is 60 of them, not 61

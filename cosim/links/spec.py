@@ -21,8 +21,11 @@
     loss = { law = "outage", length = 0.3, every = 5.0, start = 2.0 }    # or rate = "0.2 Hz"
     loss = { law = "outage", length = 0, longest = 3.0, pause = 8.5 }
     loss = { law = "pareto-bursts", stay = [0.95, 0.9], shape = [4.4, 5.0], scale = [1.6, 0.3] }
-    semantics = "signal" | "last-arrival" | "newest-stamp" | "fifo" | "playout"
+    semantics = "signal" | "last-arrival" | "newest-stamp" | "fifo" | "playout" | "queue"
     playout = 1.2                                                       # buffer, for playout only
+    depth = 10                                                          # for queue only, as these:
+    drop = "oldest" | "newest"
+    take = "one" | "all"
 
 Numbers are seconds; a text has its unit. Files are relative to the scenario. The module of a law or
 a model is imported when a link names it.
@@ -36,9 +39,16 @@ from typing import TYPE_CHECKING, Any, Literal, Protocol
 
 from cosim.base.convert import Number
 from cosim.base.errors import ScenarioError
-from cosim.links.keys import Semantics, Table, read, si
+from cosim.links.keys import Drop, Semantics, Table, Take, read, si
 from cosim.links.laws import Law, LawSource, Sum
-from cosim.links.semantics import Grid, PacketSemantics, PlayoutSemantics, Rule, SignalSemantics
+from cosim.links.semantics import (
+    Grid,
+    PacketSemantics,
+    PlayoutSemantics,
+    QueueSemantics,
+    Rule,
+    SignalSemantics,
+)
 from cosim.links.storage import open_table
 from cosim.links.table import DrawnTable, TableSpec
 
@@ -89,6 +99,22 @@ class LinkKeys(Protocol):
     def playout(self) -> Number | None:
         """The buffer of the semantics ``playout``."""
 
+    @property
+    def depth(self) -> int | None:
+        """The samples that the queue of the semantics ``queue`` can hold."""
+
+    @property
+    def drop(self) -> Drop | None:
+        """The sample that is dropped if the queue is full; None: the oldest."""
+
+    @property
+    def take(self) -> Take | None:
+        """The samples that a look takes of the queue; None: one."""
+
+
+#: The keys of the semantics ``queue``.
+QUEUE_KEYS = ("depth", "drop", "take")
+
 
 def link_table(
     link: LinkKeys, name: str, seed: int, grid: Grid, folder: Path, ticks: int | None = None,
@@ -99,9 +125,10 @@ def link_table(
     `name`: unique in the scenario, determines the random numbers together with `seed`; `folder`: to
     which paths are relative; `ticks`: length of the run, checked against the law if given. `known`:
     tables of other links, of which it takes over what is equal, and is put in itself. With the law
-    "table", semantics and playout are ignored, and a loss is an error. Raises ScenarioError.
+    "table", the semantics is ignored, and a loss is an error. Raises ScenarioError.
     """
-    key = (repr(link.delay), repr(link.loss), link.semantics, link.playout, grid, ticks)
+    rule = (link.semantics, link.playout, link.depth, link.drop, link.take)
+    key = (repr(link.delay), repr(link.loss), rule, grid, ticks)
     if known is not None and key in known:
         return known[key].of(name, seed)
     table: TableSpec
@@ -114,7 +141,7 @@ def link_table(
         law = spec.law(folder) if isinstance(spec, LawSource) else spec
         if link.loss is not None:
             law = _lossy(law, link.loss)
-        table = DrawnTable(name, grid, law, _rule(link.semantics, link.playout), seed)
+        table = DrawnTable(name, grid, law, _rule(link, link.semantics), seed)
     if ticks is not None:
         table.check(-(-ticks // grid.n_r))
     if known is not None and isinstance(table, DrawnTable):
@@ -122,9 +149,10 @@ def link_table(
     return table
 
 
-def bus_table(law: Law, semantics: Semantics, name: str, grid: Grid) -> DrawnTable:
+def bus_table(law: Law, link: LinkKeys, name: str, grid: Grid) -> DrawnTable:
     """The table of a link on a simulated bus, with the delays in `law`. Raises ScenarioError."""
-    return DrawnTable(name, grid, law, _rule(semantics, None), 0)
+    semantics = "newest-stamp" if link.semantics == "signal" else link.semantics
+    return DrawnTable(name, grid, law, _rule(link, semantics), 0)
 
 
 def delay_law(delay: Table, folder: Path) -> Law:
@@ -215,14 +243,32 @@ class FrozenLaw(LawSource, frozen=True, tag="frozen"):
         return frozen(self.name).trace(lookup=self.lookup, repeat=self.repeat, name=name)
 
 
-def _rule(semantics: Semantics, playout: Number | None) -> Rule:
-    if semantics == "playout":
-        if playout is None:
-            raise ScenarioError('semantics = "playout" needs the length of its buffer, playout (s)')
-        return PlayoutSemantics(si(playout, "playout"))
-    if playout is not None:
+def _rule(link: LinkKeys, semantics: Semantics) -> Rule:
+    """The rule of these keys. Raises ScenarioError for keys of another semantics."""
+    if link.playout is not None and semantics != "playout":
         raise ScenarioError(
-            f'playout = {playout!r} is a buffer, but semantics = "{semantics}" has none;'
+            f'playout = {link.playout!r} is a buffer, but semantics = "{semantics}" has none;'
             ' expected semantics = "playout"'
         )
-    return SignalSemantics() if semantics == "signal" else PacketSemantics(semantics)
+    for key in QUEUE_KEYS:
+        if getattr(link, key) is not None and semantics != "queue":
+            raise ScenarioError(
+                f'{key} = {getattr(link, key)!r} is of a queue, but semantics = "{semantics}" has'
+                ' none; expected semantics = "queue"'
+            )
+    match semantics:
+        case "signal":
+            return SignalSemantics()
+        case "playout":
+            if link.playout is None:
+                raise ScenarioError(
+                    'semantics = "playout" needs the length of its buffer, playout (s)'
+                )
+            return PlayoutSemantics(si(link.playout, "playout"))
+        case "queue":
+            if link.depth is None:
+                raise ScenarioError(
+                    'semantics = "queue" needs the number of samples that it can hold, depth'
+                )
+            return QueueSemantics(link.depth, link.drop or "oldest", link.take or "one")
+    return PacketSemantics(semantics)

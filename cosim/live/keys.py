@@ -105,6 +105,8 @@ class _Search:
         lows = self._ends(keys, [c.lows for c in keys])
         highs = self._ends(keys, [c.highs for c in keys])
         moving = [c for c in keys if lows[c.key] < highs[c.key]]
+        apart = {c.key: (lows if c.last == "low" else highs)[c.key] for c in moving}
+        self._made(apart)
         self._base = self._made({})  # with room for all of them
         writes: list[Write] = []
         while moving:

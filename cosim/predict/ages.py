@@ -8,13 +8,18 @@ from __future__ import annotations
 
 from collections.abc import Hashable
 from dataclasses import dataclass
-from math import inf, nan
+from math import gcd, inf, isinf, nan
 
 import numpy as np
 
 from cosim.base.errors import ScenarioError
 from cosim.links.laws import Law
-from cosim.links.semantics import PacketSemantics, PlayoutSemantics, SignalSemantics
+from cosim.links.semantics import (
+    PacketSemantics,
+    PlayoutSemantics,
+    QueueSemantics,
+    SignalSemantics,
+)
 from cosim.links.table import DrawnTable, TableSpec
 from cosim.predict.facts import Array
 
@@ -104,7 +109,58 @@ def age_bound(table: TableSpec) -> float:
         oldest = table.rule.buffer
     if isinstance(table.rule, PacketSemantics) and table.rule.order == "last-arrival":
         oldest += law.maximum - law.minimum  # a stale sample is held until the next one arrives
+    if isinstance(table.rule, QueueSemantics):  # the last one taken is held until the next arrives
+        oldest = table.rule.greatest(law, grid) * grid.h + law.maximum - law.minimum
     return inf if law.loses_packets else oldest + longest + slack
+
+
+def steady_ages(table: DrawnTable) -> Array:
+    """The ages at which a queue settles if all delays are the least one, s, at the looks of one
+    cycle, (n,) in any order; exact for a constant delay.
+
+    The newest sample that has arrived at look K is d + r old, r = (K - d) mod n_s. From a queue
+    that more samples enter than leave, a look takes the last but depth - 1, of age
+    d + r + (depth - 1) n_s, if the oldest are dropped. If the newest are dropped, the first sample
+    after a look enters, and is taken depth looks later, at the age d + r - n_s + depth n_r. Of a
+    queue of which all is taken and the newest are dropped, the last is the one that was sent
+    depth - 1 samples after the first since the look before.
+    """
+    grid, rule = table.grid, table.rule
+    assert isinstance(rule, QueueSemantics)
+    d, n_s, n_r = grid.ticks(table.law.minimum), grid.n_s, grid.n_r
+    r = (n_r * np.arange(n_s // gcd(n_s, n_r), dtype=np.int64) - d) % n_s
+    ages = d + r
+    if rule.drop == "newest" and rule.take == "all":
+        before = (r - n_r) % n_s
+        ages = np.maximum(ages, d + before - rule.depth * n_s + n_r)
+    elif rule.grows(grid) and rule.drop == "newest":
+        ages += rule.depth * n_r - n_s
+    elif rule.grows(grid):
+        ages += (rule.depth - 1) * n_s
+    return np.asarray(ages * grid.h)
+
+
+def age_range(table: DrawnTable) -> tuple[int, float]:
+    """(m, M) in ticks: at tick K a receiver holds a sample no newer than floor((K - m)/n_s) and no
+    older than floor((K - M)/n_s); M is inf where there is no such bound.
+    """
+    grid, law, rule, lost = table.grid, table.law, table.rule, 0.0
+    if law.loses_packets:
+        from cosim.links.losses import Lossy
+
+        longest = law.loss.longest if isinstance(law, Lossy) else inf
+        lost = inf if isinf(longest) else grid.ticks(longest) + grid.n_s
+    least, most = rule.least(law, grid), float(grid.ticks(law.maximum))
+    if isinstance(rule, SignalSemantics):
+        most = rule.greatest(law, grid)
+    elif isinstance(rule, PlayoutSemantics):
+        most = inf if law.maximum > rule.buffer else grid.ticks(rule.buffer)
+    elif isinstance(rule, QueueSemantics):
+        bound = age_bound(table)
+        most = inf if isinf(bound) else grid.ticks(bound)
+    elif isinstance(rule, PacketSemantics) and rule.order == "last-arrival":
+        most += grid.ticks(law.maximum) - grid.ticks(law.minimum)
+    return least, most + lost
 
 
 def quantiles(values: Array, shares: Array) -> Array:

@@ -248,8 +248,7 @@ def _table(
     try:
         grid = Grid(*periods, parts.h)
         if spec.bus:
-            semantics = "newest-stamp" if spec.semantics == "signal" else spec.semantics
-            return bus_table(given.simulated[place], semantics, name, grid)
+            return bus_table(given.simulated[place], spec, name, grid)
         key, seed = spec.channel or name, parts.scenario.run.seed
         return link_table(spec, key, seed, grid, given.folder, parts.ticks, given.known)
     except CosimError as error:

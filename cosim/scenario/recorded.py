@@ -8,13 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from cosim.base.convert import replace
 from cosim.base.errors import CosimError, ScenarioError
 from cosim.links.semantics import Grid
-from cosim.links.spec import link_table
+from cosim.links.spec import QUEUE_KEYS, link_table
 from cosim.links.storage import StoredTable, load_table, open_table
 from cosim.links.table import TableSpec
 from cosim.record.folder import read_metadata
@@ -75,12 +76,13 @@ def _continued(stored: StoredTable) -> TableSpec | None:
     """The table of the law and seed of a stored one, None if it does not begin like that."""
     facts, rows = load_table(stored.path)
     delay, loss = {**(facts.get("delay") or {})}, None
+    queue: dict[str, Any] = {key: facts.get(key) for key in QUEUE_KEYS}
     if delay.get("law") != "sum":
         loss = delay.pop("loss", None)
     try:
         keys = LinkSpec(
             source="", target="", delay=delay, loss=loss, semantics=facts["semantics"],
-            playout=facts.get("playout"),
+            playout=facts.get("playout"), **queue,
         )  # fmt: skip
         table = link_table(keys, facts["name"], facts["seed"], stored.grid, Path())
         same = np.array_equal(table.stream().rows(len(rows)), rows)

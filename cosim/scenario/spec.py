@@ -19,7 +19,7 @@ from cosim.base.convert import Number, Value, convert, convert_array, convert_ea
 from cosim.base.errors import ScenarioError
 from cosim.base.python import without_collections
 from cosim.formulas.spec import RequirementSpec
-from cosim.links.keys import Semantics
+from cosim.links.keys import Drop, Semantics, Take
 from cosim.scenario.bus_spec import LinkFrameSpec, ScenarioBusSpec
 
 
@@ -178,6 +178,9 @@ class LinkSpec(
     frame: LinkFrameSpec | None = None
     semantics: Semantics = "signal"
     playout: Number | None = None
+    depth: int | None = None
+    drop: Drop | None = None
+    take: Take | None = None
     loss: dict[str, Any] | None = None
     initial: Value = None
     name: str = ""

@@ -15,6 +15,7 @@ from cosim.base.errors import ScenarioError
 from cosim.loading import files as scenario
 from cosim.scenario.assemble import assemble
 from cosim.schedule.parts import Link, Slot, Wire
+from tests.cosim.links.queues import QUEUES
 from tests.cosim.links.stored import save_table
 from tests.cosim.links.tables import table_of
 
@@ -37,7 +38,7 @@ LOSSES = {
     "gilbert-elliott": {"law": "gilbert-elliott", "p": 0.05, "r": 0.2, "1-h": 0.9},
     "outage": {"law": "outage", "length": 0.2, "every": 0.7},
 }
-SEMANTICS = ("signal", "last-arrival", "newest-stamp", "fifo", "playout")
+SEMANTICS = ("signal", "last-arrival", "newest-stamp", "fifo", "playout", "queue")
 
 
 def link(name="a->b", folder=Path(), **said):
@@ -67,13 +68,16 @@ def held(spec, ticks):
     seed=st.integers(0, 2**40),
     ticks=st.integers(1, 700),
     buffer=st.sampled_from([0.31, 1.21]),
+    queue=st.sampled_from(QUEUES),
 )
-def test_a_link_is_its_table(law, loss, semantics, periods, h, seed, ticks, buffer):
+def test_a_link_is_its_table(law, loss, semantics, periods, h, seed, ticks, buffer, queue):
     said = {"delay": LAWS[law], "semantics": semantics, "seed": seed, "h": h}
     if semantics not in ("signal", "fifo"):
         said["loss"] = LOSSES[loss]
     if semantics == "playout":
         said["playout"] = buffer
+    if semantics == "queue":
+        said |= queue.facts()
     x = link(sender_period=periods[0], receiver_period=periods[1], **said)
     looks = -(-ticks // periods[1])
     assert held(delays_for(x, ticks), ticks) == x.table.stream(looks).rows(looks).tolist()

@@ -10,8 +10,15 @@ from hypothesis import strategies as st
 from bridge.native import delay as native
 from bridge.native.delay import DelayLine
 from cosim.base.errors import PlanError
-from cosim.links.semantics import Grid, PacketSemantics, PlayoutSemantics, SignalSemantics
+from cosim.links.semantics import (
+    Grid,
+    PacketSemantics,
+    PlayoutSemantics,
+    QueueSemantics,
+    SignalSemantics,
+)
 from tests.bridge.lines import LOOKS, MS, RULES, N, arrivals, arrived, drive, line, links, rows_of
+from tests.cosim.links.queues import QUEUES
 
 
 @pytest.mark.parametrize("capacity", [0, 3, -4])
@@ -50,6 +57,38 @@ def test_playout_is_the_rows_of_the_table(link, quarters):
     assert drive(d, grid, arrivals(grid, [0] * N)) == rows_of(PlayoutSemantics(buffer), grid, T)
 
 
+@given(rule=st.sampled_from(QUEUES), link=links())
+def test_a_queue_is_the_rows_of_the_table(rule, link):
+    grid, T = link
+    d = line(native.QUEUE, grid, T, buffer=rule)
+    rows = drive(d, grid, arrivals(grid, [0] * N))
+    assert rows == rows_of(rule, grid, T)
+    assert d.struct.forgotten == 0
+
+
+def test_a_look_takes_of_a_queue_once_and_one_that_is_left_out_takes_nothing():
+    d = line(native.QUEUE, Grid(1, 1, 0.001), [0.0], buffer=QueueSemantics(3))
+    for j in range(5):
+        d.put(j, j * MS, j * MS, [float(j)])
+    assert [d.take(r) for r in (4, 4, 9, 10, 11)] == [2, 2, 3, 4, 4]
+    assert d.struct.dropped == 2
+    d.reset()
+    assert d.take(0) == -1
+    d.put(0, 0, 0, [0.0])
+    assert [d.take(r) for r in (0, 1, 2)] == [-1, 0, 0]
+
+
+def test_a_sample_that_is_kept_no_more_when_its_turn_comes_is_counted():
+    d = line(native.QUEUE, Grid(1, 1, 0.001), [0.0], capacity=4, buffer=QueueSemantics(8))
+    for j in range(4):
+        d.put(j, j * MS, j * MS, [float(j)])
+    assert d.take(3) == 0
+    for j in range(4, 7):  # in the places of 0 to 2
+        d.put(j, j * MS, j * MS, [float(j)])
+    assert [d.take(r) for r in range(6, 11)] == [3, 4, 5, 6, 6]
+    assert d.struct.forgotten == 2
+
+
 @given(
     kind=st.sampled_from([native.LAST, native.STAMP, native.SIGNAL]),
     link=links(losses=False),
@@ -68,7 +107,7 @@ def test_slots_that_are_later_by_what_the_network_takes_change_nothing(kind, lin
 
 
 @given(
-    kind=st.sampled_from([native.SIGNAL, native.LAST, native.STAMP, native.FIFO, native.PLAYOUT]),
+    kind=st.sampled_from([*RULES, native.PLAYOUT, native.QUEUE]),
     link=links(losses=False),
     phase=st.integers(-(10**7), 10**7),
 )
@@ -76,7 +115,7 @@ def test_a_sample_is_not_needed_before_the_lead(kind, link, phase):
     """What is put when it is as old as the lead is held as if it had come at once."""
     grid, T = link
     h_ns = round(grid.h * 1e9)
-    buffer = max(T) if kind == native.PLAYOUT else 0.0
+    buffer = {native.PLAYOUT: max(T), native.QUEUE: QueueSemantics(3)}.get(kind, 0.0)
     at_once, late = (line(kind, grid, T, buffer=buffer, phase_ns=phase) for _ in range(2))
     put = {at_once: 0, late: 0}
     for row in range(LOOKS):
@@ -128,6 +167,17 @@ def test_the_network_comes_on_top(kind, link, network, lost):
         for j, (t, d) in enumerate(zip(T, network, strict=True))
     ]
     assert rows == rows_of(RULES[kind], grid, total)
+
+
+@given(rule=st.sampled_from(QUEUES), link=links(), network=networks, lost=losses)
+def test_a_queue_is_behind_the_network(rule, link, network, lost):
+    grid, T = link
+    d = line(native.QUEUE, grid, T, buffer=rule)
+    total = [
+        np.nan if j in lost else t + 1e-9 * d
+        for j, (t, d) in enumerate(zip(T, network, strict=True))
+    ]
+    assert drive(d, grid, arrivals(grid, network, lost)) == rows_of(rule, grid, total)
 
 
 @given(link=links(), network=networks, lost=losses, quarters=st.integers(0, 400))
@@ -197,8 +247,9 @@ def test_a_receiver_that_stood_still_holds_what_it_would_have_held():
     """All looks of a second at once, after everything has come: the same rows."""
     grid, rng = Grid(5, 5, 0.001), np.random.default_rng(3)
     T, network = rng.uniform(0, 0.02, 400), rng.integers(0, 10**7, 400).tolist()
-    for kind in (native.LAST, native.STAMP, native.FIFO, native.SIGNAL, native.PLAYOUT):
-        on_time, late = (line(kind, grid, T, buffer=0.12) for _ in range(2))
+    for kind in (*RULES, native.PLAYOUT, native.QUEUE):
+        buffer = QueueSemantics(4) if kind == native.QUEUE else 0.12
+        on_time, late = (line(kind, grid, T, buffer=buffer) for _ in range(2))
         for j, s, a in (coming := arrivals(grid, network)):
             late.put(j, s, a, [float(j)])
         assert [late.take(r) for r in range(200)] == drive(on_time, grid, coming, 200)

@@ -11,9 +11,16 @@ from cosim.certify.scenario import age_limits
 from cosim.links.laws import Constant, Uniform
 from cosim.links.losses import Independent, Lossy
 from cosim.links.segments import Segment, Segments
-from cosim.links.semantics import Grid, PacketSemantics, PlayoutSemantics, SignalSemantics
+from cosim.links.semantics import (
+    Grid,
+    PacketSemantics,
+    PlayoutSemantics,
+    QueueSemantics,
+    SignalSemantics,
+)
 from cosim.links.table import DrawnTable
 from cosim.predict.ages import age_bound
+from tests.cosim.links.queues import QUEUES
 
 
 def limits(law: Any, rule: Any) -> tuple[int, int | None, bool]:
@@ -31,6 +38,23 @@ def test_ages_that_laws_allow() -> None:
     assert limits(Constant(0.1), PacketSemantics("fifo")) == (20, 20, True)
     lost = Lossy(Constant(0.1), Independent(0.1))
     assert limits(lost, PacketSemantics("newest-stamp")) == (20, None, True)
+    assert limits(Constant(0.1), QueueSemantics(50)) == (20, 20, True)
+    assert limits(law, QueueSemantics(1)) == (20, 61, False)
+    assert limits(lost, QueueSemantics(50)) == (20, None, True)
+
+
+@pytest.mark.parametrize("rule", QUEUES, ids=str)
+@pytest.mark.parametrize("n_r", [5, 10, 20])
+@pytest.mark.parametrize("law", [Constant(0.03), Uniform(0.02, 0.025), Uniform(0.02, 0.11, 0.05)])
+def test_ages_in_queues_keep_to_the_limits(rule: QueueSemantics, n_r: int, law: Any) -> None:
+    table = DrawnTable("x", Grid(5, n_r, 0.001), law, rule, 3)
+    least, greatest, ordered = age_limits(table, 1000)
+    rows = table.stream().rows(6000)
+    held = rows[rows >= 0]
+    ages = np.flatnonzero(rows >= 0) * (n_r // 5) - held
+    assert greatest is not None and least <= ages.min() and ages.max() <= greatest
+    assert not isinstance(law, Constant) or rule.take == "all" or ages.max() >= greatest - n_r // 5
+    assert not ordered or (np.diff(held) >= 0).all()
 
 
 @pytest.mark.parametrize("order", ["last-arrival", "newest-stamp", "fifo"])

@@ -21,6 +21,7 @@ from tests.cosim.checks.cases import (
 TIGHT = {"k_p": 200.0, "k_d": 2.0, "q_h": [3.5, 3.0]}
 NEWEST = {"delay": VARYING, "semantics": "newest-stamp"}
 PLAYOUT = {"delay": VARYING, "semantics": "playout"}
+QUEUE = {"delay": VARYING, "semantics": "queue", "depth": 20}
 OUTAGE = {"law": "outage", "length": 30.0, "every": 100.0}
 
 #: (rule, where, severity, number, tripping document, document that does not trip it)
@@ -54,6 +55,12 @@ CASES: list[tuple[str, str, Severity, float, Document, Document]] = [
      teleoperator(), teleoperator(link=NEWEST)),
     ("like-a-wire", "links.slave.q->master_control.q_j", "note", 0.0,
      rivals("pd", {"law": "constant", "delay": 0.0}), rivals("pd", CONSTANT)),
+    ("queue", "links.master_control.xi->slave_control.xi_in[0]", "warning", 0.75 + 19 * 0.005,
+     changed(teleoperator(link=QUEUE), ("components.slave_control.period", 0.01)),
+     changed(teleoperator(link=QUEUE | {"take": "all"}),
+             ("components.slave_control.period", 0.01))),
+    ("queue", "links.master_control.xi->slave_control.xi_in[0]", "note", 2.2,
+     teleoperator(link=QUEUE), teleoperator(link=QUEUE | {"depth": 1})),
     # wiring
     ("unfed", "slave.tau", "warning", 2.0,
      changed(teleoperator(), ("components.slave.inputs", None)), teleoperator()),
@@ -87,13 +94,15 @@ def test_every_rule_is_among_the_cases() -> None:
     """One rule function, one name or more; size, unknown and predictions are tested below."""
     assert {c[0] for c in CASES} >= {
         "root", "spanning-tree", "unheard", "stale", "degenerate", "no-integral", "gravity",
-        "constant-delay", "bounded", "buffer", "backwards", "like-a-wire", "unfed", "jacobi",
+        "constant-delay", "bounded", "buffer", "backwards", "like-a-wire", "queue", "unfed",
+        "jacobi",
     }  # fmt: skip
     # those of buses: tests/cosim/scenario/test_buses.py; of FMUs without units: test_unitless.py;
     # of SSPs: tests/ssp/test_published.py; of tips: test_tasks.py;
     # of servos: test_servos.py; of files of robots: tests/fmus/robots/test_urdf.py, cosim/mujoco
     # of plants: tests/cosim/engine/test_plant_loops.py; what is computed: test_loops.py
-    assert len(COMPUTED) + len(RULES) + len(NOTES) == 47
+    # skew: test_receivers.py
+    assert len(COMPUTED) + len(RULES) + len(NOTES) == 49
 
 
 # ---- predictions and the rest -------------------------------------------------------------------

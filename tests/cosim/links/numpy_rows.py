@@ -1,10 +1,16 @@
-"""The rows of links' tables in NumPy, vectorised: what ``tables.c`` must equal to the bit."""
+"""The rows of links' tables in NumPy, vectorised, and of queues with ``deque`` and ``heapq``: what
+``tables.c`` must equal to the bit.
+"""
 
 from __future__ import annotations
 
+from collections import deque
+from heapq import heappop, heappush
+from math import isfinite
+
 import numpy as np
 
-from cosim.links.semantics import TOLERANCE, PacketSemantics, PlayoutSemantics
+from cosim.links.semantics import TOLERANCE, PacketSemantics, PlayoutSemantics, QueueSemantics
 from cosim.links.table import DrawnTable
 
 
@@ -15,6 +21,8 @@ def rows_of(table: DrawnTable):
         return _PacketRows(delays, grid, rule.order)
     if isinstance(rule, PlayoutSemantics):
         return _PlayoutRows(delays, grid, grid.ticks(rule.buffer))
+    if isinstance(rule, QueueSemantics):
+        return _QueueRows(delays, grid, rule)
     return _SignalRows(delays, grid)
 
 
@@ -131,6 +139,50 @@ class _PlayoutRows:
         rows = _hold(np.where(in_time, j, -1), self._held)
         self._first, self._T, self._held = last, T[-1:], int(rows[-1])
         return rows
+
+
+class _QueueRows:
+    """Carry: packets on their way by arrival, the queue, and what is held."""
+
+    def __init__(self, delays, grid, rule):
+        self._delays, self._grid, self._rule = delays, grid, rule
+        self._queue = Queue(rule)
+        self._row, self._sent, self._coming = 0, 0, []
+
+    def take(self, n):
+        grid, rows = self._grid, []
+        for K in range(grid.n_r * self._row, grid.n_r * (self._row + n), grid.n_r):
+            count = K // grid.n_s + 1 - self._sent
+            for T in self._delays.take(count):
+                if isfinite(T):
+                    arrival = grid.n_s * self._sent + int(_ticks_up(T, grid))
+                    heappush(self._coming, (arrival, self._sent))
+                self._sent += 1
+            while self._coming and self._coming[0][0] <= K:
+                self._queue.put(heappop(self._coming)[1])
+            rows.append(self._queue.get())
+        self._row += n
+        return np.array(rows, np.int64)
+
+
+class Queue:
+    """A receiver that takes from a ``deque``; what it holds."""
+
+    def __init__(self, rule):
+        self._rule, self.held = rule, -1
+        self._waiting = deque(maxlen=rule.depth if rule.drop == "oldest" else None)
+
+    def put(self, sample):
+        if self._rule.drop == "oldest" or len(self._waiting) < self._rule.depth:
+            self._waiting.append(sample)
+
+    def get(self):
+        if self._waiting and self._rule.take == "one":
+            self.held = self._waiting.popleft()
+        elif self._waiting:
+            self.held = self._waiting.pop()
+            self._waiting.clear()
+        return self.held
 
 
 def _ticks_up(T, grid):

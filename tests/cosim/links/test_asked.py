@@ -14,6 +14,7 @@ from cosim.links.drawing import TableDrawing
 from cosim.links.laws import Constant
 from cosim.links.semantics import Grid, PacketSemantics, PlayoutSemantics, SignalSemantics
 from cosim.links.table import DrawnTable
+from tests.cosim.links.queues import QUEUES
 
 RULES = [
     SignalSemantics(),
@@ -23,6 +24,7 @@ RULES = [
     PlayoutSemantics(0.0),
     PlayoutSemantics(0.03),
     PlayoutSemantics(0.5),
+    *QUEUES,
 ]
 
 

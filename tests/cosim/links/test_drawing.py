@@ -20,6 +20,7 @@ from cosim.links.semantics import Grid, PacketSemantics, PlayoutSemantics, Signa
 from cosim.links.table import DrawnTable
 from cosim.links.traces import DelayTrace
 from tests.cosim.links.numpy_rows import rows_of
+from tests.cosim.links.queues import QUEUES
 
 RULES = (
     SignalSemantics(),
@@ -29,6 +30,7 @@ RULES = (
     PlayoutSemantics(0.0),
     PlayoutSemantics(0.031),
     PlayoutSemantics(0.2),
+    *QUEUES,
 )
 seeds = st.integers(0, 99) | st.integers(2**31, 2**33) | st.integers(0, 2**200)
 holds = st.none() | st.sampled_from([0.03, 0.005, 0.0007, 1 / 3, 0.0123457]) | st.floats(1e-3, 9)

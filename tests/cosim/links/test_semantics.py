@@ -1,4 +1,4 @@
-"""The five rules against an oracle that goes tick by tick in exact arithmetic."""
+"""The six rules against an oracle that goes tick by tick in exact arithmetic."""
 
 from __future__ import annotations
 
@@ -14,9 +14,18 @@ from hypothesis import strategies as st
 from cosim.base.errors import ScenarioError
 from cosim.base.random_numbers import generator
 from cosim.links.laws import Constant, Law, Uniform
-from cosim.links.semantics import Grid, PacketSemantics, PlayoutSemantics, Rule, SignalSemantics
+from cosim.links.semantics import (
+    Grid,
+    PacketSemantics,
+    PlayoutSemantics,
+    QueueSemantics,
+    Rule,
+    SignalSemantics,
+)
 from cosim.links.table import DrawnTable
 from cosim.links.traces import DelayTrace
+from tests.cosim.links.numpy_rows import Queue
+from tests.cosim.links.queues import QUEUES
 
 PACKETS = (
     PacketSemantics("last-arrival"),
@@ -45,6 +54,19 @@ def oracle_packets(rule, n_s, n_r, h, T, looks):
                 play = floor(Fraction(k - ceil(exact(rule.buffer) / h), n_s))
                 held = play if play in arrived else held
             rows.append(held)
+    return rows
+
+
+def oracle_queue(rule, n_s, n_r, h, T, looks):
+    """As `oracle_packets`: what arrives in a tick enters a ``deque`` in the order of sending."""
+    coming, rows, queue = [], [], Queue(rule)
+    for k in range(n_r * (looks - 1) + 1):
+        if k % n_s == 0 and T[k // n_s] is not None:
+            coming.append((k + ceil(T[k // n_s] / h), k // n_s))
+        for _, j in sorted(p for p in coming if p[0] == k):
+            queue.put(j)
+        if k % n_r == 0:
+            rows.append(queue.get())
     return rows
 
 
@@ -104,6 +126,28 @@ def test_packets_are_what_the_oracle_says(rule, n_s, n_r, h, data):
     assert rows == oracle_packets(rule, n_s, n_r, exact(h), T, 60)
 
 
+@given(rule=st.sampled_from(QUEUES), n_s=periods, n_r=periods, h=steps, data=st.data())
+def test_queues_are_what_the_oracle_says(rule, n_s, n_r, h, data):
+    T, law = given_delays(data.draw(quarters(losses=True)), h)
+    rows = checked(rule, n_s, n_r, h, law, 60)
+    assert rows == oracle_queue(rule, n_s, n_r, exact(h), T, 60)
+
+
+@given(n_s=periods, n_r=periods, data=st.data(), depth=st.sampled_from([1, 3, 1000]))
+def test_a_queue_that_keeps_no_more_than_the_last_is_last_arrival(n_s, n_r, data, depth):
+    """One place, or all taken: the sample that arrived last; the oldest makes room."""
+    _, law = given_delays(data.draw(quarters(losses=True)), 0.005)
+    last = checked(PACKETS[0], n_s, n_r, 0.005, law, 60)
+    assert checked(QueueSemantics(1), n_s, n_r, 0.005, law, 60) == last
+    assert checked(QueueSemantics(depth, take="all"), n_s, n_r, 0.005, law, 60) == last
+
+
+@pytest.mark.parametrize("depth", [0, -3, 100_001])
+def test_a_queue_without_a_place_or_with_too_many_is_refused(depth):
+    with pytest.raises(ScenarioError, match=f"depth = {depth}; expected 1 to 100000 samples"):
+        QueueSemantics(depth)
+
+
 @given(n_s=periods, n_r=periods, h=steps, buffer=st.integers(0, 400), data=st.data())
 def test_playout_is_what_the_oracle_says(n_s, n_r, h, buffer, data):
     T, law = given_delays(data.draw(quarters(losses=True)), h)
@@ -138,7 +182,7 @@ laws = st.one_of(
         st.lists(st.integers(0, 99), min_size=999, max_size=999),
     ),
 )
-rules = st.sampled_from([*PACKETS, SignalSemantics(), PlayoutSemantics(0.2)])
+rules = st.sampled_from([*PACKETS, SignalSemantics(), PlayoutSemantics(0.2), *QUEUES])
 
 
 @given(law=laws, rule=rules, n_s=periods, n_r=periods, cuts=st.lists(st.integers(0, 140)))

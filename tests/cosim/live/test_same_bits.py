@@ -24,6 +24,17 @@ LOSSY = (
     'links.0.semantics="newest-stamp"',
     'links.1.semantics="last-arrival"',
 )
+#: Queues that grow, and that drop.
+QUEUES = (
+    "run.stop=2",
+    "components.slave_control.period=0.02",
+    'links.0.semantics="queue"',
+    "links.0.depth=30",
+    'links.1.semantics="queue"',
+    "links.1.depth=20",
+    'links.1.drop="newest"',
+    'links.1.take="all"',
+)
 #: All scenarios of `configs` that a page can compute.
 WHOLE = (
     *("many", "network", "openarm", "six_axis", "six_axis_position", "six_axis_velocity"),
@@ -43,6 +54,7 @@ def native(path: Path, folder: Path, *settings: str) -> str:
     [("teleoperation", ["run.stop=3"]), ("teleoperation", ["run.stop=1.0005", "run.step=0.0005"]),
      ("teaching", ["run.stop=1"]), ("openarm", ["run.stop=0.2"]),
      ("teleoperation", ["run.stop=1", "run.record.every=7"]), ("teleoperation", LOSSY),
+     ("teleoperation", QUEUES),
      ("network", ["run.stop=0.2"])],
 )  # fmt: skip
 def test_a_page_and_wasmtime_have_the_digest_of_the_command_line(name, settings, tmp_path):
@@ -108,6 +120,7 @@ NEWEST = [f'links.{i}.semantics="newest-stamp"' for i in (0, 1)]
         ("teleoperation", ["run.stop=2"], 1),
         ("teleoperation", ["run.stop=2", *NEWEST], 6),
         ("teleoperation", LOSSY, 2),
+        ("teleoperation", QUEUES, 7),
         ("teaching", ["run.stop=0.5"], 3),
         pytest.param("openarm", ["run.stop=2"], 4, marks=pytest.mark.slow),
         pytest.param("network", ["run.stop=2"], 5, marks=pytest.mark.slow),

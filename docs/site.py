@@ -38,6 +38,7 @@ GROUPS: Mapping[str, tuple[str, ...]] = {
         "tutorial",
         "gallery",
         "running",
+        "links",
         "live",
         "own-component",
         "your-own-arm",

@@ -112,7 +112,7 @@ def _grows(
 
 
 def _stays(link: Link, table: DrawnTable) -> Iterator[Finding]:
-    """As many samples are taken as arrive: what one delay adds remains."""
+    """A receiver that takes as many samples as arrive, so that what one delay adds remains."""
     law, grid = table.law, table.grid
     jitter = grid.ticks(law.maximum) - grid.ticks(law.minimum)
     if jitter < grid.n_s:

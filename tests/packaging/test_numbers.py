@@ -101,7 +101,8 @@ def test_a_number_of_a_page_is_that_of_the_code(
 
 #: The structs whose keys a page has in a table with a column of defaults; prefixes of the keys.
 TABLES: list[tuple[str, str, Any]] = [
-    *(("running.md", "", struct) for struct in (RunSpec, ComponentSpec, LinkSpec)),
+    *(("running.md", "", struct) for struct in (RunSpec, ComponentSpec)),
+    ("links.md", "", LinkSpec),
     ("running.md", "record.", RecordSpec),
     ("running.md", "", FmuOptions),
     ("sweep.md", "", StudySpec),

@@ -1,4 +1,4 @@
-"""docs/running.md lists every key; the examples of the pages run."""
+"""docs/running.md and docs/links.md list every key; the examples of the pages run."""
 
 from __future__ import annotations
 
@@ -19,6 +19,8 @@ from tests.cli.command import options_of
 from tests.system.runs import ROOT, plan, run
 
 RUNNING = (ROOT / "docs" / "running.md").read_text(encoding="utf-8")
+LINKS = (ROOT / "docs" / "links.md").read_text(encoding="utf-8")
+KEYS = RUNNING + LINKS
 OWN = (ROOT / "docs" / "own-component.md").read_text(encoding="utf-8")
 
 STRUCTS = [
@@ -51,13 +53,13 @@ def test_every_page_stands_in_a_group_of_the_site() -> None:
 
 @pytest.mark.parametrize("struct", STRUCTS, ids=lambda struct: struct.__name__)
 def test_every_key_of_a_scenario_is_explained(struct: type[msgspec.Struct]) -> None:
-    code = " ".join(re.findall(r"`[^`]*`", re.sub(r"```.*?```", "", RUNNING, flags=re.DOTALL)))
+    code = " ".join(re.findall(r"`[^`]*`", re.sub(r"```.*?```", "", KEYS, flags=re.DOTALL)))
     words = set(re.findall(r"[\w-]+", code))
     config = msgspec.structs.fields(struct)
     missing = {field.encode_name for field in config} - words
     assert not missing
     tag = struct.__struct_config__.tag
-    assert tag is None or f"`{tag}`" in RUNNING
+    assert tag is None or f"`{tag}`" in KEYS
 
 
 def test_every_table_of_a_scenario_is_explained() -> None:
@@ -68,7 +70,7 @@ def test_every_table_of_a_scenario_is_explained() -> None:
 
 
 def test_every_semantics_is_explained() -> None:
-    assert all(f"| `{name}` |" in RUNNING for name in get_args(link_spec.Semantics))
+    assert all(f"| `{name}` |" in LINKS for name in get_args(link_spec.Semantics))
 
 
 def test_every_option_is_explained() -> None:

@@ -14,12 +14,10 @@ from pathlib import Path
 from cosim.base.component import Component
 from cosim.base.errors import FmuError
 from cosim.fmi.components import model_name, stepped_fmu
+from fmus.firmware.names import linked_names, renamed
 
 #: Files of a model's FMU that are FMI, not the model.
 _LAYER = re.compile(r"(fmi[23].*|instance|exchange|state|stepping|clock)\.[ch]")
-_FUNCTION = re.compile(r"^(?!typedef|return|else)[A-Za-z_][\w \t*]*?[ \t*](\w+)\s*\(", re.MULTILINE)
-_RENAMED = re.compile(r"^#define model_step (\w+)", re.MULTILINE)  # what lanes call their copy
-_TABLE = re.compile(r"^extern [\w \t*]*?(\w+)(?:\[\])?;", re.MULTILINE)
 _ENTRY = re.compile(r'\{"(\w+)", [A-Z_| ]+, (\d+), (\d+), ')
 
 
@@ -38,9 +36,9 @@ class KernelSource:
 
     def sources(self) -> dict[str, str]:
         """Its files in a folder, and one C file beside the folder for each that is compiled."""
-        names = sorted({n for text in self.files.values() for n in _names(text)})
-        renamed = "".join(f"#define {n} {self.name}_{n}\n" for n in names)
-        found = {f"{self.name}/names.h": f"/* names.h - of this model alone. */\n{renamed}"}
+        names = {name for text in self.files.values() for name in linked_names(text)}
+        lines = renamed(names, self.name)
+        found = {f"{self.name}/names.h": f"/* names.h - of this model alone. */\n{lines}"}
         for name, text in self.files.items():
             found[f"{self.name}/{name}"] = text
             if name.endswith(".c"):
@@ -91,10 +89,3 @@ def _kernel(files: Mapping[str, str], taken: set[str]) -> KernelSource:
     places = {entry: (int(first), int(size)) for entry, first, size in _ENTRY.findall(tables)}
     places.pop("time", None)
     return KernelSource(name, files, places)
-
-
-def _names(text: str) -> set[str]:
-    """Functions that a file defines, declares or renames, and tables that it declares."""
-    words = {"sizeof", "if", "while", "for", "switch", "__attribute__", "__declspec"}
-    found = {*_FUNCTION.findall(text), *_RENAMED.findall(text), *_TABLE.findall(text)}
-    return found - words

@@ -50,6 +50,7 @@ GROUPS: Mapping[str, tuple[str, ...]] = {
         "controllers",
         "fmi",
         "sandbox",
+        "firmware",
         "algorithms",
         "scale",
         "sweep",

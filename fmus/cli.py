@@ -22,6 +22,10 @@ from fmus.build.archive import ANY_SIZE, SHIPPED, VERSIONS, Version, pack, shipp
 from fmus.build.library import compile_model
 from fmus.build.toolchain import PLATFORMS
 from fmus.build.wasm_fmu import add_wasm
+from fmus.firmware.folder import target_of
+from fmus.firmware.folder import write as write_firmware
+from fmus.firmware.measure import obstacle
+from fmus.firmware.targets import TARGETS
 from fmus.model import Model, any_size, clocked, exchanged
 
 app = typer.Typer(
@@ -34,6 +38,18 @@ app = typer.Typer(
     rich_markup_mode=None,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
+
+
+_Wasm = Annotated[
+    bool, typer.Option("--wasm", help="With a WebAssembly binary as well: FMI 3.0, co-simulation.")
+]
+_Firmware = Annotated[
+    str,
+    typer.Option(
+        metavar="|".join(TARGETS),
+        help="No FMU, but C99 for this processor, with a check, its sizes and a README.",
+    ),
+]
 
 
 @app.callback()
@@ -71,13 +87,15 @@ def build(
     exchange: Annotated[
         bool, typer.Option("--exchange", help="For model exchange: of plants, as NAME_exchange.")
     ] = False,
-    wasm: Annotated[
-        bool,
-        typer.Option("--wasm", help="With a WebAssembly binary as well: FMI 3.0, co-simulation."),
-    ] = False,
+    wasm: _Wasm = False,
+    firmware: _Firmware = "",
 ) -> None:
-    """Build FMUs with sources, for this machine or for others."""
+    """Build FMUs with sources, for this machine or for others, or firmware."""
     asked, targets, given = _versions(fmi), _platforms(platforms), _sizes(sizes or [])
+    if firmware:
+        others = {"--fmi": fmi != "both", "--platforms": platforms, "--clock": clock}
+        others |= {"--exchange": exchange, "--wasm": wasm, "--set joints=any": given is None}
+        return _firmware(models or [], given or {}, out, firmware, others)
     for option, other in (("--clock", clock), ("--wasm", wasm)):
         if exchange and other:
             message = f"found --exchange with {option}, expected one of them"
@@ -99,6 +117,31 @@ def build(
             if found[-1] == "wasm":
                 add_wasm(path)
             typer.echo(f"{path}  FMI {version}, {', '.join(found)}")
+
+
+def _firmware(
+    names: list[str], sizes: dict[str, int], out: Path, name: str, others: dict[str, object]
+) -> None:
+    """Write each model as firmware: one into `out`, several into a folder of `out` each.
+
+    `others`: options of FMUs, with a value that is true where they are given.
+    """
+    target, refused = target_of(name), [option for option, given in others.items() if given]
+    if refused:
+        raise ScenarioError(f"found {refused[0]}, which is about FMUs; leave it out", "--firmware")
+    for one in names:
+        if ":" in one:
+            message = f"found the Python class {one}, expected a model in C: `fmus list` shows some"
+            raise ScenarioError(message, "--firmware")
+    chosen = _models(names, sizes)
+    for model in chosen:
+        folder = out if len(chosen) == 1 else out / model.identifier
+        rows = write_firmware(model, target, folder)
+        typer.echo(f"{folder / model.identifier}.c  {target.name}")
+        for row in rows:
+            typer.echo(f"  {row.text()}")
+        if not rows and target.script:
+            typer.echo(f"  not measured: {obstacle(target)}")
 
 
 @app.command("wasm")

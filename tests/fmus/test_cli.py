@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
+from cosim.base.errors import CosimError
 from fmus import cli
 from fmus.build.archive import SHIPPED, find, shipped_models, toolchain
 from fmus.models import xi
@@ -157,3 +158,54 @@ def test_a_model_that_fails_to_import_shows_its_own_error(
     (tmp_path / "pack" / "half_made.py").write_text("import not_there_at_all\n")
     with pytest.raises(ModuleNotFoundError, match="not_there_at_all"):
         call("build", "pack.half_made")
+
+
+def test_build_writes_firmware_and_tells_what_it_needs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("CC", "")
+    monkeypatch.setenv("PATH", str(tmp_path / "nothing"))  # zig is here; no emulator
+    code, text = call("build", "xi", "--firmware", "cortex-m4", "--out", str(tmp_path / "xi"))
+    assert code == 0, text
+    assert "zig cc: text " in text
+    assert "not run, since the emulator is not installed" in text
+    made = {path.name for path in (tmp_path / "xi").iterdir()}
+    assert made == {
+        *("xi.c", "xi.h", "check.c", "Makefile", "README.md"),
+        *("board.h", "cortex_m.c", "cortex_m.ld", "freestanding.c"),
+    }
+    page = (tmp_path / "xi" / "README.md").read_text(encoding="utf-8")
+    assert "| zig cc | " in page
+    assert "`qemu-system-arm` was not installed" in page
+
+
+def test_build_writes_firmware_of_several_models(tmp_path: Path) -> None:
+    words = ["xi", "pd", "--firmware", "generic", "--out", str(tmp_path)]
+    assert call("build", *words)[0] == 0
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["pd", "xi"]
+    assert (tmp_path / "pd" / "pd.c").is_file()
+
+
+LIBC = '#include <stdlib.h>\n#include "model.h"\n'
+
+
+def test_firmware_refuses_what_it_cannot_be(tmp_path: Path) -> None:
+    own = tmp_path / "own.py"
+    own.write_text(
+        "from fmus.model import Model\n"
+        "def model():\n"
+        f"    return Model('own', 'Own', 'sampled', (), ({str(tmp_path / 'own.c')!r},))\n"
+    )
+    (tmp_path / "own.c").write_text(LIBC)
+    for arguments, reason in (
+        (("xi", "--firmware", "cortex-m3"), "'cortex-m3' is not one of cortex-m4, cortex-m7"),
+        (("mine:Law", "--firmware", "cortex-m4"), "found the Python class mine:Law, expected a"),
+        (("xi", "--firmware", "cortex-m4", "--wasm"), "found --wasm, which is about FMUs"),
+        (("xi", "--firmware", "riscv32", "--fmi", "2.0"), "found --fmi, which is about FMUs"),
+        (("pd", "--set", "joints=any", "--firmware", "generic"), "found --set joints=any"),
+        ((str(own), "--firmware", "generic"), "own: own.c includes <stdlib.h>; expected a file"),
+    ):
+        result = CliRunner().invoke(cli.app, ["build", *arguments, "--out", str(tmp_path / "out")])
+        assert isinstance(result.exception, CosimError)  # exit code 2
+        assert reason in str(result.exception)
+        assert not (tmp_path / "out").exists()

@@ -27,6 +27,7 @@ ENDINGS = (
     ".pyi",
     ".c",
     ".h",
+    ".ld",
     ".md",
     ".fmu",
     "_built/built.json",

@@ -60,6 +60,11 @@ GROUPS = {
         ("cosim", "fmus"),
     ),
     "links": Group(("cosim/links/*.py", "cosim/links/*/*.py"), ("tests/cosim/links",)),
+    "firmware": Group(
+        ("fmus/firmware/*.py", "fmus/c/firmware/*.c"),
+        ("tests/fmus/firmware", "tests/fmus/test_cli.py"),
+        ("cosim",),
+    ),
     "kernels": Group(
         ("fmus/c/*.c", "fmus/c/*.h"),
         ("tests/fmus", "tests/cosim/fmi", "tests/ssp"),

@@ -68,6 +68,7 @@ LAWS = {
     "preset": "spec:PresetLaw",
     "frozen": "spec:FrozenLaw",
     "segments": "segments:Segments",
+    "zenoh-can": "zenoh_can:ZenohCan",
     "trace": "spec:TraceLaw",
     "table": "spec:StoredLaw",
 }

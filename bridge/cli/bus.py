@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from contextlib import ExitStack
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -60,7 +60,10 @@ class ServerOptions:
     socketcand: Annotated[
         str, typer.Option(help="Address for socketcand clients, HOST:PORT. Default: none.")
     ] = ""
-    mirror: Annotated[str, typer.Option(help="SocketCAN interface to mirror, such as vcan0.")] = ""
+    mirror: Annotated[
+        list[str],
+        typer.Option(help="SocketCAN interface to mirror, such as vcan0: a node; repeatable."),
+    ] = field(default_factory=list)
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,9 +137,9 @@ def _serve(shared: Channel, stack: ExitStack, wanted: ServerOptions) -> None:
         foreign = SocketcandServer(shared, listen_at(address))
         stack.callback(foreign.close)
         typer.echo(f"socketcand at {address.host}:{foreign.port}")
-    if wanted.mirror:
-        stack.callback(BusMirror(shared, wanted.mirror).close)
-        typer.echo(f"mirrored on {wanted.mirror}")
+    for interface in wanted.mirror:
+        stack.callback(BusMirror(shared, interface).close)
+        typer.echo(f"mirrored on {interface}")
 
 
 def _run(shared: Channel, seconds: float | None) -> None:

@@ -9,6 +9,9 @@
 
 Each sample is simulated frame by frame on a bus of its own with the other traffic, whose phases are
 drawn from the seed. `minimum` and `maximum` are bounds by analysis (:mod:`cosim.bus.transfers`).
+
+Source: zenoh pull request 2757 (2026) for the two kinds of links; the bounds are our own
+construction.
 """
 
 from __future__ import annotations

@@ -12,6 +12,7 @@ import pytest
 from cosim.base.errors import ScenarioError
 from cosim.links.spec import delay_law
 
+PAGE = Path(__file__).parents[3] / "docs/bus.md"
 RATES = {"law": "zenoh-can", "bitrate": 1e6, "data_bitrate": 5e6, "payload": 89}
 FLOOD = {"identifier": 0x100, "bytes": 64, "period": "1 ms"}
 
@@ -62,6 +63,26 @@ def test_the_frames_are_facts_of_the_run() -> None:
 def test_keys_that_cannot_be_are_refused(keys: dict[str, Any], words: str) -> None:
     with pytest.raises(ScenarioError, match=words):
         drawn(law(**keys), 1)
+
+
+def rows_of_the_page() -> list[list[str]]:
+    """The cells of the table of the page on buses."""
+    text = PAGE.read_text(encoding="utf-8").partition("<!-- zenoh-can -->")[2]
+    lines = text.partition("<!-- end -->")[0].strip().splitlines()[2:]
+    return [[cell.strip() for cell in line.strip("|").split("|")] for line in lines]
+
+
+@pytest.mark.parametrize("row", rows_of_the_page(), ids=lambda row: f"{row[1]} {row[0]}")
+def test_the_table_of_the_page_is_computed(row: list[str]) -> None:
+    keys = {"payload": int(row[0]), "link": row[1]}
+    found, flooded = law(**keys), law(**keys, traffic=[FLOOD | {"period": "300 us"}])
+    delays = found.stream(Fraction(1, 20), np.random.default_rng(1)).take(200)
+    assert row[2:] == [
+        str(len(found.transfer.lengths)),
+        f"{found.minimum * 1e3:.2f} to {found.maximum * 1e3:.2f}",
+        f"{delays.min() * 1e3:.2f} to {delays.max() * 1e3:.2f}",
+        f"{flooded.maximum * 1e3:.2f}",
+    ]
 
 
 def test_messages_that_would_wait_for_each_other_are_refused() -> None:

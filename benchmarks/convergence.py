@@ -118,7 +118,7 @@ def measure(kind: str, robots: int, stop: float, threads: int) -> dict[str, Any]
     """One row."""
     from cosim.engine.engine import Engine
     from cosim.engine.tables import LinkRows
-    from cosim.links.named_graphs import GraphSpec, graph_edges
+    from cosim.graphs.named import GraphSpec, graph_edges
     from cosim.loading.files import load
     from cosim.scenario.assemble import assemble
 

@@ -86,7 +86,7 @@ OUTSIDE = {"benchmarks": "benchmarks/README.md", "golden": "tests/golden/README.
 #: Modules with the structs that files are read into, by kind of file.
 FILES: Mapping[str, tuple[str, ...]] = {
     "Scenario": (
-        "cosim.scenario.spec", "cosim.links.named_graphs", "cosim.scenario.bus_spec",
+        "cosim.scenario.spec", "cosim.graphs.named", "cosim.scenario.bus_spec",
         "cosim.links.spec",
     ),
     "Study": ("cosim.study.spec",),

@@ -9,6 +9,7 @@ which it is built up::
     markov      delays that stay on a level for a while
     segments    a constant delay but for some segments of time
     traces      delays that were measured, from CSV or Parquet, or of frames on a simulated bus
+    zenoh_can   messages of Zenoh in frames of a CAN FD bus
     losses      which packets never arrive: independent, Gilbert–Elliott, Pareto bursts
     outages     losses in seconds: now and then nothing arrives for a while
     presets     delay and loss of networks and of published studies, by name
@@ -20,13 +21,6 @@ which it is built up::
     keys        laws and models are structs; their fields are read here, with units and messages
     spec        names of laws and models, and the table of a link by its keys
     netem       a law and a loss as arguments of tc netem, and what netem does otherwise
-
-and, for networks of robots, which edges are there when::
-
-    graphs      weighted directed graphs, their roots and union; presets of six robots
-    named_graphs  graphs of any size by name, and graphs in files
-    switching   which graph when: always one, at random, by a schedule
-    topology    the weights of each receiver's edges as a stream of rows
 
 Nothing here depends on an engine, a component or a clock; everything is a pure function of a seed
 or of a file, streamed in chunks whose sizes do not matter.

@@ -23,7 +23,7 @@ from cosim.base.convert import convert
 from cosim.base.errors import ScenarioError
 from cosim.base.names import unknown
 from cosim.base.random_numbers import generator
-from cosim.links.named_graphs import MOST_ROBOTS, Edges, GraphSpec, graph_edges
+from cosim.graphs.named import MOST_ROBOTS, Edges, GraphSpec, graph_edges
 from cosim.scenario.placeholders import Each, Words, filled
 
 Document = dict[str, Any]

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from cosim.links.topology import Topology, WeightStream
+    from cosim.graphs.topology import Topology, WeightStream
 
 _ENDPOINT = re.compile(r"([A-Za-z_]\w*)\.(.+?)(?:\[(\d+(?:,\d+)*)\])?$")
 Causality = Literal["input", "output"]
@@ -275,7 +275,7 @@ class EdgeWeight:
 
     def facts(self) -> dict[str, Any]:
         """The edge, and how the graphs switch; the graphs themselves if they are small."""
-        from cosim.links.graphs import MATRIX
+        from cosim.graphs.graph import MATRIX
 
         small = self.topology.n <= MATRIX
         facts = self.topology.facts() if small else self.topology.switching_facts()
@@ -298,7 +298,7 @@ def topology(scenario: Scenario) -> Topology | None:
     spec = scenario.topology
     if spec is None:
         return None
-    from cosim.links.topology import make_topology
+    from cosim.graphs.topology import make_topology
 
     return make_topology(
         graphs=spec.graphs,

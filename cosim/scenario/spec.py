@@ -208,7 +208,7 @@ class EventSpec(
 
 
 class TopologySpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """The edges over which robots receive, over time; see :mod:`cosim.links.topology`.
+    """The edges over which robots receive, over time; see :mod:`cosim.graphs.topology`.
 
     `graphs`: a preset (``"ring"``, ``"tree3"``, ``"dense"``), files, or for each graph its edges
     [receiver, sender]; `dwell`: interval after which a graph is drawn, s; `schedule`: [[time,

@@ -13,7 +13,7 @@ from collections.abc import Mapping, Sequence
 from math import ceil, pi
 from typing import Any, TypeAlias
 
-from cosim.links.graphs import PRESETS, union
+from cosim.graphs.graph import PRESETS, union
 
 Document: TypeAlias = dict[str, Any]
 Table: TypeAlias = Mapping[str, Any]
@@ -206,7 +206,7 @@ def network(
 ) -> Document:
     """Six arms under eqs (42)-(45), or (61) over a `link` with delay; Sec. VII-B.
 
-    `graphs`: a preset of :mod:`cosim.links.graphs`, switched at random every 150 ms, or as
+    `graphs`: a preset of :mod:`cosim.graphs.graph`, switched at random every 150 ms, or as
     `schedule` says (``{"schedule": ...}``, {} is the first graph for ever); the robot `operator`
     is held by the operator and pushed with `push` (N.m); `torques`: record these, and every row
     instead of every fourth. `substeps` of the arms' integration in a period (default: of 1 ms).

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cosim.base.errors import RunError
-from cosim.links.graphs import PRESETS, Graph, union
+from cosim.graphs.graph import PRESETS, Graph, union
 from cosim.record import Run
 from cosim.reporting.figures import DPI, Figure, Panel, draw, load
 from fmus.paper.experiments import Q_H

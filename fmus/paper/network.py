@@ -1,7 +1,7 @@
 """Sec. V and VII-B, Theorems 3 and 4, Figs 6-11: six arms, one of them in the operator's hand.
 
 The paper's graphs are not available. The figures show `ring`; claims are checked on `ring`, `tree3`
-and `dense` of :mod:`cosim.links.graphs`. An independent simulation with another random generator
+and `dense` of :mod:`cosim.graphs.graph`. An independent simulation with another random generator
 gave the bands of random results over 8 seeds. The bands here are the range of 200 seeds of this
 project, rounded outwards.
 """

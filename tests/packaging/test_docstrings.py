@@ -179,7 +179,7 @@ LAW_MODULES = [
     *("cosim/predict/frequency.py", "cosim/measure/manipulability.py"),
     *("cosim/bus/arbitration.py", "cosim/bus/response.py", "cosim/bus/simulation.py"),
     *("cosim/bus/stuffing.py", "cosim/bus/timing.py", "cosim/links/frozen.py"),
-    *("cosim/links/graphs.py", "cosim/links/presets.py", "cosim/links/semantics.py"),
+    *("cosim/graphs/graph.py", "cosim/links/presets.py", "cosim/links/semantics.py"),
     *("fmus/arms/dynamics.py", "fmus/models/replay.py", "fmus/arms/static_feedback.py"),
     *("fmus/paper/components.py", "fmus/paper/oracles.py"),
 ]

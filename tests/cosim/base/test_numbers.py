@@ -46,7 +46,7 @@ def test_every_file_is_read_by_the_same_rule(tmp_path: Path, number: str) -> Non
     from bridge.drives.profile_files import load_profile
     from bridge.faults.load import load as load_faults
     from cosim.comparison.variants_file import read as read_variants
-    from cosim.links.named_graphs import read_graphs
+    from cosim.graphs.named import read_graphs
     from cosim.study.study import load_study
 
     path = tmp_path / "x.toml"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from cosim.base.errors import ScenarioError
-from cosim.links.named_graphs import read_graphs
+from cosim.graphs.named import read_graphs
 
 
 def read(tmp_path, text, name="net.csv"):

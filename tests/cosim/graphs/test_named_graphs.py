@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cosim.base.errors import ScenarioError
-from cosim.links.named_graphs import GraphSpec, graph_edges
+from cosim.graphs.named import GraphSpec, graph_edges
 
 
 def edges(kind: str, folder: Path = Path(), **keys: object) -> tuple[int, list[tuple[int, int]]]:

@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 
 from cosim.base.errors import RunError, ScenarioError
 from cosim.base.random_numbers import generator
-from cosim.links.graphs import PRESETS, Graph
+from cosim.graphs.graph import PRESETS, Graph
+from cosim.graphs.switching import Random, Schedule, Static, Switching
+from cosim.graphs.topology import Topology, make_topology
 from cosim.links.laws import decimal_fraction
-from cosim.links.switching import Random, Schedule, Static, Switching
-from cosim.links.topology import Topology, make_topology
 
 ALL = frozenset(range(1, 7))
 CHAIN = Graph.of(3, [(2, 1), (3, 2, 0.5)], "chain")  # 1 -> 2 -> 3

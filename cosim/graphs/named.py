@@ -1,7 +1,7 @@
 """Graphs of any size by name (ring, grid, tree, small world, random, random geometric), or files.
 
 An edge (i, j) means that robot i receives from robot j; robots are numbered from 1, as in
-:mod:`cosim.links.graphs`. Random graphs depend on their seed and parameters only.
+:mod:`cosim.graphs.graph`. Random graphs depend on their seed and parameters only.
 
 A file has a list of edges, or weighted adjacency matrices: row i, column j is w_ij, the weight with
 which robot i receives from robot j. CSV: one line a robot, numbers only; an empty line ends a graph
@@ -31,7 +31,7 @@ from cosim.base import toml
 from cosim.base.errors import CosimError, ScenarioError
 from cosim.base.files import regular
 from cosim.base.random_numbers import generator
-from cosim.links.graphs import Graph
+from cosim.graphs.graph import Graph
 
 #: Most robots and most edges of a graph.
 MOST_ROBOTS, MOST_EDGES = 1_000_000, 10_000_000

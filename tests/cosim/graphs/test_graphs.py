@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cosim.base.errors import ScenarioError
-from cosim.links.graphs import PRESETS, Graph, union
+from cosim.graphs.graph import PRESETS, Graph, union
 from cosim.links.markov import closure
 
 ALL = frozenset(range(1, 7))

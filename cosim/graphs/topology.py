@@ -18,12 +18,12 @@ import numpy as np
 from cosim.base.convert import Number
 from cosim.base.errors import CosimError, RunError, ScenarioError
 from cosim.base.random_numbers import generator
-from cosim.links.graphs import PRESETS, Graph, check_robot, union
+from cosim.graphs.graph import PRESETS, Graph, check_robot, union
+from cosim.graphs.named import read_graphs
+from cosim.graphs.switching import Choices, Random, Schedule, Static, Switching
 from cosim.links.keys import si
 from cosim.links.laws import FloatArray
-from cosim.links.named_graphs import read_graphs
 from cosim.links.semantics import Grid
-from cosim.links.switching import Choices, Random, Schedule, Static, Switching
 from cosim.links.table import INDEX_MAXIMUM
 
 

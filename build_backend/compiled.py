@@ -1,6 +1,7 @@
 """Files made of C, in place: ``cosim/_engine.so``, ``cosim/_bus.so``, ``bridge/_bridge.so``,
-``fmus/_built/*.fmu``, and ``enums.py`` and ``structs.py`` of the packages that call the libraries;
-engine and models as WebAssembly, and the two files of uPlot that reports contain.
+``bridge/_preload.so``, ``fmus/_built/*.fmu``, and ``enums.py`` and ``structs.py`` of the packages
+that call the libraries; engine and models as WebAssembly, and the two files of uPlot that reports
+contain.
 
 ``python build_backend/compiled.py`` makes them for work from a checkout; installing does the
 same. What is up to date, by the contents of everything it is made from, is left alone.
@@ -39,7 +40,9 @@ def build(platform: str | None = None) -> list[Path]:
 
 
 def _libraries(platform: str | None) -> list[Path]:
-    """The engine, the bus and the bridge."""
+    """The engine, the bus and the bridge; for Linux, what is loaded into programs of a bus."""
+    from fmus.build.toolchain import shared_suffix
+
     engine, bus, bridge = ROOT / "cosim/c", ROOT / "cosim/c/bus", ROOT / "bridge/c"
     length, made = bus / "length.c", []
     for output, units, headers in (
@@ -49,10 +52,20 @@ def _libraries(platform: str | None) -> list[Path]:
          [*bridge.glob("*.h"), *engine.glob("*.h"), *bus.glob("*.h")]),
     ):  # fmt: skip
         made += _library(output, sorted(units), headers, platform)
+    if shared_suffix(platform) == ".so":  # programs in the time of a simulated bus
+        preload, flags = ROOT / "bridge/c/preload", ("-Wl,--no-as-needed", "-ldl", "-lpthread")
+        sources, headers = sorted(preload.glob("*.c")), [*preload.glob("*.h")]
+        made += _library("bridge/_preload", sources, headers, platform, flags)
     return made
 
 
-def _library(name: str, units: list[Path], headers: list[Path], platform: str | None) -> list[Path]:
+def _library(
+    name: str,
+    units: list[Path],
+    headers: list[Path],
+    platform: str | None,
+    flags: tuple[str, ...] = (),
+) -> list[Path]:
     """A shared library of `units`, made again when one of its sources has changed."""
     from fmus.build.toolchain import compile_shared, shared_suffix
 
@@ -62,7 +75,7 @@ def _library(name: str, units: list[Path], headers: list[Path], platform: str | 
     if _current(stamp, made_from):
         return []
     include = [units[0].parent, ROOT / "cosim/c"]
-    compile_shared(units, output, include=include, platform=platform)
+    compile_shared(units, output, include=include, platform=platform, flags=flags)
     _write(stamp, made_from, [output])
     return [output]
 

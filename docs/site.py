@@ -58,7 +58,16 @@ GROUPS: Mapping[str, tuple[str, ...]] = {
         "analysis",
         "certificates",
     ),
-    "Rehearse": ("rehearsal", "can", "bus", "network", "hardware", "safety", "faults"),
+    "Rehearse": (
+        "rehearsal",
+        "can",
+        "bus",
+        "foreign-programs",
+        "network",
+        "hardware",
+        "safety",
+        "faults",
+    ),
     "Concepts": ("paper", "design", "glossary"),
     "Reference": ("commands", "keys", "api", "models"),
     "Evidence": (

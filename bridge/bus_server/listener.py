@@ -10,6 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import final
 
+from bridge.bus_server.attention import Attention
 from bridge.simulated_can.protocol import BusAddress
 from cosim.base.errors import CosimError
 
@@ -48,10 +49,19 @@ def _remove_stale(path: str) -> None:
 
 @final
 class Acceptor:
-    """Serves the connections of a listening socket, a thread each, until it is closed."""
+    """Serves the connections of a listening socket, a thread each, until it is closed.
 
-    def __init__(self, listener: socket.socket, serve: Callable[[socket.socket], None]) -> None:
+    `attention` is told of all connections; `serve` reads from them within its calls.
+    """
+
+    def __init__(
+        self,
+        listener: socket.socket,
+        serve: Callable[[socket.socket], None],
+        attention: Attention | None = None,
+    ) -> None:
         self._listener, self._serve = listener, serve
+        self._attention = attention or Attention()
         self._open: set[socket.socket] = set()
         self._thread = threading.Thread(target=self._accept, daemon=True)
         self._thread.start()
@@ -74,8 +84,11 @@ class Acceptor:
     def _accept(self) -> None:
         while True:
             try:
-                connection, _ = self._listener.accept()
+                with self._attention.call(self._listener):
+                    connection, _ = self._listener.accept()
+                    self._attention.watch(connection)
             except OSError:
+                self._attention.forget(self._listener)
                 return  # closed
             if connection.family != socket.AF_UNIX:
                 connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
@@ -86,5 +99,6 @@ class Acceptor:
         try:
             self._serve(connection)
         finally:
+            self._attention.forget(connection)
             self._open.discard(connection)
             connection.close()

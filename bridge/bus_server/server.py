@@ -17,6 +17,7 @@ from typing import Any, final
 
 import can
 
+from bridge.bus_server.attention import Attention
 from bridge.bus_server.listener import Acceptor
 from bridge.simulated_can.channel import Channel, ChannelPort
 from bridge.simulated_can.frames import frame_of_message
@@ -49,17 +50,23 @@ class BusServer:
     """Serves `channel` at `listener` to the interface ``cosim`` of other processes.
 
     Servers whose channels share their time share their `threads`, too: then a thread of a client
-    that uses several of the channels is one participant.
+    that uses several of the channels is one participant. `attention` knows the calls that are not
+    answered yet.
     """
 
     def __init__(
-        self, channel: Channel, listener: socket.socket, threads: RemoteThreads | None = None
+        self,
+        channel: Channel,
+        listener: socket.socket,
+        threads: RemoteThreads | None = None,
+        attention: Attention | None = None,
     ) -> None:
         self._channel = channel
+        self._attention = attention or Attention()
         self._ports: dict[int, RemotePort] = {}
         self._tokens = itertools.count(1)
         self._threads = threads or RemoteThreads()
-        self._acceptor = Acceptor(listener, self._serve)
+        self._acceptor = Acceptor(listener, self._serve, self._attention)
 
     @property
     def port(self) -> int:
@@ -72,9 +79,30 @@ class BusServer:
 
     def _serve(self, connection: socket.socket) -> None:
         calls = CallSocket(connection)
+        with self._attention.call(connection):
+            found = self._begin(calls)
+        if found is None:
+            return
+        token, port, thread = found
+        try:
+            if token:
+                with self._attention.call(connection):
+                    calls.receive()  # until the client closes it
+                    self._leave(token, port)
+            else:
+                with self._threads.of(thread):
+                    self._answer_all(connection, calls, port)
+        finally:
+            if token in self._ports:
+                self._leave(token, port)
+
+    def _begin(self, calls: CallSocket) -> tuple[int, RemotePort, str] | None:
+        """Answer the first call of a connection: the bus that it opens (or 0), its port, and the
+        thread of the client; None: it was refused.
+        """
         first = calls.receive_call()
         if first is None:
-            return
+            return None
         token = 0
         try:
             if first[0] == "open":
@@ -87,20 +115,32 @@ class BusServer:
         except _REFUSED as error:
             with suppress(OSError):  # the client is gone
                 calls.send(_refusal(error))
-            return
+            return None
         timing = self._channel.timing
         opened = [token, timing.bitrate, timing.data_bitrate, timing.fd]
         calls.send(["ok", opened if token else None])
-        try:
-            if token:
-                calls.receive()  # until the client closes it
-            else:
-                with self._threads.of(first[2]):
-                    _answer_all(calls, port)
-        finally:
-            if token:
-                del self._ports[token]
-                in_thread_of_its_own(port.close)
+        return token, port, "" if token else str(first[2])
+
+    def _leave(self, token: int, port: RemotePort) -> None:
+        """Let the node of a bus leave that a client has closed."""
+        del self._ports[token]
+        in_thread_of_its_own(port.close)
+
+    def _answer_all(self, connection: socket.socket, calls: CallSocket, port: RemotePort) -> None:
+        """Answer the calls of a connection until its end."""
+        while True:
+            with self._attention.call(connection):
+                call = calls.receive_call()
+                if call is None:
+                    return
+                try:
+                    answer = ["ok", port.call(*call)]
+                except _REFUSED as error:
+                    answer = _refusal(error)
+                try:
+                    calls.send(answer)
+                except OSError:
+                    return  # the client is gone
 
     def _open(self, name: str, options: dict[str, Any], port: dict[str, Any]) -> int:
         if name != self._channel.name:
@@ -154,22 +194,6 @@ class RemoteThreads:
         """The thread of this name; it is made when it is new."""
         with self._lock:
             return self._known.setdefault(name, RemoteThread())
-
-
-def _answer_all(calls: CallSocket, port: RemotePort) -> None:
-    """Answer the calls of a connection until its end."""
-    while True:
-        call = calls.receive_call()
-        if call is None:
-            return
-        try:
-            answer = ["ok", port.call(*call)]
-        except _REFUSED as error:
-            answer = _refusal(error)
-        try:
-            calls.send(answer)
-        except OSError:
-            return  # the client is gone
 
 
 def _refusal(error: Exception) -> list[str]:

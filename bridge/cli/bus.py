@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass, field
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -12,7 +13,9 @@ import typer
 from cosim.cli.options import drawn, finite
 
 if TYPE_CHECKING:
+    from bridge.bus_server.programs import Programs
     from bridge.simulated_can.channel import Channel
+    from bridge.simulated_can.options import ChannelOptions
 
 _TURN = 0.1
 """Time for which the channel runs before the end is checked again, s of the wall clock."""
@@ -32,7 +35,10 @@ class WireOptions:
     ] = 0.0
     seed: Annotated[int, typer.Option(help="Seed of random traffic and errors.")] = 0
     speed: Annotated[
-        str, typer.Option(help="Speed relative to the wall clock, or 'simulated'.")
+        str,
+        typer.Option(
+            "--speed", "--clock", help="Speed relative to the wall clock, or 'simulated'."
+        ),
     ] = "1.0"
 
 
@@ -67,6 +73,23 @@ class ServerOptions:
 
 
 @dataclass(frozen=True, slots=True)
+class ProgramOptions:
+    """The time of programs after ``--``."""
+
+    date: Annotated[
+        datetime, typer.Option(help="Date of the programs at time 0 of the bus, UTC.")
+    ] = datetime(2026, 1, 1)
+    most_computing: Annotated[
+        float,
+        typer.Option(
+            callback=finite,
+            min=0.01,
+            help="Processor time that a program may compute without waiting, s.",
+        ),
+    ] = 60.0
+
+
+@dataclass(frozen=True, slots=True)
 class BusEndOptions:
     """The end of the bus, and what is drawn then."""
 
@@ -89,34 +112,125 @@ def bus(
     wire: WireOptions,
     traffic: TrafficOptions,
     servers: ServerOptions,
+    programs: ProgramOptions,
     end: BusEndOptions,
     channel: Annotated[str, typer.Option(help="Name of the bus.")] = "bench",
+    command: Annotated[
+        list[str] | None,
+        typer.Argument(
+            metavar="[-- PROGRAM [ARGUMENT]... [-- PROGRAM ...]]",
+            help="Programs to run in the simulated time of the bus; the last one ends it.",
+        ),
+    ] = None,
 ) -> None:
     """Serve a simulated CAN bus to python-can programs, socketcand clients and SocketCAN.
 
     Programs join with can.Bus(interface="cosim", channel="bench@127.0.0.1:29530"). Ctrl-C ends it
     and prints a summary of the last 10 s: load, response times, errors and losses.
+
+    With --clock simulated, programs after -- run unmodified in the time of the bus: their clocks,
+    sleeps and time-outs are those of the bus, which stands still while one of them computes.
     """
     from bridge.bus_server.record import BusRecord
-    from bridge.bus_server.traffic import ChannelLoad, load_sources
-    from bridge.simulated_can.channel import Channel
     from bridge.simulated_can.options import channel_options
 
     options = channel_options(channel, **asdict(wire))
-    shared = Channel(channel, options)
-    record = BusRecord()
-    shared.record(record)
+    record, status = BusRecord(), 0
     with ExitStack() as stack:
-        _serve(shared, stack, servers)
+        if command:
+            found = _programs(channel, options, command, programs, servers)
+            stack.callback(found.close)
+            shared = found.channel
+        else:
+            found, shared = None, _served(channel, options, servers, stack)
+        shared.record(record)
         if traffic.load:
-            sources = load_sources(traffic.load, shared.timing, traffic.jitter, wire.seed)
-            ChannelLoad(shared, *sources)
-        _run(shared, end.for_)
+            _load(shared, traffic, wire.seed)
+        if found is None:
+            _run(shared, end.for_)
+        else:
+            status = _run_programs(found, end.for_)
     for line in record.lines(shared.timing):
-        typer.echo(line)
+        typer.echo(line, err=bool(command))
     if end.picture is not None:
         drawn = record.draw(end.picture, shared.timing, round(end.window * 1e12))
-        typer.echo(f"picture: {drawn}")
+        typer.echo(f"picture: {drawn}", err=bool(command))
+    if status:
+        raise typer.Exit(128 - status if status < 0 else status)
+
+
+def _programs(
+    channel: str,
+    options: ChannelOptions,
+    words: list[str],
+    wanted: ProgramOptions,
+    servers: ServerOptions,
+) -> Programs:
+    """The programs of the command line, not started yet, on a bus of theirs."""
+    from bridge.bus_server.program_file import ProgramError
+    from bridge.bus_server.programs import Programs
+
+    if options.speed:
+        raise ProgramError(
+            f"found programs and --speed {options.speed:g}, expected --clock simulated with them"
+        )
+    if servers != ServerOptions():
+        raise ProgramError(
+            "found programs and --listen, --socketcand or --mirror, expected none of these: what "
+            "comes from outside has no place in simulated time"
+        )
+    return Programs(
+        channel,
+        options,
+        separated(words),
+        date=wanted.date.replace(tzinfo=UTC).timestamp(),
+        most_computing_ns=round(wanted.most_computing * 1e9),
+    )
+
+
+def separated(words: list[str]) -> list[list[str]]:
+    """The commands of a command line, which ``--`` separates. Raises ProgramError."""
+    from bridge.bus_server.program_file import ProgramError
+
+    found: list[list[str]] = [[]]
+    for word in words:
+        if word == "--":
+            found.append([])
+        else:
+            found[-1].append(word)
+    if not all(found):
+        raise ProgramError("found nothing between two --, expected a program and its arguments")
+    return found
+
+
+def _run_programs(found: Programs, seconds: float | None) -> int:
+    """Run the programs to their end, or for so many s; the exit status of the last one."""
+    from cosim.base.interrupts import until_signal
+
+    found.start()
+    status = 0
+    with until_signal():
+        status = found.run(seconds)
+    return status
+
+
+def _load(shared: Channel, traffic: TrafficOptions, seed: int) -> None:
+    """Let other traffic share the bus."""
+    from bridge.bus_server.traffic import ChannelLoad, load_sources
+
+    sources = load_sources(traffic.load, shared.timing, traffic.jitter, seed)
+    ChannelLoad(shared, *sources)
+
+
+def _served(
+    channel: str, options: ChannelOptions, servers: ServerOptions, stack: ExitStack
+) -> Channel:
+    """A bus for programs that come by themselves."""
+    from bridge.simulated_can.channel import Channel
+
+    shared = Channel(channel, options)
+    _serve(shared, stack, servers)
+    return shared
 
 
 def _serve(shared: Channel, stack: ExitStack, wanted: ServerOptions) -> None:

@@ -12,7 +12,7 @@ from can.typechecking import CanFilters
 from bridge.simulated_can.channel import Channel, ChannelPort
 from bridge.simulated_can.options import ChannelOptions, PortOptions, agree
 from bridge.simulated_can.periodic import PeriodicTask, Sender
-from bridge.simulated_can.protocol import is_remote
+from bridge.simulated_can.protocol import address_of, is_remote
 from bridge.simulated_can.remote_channel import RemoteChannel, RemotePeriodicTask
 from cosim.bus.frames import ControllerState
 from cosim.bus.settings import Disturbance
@@ -146,6 +146,7 @@ class LocalChannel:
 
 def place_on(name: Hashable, options: ChannelOptions, port: PortOptions) -> BusPlace:
     """A place on the channel: ``NAME@ADDRESS`` is of another process. Raises ChannelOptionError."""
+    name = address_of(name)
     if is_remote(name):
         return RemoteChannel(str(name), options, port)
     return LocalChannel(name, options, port)

@@ -7,6 +7,7 @@ text]``; each is msgpack with its length in front (4 bytes, big endian), over TC
 from __future__ import annotations
 
 import contextlib
+import os
 import socket
 from collections.abc import Hashable
 from typing import Any, NamedTuple, final
@@ -16,6 +17,8 @@ import msgpack  # type: ignore[import-untyped]
 
 from bridge.simulated_can.options import ChannelOptionError
 
+SERVED_BUS = "COSIM_BUS"
+"""The environment variable of programs that `cosim bus` starts: NAME@ADDRESS of their bus."""
 _MOST = 1 << 24
 """Bytes of a call; more is no call."""
 
@@ -45,6 +48,12 @@ def parse_address(text: str) -> BusAddress:
             f"channel {text!r}: found no address, expected NAME@HOST:PORT or NAME@/path/of/a/socket"
         )
     return BusAddress(name, host.strip("[]"), int(port), "")
+
+
+def address_of(channel: Hashable) -> Hashable:
+    """NAME@ADDRESS for the name of the bus that has started this program, else `channel`."""
+    served = os.environ.get(SERVED_BUS, "")
+    return served if channel == served.rpartition("@")[0] else channel
 
 
 def is_remote(channel: Hashable) -> bool:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 from typing import final
 
-from bridge.simulated_can.pace import Paced, SimulatedPace
+from bridge.simulated_can.pace import BusPace, Paced, SimulatedPace
 
 
 @final
@@ -14,12 +14,12 @@ class SharedTime:
 
     It passes when every thread that uses one of the channels waits in one of them. It waits for a
     thread that does something else as long as that takes; so results do not depend on the speed
-    of the threads.
+    of the threads. `pace`: another rule for when time passes.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, pace: BusPace | None = None) -> None:
         self.lock = threading.Condition(threading.RLock())
-        self.pace = SimulatedPace(strict=True)
+        self.pace: BusPace = pace or SimulatedPace(strict=True)
         self._now = 0
         self._channels: list[Paced] = []
 

@@ -15,6 +15,7 @@ LIBRARIES = {
     "bridge": ("bridge/c", "bridge/c/portable", "bridge/c/lsbus"),
     "engine": ("cosim/c", "cosim/c/engine"),
     "simulated bus": ("cosim/c/bus",),
+    "preloaded": ("bridge/c/preload",),
     "models": ("fmus/c",),
     "network FMUs": ("fmus/c/lsbus", "fmus/c/lsbus/bus"),
 }

@@ -14,7 +14,7 @@ which it is built up::
     outages     losses in seconds: now and then nothing arrives for a while
     presets     delay and loss of networks and of published studies, by name
     frozen      delay traces by name that are the same bytes everywhere
-    semantics   when a sample is sent and read, and which one a read holds: five rules
+    semantics   when a sample is sent and read, and which one a read holds: six rules
     table       a link as a stream of rows, and the ages of what they hold
     drawing     the rows of many tables at once, by ``tables.c``
     storage     tables as Parquet files: written, recovered, replayed

@@ -110,15 +110,23 @@ DELAYS: Sequence[Mapping[str, object]] = (
     {"law": "uniform", "low": "0 ms", "high": "40 ms", "hold": "10 ms"},
     {"law": "constant", "delay": "0.3 s"},
 )
-SEMANTICS = ("signal", "last-arrival", "newest-stamp", "fifo", "playout")
+SEMANTICS: Mapping[str, Sequence[str]] = {
+    "signal": (),
+    "last-arrival": (),
+    "newest-stamp": (),
+    "fifo": (),
+    "playout": ('playout="310 ms"',),
+    "queue": ("depth=12", 'drop="newest"'),
+}
 
 
 def drawn_link(i: int, random: Random) -> list[str]:
-    """Settings of a link with any law and any semantics."""
-    law, rule = random.choice(DELAYS), random.choice(SEMANTICS)
+    """Settings of a link with any law and any semantics; one of two may take no time."""
+    laws = [law for law in DELAYS if i == 0 or law.get("low") != "0 ms"]
+    law, rule = random.choice(laws), random.choice(list(SEMANTICS))
     text = ", ".join(f"{key}={json.dumps(value)}" for key, value in law.items())
     found = [f"links.{i}.delay={{{text}}}", f'links.{i}.semantics="{rule}"']
-    return [*found, f'links.{i}.playout="310 ms"'] if rule == "playout" else found
+    return [*found, *(f"links.{i}.{key}" for key in SEMANTICS[rule])]
 
 
 @pytest.mark.parametrize("seed", range(8))

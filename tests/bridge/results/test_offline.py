@@ -45,9 +45,17 @@ def compared(system: System, folder: Path) -> RunDifference:
     return compare_runs(run, run_offline(system, run, replay.load(run / "nodes")))
 
 
+#: The slave takes one sample of two, so that its queue grows until it is full.
+QUEUES = (
+    "components.slave_control.period=0.01",
+    *(f'links.{i}.semantics="queue"' for i in (0, 1)),
+    "links.0.depth=80",
+    "links.1.depth=1000",
+)
 CASES = {
     "two arms": lambda: named("zenoh", "run.stop=4"),
     "edges that fade": lambda: named("zenoh", "run.stop=4", *FADING),
+    "queues": lambda: named("zenoh", "run.stop=4", *QUEUES),
     "switching graph": lambda: named("network", "run.stop=4"),
 }
 

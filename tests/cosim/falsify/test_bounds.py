@@ -39,6 +39,7 @@ SENT = (0.2, 0.6)  # periods of the two links of the channel
 def document(semantics: str, bounds: Document, vary: Document | None = None) -> Document:
     """Two loops whose values travel in one channel, sent with different periods."""
     delay = {"law": "uniform", "low": 0.5, "high": 4.0}
+    keys = {"semantics": semantics, **({"depth": 9} if semantics == "queue" else {})}
     parts = {
         name: {"model": "tests.cosim.falsify.plants:Decay", "period": period}
         for name, period in zip(("fast", "slow"), SENT, strict=True)
@@ -47,8 +48,8 @@ def document(semantics: str, bounds: Document, vary: Document | None = None) -> 
         "run": {"step": H, "stop": STOP},
         "components": parts,
         "links": [
-            {"from": f"{x}.x", "to": f"{x}.u", "delay": delay, "channel": "air",
-             "semantics": semantics} for x in parts
+            {"from": f"{x}.x", "to": f"{x}.u", "delay": delay, "channel": "air", **keys}
+            for x in parts
         ],
         "require": {"small": {"always": "abs(fast.x) < 100"}},
         "falsify": {"links": {"air": bounds}, "vary": vary or {}},
@@ -98,7 +99,7 @@ PACKETS = st.fixed_dictionaries({}, optional=OTHERS | LOSSES)
 SIGNALS = st.fixed_dictionaries({}, optional=OTHERS)
 CASES = st.one_of(
     st.tuples(st.just("signal"), SIGNALS),
-    st.tuples(st.sampled_from(["last-arrival", "newest-stamp"]), PACKETS),
+    st.tuples(st.sampled_from(["last-arrival", "newest-stamp", "queue"]), PACKETS),
 )
 
 

@@ -292,6 +292,11 @@ def test_a_run_stores_its_tables_and_another_run_can_use_them(tmp_path):
             {'name = "link"': 'name = "link"\nsemantics = "fifo"'},
             "semantics fifo",
         ),
+        (
+            'data = "int16"',
+            {'name = "link"': 'name = "link"\nsemantics = "queue"\ndepth = 4'},
+            "semantics queue on a bus that is simulated in the tick, expected newest-stamp",
+        ),
         ('data = "int16", scale = 0', {}, "scale"),
     ],
 )

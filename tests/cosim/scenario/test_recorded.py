@@ -18,6 +18,11 @@ from cosim.scenario.recorded import with_recorded_links
 CONFIG = Path(__file__).parents[3] / "configs" / "teleoperation.toml"
 LOSS = [f'links.{i}.loss={{law="independent", p=0.2}}' for i in (0, 1)]
 LATE = [f'links.{i}.semantics="newest-stamp"' for i in (0, 1)]
+QUEUE = [
+    f"links.{i}.{key}"
+    for i in (0, 1)
+    for key in ('semantics="queue"', "depth=40", 'drop="newest"', 'take="all"')
+]
 
 
 @pytest.fixture(scope="module")
@@ -73,10 +78,11 @@ def test_a_folder_that_is_not_there(tmp_path: Path):
         with_recorded_links(assemble(load(CONFIG)), tmp_path / "none")
 
 
-def test_the_tables_of_a_run_that_stopped_are_continued_to_its_end(tmp_path: Path):
+@pytest.mark.parametrize("rule", [LATE, QUEUE], ids=["newest-stamp", "queue"])
+def test_the_tables_of_a_run_that_stopped_are_continued_to_its_end(rule: list[str], tmp_path: Path):
     """They are drawn for some ticks at a time, of a run that diverges at 0.8 s up to 16.384 s."""
     grip = [f"components.master.parameters.{k}={v}" for k, v in (("k_p", 400), ("k_d", 20))]
-    own = ["run.stop=20", "run.seed=7", *LATE, *LOSS]
+    own = ["run.stop=20", "run.seed=7", *rule, *LOSS]
     with pytest.raises(RunError):
         simulate(load(CONFIG, [*own, *grip]), tmp_path / "stopped")
     scenario = load(CONFIG, ["run.stop=20"])

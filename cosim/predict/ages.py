@@ -13,7 +13,7 @@ from math import gcd, inf, isinf, nan
 import numpy as np
 
 from cosim.base.errors import ScenarioError
-from cosim.links.laws import Law
+from cosim.links.laws import Constant, Law
 from cosim.links.semantics import (
     PacketSemantics,
     PlayoutSemantics,
@@ -151,8 +151,9 @@ def age_range(table: DrawnTable) -> tuple[int, float]:
         longest = law.loss.longest if isinstance(law, Lossy) else inf
         lost = inf if isinf(longest) else grid.ticks(longest) + grid.n_s
     least, most = rule.least(law, grid), float(grid.ticks(law.maximum))
-    if isinstance(rule, SignalSemantics):
-        most = rule.greatest(law, grid)
+    if isinstance(rule, SignalSemantics):  # of ceil((K - back)/n_s), for each T
+        most = rule.greatest(law, grid) - grid.n_s + 1
+        least = rule.greatest(Constant(law.minimum), grid) - grid.n_s + 1
     elif isinstance(rule, PlayoutSemantics):
         most = inf if law.maximum > rule.buffer else grid.ticks(rule.buffer)
     elif isinstance(rule, QueueSemantics):

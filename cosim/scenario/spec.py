@@ -168,7 +168,8 @@ class LinkSpec(
 
     Links of one `channel` travel in the same packets: they share their delays and losses. `age`
     is an input that gets the age (s) of what is held. Instead of a `delay`, a link names a `bus`
-    and its `frame`; links of one bus and channel are in one frame.
+    and its `frame`; links of one bus and channel are in one frame. `playout` (s) is of the
+    semantics of this name; `depth` (samples), `drop` and `take` are of ``queue``.
     """
 
     source: str

@@ -43,9 +43,6 @@ Realtime = Annotated[
 PingDeployment = Annotated[
     str, typer.Option("--deploy", help="Of a scenario: deployment, file or name.")
 ]
-PingSettings = Annotated[
-    list[str], typer.Option("--set", metavar="PATH=VALUE", help="Change a value.")
-]
 
 
 @dataclass(frozen=True, slots=True)

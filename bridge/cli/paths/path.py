@@ -7,15 +7,14 @@ import shlex
 import sys
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
-from dataclasses import asdict, dataclass, field, replace
-from math import isfinite
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from textwrap import indent
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from bridge.cli.options import PingSettings
+from bridge.ping.predicted import PredictionOptions
 from cosim.cli.options import finite, write_json
 
 if TYPE_CHECKING:
@@ -72,22 +71,6 @@ class OpenedPath:
     codec: PingCodec
     size: int
     below: Callable[[PathResult], list[str]] = lambda _: []
-
-
-@dataclass(frozen=True, slots=True)
-class PredictionOptions:
-    """The options of a prediction; nothing is predicted without a `scenario`."""
-
-    scenario: Annotated[
-        Path | None, typer.Option(help="Predict: run this scenario (.toml) with these delays.")
-    ] = None
-    link: Annotated[
-        str, typer.Option(help="Predict with this link (FROM->TO) only. Default: all links.")
-    ] = ""
-    compare: Annotated[
-        bool, typer.Option("--compare", help="Predict for the controllers of cosim compare, too.")
-    ] = False
-    settings: PingSettings = field(default_factory=list)
 
 
 @dataclass(frozen=True, slots=True)
@@ -184,8 +167,7 @@ def requests(kind: str, target: Sequence[str], common: PathRequest) -> list[Path
     if any(not where and k != "zenoh" for k, where in found) or len(set(found)) < len(found):
         raise _no_path([found[0][0], *target])
     prediction, watch = common.prediction, common.watch
-    if (prediction.link or prediction.compare) and prediction.scenario is None:
-        raise ScenarioError("found --link or --compare; expected --scenario FILE", "cosim ping")
+    prediction.lacking("cosim ping")
     if watch.alarms and not watch.every:
         raise ScenarioError("found --alarm; expected --watch SECONDS with it", "cosim ping")
     folders = [common.out / re.sub(r"[^\w.-]+", "-", f"{k} {where}".strip()) for k, where in found]
@@ -233,6 +215,7 @@ def measured(request: PathRequest, say: Say, live: Show, tell: Say) -> PathOutco
     from bridge.ping.exchanges import CAPACITY, Exchanges
     from bridge.ping.figures import evaluate
     from bridge.ping.page import PingNotes, write_ping_page
+    from bridge.ping.predicted import predicted_on
     from bridge.ping.report import text, values
 
     plan, out = request.plan, request.out
@@ -248,7 +231,8 @@ def measured(request: PathRequest, say: Say, live: Show, tell: Say) -> PathOutco
     for name, lines in link.items():
         tell(f"{name}, as a link:")
         tell(indent("\n".join(lines.values()), "  "))
-    predicted = _predicted(request, result)
+    trace = _path_trace(request.kind, result)
+    predicted = predicted_on(request.prediction, trace, out, request.nodes)
     notes = PingNotes(link, _command(), below, predicted.scenario, predicted.controllers)
     page = write_ping_page(out / "report.html", result, notes)
     for line in predicted.text(request.prediction, out):
@@ -303,51 +287,6 @@ def _path_trace(kind: str, result: PathResult) -> PathTrace:
     there, back = found.get("there", found.get("half")), found.get("back", found.get("half"))
     assert there is not None and back is not None
     return PathTrace(result.sent, there, back, semantics_of(kind, result))
-
-
-@dataclass(frozen=True, slots=True)
-class ShownPrediction:
-    """A prediction: `data` for JSON; `scenario` and `controllers` in lines."""
-
-    data: dict[str, Any] | None = None
-    scenario: tuple[str, ...] = ()
-    controllers: tuple[str, ...] = ()
-
-    def text(self, wanted: PredictionOptions, out: Path) -> list[str]:
-        """All in lines, with headings."""
-        lines = []
-        if self.scenario:
-            lines += [f"{wanted.scenario} on this path:", *(f"  {x}" for x in self.scenario)]
-        if self.controllers:
-            lines += [
-                "controllers of cosim compare on this path, with every operator:",
-                *(f"  {x}" for x in self.controllers),
-                f"in numbers: cosim compare {wanted.scenario} --variants {out}/compare.toml "
-                "--links measured",
-            ]
-        return lines
-
-
-def _predicted(request: PathRequest, result: PathResult) -> ShownPrediction:
-    """The scenario on this path, and the controllers that come to rest on it."""
-    wanted = request.prediction
-    if wanted.scenario is None:
-        return ShownPrediction()
-    from bridge.ping.prediction import predict, survivors
-    from cosim.comparison.variants_file import variants_path
-
-    trace = _path_trace(request.kind, result)
-    found = predict(wanted.scenario, trace, wanted.link, wanted.settings, request.nodes)
-    data = asdict(found)
-    for number in data["numbers"]:
-        for key in ("value", "least", "most", "ideal"):
-            number[key] = number[key] if isfinite(number[key]) else None
-    if not wanted.compare:
-        return ShownPrediction(data, tuple(found.lines()))
-    variants = variants_path(wanted.scenario)
-    each = survivors(wanted.scenario, variants, trace, request.out, wanted.settings, jobs=2)
-    data["controllers"] = {one.name: dict(one.verdicts) for one in each}
-    return ShownPrediction(data, tuple(found.lines()), tuple(one.text for one in each))
 
 
 def open_path(request: PathRequest) -> OpenedPath:

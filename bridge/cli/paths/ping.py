@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from bridge.cli.options import PingDeployment
-from bridge.cli.paths.path import EndOptions, PathRequest, PredictionOptions, WatchOptions
+from bridge.cli.paths.path import EndOptions, PathRequest, WatchOptions
+from bridge.ping.predicted import PredictionOptions
 from cosim.cli.options import Json, finite
 
 if TYPE_CHECKING:

@@ -124,28 +124,40 @@ def read_log(path: Path | str, wall_ns: int = 0) -> FrameLog:
     Raises LogError for what is none (file and line).
     """
     path = Path(path)
-    if path.suffix in _OTHER:
-        return _read_other(path, wall_ns)
     names: dict[str, int] = {}
     frames: list[Frame] = []
-    try:
-        lines = regular(path).read_text().splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        raise LogError(f"{path}: {error}; expected candump text") from error
-    for number, line in enumerate(lines, 1):
-        if not line.strip():
-            continue
-        found = _CANDUMP.fullmatch(line)
-        if not found:
-            raise LogError(f"{path}:{number}: {line!r}; expected (seconds) bus id#data")
-        try:
-            frame = _parsed(found)
-        except ValueError as error:
-            raise LogError(f"{path}:{number}: {line!r}: {error}") from error
+    for channel, frame in stream_log(path):
         frame.t_ns -= wall_ns
-        frame.bus = names.setdefault(found[3], len(names))
+        frame.bus = names.setdefault(channel, len(names))
         frames.append(frame)
     return FrameLog(rows_of(frames), tuple(names))
+
+
+def stream_log(path: Path) -> Iterator[tuple[str, Frame]]:
+    """The frames of a log one by one with their channels, as :func:`read_log` without its memory.
+
+    Raises LogError for what is none (file and line).
+    """
+    if path.suffix in _OTHER:
+        yield from _stream_other(path)
+        return
+    try:
+        with regular(path).open(encoding="utf-8") as lines:
+            for number, line in enumerate(lines, 1):
+                if line.strip():
+                    yield _candump_frame(line.rstrip("\n"), f"{path}:{number}")
+    except (OSError, UnicodeDecodeError) as error:
+        raise LogError(f"{path}: {error}; expected candump text") from error
+
+
+def _candump_frame(line: str, place: str) -> tuple[str, Frame]:
+    found = _CANDUMP.fullmatch(line)
+    if not found:
+        raise LogError(f"{place}: {line!r}; expected (seconds) bus id#data")
+    try:
+        return found[3], _parsed(found)
+    except ValueError as error:
+        raise LogError(f"{place}: {line!r}: {error}") from error
 
 
 def _parsed(found: re.Match[str]) -> Frame:
@@ -169,22 +181,18 @@ def _parsed(found: re.Match[str]) -> Frame:
     return Frame.of(identifier, data, flags, t_ns)
 
 
-def _read_other(path: Path, wall_ns: int) -> FrameLog:
-    names: dict[str, int] = {}
-    frames = []
+def _stream_other(path: Path) -> Iterator[tuple[str, Frame]]:
     try:
         with can.LogReader(path) as reader:
             for message in reader:
-                frame = to_frame(message, round(message.timestamp * 1e9) - wall_ns)
-                frame.bus = names.setdefault(_channel(message), len(names))
+                frame = to_frame(message, round(message.timestamp * 1e9))
                 frame.flags |= 0 if message.is_rx else Flags.SENT
-                frames.append(frame)
+                yield _channel(message), frame
     except (NotImplementedError, ImportError) as error:
         raise LogError(f"{path}: {error}; pip install 'cosim-bridge[mf4]'") from error
     except Exception as error:  # of python-can's readers, which let through what they meet
         text = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
         raise LogError(f"{path}: {text}; expected a {path.suffix} log") from error
-    return FrameLog(rows_of(frames), tuple(names))
 
 
 def _channel(message: can.Message) -> str:

@@ -21,6 +21,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import pairwise
+from math import inf
 
 import numpy as np
 from numpy.typing import NDArray
@@ -123,8 +124,71 @@ def estimate_clock(
     """
     slack = DRIFT * (returned - sent)
     pieces = _pieces(sent, forward + slack, returned, backward + slack)
-    steps = tuple(b.start for a, b in pairwise(pieces) if not _continuous(a, b))
-    return ClockEstimate(tuple(pieces), steps, known)
+    return ClockEstimate(tuple(pieces), _steps(pieces), known)
+
+
+def estimate_both_ways(
+    arrived: Floats, forward: Floats, left: Floats, backward: Floats
+) -> ClockEstimate:
+    """The offset of the other clock, from packets of two directions that are no exchanges.
+
+    `arrived` (n,): t2 with F (n,); `left` (m,): t3 with B (m,), s; each in order; n, m >= 1. Their
+    times, and those of the estimate, are of the other clock: θ is there exactly what is in F and B.
+    """
+    pieces = _parts(arrived, forward, left, backward)
+    return ClockEstimate(tuple(pieces), _steps(pieces))
+
+
+def estimate_one_way(
+    arrived: Floats, forward: Floats, least: float = 0.0, most: float = inf
+) -> ClockEstimate:
+    """The offset of the other clock, from one direction: `arrived` (n,), t2 in order, with F (n,),
+    s, n >= 1; times as in :func:`estimate_both_ways`.
+
+    Delays are known to be between `least` and `most`, s. The estimate is the line under all points
+    F - `least`, so the fastest packets are taken to have had the least delay. Without `most` no
+    line below it is excluded.
+    """
+    empty = np.empty(0)
+    if most == inf:
+        left, backward = empty, empty
+    else:
+        left, backward = arrived, most - forward
+    pieces = _parts(arrived, forward - least, left, backward, one_way=True)
+    return ClockEstimate(tuple(pieces), _steps(pieces))
+
+
+def _steps(pieces: list[OffsetLines]) -> tuple[float, ...]:
+    return tuple(b.start for a, b in pairwise(pieces) if not _continuous(a, b))
+
+
+def _parts(
+    sent: Floats, F: Floats, returned: Floats, B: Floats, one_way: bool = False
+) -> list[OffsetLines]:
+    """The pieces of :func:`_pieces` for points that belong to no exchange, halved by time.
+
+    A piece without F or without B belongs to the one before it. Raises ValueError for points at
+    one instant between which there is no line.
+    """
+    times = np.concatenate([sent, returned])
+    start, end = float(times.min()), float(times.max())
+    if end - start <= PIECE:
+        lines = _lines(sent, F, returned, B, one_way)
+        if lines is not None:
+            return [lines]
+    half = (start + end) / 2
+    first = sent <= half, returned <= half
+    parts = []
+    for a, b in (first, (~first[0], ~first[1])):
+        whole = a.any() and (b.any() or one_way)
+        if whole and times.size > a.sum() + b.sum():
+            parts += _parts(sent[a], F[a], returned[b], B[b], one_way)
+    if parts:
+        return parts
+    lines = _lines(sent, F, returned, B, one_way)
+    if lines is None:
+        raise ValueError(f"no line from {start} s to {end} s is between the packets of both ways")
+    return [lines]
 
 
 def _pieces(sent: Floats, F: Floats, returned: Floats, B: Floats) -> list[OffsetLines]:
@@ -147,9 +211,13 @@ def _continuous(a: OffsetLines, b: OffsetLines) -> bool:
     return bool(a.low(t)[0] <= b.high(t)[0] and b.low(t)[0] <= a.high(t)[0])
 
 
-def _lines(sent: Floats, F: Floats, returned: Floats, B: Floats) -> OffsetLines | None:
-    """All lines between the points; None if there are none."""
-    start, end = float(sent[0]), float(max(sent[-1], returned.max()))
+def _lines(
+    sent: Floats, F: Floats, returned: Floats, B: Floats, one_way: bool = False
+) -> OffsetLines | None:
+    """All lines between the points; None if there are none. The estimate is in the middle; with
+    `one_way` it is the highest.
+    """
+    start, end = float(sent[0]), float(max(sent[-1], returned.max(initial=-inf)))
     centre = (start + end) / 2
     above = _lower_hull(sent - centre, F)  # (2, i)
     below = _lower_hull(returned - centre, B)  # (2, j): B + θ >= 0
@@ -160,17 +228,18 @@ def _lines(sent: Floats, F: Floats, returned: Floats, B: Floats) -> OffsetLines 
         return np.asarray((above[1] - g[:, None] * above[0]).min(axis=1))
 
     def lower(g: Floats) -> Floats:
-        return np.asarray((-below[1] - g[:, None] * below[0]).max(axis=1))
+        return np.asarray((-below[1] - g[:, None] * below[0]).max(axis=1, initial=-inf))
 
     drift = _where_positive(drift, upper(drift) - lower(drift))
     if not drift.size:
         return None
     high, low = upper(drift), lower(drift)
-    fit = F.size * (high - low) + drift * (
-        (sent - centre).sum() - (returned - centre).sum()
-    )  # less of it: more delay in total
+    # Less of it: more delay in total.
+    fit = F.size * high + drift * (sent - centre).sum()
+    if not one_way:
+        fit -= B.size * low + drift * (returned - centre).sum()
     best = int(np.argmax(fit))
-    theta = float(high[best] + low[best]) / 2
+    theta = float(high[best]) if one_way else float(high[best] + low[best]) / 2
     return OffsetLines(start, end, centre, drift, high, low, theta, float(drift[best]))
 
 
@@ -195,6 +264,8 @@ def _slopes(hull: Floats) -> Floats:
 
 def _lower_hull(t: Floats, y: Floats) -> Floats:
     """The lower convex hull of points (n,), (n,): its vertices (2, m), t increasing."""
+    if not t.size:
+        return np.empty((2, 0))
     order = np.lexsort((y, t))
     t, y = t[order], y[order]
     first = np.concatenate([[True], np.diff(t) > 0])  # of points at one time, the lowest

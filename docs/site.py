@@ -64,6 +64,7 @@ GROUPS: Mapping[str, tuple[str, ...]] = {
         "bus",
         "foreign-programs",
         "network",
+        "recordings",
         "hardware",
         "safety",
         "faults",

@@ -171,7 +171,7 @@ def values(result: PathResult) -> dict[str, Any]:
         "sent": record.sent, "answered": record.received, "kept": int(result.sent.size),
         "overtaken": record.reordered, "duplicates": record.duplicates,
         "strange": record.strange, "refused": record.refused,
-        "delays": {name: _way(found) for name, found in result.figures().items()},
+        "delays": {name: way_values(found) for name, found in result.figures().items()},
         "uncertainty": _finite(result.uncertainty), "same_clock": result.same_host,
         "date_difference": result.dates,
         "date_errors": [_finite(error) for error in result.kept],
@@ -189,7 +189,8 @@ def values(result: PathResult) -> dict[str, Any]:
     return data
 
 
-def _way(f: WayFigures) -> dict[str, Any]:
+def way_values(f: WayFigures) -> dict[str, Any]:
+    """Figures of a direction for JSON, s."""
     names = ("p50", "p95", "p99", "p99.9")
     return {
         "n": f.n, "min": f.minimum, "mean": f.mean, "sd": f.sd, "max": f.maximum,

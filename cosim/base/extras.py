@@ -10,6 +10,9 @@ from cosim.base.errors import ScenarioError
 _EXTRAS = {
     "PIL": ("figures", "a GIF needs Pillow"),
     "clarabel": ("certify", "a certificate needs Clarabel; to verify one, nothing is needed"),
+    "dpkt": ("recordings", "pcap files need dpkt"),
+    "mcap": ("recordings", "MCAP files need mcap"),
+    "rosbags": ("recordings", "bags of ROS need rosbags"),
     "wasmtime": ("wasm", "an FMU in WebAssembly needs wasmtime"),
     "matplotlib": ("figures", "figures need matplotlib; report.html does not"),
 }

@@ -99,7 +99,13 @@ class _Commands(ProgramGroup):
         return one
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
-        """The command that the first of `args` names, also by an earlier name, and the others."""
+        """The command that the first of `args` names, also by an earlier name, and the others.
+
+        ``delays from`` is the command ``delays-from``, in words.
+        """
+        if args[:2] == ["delays", "from"]:
+            _, command, rest = super().resolve_command(ctx, ["delays-from", *args[2:]])
+            return "delays from", command, rest
         return super().resolve_command(ctx, [*ALIASES.get(args[0], args[:1]), *args[1:]])
 
     def format_help(self, ctx: Any, formatter: Any) -> None:

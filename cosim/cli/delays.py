@@ -28,7 +28,10 @@ def delays(
     ] = None,
     json: Json = None,
 ) -> None:
-    """List delays by name: presets of networks, and frozen traces with their SHA-256 sums."""
+    """List delays by name: presets of networks, and frozen traces with their SHA-256 sums.
+
+    cosim delays from FILE makes a link of a recording (MCAP, rosbag2, pcap, candump, CSV).
+    """
     if json is not None:
         write_json(json, "delays", {"delays": _data()})
     if write is not None:

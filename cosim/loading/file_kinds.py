@@ -29,7 +29,11 @@ _SUFFIXES = {
         "a description inside of an SSP",
         "its archive (`zip -r ../system.ssp .` in its folder)",
     ),
-    ".log": ("a bus log", "`cosim replay --from-log {path}`"),
+    ".log": ("a bus log", "`cosim replay --from-log {path}` or `cosim delays from {path}`"),
+    **dict.fromkeys(
+        (".mcap", ".db3", ".pcap", ".pcapng", ".asc", ".blf"),
+        ("a recording", "`cosim delays from {path}`"),
+    ),
 }
 _RUN = ("the folder of a run", "`cosim report {path}` or `cosim show {path}`")
 _CAMPAIGN = ("a campaign", "`cosim campaign {path}`")

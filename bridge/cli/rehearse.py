@@ -15,6 +15,7 @@ from cosim.cli.options import OutputOptions, write_json
 if TYPE_CHECKING:
     from bridge.deployment.system import System
     from bridge.faults.script import FaultScript
+    from bridge.node.handle import SlotImage
     from bridge.rehearsal.supervisor import Settings
     from bridge.results.rehearsal_outcome import RehearsalOutcome
     from bridge.results.verdict import Verdict
@@ -55,6 +56,14 @@ class RehearsalOptions(OutputOptions):
         Path | None,
         typer.Option(metavar="SCRIPT", help="Fault script: faults to inject (see docs/faults.md)."),
     ] = None
+    firmware: Annotated[
+        list[str],
+        typer.Option(
+            metavar="NODE=IMAGE",
+            help="Let an image compute the slots of a node, in QEMU or natively, with --clock "
+            "simulated; repeatable (see docs/firmware.md).",
+        ),
+    ] = field(default_factory=list)
     twin: Annotated[
         bool, typer.Option("--twin/--no-twin", help="Compare with the simulated twin.")
     ] = True
@@ -95,7 +104,7 @@ def rehearse(
     system = load_system(scenario, str(path), changes)
     refuse_in_simulated_time(
         system.deployment,
-        faults=options.faults is not None,
+        faults=options.faults is not None and not options.firmware,
         nodes=options.nodes is not None,
         outside=bool(options.outside),
         hardware=hardware.hardware,
@@ -112,6 +121,7 @@ def rehearse(
         nodes=_selected_nodes(system, options.nodes),
         outside=parse(options.outside or [], system),
         say=options.say,
+        images=images(system, options.firmware),
     )
     _run(system, settings, options, found)
 
@@ -126,6 +136,35 @@ def _selected_nodes(system: System, nodes: str | None) -> tuple[str, ...]:
             known = ", ".join(system.nodes)
             raise ScenarioError(f"--nodes: no node {name!r}; there are: {known}")
     return named
+
+
+def images(system: System, given: Sequence[str]) -> dict[str, SlotImage]:
+    """The images of nodes, ``NODE=IMAGE``, each asked whether it is this node of this deployment.
+
+    Raises ScenarioError for one that is not, and without the simulated clock.
+    """
+    from bridge.export.firmware import firmware
+    from bridge.firmware.emulator import Emulator
+    from bridge.firmware.slots import check
+    from bridge.node.handle import SlotImage
+    from cosim.base.errors import ScenarioError
+
+    found: dict[str, SlotImage] = {}
+    for text in given:
+        name, equals, image = text.partition("=")
+        if not equals or name not in system.nodes or name in found:
+            known = ", ".join(n for n in system.nodes if n not in found)
+            raise ScenarioError(f"--firmware {text}: expected NODE=IMAGE, with one of {known}")
+        if system.deployment.clock != "simulated":
+            raise ScenarioError(
+                f"--firmware {text}: found the {system.deployment.clock} clock, expected --clock "
+                "simulated, with -i cosim; on the wall clock, run the image with cosim node "
+                "--firmware and start the others with --nodes"
+            )
+        tables = firmware(system, name, "native").token
+        check(system, name, Emulator(Path(image), name), tables)
+        found[name] = SlotImage(str(Path(image).absolute()), tables.hex())
+    return found
 
 
 def _run(
@@ -146,7 +185,7 @@ def _run(
     host.check(system, settings.nodes)
     script = load(Path(settings.script)) if settings.script else None
     if script is not None:
-        settings = replace(settings, events=injector.events(script, system))
+        settings = replace(settings, events=injector.events(script, system, images=settings.images))
     folder = options.folder(f"{system.scenario.name}-{system.deployment.name}")
     facts = {
         "settings": list(settings.changes), "faults": settings.script, "real": settings.real,

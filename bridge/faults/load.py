@@ -32,6 +32,7 @@ from bridge.faults.spec import (
     NetDownSpec,
     NetLossSpec,
     NetRateSpec,
+    NoiseSpec,
     Range,
     ReorderSpec,
     RestartSpec,
@@ -202,6 +203,8 @@ def _events(spec: Spec, place: _Place) -> list[FaultEvent]:
     if isinstance(spec, FreezeSpec):
         end = t + place.value("for", spec.lasts)
         return _event_faults(spec.node, place, ("freeze", t, {}), ("thaw", end, {}))
+    if isinstance(spec, NoiseSpec):
+        return _event_faults(spec.node, place, ("noise", t, {"length": spec.count}))
     return _event_faults(spec.node, place, ("kill", t, {}))
 
 

@@ -28,7 +28,8 @@ from cosim.base.errors import ScenarioError
 from cosim.base.names import unknown
 
 Action = Literal[
-    "kill", "start", "freeze", "thaw", "bus-down", "bus-up", "babble", "hush", "clock-jump",
+    "kill", "start", "freeze", "thaw", "noise", "clock-jump",
+    "bus-down", "bus-up", "babble", "hush",
     "net-down", "net-delay", "net-loss", "net-rate", "net-over",
 ]  # fmt: skip
 OF_BUSES = ("bus-down", "bus-up", "babble", "hush")
@@ -88,7 +89,8 @@ class FaultEvent:
     """Something to be done to a process or a bus `t` s after the start; `index`: of its table.
 
     `target`: a node, a bus or a link of the network. `id`, `rate` (frames/s), `length` (bytes): of
-    a babbling peer; `by`: s, of a clock that jumps; `spec`: what a link of the network is like.
+    a babbling peer, `length` also of noise; `by`: s, of a clock that jumps; `spec`: what a link of
+    the network is like.
     """
 
     t: float

@@ -113,6 +113,12 @@ class FreezeSpec(KillSpec, frozen=True, kw_only=True, rename={"lasts": "for"}):
     lasts: Number
 
 
+class NoiseSpec(KillSpec, frozen=True, kw_only=True):
+    """`count` random bytes on the serial line of an image, before what it sends next."""
+
+    count: Count = 16
+
+
 class ClockJumpSpec(KillSpec, frozen=True, kw_only=True):
     """The node's clock jumps `by`, forwards or (negative) back."""
 
@@ -182,6 +188,7 @@ SPECS: dict[str, type[Spec]] = {
     "kill": KillSpec,
     "restart": RestartSpec,
     "freeze": FreezeSpec,
+    "noise": NoiseSpec,
     "clock-jump": ClockJumpSpec,
     "bus-down": BusDownSpec,
     "babble": BabbleSpec,

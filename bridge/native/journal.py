@@ -136,16 +136,31 @@ class Journal:
 
     def append(self, *values: object) -> bool:
         """One row; False: full (counted). Raises ValueError for values that do not fit a row."""
-        n = len(self)
-        if n >= self.struct.limit:
+        if not self._has_room():
+            return False
+        self._rows[len(self)] = values
+        self.struct.rows += 1
+        return True
+
+    def append_bytes(self, row: bytes) -> bool:
+        """One row as it is in memory; False: full (counted). Raises ValueError for another size."""
+        if len(row) != self.struct.row_size:
+            raise ValueError(f"{len(row)} bytes; expected a row of {self.struct.row_size}")
+        if not self._has_room():
+            return False
+        self._rows[len(self)] = np.frombuffer(row, self._rows.dtype)[0]
+        self.struct.rows += 1
+        return True
+
+    def _has_room(self) -> bool:
+        """True if there is room for another row; otherwise it is counted as dropped."""
+        if len(self) >= self.struct.limit:
             with suppress(OSError):
                 self.make_room()
-        if n >= self.struct.limit:
-            self.struct.dropped += 1
-            return False
-        self._rows[n] = values
-        self.struct.rows = n + 1
-        return True
+        if len(self) < self.struct.limit:
+            return True
+        self.struct.dropped += 1
+        return False
 
     def close(self) -> None:
         """Truncate the file to the rows written, and unmap it. Views of `rows` must no longer be in

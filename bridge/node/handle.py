@@ -15,6 +15,14 @@ from cosim.base.errors import RunError
 
 
 @dataclass(frozen=True, slots=True)
+class SlotImage:
+    """The image that computes the slots of a node; `token`: of its tables, hexadecimal."""
+
+    path: str
+    token: str = ""
+
+
+@dataclass(frozen=True, slots=True)
 class NodeStart:
     """All settings of a node's process, as on its command line."""
 
@@ -27,6 +35,7 @@ class NodeStart:
     realtime: bool = True
     real: bool = False
     script: str = ""
+    image: SlotImage | None = None  # None: its process computes its slots
 
     def text(self) -> str:
         """The report as JSON."""
@@ -36,9 +45,12 @@ class NodeStart:
     def parse(cls, text: str) -> Self:
         """The report that :meth:`text` wrote."""
         said = json.loads(text)
-        paths = {key: Path(said[key]) for key in ("scenario", "deployment", "folder")}
-        life = Life(**said["life"])
-        return cls(**{**said, **paths, "life": life, "settings": tuple(said["settings"])})
+        paths: dict[str, Any] = {
+            key: Path(said[key]) for key in ("scenario", "deployment", "folder")
+        }
+        paths["life"] = Life(**said["life"])
+        paths["image"] = SlotImage(**said["image"]) if said["image"] else None
+        return cls(**{**said, **paths, "settings": tuple(said["settings"])})
 
 
 def missing_text(waiting: Sequence[str]) -> str:
@@ -64,6 +76,7 @@ class NodeHandle(ABC):
         self.waiting: tuple[str, ...] = ()  # messages that it must receive before it is ready
         self.deaf: tuple[str, ...] = ()  # messages that no longer arrive
         self.drives: tuple[str, ...] | None = None  # those that failed; (): all are ready
+        self.faults: list[Mapping[str, Any]] = []  # of its emulator, that were carried out
 
     def keep_event(self, event: Mapping[str, Any]) -> None:
         """Keep the content of an event. Events of unknown kinds are discarded."""
@@ -82,6 +95,8 @@ class NodeHandle(ABC):
                 self.drives = tuple(event["failed"])
             case "deaf":
                 self.deaf = tuple(event["to"])
+            case "fault":
+                self.faults.append(event)
 
     def check(self) -> None:
         """Raise RunError if the node has ended unexpectedly."""

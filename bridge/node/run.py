@@ -21,6 +21,9 @@ from bridge.can.interface import Attachment
 from bridge.deployment.system import System, load_system
 from bridge.faults.load import load
 from bridge.faults.script import FaultScript, NodeFaults
+from bridge.firmware.emulator import image_facts
+from bridge.firmware.records import FirmwareError
+from bridge.firmware.slots import FAILED
 from bridge.native import node as native
 from bridge.native.message import COUNTERS, Receiver
 from bridge.native.safety import LifeState
@@ -28,7 +31,8 @@ from bridge.node import lockstep
 from bridge.node.buses import announce, answer, join_run, open_buses
 from bridge.node.control import Control, Helpers, Say, listen_to, room_ahead, signals
 from bridge.node.fault_injection import inject
-from bridge.node.handle import NodeStart
+from bridge.node.handle import NodeStart, SlotImage
+from bridge.node.image import image_slots
 from bridge.node.missing_inputs import (
     never_received,
     report_missing_inputs,
@@ -60,7 +64,7 @@ class NodeOptions:
 
     `boots`: number in its heartbeats, 0: drawn from the time. `warm_up`: duration of the self-test
     before it is ready, s; `script`: faults to inject; `alone`: no supervisor starts it, so it joins
-    an active run without a command.
+    an active run without a command. `image`: computes the slots.
     """
 
     life: Life
@@ -71,6 +75,7 @@ class NodeOptions:
     realtime: bool = True
     script: FaultScript | None = None
     alone: bool = False
+    image: SlotImage | None = None
 
 
 def run_node(
@@ -144,12 +149,15 @@ def _in_simulated_time(
         with wired:
             control = Control(wired.struct)
             helping = Helpers(control)
-            with signals(control):
+            with signals(control), image_slots(wired, options.image, options.script, say) as step:
                 say({"event": "ready", "refused": [], "warning": ""})
                 helping.start("control", lambda: listen(control))
-                result = run_simulated(wired, buses)
+                try:
+                    result, failed = run_simulated(wired, buses, step), ""
+                except FirmwareError as error:
+                    result, failed = FAILED, str(error)
                 helping.check()
-                report = node_statement(wired, buses, options, result, {}, "", None)
+                report = node_statement(wired, buses, options, result, {}, "", None, failed)
                 return _write_report(options, report)
 
 
@@ -258,6 +266,7 @@ def node_statement(
         journal_dropped=wired.journal.dropped,
         heard_dropped=wired.heard.dropped if wired.heard else 0,
         injected=faults.hits() if faults else {},
+        firmware=image_facts(Path(options.image.path)) if options.image else {},
     )
 
 
@@ -310,13 +319,16 @@ def run_started(start: NodeStart, say: Say, listen: Callable[[Control], None]) -
         realtime=start.realtime,
         real=start.real,
         script=load(Path(start.script)) if start.script else None,
+        image=start.image,
     )
     return run_node(system, options, say, listen)
 
 
 def done(report: Statement) -> Mapping[str, Any]:
     """The last event of a life: how it ended."""
-    return {"event": "done", "end": report.end, "state": report.state, "error": report.error}
+    slot = report.first_slot + report.slots
+    facts = {"end": report.end, "state": report.state, "error": report.error, "slot": slot}
+    return {"event": "done", **facts}
 
 
 def main(arguments: Sequence[str]) -> int:

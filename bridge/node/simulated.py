@@ -9,7 +9,7 @@ asks for it with ``clock = "simulated"``; its buses have the interface ``cosim``
 from __future__ import annotations
 
 import ctypes as c
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 from bridge.can.interface import Attachment
 from bridge.deployment.gateways import gateways
@@ -59,9 +59,13 @@ def end_ns(system: System) -> int:
     )
 
 
-def run_simulated(wired: WiredNode, buses: Mapping[str, Attachment]) -> int:
+def run_simulated(
+    wired: WiredNode, buses: Mapping[str, Attachment], step: Callable[[], int] | None = None
+) -> int:
     """All slots of a node; FINISHED, STOPPED, NEVER_STARTED or a result of the engine, as
     :mod:`bridge.native.node` has them.
+
+    `step`: computes the next slot and returns a result of the engine; default: in this process.
 
     The node stays on its buses until the last slot of all nodes, so that nobody's frames lack an
     acknowledgement.
@@ -81,7 +85,7 @@ def run_simulated(wired: WiredNode, buses: Mapping[str, Attachment]) -> int:
         ends[0].wait_until(s.slot * s.h_ns + s.phase_ns)
         for end in ends:
             end.hear()
-        if result := native.functions().node_step(c.byref(s)):
+        if result := native.functions().node_step(c.byref(s)) if step is None else step():
             return int(result)
         for end in ends:
             end.send()

@@ -66,8 +66,9 @@ class Statement(Record, frozen=True, kw_only=True):
 
     `messages`: counters of each message's receiver; `sent`: of each outlet. `services`: frames of
     services: ``epochs``, ``late_starts`` (while it ran) and ``damaged`` (not readable) that it
-    heard, ``epochs_sent``, ``heartbeats_sent``; `heartbeats`: that it heard, by node. Times are ns
-    of the monotonic clock.
+    heard, ``epochs_sent``, ``heartbeats_sent``; `heartbeats`: that it heard, by node. `firmware`:
+    ``image``, ``sha256`` and ``machine`` of the image that computed its slots. Times are ns of the
+    monotonic clock.
     """
 
     life: Life
@@ -101,6 +102,7 @@ class Statement(Record, frozen=True, kw_only=True):
     journal_dropped: int = 0
     heard_dropped: int = 0
     injected: Mapping[int, int] = {}
+    firmware: Mapping[str, str] = {}
 
     def write(self, folder: Path) -> None:
         """Into ``FOLDER/LIFE.json``, in one step. Raises RunError."""

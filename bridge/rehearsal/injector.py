@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import subprocess
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Container, Iterable, Mapping
 from typing import Any, final
 
 from bridge.deployment.system import System
@@ -15,19 +15,30 @@ from bridge.rehearsal.supervisor import Rehearsal
 from bridge.relay.network import RelayNetwork
 from cosim.base.errors import RunError, ScenarioError
 
+#: Faults that an image suffers, by the actions of its script.
+OF_IMAGES = ("kill", "start", "freeze", "thaw", "noise")
+
 
 def events(
-    script: FaultScript, system: System, network: RelayNetwork | None = None
+    script: FaultScript,
+    system: System,
+    network: RelayNetwork | None = None,
+    images: Container[str] = (),
 ) -> tuple[ScheduledEvent, ...]:
     """The events of a script, to be done by :meth:`Rehearsal.run`.
 
-    `network`: between the hosts its nodes are on. Raises ScenarioError for names the deployment
-    does not have, and for faults of a network without one.
+    `network`: between the hosts its nodes are on; `images`: nodes whose slots are computed by an
+    image, which suffer their faults themselves, in simulated time. Raises ScenarioError for names
+    the deployment does not have, for faults of a network without one, and for those that are not of
+    an image in simulated time, or only of an image without it.
     """
     d = system.deployment
     messages = {m.name for node in system.nodes for m in system.subscriptions(node)}
     script.check(list(d.nodes), list(d.buses), sorted(messages))
     planned = script.process_events(list(d.nodes), list(d.buses))
+    if d.clock == "simulated":
+        _check_images(script, planned, images)
+        return ()
     babblers = {(e.target, e.index): Babbler(e, system) for e in planned if e.action == "babble"}
     links = _Links(network)
     return tuple(
@@ -40,6 +51,25 @@ def events(
         )
         for e in planned
     )
+
+
+def _check_images(
+    script: FaultScript, planned: Iterable[FaultEvent], images: Container[str]
+) -> None:
+    """Raise ScenarioError for a fault that is not one of an image."""
+    others = [(f.index, f"{f.kind} of frames") for f in script.frames]
+    others += [(f.index, "drive") for f in script.drives]
+    others += [
+        (e.index, f"{e.action} of {e.target}")
+        for e in planned
+        if e.action not in OF_IMAGES or e.target not in images
+    ]
+    for index, found in others:
+        raise ScenarioError(
+            f"found {found} with the simulated clock, expected kill, restart, freeze or noise of a "
+            "node with --firmware, or --clock wall",
+            script.place(index, "kind"),
+        )
 
 
 def _event_action(
@@ -59,6 +89,11 @@ def _event_action(
             return lambda r: r.freeze(target)
         case "thaw":
             return lambda r: r.thaw(target)
+        case "noise":
+            raise ScenarioError(
+                "noise needs a node with --firmware, on the simulated clock",
+                script.place(event.index, "kind"),
+            )
         case "clock-jump":
             return lambda r: r.current[target].send_command("jump", by_ns=round(event.by * 1e9))
         case "bus-down":

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from bridge.faults.script import FaultEvent
-from bridge.node.handle import NodeHandle
+from bridge.node.handle import NodeHandle, SlotImage
 from bridge.records.records import Note
 
 OnHost = Callable[[str], AbstractContextManager[None]]
@@ -44,7 +44,8 @@ class ScheduledEvent:
 class Settings:
     """The settings of a rehearsal; `real`: its nodes may move real drives.
 
-    `say`: called with a sentence at each step of a run with real drives.
+    `say`: called with a sentence at each step of a run with real drives; `images`: by node, those
+    that compute the slots of nodes.
     """
 
     scenario: Path
@@ -59,6 +60,7 @@ class Settings:
     outside: Mapping[str, str] = field(default_factory=dict)  # commands of other nodes' programs
     on_host: OnHost = lambda node: nullcontext()  # the host a node's process is started on
     say: Callable[[str], None] = lambda text: None
+    images: Mapping[str, SlotImage] = field(default_factory=dict)
 
 
 @dataclass(slots=True)

@@ -26,6 +26,7 @@ from bridge.node.thread import Thread
 from bridge.records.node_lives import Life
 from bridge.records.records import (
     Deaf,
+    Done,
     Gone,
     Lagged,
     LifeEnd,
@@ -115,6 +116,7 @@ class Rehearsal:
             realtime=s.realtime,
             real=s.real,
             script=s.script,
+            image=s.images.get(name),
         )
         with s.on_host(name):
             process = self._kind(start)
@@ -292,6 +294,11 @@ class Rehearsal:
             self.ended.notes.append(Remark(t=self.t, remark=f"node {name}, outside: {how}"))
         for name, process in list(self.current.items()):
             process.poll()
+            while process.faults:  # of its emulator, at the time of the run
+                said = process.faults.pop(0)
+                self.ended.notes.append(
+                    Done(**{k: said[k] for k in ("t", "action", "target", "index")})
+                )
             self._refused(process)
             self._stop_without_input(process)
             if process.drives and process not in self._lost:
@@ -310,9 +317,17 @@ class Rehearsal:
             if end is LifeEnd.TOO_LATE or late:
                 self.ended.notes.append(Missed(t=self.t, life=life, detail=detail))
                 continue
-            gone = Gone(t=self.t, life=life, end=end, code=process.code, detail=detail)
+            gone = Gone(
+                t=self._time_of(process), life=life, end=end, code=process.code, detail=detail
+            )
             self.ended.notes.append(gone)
             self._stop_others(process)
+
+    def _time_of(self, process: NodeHandle) -> float:
+        """Time of the run at which a node has ended, s; without the wall clock, of its slot."""
+        if self._timed or not process.done:
+            return self.t
+        return float(process.done["slot"]) * self.system.nodes[process.start.life.node].h
 
     def _stop_without_input(self, process: NodeHandle) -> None:
         """Stop the run if a node no longer receives a required input."""

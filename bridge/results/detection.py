@@ -256,6 +256,8 @@ def _restarted(shown: FinishedRun, node: str, first: FaultEvent, t1: float) -> S
     later = [life for life in shown.lives(node) if shown.rows[life]["slot"][0] * h > first.t]
     if later:
         return (Sign(what="life", life=later[0]),)
+    if shown.by_image(node):
+        return shown.ended(node, first.t, t1)
     stayed = (n for n in shown.notes if isinstance(n, Missed | Refused) and n.life.node == node)
     return tuple(Sign(what="refusal", life=n.life, note=n) for n in stayed)[:1]
 
@@ -307,6 +309,7 @@ _EVENT_SIGNS: Mapping[str, Callable[[FinishedRun, str, FaultEvent, float], Signs
     "kill": _killed,
     "restart": _restarted,
     "freeze": _stopped,
+    "noise": _killed,
     "clock-jump": _jumped,
     "bus-down": _health,
     "babble": _frames,

@@ -333,6 +333,7 @@ def lines(system: System, outcome: RehearsalOutcome) -> list[str]:
     said += [summary_line("note", str(note)) for note in outcome.notes]
     said += [summary_line(str(r.life), r.text()) for r in outcome.reports]
     said += [summary_line(f"{r.life}, slots", r.parts()) for r in outcome.reports]
+    said += report.firmware_lines(outcome.reports)
     said += [
         summary_line("not granted", f"{r.life}: {i['name']}: {i['said']}")
         for r in outcome.reports

@@ -100,6 +100,17 @@ def node_reports(system: System, rows: Mapping[Life, Rows], nodes: Path) -> list
     return found
 
 
+def firmware_lines(reports: Sequence[NodeReport]) -> list[str]:
+    """Return a line for each life whose slots an image computed."""
+    return [
+        summary_line(
+            "firmware", "{}: {image} on {machine}, SHA-256 {sha256}".format(r.life, **facts)
+        )
+        for r in reports
+        if r.statement and (facts := r.statement.firmware)
+    ]
+
+
 # ---- ages -----------------------------------------------------------------------------------
 
 

@@ -39,6 +39,7 @@ SIGNS: Mapping[str, tuple[str, ...]] = {
     "kill": ("ended",),
     "restart": ("life", "refusal"),
     "freeze": ("late", "ended"),
+    "noise": ("ended",),
     "clock-jump": ("late", "stopped", "silence"),
     "bus-down": ("health",),
     "forge": (
@@ -182,16 +183,23 @@ class FinishedRun:
     def ended(self, node: str, t0: float, t1: float) -> Signs:
         """True if a life of the node was ended in this time."""
         for life in self.lives(node):
-            if t0 - 0.2 <= self._t(life)[-1] <= t1 + AFTER and self.statement(life) is None:
+            if t0 - 0.2 <= self._t(life)[-1] <= t1 + AFTER and self._cut_short(life):
                 return (Sign(what="ended", life=life),)
         return ()
+
+    def by_image(self, node: str) -> bool:
+        """True if an image computed the slots of a node."""
+        return any((s := self.statement(life)) and s.firmware for life in self.lives(node))
 
     def over(self, node: str, t: float) -> bool:
         """True if every life of the node had come to its last slot before `t`, and has reported."""
         lives = self.lives(node)
-        return bool(lives) and all(
-            self.statement(x) is not None and self.last(x) < t for x in lives
-        )
+        return bool(lives) and all(not self._cut_short(x) and self.last(x) < t for x in lives)
+
+    def _cut_short(self, life: Life) -> bool:
+        """True if a life was ended from outside: it has no report, or its image has failed."""
+        said = self.statement(life)
+        return said is None or (bool(said.firmware) and said.end is LifeEnd.FAILED)
 
     def last(self, life: Life) -> float:
         """The time at which the last slot of a life was due, s."""

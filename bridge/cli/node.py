@@ -43,6 +43,14 @@ class NodeRunOptions:
             help="Start or join at once. Default: wait for NMT start, or join a running run.",
         ),
     ] = False
+    firmware: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="IMAGE",
+            help="Let an image be the node, in QEMU or natively: its frames are copied to the "
+            "buses (see docs/firmware.md).",
+        ),
+    ] = None
     out: Annotated[
         Path | None, typer.Option(help="Run folder to write. Default: a new folder in runs/.")
     ] = None
@@ -78,12 +86,16 @@ def node(
 
     path, name = deployments.find(scenario, deploy.deploy), options.name
     changes = [*deploy.set_, *deploy.settings(deployments.load(path))]
-    changes += [] if hardware.hardware else waiting_for_a_restart(path, changes)
+    own = hardware.hardware or options.firmware is not None  # an image has its own tables
+    changes += [] if own else waiting_for_a_restart(path, changes)
     system = load_system(scenario, str(path), changes)
     if name not in system.nodes:
         raise ScenarioError(f"no node {name!r}; there are: {', '.join(system.nodes)}", str(path))
     report_findings(deployment.check(system), strict=options.strict, quiet=False)
     hardware.confirm("node")
+    if options.firmware is not None:
+        _run_image(system, options, real=hardware.hardware)
+        return
     folder = options.out or unused_folder(Path("runs") / f"{name}-{stamp()}")
     announce_run_folder(folder)
     facts = begin_node(system, folder, {"settings": changes, "node": name})
@@ -98,6 +110,27 @@ def node(
         )
     rows = complete_node(system, folder, report, facts)
     _say(system, folder, report, rows)
+
+
+def _run_image(system: System, options: NodeRunOptions, *, real: bool) -> None:
+    """Run an image as the node until Ctrl-C, and print what it has sent and received."""
+    from bridge.export.firmware import firmware
+    from bridge.node.handle import SlotImage
+    from bridge.node.image_on_buses import run_image
+    from cosim.measure.metric_result import summary_line
+
+    name = options.name
+    token = firmware(system, name, "native", real=real).token
+    image = SlotImage(str(options.firmware), token.hex())
+
+    def note(text: str) -> None:
+        typer.echo(f"{name}: {text}")
+
+    copied = run_image(system, name, image, note, now=options.now)
+    typer.echo(summary_line("received", f"{copied.received} frames"))
+    typer.echo(summary_line("sent", f"{copied.sent} frames"))
+    if copied.damaged:
+        typer.echo(summary_line("damaged", f"{copied.damaged} bytes on its serial line"))
 
 
 class _StartedNode:

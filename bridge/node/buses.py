@@ -77,16 +77,16 @@ def open_buses(system: System, life: Life, folder: Path) -> Iterator[dict[str, A
             else:
                 opened = interface.attach(can_spec(system.deployment, name), number=number, log=log)
             if system.nodes[node].forwards:
-                stack.callback(_bell(opened))
+                stack.callback(give_bell(opened))
             stack.callback(opened.close)
             found[name] = opened
         yield found
 
 
-def _bell(end: Attachment) -> Callable[[], None]:
-    """The function that wakes a gateway for a frame received by another thread, and its clean-up.
+def give_bell(end: Attachment) -> Callable[[], None]:
+    """Let a frame that another thread receives wake who waits for it; the function that ends this.
 
-    Only Linux has it: on other systems a gateway polls its rings every 0.5 ms (``bus_wait.c``).
+    Only Linux has it: elsewhere a gateway polls its rings every 0.5 ms (``bus_wait.c``).
     """
     if end.bus.rx is None or sys.platform != "linux":
         return lambda: None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 import subprocess
+from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
@@ -26,10 +27,28 @@ def built(system: System, node: str, folder: Path, target: str = "native") -> Pa
     return folder / "image.elf"
 
 
+#: Samples wait in a queue: their delays fall.
+QUEUES = [
+    f"links.{i}.{key}"
+    for i in (0, 1)
+    for key in (
+        'semantics="queue"',
+        "depth=5",
+        'delay={law="segments", delay="20 ms", segments=[{from=0, to="0.1 s", delay="0.15 s"}]}',
+    )
+]
+
+
 @pytest.mark.skipif(shutil.which("make") is None, reason="no make")
-@pytest.mark.parametrize("node", ["master_control", "master"])
-def test_a_native_image_has_the_journals_and_frames_of_the_twin(node: str, tmp_path: Path) -> None:
-    system = named("can", "run.stop=0.5")
+@pytest.mark.parametrize(
+    ("node", "settings"),
+    [("master_control", ()), ("master_control", QUEUES), ("master", ())],
+    ids=["controller", "queue", "arm"],
+)
+def test_a_native_image_has_the_journals_and_frames_of_the_twin(
+    node: str, settings: Sequence[str], tmp_path: Path
+) -> None:
+    system = named("can", "run.stop=0.5", *settings)
     found = recorded(system, node, tmp_path / "twin")
     with image(Pipes(built(system, node, tmp_path / "image"))) as host:
         assert differences(host, found) == []

@@ -68,6 +68,7 @@ GROUPS: Mapping[str, tuple[str, ...]] = {
         "hardware",
         "safety",
         "faults",
+        "conform",
     ),
     "Concepts": ("paper", "design", "glossary"),
     "Reference": ("commands", "keys", "api", "models"),

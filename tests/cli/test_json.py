@@ -146,7 +146,18 @@ QUICK: dict[str, tuple[str | Path, ...]] = {
     "doctor": (),
 }
 WITH_JSON = (
-    *("analyze", "campaign", "check", "compare", "delays", "diff", "doctor", "falsify", "fit"),
+    *(
+        "analyze",
+        "campaign",
+        "check",
+        "compare",
+        "conform",
+        "delays",
+        "diff",
+        "doctor",
+        "falsify",
+        "fit",
+    ),
     *("identify", "info", "ping", "rehearse", "replay", "reproduce", "run", "show", "soak"),
     "sweep",
 )

@@ -1,0 +1,131 @@
+"""``cosim conform``: a participant judged by numbered rules, from outside."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from bridge.cli.options import DeployOptions
+from cosim.cli.options import ResultOptions
+
+if TYPE_CHECKING:
+    from bridge.conform.rules import ConformityReport, ConformityRule, JudgedRule
+    from bridge.deployment.system import System
+
+
+@dataclass(frozen=True, slots=True)
+class ConformityOptions(ResultOptions):
+    """The rules to judge, and the files of the verdicts."""
+
+    rules: Annotated[
+        str, typer.Option(metavar="C-03,C-07", help="Judge these rules only. Default: all.")
+    ] = ""
+    list_: Annotated[
+        bool, typer.Option("--list", help="Print the rules and their clauses, and end.")
+    ] = False
+    junit: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Write a test case for each rule, as JUnit XML."),
+    ] = None
+
+
+def conform(
+    deploy: DeployOptions,
+    result: ConformityOptions,
+    scenario: Annotated[
+        Path | None, typer.Argument(help="Scenario file (.toml).", show_default=False)
+    ] = None,
+    command: Annotated[
+        list[str] | None,
+        typer.Argument(
+            metavar="-- COMMAND ...",
+            help="Starts the participant; {BUS} in it is the channel of a bus. Default: it runs "
+            "already.",
+            show_default=False,
+        ),
+    ] = None,
+    node: Annotated[str, typer.Option("--node", help="Node of the deployment to judge.")] = "",
+) -> None:
+    """Judge one participant by numbered rules of the documentation, from outside.
+
+    The kit joins the buses of the deployment, plays all other nodes, the supervisor and an
+    adversary, and starts COMMAND. With -i cosim it serves simulated buses. Rules with times allow
+    for what the kit itself was late.
+
+    Exit status 1 if a rule is broken, 3 if this machine was too slow to tell.
+    """
+    from bridge.conform.participant import PARTICIPANT_RULES
+    from bridge.conform.report import report_lines, write_conformity_junit
+    from cosim.base.errors import ScenarioError
+
+    rules = PARTICIPANT_RULES.selected(result.rules)
+    if result.list_:
+        typer.echo("\n".join(_listed(rules)))
+        return
+    if scenario is None or not node:
+        raise ScenarioError(
+            "found no scenario or no --node; expected cosim conform SCENARIO --node NODE -- COMMAND"
+        )
+    report = _judged(scenario, deploy, node, command or (), rules, quiet=result.quiet)
+    result.say("\n".join(report_lines(report)))
+    result.save("conform", report.as_data())
+    if result.junit is not None:
+        write_conformity_junit(report, result.junit)
+    if result.quiet and report.exit_code:
+        typer.echo(f"error: {report.sentence()}", err=True)
+    raise typer.Exit(report.exit_code)
+
+
+def _listed(rules: Sequence[ConformityRule]) -> list[str]:
+    from cosim.cli.show import aligned
+
+    return aligned([[r.number, r.title, f"docs/{r.clause}"] for r in rules])
+
+
+def _judged(
+    scenario: Path,
+    deploy: DeployOptions,
+    node: str,
+    command: Sequence[str],
+    rules: Sequence[ConformityRule],
+    *,
+    quiet: bool,
+) -> ConformityReport:
+    """The verdicts, with the simulated buses of the deployment served."""
+    from bridge.conform.participant import ParticipantKit, check_judgeable
+    from bridge.deployment import spec as deployments
+    from bridge.deployment.system import load_system
+    from bridge.rehearsal.simulated_buses import served
+    from cosim.cli.summary import progress_bar
+
+    path = deployments.find(scenario, deploy.deploy)
+    changes = [*deploy.set_, *deploy.settings(deployments.load(path))]
+    system = load_system(scenario, str(path), changes)
+    check_judgeable(system, node)
+    with served(system, []) as channels:
+        system = load_system(scenario, str(path), [*changes, *channels])
+        kit = ParticipantKit(system, node, [_filled(c, _channels(system)) for c in command])
+        with progress_bar(quiet) as progress:
+            done: list[JudgedRule] = []
+
+            def say(judged: JudgedRule) -> None:
+                done.append(judged)
+                progress(len(done), len(rules))
+
+            return kit.judge(rules, say)
+
+
+def _channels(system: System) -> Mapping[str, str]:
+    """The channel of each CAN bus, by name."""
+    return {n: b.channel for n, b in system.deployment.buses.items() if b.kind == "can"}
+
+
+def _filled(text: str, channels: Mapping[str, str]) -> str:
+    """An argument of the command with channels in place of ``{BUS}``."""
+    for name, channel in channels.items():
+        text = text.replace(f"{{{name}}}", channel)
+    return text

@@ -1,0 +1,98 @@
+"""``cosim conform``: options and errors; our own node, judged on simulated buses and over Zenoh."""
+
+import json
+import socket
+import sys
+
+import pytest
+
+from tests.bridge.deployments import TELEOPERATION
+from tests.cli.command import ROOT, Command, finished
+
+NODE = (sys.executable, "-m", "cosim", "node", TELEOPERATION)
+
+
+@pytest.fixture
+def command(monkeypatch, capsys):
+    monkeypatch.setenv("NO_COLOR", "1")
+    return Command(monkeypatch, capsys)
+
+
+def test_rules_are_listed(command):
+    done = command("conform", "--list", "--rules", "C-40,c-07")
+    assert [line.split()[0] for line in done.out.splitlines()] == ["C-07", "C-40"]
+    assert "docs/can.md#numbers" in done.out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        ((), "expected cosim conform SCENARIO --node NODE"),
+        ((TELEOPERATION, "--node", "mister"), "master"),
+        ((TELEOPERATION, "--node", "master", "--rules", "C-99"), "C-"),
+        ((TELEOPERATION, "--node", "master", "-i", "cosim", "--", "./no-such-program"),
+         "No such file"),
+        ((TELEOPERATION, "--deploy", "gateway", "--node", "left_gateway"), "is a gateway"),
+        ((TELEOPERATION, "--deploy", "can-damiao", "--node", "master_control"), "own protocols"),
+        ((TELEOPERATION, "--node", "master", "--set", 'deploy.clock="simulated"'), "wall clock"),
+    ],
+)  # fmt: skip
+def test_bad_input_is_one_sentence(command, arguments, text):
+    assert text in command.refused("conform", *arguments)
+
+
+def test_a_program_that_ends_breaks_the_first_rule(command, tmp_path):
+    done = command(
+        "conform", TELEOPERATION, "--node", "master", "-i", "cosim", "--rules", "C-10,C-40",
+        "--junit", tmp_path / "x.xml", "--json", tmp_path / "x.json",
+        "--", "sh", "-c", "echo no licence",
+    )  # fmt: skip
+    assert done.code == 1
+    found = {r["rule"]: r for r in json.loads((tmp_path / "x.json").read_text())["rules"]}
+    assert found["C-10"]["verdict"] == "failed" and "no licence" in found["C-10"]["came"]
+    assert found["C-40"]["verdict"] == "inconclusive"
+    assert 'failures="1"' in (tmp_path / "x.xml").read_text()
+    assert "verdict: failed" in done.out
+
+
+def judged(path, *arguments):
+    """Rules that failed; a slow machine is no reason to fail."""
+    done = finished("conform", "--json", path, *arguments, cwd=ROOT)
+    found = json.loads(path.read_text())
+    failed = [f"{r['rule']}: {r['came']}" for r in found["rules"] if r["verdict"] == "failed"]
+    assert not failed and done.code in (0, 3), done.out
+    return {r["rule"]: r["verdict"] for r in found["rules"]}
+
+
+@pytest.mark.slow
+@pytest.mark.live
+@pytest.mark.parametrize("node", ["master_control", "master"])
+def test_our_own_node_on_simulated_buses(node, tmp_path):
+    stop = ("--set", 'run.stop="60 s"')
+    found = judged(
+        tmp_path / "verdicts.json", TELEOPERATION, "--node", node, "-i", "cosim", *stop, "--",
+        *NODE, "--node", node, "-i", "cosim", "-c", "left={left}", "-c", "right={right}", *stop,
+    )  # fmt: skip
+    assert found["C-50"] != "not applicable"
+
+
+def free_ports(count):
+    opened = [socket.create_server(("127.0.0.1", 0)) for _ in range(count)]
+    ports = [s.getsockname()[1] for s in opened]
+    for s in opened:
+        s.close()
+    return ports
+
+
+@pytest.mark.slow
+@pytest.mark.live
+def test_our_own_node_over_zenoh(tmp_path):
+    ends = zip(("master", "slave"), free_ports(2), strict=True)
+    listen = ", ".join(f'{name} = "tcp/127.0.0.1:{port}"' for name, port in ends)
+    same = ("--deploy", "zenoh", "--set", 'run.stop="60 s"', "--set", 'deploy.silence="0.5 s"',
+            "--set", f"deploy.buses.net.options.listen={{ {listen} }}")  # fmt: skip
+    found = judged(
+        tmp_path / "verdicts.json", TELEOPERATION, "--node", "slave", *same, "--",
+        *NODE, "--node", "slave", *same,
+    )  # fmt: skip
+    assert found["C-50"] != "not applicable"

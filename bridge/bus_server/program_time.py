@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from typing import final
 
 from bridge.bus_server.attention import Attention
+from bridge.bus_server.can_sockets import CanSockets
 from bridge.bus_server.program_table import ProgramTable
 from bridge.simulated_can.pace import Paced
 from bridge.simulated_can.shared_time import SharedTime
@@ -79,6 +80,9 @@ class ProgramTime:
     def __init__(self, table: ProgramTable, epoch: float) -> None:
         self.table = table
         self.attention = Attention()
+        self.sockets: CanSockets | None = None
+        """Sockets of AF_CAN that the programs have opened."""
+        self._epoch_ns = round(epoch * 1e9)
         self._pace = ProgramPace(table, epoch)
         self.shared = SharedTime(self._pace)
 
@@ -98,6 +102,9 @@ class ProgramTime:
             if any(call.is_due(self.shared.now_ps) for call in self._pace.calls.values()):
                 self.shared.lock.notify_all()
                 self.shared.lock.wait(_PAUSE)
+                return True
+            now_ns = self._epoch_ns + self.shared.now_ps // 1000
+            if self.sockets is not None and self.sockets.serve(now_ns):
                 return True
             return self._go_on(end_ps)
 

@@ -11,6 +11,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import final
 
+from bridge.bus_server.can_sockets import CanSockets
 from bridge.bus_server.listener import listen
 from bridge.bus_server.program_file import ProgramError, check_program
 from bridge.bus_server.program_table import ProgramTable, ProgramThread, preload_path
@@ -63,12 +64,17 @@ class Programs:
             address = BusAddress(name, "", 0, str(folder / "bus"))
             server = BusServer(self.channel, listen(address), attention=self.time.attention)
             stack.callback(server.close)
+            self.time.sockets = CanSockets(folder / "sockets", self.channel)
+            stack.callback(self.time.sockets.close)
             self._given = {
                 "LD_PRELOAD": os.pathsep.join(
                     filter(None, (str(preload_path()), os.environ.get("LD_PRELOAD")))
                 ),
                 "COSIM_BUS_TABLE": str(folder / "table"),
                 SERVED_BUS: f"{name}@{address.path}",
+                "COSIM_BUS_SOCKETS": str(folder / "sockets"),
+                "COSIM_BUS_INTERFACE": name,
+                **({"COSIM_BUS_FD": "1"} if self.channel.timing.fd else {}),
             }
             self._stack = stack.pop_all()
 

@@ -129,7 +129,8 @@ def bus(
     and prints a summary of the last 10 s: load, response times, errors and losses.
 
     With --clock simulated, programs after -- run unmodified in the time of the bus: their clocks,
-    sleeps and time-outs are those of the bus, which stands still while one of them computes.
+    sleeps and time-outs are those of the bus, which stands still while one of them computes. A
+    plain can.Bus() joins; sockets of AF_CAN do on the interface that --channel names.
     """
     from bridge.bus_server.record import BusRecord
     from bridge.simulated_can.options import channel_options

@@ -179,6 +179,11 @@ class Channel:
                 )
             return port.inbox.popleft() if found else None
 
+    def has_room(self, port: ChannelPort) -> bool:
+        """True if the transmit queue of a port has room for a frame."""
+        with self.lock:
+            return self._room(port)
+
     def received(
         self, port: ChannelPort, wanted: Callable[[can.Message], bool]
     ) -> can.Message | None:

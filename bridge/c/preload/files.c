@@ -13,6 +13,7 @@
 #include <sys/uio.h>
 #include <unistd.h>
 
+#include "can.h"
 #include "thread.h"
 
 enum { MASK = 8 /* bytes of the kernel's set of signals */ };
@@ -216,10 +217,10 @@ EXPORT int epoll_pwait2(int fd, struct epoll_event *events, int most, const stru
     return epolled(fd, events, most, deadline_after(timeout), mask);
 }
 
-/* Wait until a file that blocks has something; 0 where the call itself is to be made at once. */
-static void until_ready(int fd, int flags)
+/* Wait until a file that blocks has something to read, or room; at once where the call does not block. */
+static void until_ready(int fd, short events, int flags)
 {
-    struct pollfd file = {fd, POLLIN, 0};
+    struct pollfd file = {fd, events, 0};
     waiting_t w = {SYS_ppoll, {(long)&file, 1, 0, 0, MASK, 0}, 2, 0, {NULL}, 0};
     const int before = errno;
     int mode;
@@ -231,26 +232,57 @@ static void until_ready(int fd, int flags)
     errno = before;
 }
 
-#define READER(type, name, parameters, arguments, flags) \
-    EXPORT type name parameters                          \
-    {                                                    \
-        REAL(name);                                      \
-        until_ready(fd, flags);                          \
-        return real arguments;                           \
+/* A frame for a buffer, or from it. */
+static ssize_t one_frame(int fd, void *buffer, size_t size, int flags, int sends)
+{
+    struct iovec part = {buffer, size};
+    struct msghdr message = {.msg_iov = &part, .msg_iovlen = 1};
+
+    return sends ? can_send(fd, &message, flags) : can_receive(fd, &message, flags);
+}
+
+static ssize_t from_sender(int fd, void *buffer, size_t size, int flags, void *from, socklen_t *length)
+{
+    struct iovec part = {buffer, size};
+    struct msghdr message = {
+        .msg_name = from, .msg_namelen = length ? *length : 0, .msg_iov = &part, .msg_iovlen = 1};
+    const ssize_t got = can_receive(fd, &message, flags);
+
+    if (length != NULL) *length = message.msg_namelen;
+    return got;
+}
+
+static ssize_t several_parts(int fd, const struct iovec *parts, int count, int sends)
+{
+    struct msghdr message = {.msg_iov = (struct iovec *)parts, .msg_iovlen = (size_t)count};
+
+    return sends ? can_send(fd, &message, 0) : can_receive(fd, &message, 0);
+}
+
+#define READER(type, name, parameters, arguments, flags, frame) \
+    EXPORT type name parameters                                 \
+    {                                                           \
+        REAL(name);                                             \
+        until_ready(fd, POLLIN, flags);                         \
+        if (is_can(fd)) return (type)(frame);                   \
+        return real arguments;                                  \
     }
 
-READER(ssize_t, read, (int fd, void *to, size_t size), (fd, to, size), 0)
-READER(ssize_t, readv, (int fd, const struct iovec *to, int count), (fd, to, count), 0)
-READER(ssize_t, recv, (int fd, void *to, size_t size, int flags), (fd, to, size, flags), flags)
-READER(ssize_t, recvmsg, (int fd, struct msghdr *to, int flags), (fd, to, flags), flags)
+READER(ssize_t, read, (int fd, void *to, size_t size), (fd, to, size), 0, one_frame(fd, to, size, 0, 0))
+READER(ssize_t, readv, (int fd, const struct iovec *to, int count), (fd, to, count), 0,
+       several_parts(fd, to, count, 0))
+READER(ssize_t, recv, (int fd, void *to, size_t size, int flags), (fd, to, size, flags), flags,
+       one_frame(fd, to, size, flags, 0))
+READER(ssize_t, recvmsg, (int fd, struct msghdr *to, int flags), (fd, to, flags), flags,
+       can_receive(fd, to, flags))
 READER(ssize_t, recvfrom,
        (int fd, void *restrict to, size_t size, int flags, struct sockaddr *restrict from,
         socklen_t *restrict length),
-       (fd, to, size, flags, from, length), flags)
+       (fd, to, size, flags, from, length), flags, from_sender(fd, to, size, flags, from, length))
 READER(int, accept, (int fd, struct sockaddr *restrict from, socklen_t *restrict length), (fd, from, length),
-       0)
+       0, refuse())
 READER(int, accept4, (int fd, struct sockaddr *restrict from, socklen_t *restrict length, int flags),
-       (fd, from, length, flags), 0)
+       (fd, from, length, flags), 0, refuse())
 
 EXPORT ssize_t __read_chk(int fd, void *to, size_t size, size_t room)
 {
@@ -271,18 +303,25 @@ EXPORT ssize_t __recvfrom_chk(int fd, void *restrict to, size_t size, size_t roo
     return recvfrom(fd, to, size, flags, from, length);
 }
 
-#define WRITER(name, parameters, arguments) \
-    EXPORT ssize_t name parameters          \
-    {                                       \
-        REAL(name);                         \
-        wakes_others();                     \
-        return real arguments;              \
+#define WRITER(name, parameters, arguments, frame) \
+    EXPORT ssize_t name parameters                 \
+    {                                              \
+        REAL(name);                                \
+        wakes_others();                            \
+        if (is_can(fd)) {                          \
+            until_ready(fd, POLLOUT, 0);           \
+            return frame;                          \
+        }                                          \
+        return real arguments;                     \
     }
 
-WRITER(write, (int fd, const void *from, size_t size), (fd, from, size))
-WRITER(writev, (int fd, const struct iovec *from, int count), (fd, from, count))
-WRITER(send, (int fd, const void *from, size_t size, int flags), (fd, from, size, flags))
-WRITER(sendmsg, (int fd, const struct msghdr *from, int flags), (fd, from, flags))
+WRITER(write, (int fd, const void *from, size_t size), (fd, from, size),
+       one_frame(fd, (void *)from, size, 0, 1))
+WRITER(writev, (int fd, const struct iovec *from, int count), (fd, from, count),
+       several_parts(fd, from, count, 1))
+WRITER(send, (int fd, const void *from, size_t size, int flags), (fd, from, size, flags),
+       one_frame(fd, (void *)from, size, flags, 1))
+WRITER(sendmsg, (int fd, const struct msghdr *from, int flags), (fd, from, flags), can_send(fd, from, flags))
 WRITER(sendto,
        (int fd, const void *from, size_t size, int flags, const struct sockaddr *to, socklen_t length),
-       (fd, from, size, flags, to, length))
+       (fd, from, size, flags, to, length), one_frame(fd, (void *)from, size, flags, 1))

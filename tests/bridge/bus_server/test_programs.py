@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import os
 import re
+import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -139,6 +140,46 @@ def test_the_loop_of_an_arm_has_its_period_and_the_answers_of_this_step() -> Non
     assert done.returncode == 0, done.stderr
     expected = [f"0.0100 {1 + k / 100:.2f} {2 + k / 100:.2f} {3 + k / 100:.2f}" for k in range(20)]
     assert done.stdout.splitlines() == expected
+
+
+def test_sockets_of_a_c_program_are_nodes_of_the_bus(tmp_path: Path) -> None:
+    done = run([compiled("frames", tmp_path)], options=("--channel", "can0"))
+    assert done.returncode == 0, done.stderr
+    start, ends = 1_000_000, []
+    for identifier, data in ((0x300, b""), (0x101, b""), (0x102, b"\x55" * 8)):
+        bits = frame_bits(identifier, data).nominal
+        ends.append(start + (bits - 3) * 2000)
+        start += bits * 2000
+    assert done.stdout.splitlines() == [
+        "other -1",
+        f"a {ends[0]} 1 300#",
+        f"a {ends[1]} 1 101#",
+        f"a {ends[2]} 1 102#5555555555555555",
+        f"b {ends[2]} 0 102#5555555555555555",
+    ]
+
+
+@pytest.mark.skipif(shutil.which("candump") is None, reason="can-utils")
+def test_can_utils_run_on_a_machine_without_can() -> None:
+    words = (
+        "sleep 0.5; cansend can0 123##1DEADBEEF; sleep 0.1; cangen can0 -g 10 -n 3 -I 42 -L 8 -D i"
+    )
+    options = ("--channel", "can0", "--fd", "--data-bitrate", "2e6")
+    done = run(["candump", "-td", "can0"], ["sh", "-c", f"{words}; sleep 0.1"], options=options)
+    assert done.returncode == 0, done.stderr
+    lines = [line.split() for line in done.stdout.splitlines()]
+    assert [line[2] for line in lines] == ["123", "042", "042", "042"]
+    assert lines[0][3:] == ["[04]", "DE", "AD", "BE", "EF"]
+    gaps = [float(line[0].strip("()")) for line in lines[2:]]
+    assert gaps == pytest.approx([0.01, 0.01], abs=1e-5)  # stuff bits differ
+
+
+def test_python_can_s_interface_socketcan_runs_unchanged() -> None:
+    done = run(python("socketcan.py"), options=("--channel", "can0"))
+    assert done.returncode == 0, done.stderr
+    bits = frame_bits(0x123, bytes(8)).nominal
+    at = 1_767_225_600 + 0.01 + (bits - 3) / 500e3
+    assert done.stdout == f"{at:.6f} 123 True\n{at:.6f} 123 False\nno more\n"
 
 
 def test_programs_of_one_moment_go_on_in_their_order() -> None:

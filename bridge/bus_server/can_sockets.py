@@ -1,6 +1,7 @@
 """Raw sockets of AF_CAN that programs in bus time have opened (``bridge/c/preload/can.c``).
 
 Each is a connection that carries packets, and a node of the bus once the program has bound it.
+Files of ``timerfd_create`` are such connections, too.
 """
 
 from __future__ import annotations
@@ -24,13 +25,17 @@ _EXTENDED, _REMOTE, _ERROR = 0x8000_0000, 0x4000_0000, 0x2000_0000
 _BRS, _ESI = 1, 2
 _FD_BYTES = 72
 _MOST_QUEUED = 1000
+_NEVER = 2**63 - 1
 #: Frames that wait in the queue of a node, as the `txqueuelen` of an interface.
 _SENDING = PortOptions(tx_queue_size=10, receive_own_messages=True)
 
 
 @final
 class CanSocket:
-    """One socket: its options, its node, and what it has received and not read yet."""
+    """One socket: its options, its node, and what it has received and not read yet.
+
+    `due_ns`: the time at which it expires as a timer, ns of the bus; None: it does not.
+    """
 
     def __init__(self, connection: socket.socket, channel: Channel) -> None:
         self.connection, self._channel = connection, channel
@@ -38,6 +43,8 @@ class CanSocket:
         self._waiting: deque[bytes] = deque()
         self._options: dict[int, int] = {}
         self._filters: list[tuple[int, int]] = [(0, 0)]
+        self.due_ns: int | None = None
+        self._period_ns = 0
         self.is_open = True
         self.lost = 0
 
@@ -58,19 +65,28 @@ class CanSocket:
                 self._port = self._port or self._channel.open(_SENDING)
             elif packet[:1] == b"O":
                 self._set(int.from_bytes(packet[1:5], "little"), packet[5:])
+            elif packet[:1] == b"T":
+                due, self._period_ns = struct.unpack("<qq", packet[1:17])
+                self.due_ns = None if due == _NEVER else due
             elif self._port is not None:
                 self._send(self._port, packet[1:])
         return found
 
-    def deliver(self, now_ns: int) -> bool:
-        """Pass on what the node has received, with its time (ns); True if that was something."""
+    def deliver(self, now_ns: int, epoch_ns: int) -> bool:
+        """Pass on what the node has received, with its date, and that a timer has expired; True if
+        that was something. `now_ns`: time of the bus; `epoch_ns`: the date at time 0, ns.
+        """
+        if self.due_ns is not None and self.due_ns <= now_ns:
+            count = 1 + ((now_ns - self.due_ns) // self._period_ns if self._period_ns else 0)
+            self._waiting.append(struct.pack("<q", count))
+            self.due_ns = self.due_ns + count * self._period_ns if self._period_ns else None
         if self._port is not None:
             while (message := self._channel.received(self._port, self._wants)) is not None:
                 if message.is_fd and not self._options.get(_FD_FRAMES):
                     continue
                 flags = 0 if message.is_rx else socket.MSG_DONTROUTE | socket.MSG_CONFIRM
                 if len(self._waiting) < _MOST_QUEUED:
-                    head = struct.pack("<qi", now_ns, flags)
+                    head = struct.pack("<qi", epoch_ns + now_ns, flags)
                     self._waiting.append(head + bytes(build_can_frame(message)))
                 else:
                     self.lost += 1
@@ -151,9 +167,13 @@ class CanSockets:
         self._channel = channel
         self._sockets: list[CanSocket] = []
 
-    def serve(self, now_ns: int) -> bool:
+    def next_ns(self) -> int | None:
+        """The next time at which a timer expires, ns of the bus; None: none will."""
+        return min((s.due_ns for s in self._sockets if s.due_ns is not None), default=None)
+
+    def serve(self, now_ns: int, epoch_ns: int) -> bool:
         """Do what programs have asked for, and pass on what has arrived; True if that was
-        something. `now_ns`: the date of the programs, ns.
+        something. `now_ns`: time of the bus; `epoch_ns`: the date at time 0, ns.
         """
         found = False
         with contextlib.suppress(BlockingIOError):
@@ -165,7 +185,7 @@ class CanSockets:
         for each in self._sockets:
             found |= each.serve()
         for each in self._sockets:
-            found |= each.deliver(now_ns)
+            found |= each.deliver(now_ns, epoch_ns)
         self._sockets = [each for each in self._sockets if each.is_open]
         return found
 

@@ -103,13 +103,15 @@ class ProgramTime:
                 self.shared.lock.notify_all()
                 self.shared.lock.wait(_PAUSE)
                 return True
-            now_ns = self._epoch_ns + self.shared.now_ps // 1000
-            if self.sockets is not None and self.sockets.serve(now_ns):
+            now_ns = self.shared.now_ps // 1000
+            if self.sockets is not None and self.sockets.serve(now_ns, self._epoch_ns):
                 return True
             return self._go_on(end_ps)
 
     def _go_on(self, end_ps: int | None) -> bool:
         found = [self.shared.next_ps(), end_ps, *(c.until_ps for c in self._pace.calls.values())]
+        timer_ns = None if self.sockets is None else self.sockets.next_ns()
+        found.append(None if timer_ns is None else timer_ns * 1000)
         happening = min((t for t in found if t is not None), default=None)
         place = self.table.next()
         if place is not None:

@@ -1,9 +1,9 @@
-/* can.c: raw sockets of AF_CAN on the simulated bus, also where the kernel has no CAN
+/* can.c: raw sockets of AF_CAN on the simulated bus, also where the kernel has no CAN; files of timers
  *
  * Such a socket is a Unix socket for packets to the process that has the bus (bridge/bus_server/
- * can_sockets.py). A packet to it begins with a letter: B (bind), O (an option: its number, its value) or F (a
- * frame, struct can_frame or canfd_frame). A packet from it is the time of the frame (CLOCK_REALTIME, ns), the
- * flags of its message, and the frame. */
+ * can_sockets.py). A packet to it begins with a letter: B (bind), O (an option: its number, its value), F (a
+ * frame, struct can_frame or canfd_frame) or T (a timer: its time and its period, ns of the bus). A packet from it is the time of the frame (CLOCK_REALTIME, ns), the
+ * flags of its message, and the frame; or how often a timer has expired, in 8 bytes. */
 #define _GNU_SOURCE
 #include <errno.h>
 #include <linux/can.h>
@@ -16,6 +16,7 @@
 #include <string.h>
 #include <sys/ioctl.h>
 #include <sys/syscall.h>
+#include <sys/timerfd.h>
 #include <sys/un.h>
 #include <unistd.h>
 
@@ -23,7 +24,7 @@
 #include "thread.h"
 
 enum { MOST = 4096, INDEX = 1000 /* of the only interface */, WAITING_FRAMES = 4096 /* bytes */ };
-enum { CAN_SOCKET = 1, STAMP = 2, STAMP_NS = 4, STAMPING = 8, FD_FRAMES = 16 };
+enum { CAN_SOCKET = 1, STAMP = 2, STAMP_NS = 4, STAMPING = 8, FD_FRAMES = 16, TIMER = 32 };
 
 typedef struct {
     int64_t when;
@@ -32,9 +33,13 @@ typedef struct {
 } __attribute__((packed)) packet_t;
 
 static unsigned char sockets[MOST];
+static struct {
+    int64_t due, period; /* ns of the bus; due NEVER: not set */
+    clockid_t clock;
+} timers[MOST];
 static pid_t owner; /* the child of a vfork must not change `sockets` */
 
-int is_can(int fd) { return fd >= 0 && fd < MOST && sockets[fd] & CAN_SOCKET; }
+int is_can(int fd) { return fd >= 0 && fd < MOST && sockets[fd] & (CAN_SOCKET | TIMER); }
 
 static const char *interface_name(void)
 {
@@ -49,7 +54,7 @@ static int failed(int number)
     return -1;
 }
 
-static int can_open(int type)
+static int connection(int type, int kind)
 {
     struct sockaddr_un to = {.sun_family = AF_UNIX};
     const char *path = getenv("COSIM_BUS_SOCKETS");
@@ -70,7 +75,7 @@ static int can_open(int type)
         kernel(SYS_ioctl, fd, FIONBIO, &on);
     }
     owner = getpid();
-    sockets[fd] = CAN_SOCKET;
+    sockets[fd] = (unsigned char)kind;
     return fd;
 }
 
@@ -78,7 +83,7 @@ EXPORT int socket(int family, int type, int protocol)
 {
     if (family != AF_CAN || bus_table() == NULL) return (int)kernel(SYS_socket, family, type, protocol);
     if ((type & 0xf) != SOCK_RAW || protocol != CAN_RAW) return failed(EPROTONOSUPPORT);
-    return can_open(type);
+    return connection(type, CAN_SOCKET);
 }
 
 EXPORT int close(int fd)
@@ -217,7 +222,7 @@ static void add_stamps(int fd, struct msghdr *to, int64_t when)
     to->msg_controllen = used < to->msg_controllen ? used : to->msg_controllen;
 }
 
-ssize_t can_receive(int fd, struct msghdr *to, int flags)
+static ssize_t receive_frame(int fd, struct msghdr *to, int flags)
 {
     const struct sockaddr_can from = {.can_family = AF_CAN, .can_ifindex = INDEX};
     packet_t p;
@@ -240,6 +245,71 @@ ssize_t can_receive(int fd, struct msghdr *to, int flags)
     }
     add_stamps(fd, to, p.when);
     return (ssize_t)done;
+}
+
+EXPORT int timerfd_create(clockid_t clock, int flags)
+{
+    const int type = (flags & TFD_NONBLOCK ? SOCK_NONBLOCK : 0) | (flags & TFD_CLOEXEC ? SOCK_CLOEXEC : 0);
+    int64_t offset;
+    int fd;
+
+    if (bus_table() == NULL) return (int)kernel(SYS_timerfd_create, clock, flags);
+    if (!clock_offset(clock, &offset)) return failed(EINVAL);
+    fd = connection(type, TIMER);
+    if (fd >= 0) {
+        timers[fd].due = NEVER;
+        timers[fd].period = 0;
+        timers[fd].clock = clock;
+    }
+    return fd;
+}
+
+EXPORT int timerfd_gettime(int fd, struct itimerspec *out)
+{
+    int64_t left;
+
+    if (!is_can(fd)) return (int)kernel(SYS_timerfd_gettime, fd, out);
+    left = timers[fd].due == NEVER ? 0 : timers[fd].due - LOAD(bus_table()->now);
+    if (left < 0 && timers[fd].period > 0) left = timers[fd].period - -left % timers[fd].period;
+    out->it_value = to_timespec(left > 0 ? left : 0);
+    out->it_interval = to_timespec(timers[fd].period);
+    return 0;
+}
+
+EXPORT int timerfd_settime(int fd, int flags, const struct itimerspec *wanted, struct itimerspec *before)
+{
+    const struct timespec *value = &wanted->it_value;
+    int64_t count, told[2];
+
+    if (!is_can(fd)) return (int)kernel(SYS_timerfd_settime, fd, flags, wanted, before);
+    if (before != NULL) timerfd_gettime(fd, before);
+    while (kernel(SYS_recvfrom, fd, &count, sizeof count, MSG_DONTWAIT, NULL, NULL) > 0) {}
+    told[0] = flags & TFD_TIMER_ABSTIME ? deadline_at(timers[fd].clock, value) : deadline_after(value);
+    told[1] = (int64_t)wanted->it_interval.tv_sec * SECOND + wanted->it_interval.tv_nsec;
+    if (told[0] < 0 || told[1] < 0) return failed(EINVAL);
+    if (value->tv_sec == 0 && value->tv_nsec == 0) told[0] = NEVER;
+    timers[fd].due = told[0];
+    timers[fd].period = told[1];
+    return tell(fd, 'T', told, sizeof told) < 0 ? -1 : 0;
+}
+
+/* Expirations that have not been read, as one number. */
+static ssize_t read_timer(int fd, const struct msghdr *to, int flags)
+{
+    int64_t sum = 0, count;
+
+    if (to->msg_iovlen == 0 || to->msg_iov[0].iov_len < sizeof sum) return failed(EINVAL);
+    while (kernel(SYS_recvfrom, fd, &count, sizeof count, sum ? MSG_DONTWAIT : flags, NULL, NULL) > 0)
+        sum += count;
+    if (sum == 0) return -1;
+    memcpy(to->msg_iov[0].iov_base, &sum, sizeof sum);
+    return sizeof sum;
+}
+
+ssize_t can_receive(int fd, struct msghdr *to, int flags)
+{
+    if (sockets[fd] & TIMER) return read_timer(fd, to, flags);
+    return receive_frame(fd, to, flags);
 }
 
 ssize_t can_send(int fd, const struct msghdr *from, int flags)

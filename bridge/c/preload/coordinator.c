@@ -51,6 +51,7 @@ EXPORT coordinator_t *coordinator_make(const char *path, int64_t date, int64_t m
     c->table = mmap(NULL, sizeof *c->table, PROT_READ | PROT_WRITE, MAP_SHARED, fd, 0);
     kernel(SYS_close, fd);
     if (c->table == MAP_FAILED) return NULL;
+    c->table->coordinator = (int32_t)getpid();
     c->table->date = date;
     c->table->monotonic = monotonic;
     for (i = 0; i < SLOTS; i++) {

@@ -39,6 +39,7 @@ typedef struct {
     uint32_t magic;
     uint32_t bell; /* the word of a futex: a thread has changed its state */
     int32_t lock;
+    int32_t coordinator;       /* its process */
     int32_t numbers[PROGRAMS]; /* threads of each program so far */
     int64_t now;               /* bus time, ns */
     int64_t lease;             /* until then the only thread that runs may let time pass by itself, ns */

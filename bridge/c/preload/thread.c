@@ -10,6 +10,7 @@
 #include <stdarg.h>
 #include <stdlib.h>
 #include <sys/mman.h>
+#include <sys/prctl.h>
 #include <sys/syscall.h>
 #include <unistd.h>
 
@@ -121,9 +122,15 @@ slot_t *slot_of_process(int32_t pid)
     return NULL;
 }
 
+/* Without its coordinator, time would stand still for ever: the process ends. */
 static void take_turn(void)
 {
-    while (LOAD(mine->turn) == NO_TURN) raw_futex((uint32_t *)&mine->turn, FUTEX_WAIT, NO_TURN, NULL);
+    const struct timespec second = {1, 0};
+
+    while (LOAD(mine->turn) == NO_TURN) {
+        raw_futex((uint32_t *)&mine->turn, FUTEX_WAIT, NO_TURN, &second);
+        if (kill(table->coordinator, 0) < 0 && errno == ESRCH) _exit(128 + SIGTERM);
+    }
 }
 
 void adopt_slot(slot_t *slot)
@@ -179,6 +186,7 @@ static void attach(void)
     }
     program = atoi(number) % PROGRAMS;
     listen_to_wakes();
+    if (getppid() == table->coordinator) prctl(PR_SET_PDEATHSIG, SIGTERM);
     pthread_atfork(NULL, NULL, in_child);
     slot = slot_of_process((int32_t)getpid());
     adopt_slot(slot ? slot : new_slot((int32_t)getpid(), (int32_t)getpid()));

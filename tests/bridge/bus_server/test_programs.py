@@ -64,7 +64,9 @@ def test_every_wait_of_a_c_program_takes_bus_time(waits: str) -> None:
         "pthread_cond_timedwait": ["1", "5000"], "sem_timedwait": ["-1", "6000"],
         "futex": ["-1", "700"], "signalled": ["0", "4000"], "posted": ["0", "4000"],
         "written": ["1", "4000"], "woken": ["0", "4000"], "joined": ["0", "0"],
-        "forked": ["7", "2500"], "alarmed": ["-1", "1500"], "spun": took["spun"],
+        "forked": ["7", "2500"], "alarmed": ["-1", "1500"],
+        "first": ["1", "500"], "expired": ["4", "0"], "next": ["1", "1000"],
+        "spun": took["spun"],
     }  # fmt: skip
     assert 3000 <= int(took["spun"][1]) <= 3010
 
@@ -209,6 +211,17 @@ def test_a_program_that_is_killed_does_not_stop_the_time_of_the_others() -> None
     done = run([sys.executable, "-c", code], ["sh", "-c", "sleep 2; date -u +%T"])
     assert done.stdout.split() == ["00:00:02"]
     assert done.returncode == 137
+
+
+def test_programs_end_with_the_process_that_has_their_time() -> None:
+    words = "echo $$; while true; do sleep 1; done"
+    command = [*COMMAND, "--clock", "simulated", "--", "sh", "-c", words]
+    with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True) as bus:
+        assert bus.stdout is not None
+        program = Path("/proc", bus.stdout.readline().strip())
+        assert program.exists()
+        bus.kill()
+        assert bus.stdout.read() == ""  # until the last program has closed it
 
 
 def test_a_program_that_computes_without_end_is_named() -> None:

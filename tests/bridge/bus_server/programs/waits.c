@@ -14,6 +14,7 @@
 #include <sys/socket.h>
 #include <sys/syscall.h>
 #include <sys/time.h>
+#include <sys/timerfd.h>
 #include <sys/wait.h>
 #include <time.h>
 #include <unistd.h>
@@ -89,6 +90,9 @@ int main(void)
     struct pollfd file = {-1, POLLIN, 0};
     struct timeval short_time = {0, 2500};
     struct itimerval soon = {{0, 0}, {0, 1500}};
+    const struct itimerspec period = {{0, 2000000}, {0, 500000}};
+    const int timer = timerfd_create(CLOCK_MONOTONIC, TFD_CLOEXEC);
+    uint64_t expired;
     struct sigaction action = {.sa_handler = on_alarm};
     struct timespec t;
     struct timeval date;
@@ -138,6 +142,13 @@ int main(void)
     sigaction(SIGALRM, &action, NULL);
     setitimer(ITIMER_REAL, &soon, NULL);
     SAY("alarmed", usleep(10000))
+    timerfd_settime(timer, 0, &period, NULL);
+    event.events = EPOLLIN;
+    epoll_ctl(epoll, EPOLL_CTL_ADD, timer, &event);
+    SAY("first", epoll_wait(epoll, &event, 1, 1000))
+    usleep(7000);
+    SAY("expired", read(timer, &expired, sizeof expired) == 8 ? expired : 0)
+    SAY("next", read(timer, &expired, sizeof expired) == 8 ? expired : 0)
     {
         const int64_t since = now(CLOCK_MONOTONIC);
 

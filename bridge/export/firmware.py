@@ -22,7 +22,7 @@ from bridge.replay.twin import memory_buses
 from bridge.wiring.wiring import WiredNode, heard_dtype, row_dtype
 from cosim.base.errors import ScenarioError
 
-TARGETS = ("cortex-m4", "cortex-m7", "native")
+TARGETS = ("cortex-m4", "cortex-m7", "riscv32", "native")
 #: The most values a message may have: ``MESSAGE_FIELDS`` of firmware (``target.h``).
 FIELDS = 64
 _C = Path(__file__).parent.parent / "c"

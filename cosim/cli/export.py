@@ -100,7 +100,7 @@ class FirmwareOptions:
     target: Annotated[
         str,
         typer.Option(
-            help="With --firmware: cortex-m4, cortex-m7 or native.",
+            help="With --firmware: cortex-m4, cortex-m7, riscv32 or native.",
             show_default="cortex-m4",
         ),
     ] = ""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import select
 import socket
 import struct
 import subprocess
@@ -50,6 +51,9 @@ class Line(Protocol):
 
     def send(self, data: bytes) -> None: ...
     def receive(self) -> bytes: ...
+    def waits(self, seconds: float) -> bool:
+        """True if something comes within this time."""
+        ...
 
 
 @dataclass
@@ -78,6 +82,13 @@ class Host:
             what, payload = self.next()
             found.setdefault(what, []).append(payload)
         return found
+
+    def hello(self, mode: int) -> bytes:
+        """Ask for a mode until the image answers: what comes before it has started may be lost."""
+        while True:
+            self.say(record("m", bytes([mode])))
+            if self.line.waits(1.0):
+                return self.until("h")["h"][0]
 
     def _whole(self) -> tuple[str, bytes] | None:
         while self._input:
@@ -114,6 +125,9 @@ class Pipes:
         assert found, "the image has ended"
         return found
 
+    def waits(self, seconds: float) -> bool:
+        return bool(select.select([self.process.stdout], [], [], seconds)[0])
+
 
 class Serial:
     """An image in QEMU: its serial line is a Unix socket."""
@@ -136,6 +150,9 @@ class Serial:
         found = self.socket.recv(65536)
         assert found, "the image has ended"
         return found
+
+    def waits(self, seconds: float) -> bool:
+        return bool(select.select([self.socket], [], [], seconds)[0])
 
 
 @contextmanager
@@ -180,8 +197,7 @@ def recorded(system: System, node: str, folder: Path) -> Recorded:
 def differences(host: Host, found: Recorded) -> list[str]:
     """Run an image along a recorded node, slot by slot; what is not the same, to the bit."""
     wrong: list[str] = []
-    host.say(record("m", bytes([SLOTS])))
-    host.until("h")
+    host.hello(SLOTS)
     order = np.argsort(found.received["t_ns"], kind="stable")
     frames = list(found.received[order])
     rows, heard, sent = [], [], []

@@ -8,7 +8,8 @@
  *
  * A number of 8 bits does not tell hosts apart. Where there is room (Zenoh) the identity of the host
  * follows, 128 bits in four values. Elsewhere a frame DATE comes before each EPOCH: an EPOCH of the host 0,
- * whose run is the low bits of the sender's number and whose origin is the date at which it is sent.
+ * whose run is the low bits of the sender's number and whose origin is the date at which it is sent. A node
+ * without a date (a microcontroller) takes that one, believes the EPOCH behind it, and sends none.
  */
 #ifndef BRIDGE_EPOCH_H
 #define BRIDGE_EPOCH_H
@@ -40,6 +41,9 @@ typedef struct {
     int64_t apart_ns;   /* the date in the last DATE, from ours */
     int64_t dated_ns;   /* when it came; 0: never */
     int64_t dated_host; /* EPOCH_DATE_RUN bits of the number of its host */
+    int64_t
+        date_ns; /* of a node without a date of its own (`adopts`): that of the last DATE, less its arrival */
+    int32_t adopts, reserved;
 } epoch_t;
 
 /* A number for the run with this t = 0 (any clock): nodes with the same t = 0 compute the same number. */

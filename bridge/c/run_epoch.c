@@ -17,7 +17,7 @@ static void say(node_t *n, int32_t bus, const double *v)
 {
     const message_t *m = n->services[bus].epoch;
     header_t header = {0, n->simulated ? STATUS_SIMULATED : 0, 0, 0};
-    if (!m) return;
+    if (!m || n->epoch.adopts) return;
     if (m->n_fields <= EPOCH_IDENTITY) {
         const double date = (double)epoch_origin_us(pace_now() + pace_date());
         const double now[EPOCH_VALUES] = {n->epoch.host & EPOCH_DATE_RUN, EPOCH_DATE_HOST, 0, date};
@@ -99,7 +99,8 @@ static int32_t judged(const node_t *n, const message_t *m, const double *v, int6
 {
     const epoch_t *e = &n->epoch;
     const int32_t kept = v[EPOCH_KEPT] != 0.0 && e->kept, who = identified(e, m, v), date = dated(e, v, t_ns);
-    if (!kept && ((int32_t)v[EPOCH_HOST] != e->host || who < 0)) return REFUSED;
+    const int32_t ours = (int32_t)v[EPOCH_HOST] == e->host || (e->adopts && date > 0);
+    if (!kept && (!ours || who < 0)) return REFUSED;
     if (date < 0 || (origin <= t_ns && contradicted(n, origin))) return REFUSED;
     if (kept || who > 0 || date > 0) return BELIEVED;
     if (origin > t_ns) return origin - t_ns > AHEAD_NS ? REFUSED : BELIEVED;
@@ -125,6 +126,7 @@ void node_epoch_heard(node_t *n, const frame_t *frame)
         e->apart_ns = origin - frame->t_ns;
         e->dated_ns = frame->t_ns;
         e->dated_host = (int64_t)v[EPOCH_RUN];
+        if (e->adopts) e->date_ns += e->apart_ns, e->apart_ns = 0;
         return;
     }
     e->due_ns = frame->t_ns + APART_NS; /* a waiting node has received it */

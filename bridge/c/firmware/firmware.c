@@ -33,8 +33,7 @@ int32_t bus_send(bus_t *bus, frame_t *frame)
 
 int64_t pace_now(void) { return hal_time_ns(); }
 
-/* A board has no date: an EPOCH of another host does not tell its t = 0, START does. */
-int64_t pace_date(void) { return 0; }
+int64_t pace_date(void) { return core.memory.node.epoch.date_ns; }
 
 __attribute__((weak)) void hal_idle(int64_t until_ns) { (void)until_ns; }
 
@@ -92,6 +91,7 @@ const char *firmware_begin(int32_t clock)
     node_t *n = &core.memory.node;
     portable_reset(&core);
     n->clock = clock, n->run = run, n->joined = joined;
+    n->epoch.adopts = n->epoch.follows = clock == CLOCK_WALL;
     n->lead_ns = LEAD_NS;
     if (clock == CLOCK_WALL) n->boots = (++lives + (uint32_t)(hal_time_ns() / 1000000)) % BOOTS + 1;
     n->first = 1;

@@ -8,14 +8,14 @@ typedef volatile uint32_t word_t;
 typedef volatile uint8_t byte_t;
 
 #define UART ((byte_t *)0x10000000)
-#define TIMER ((word_t *)0x0200BFF8)  /* low, high */
-#define ALARM ((word_t *)0x02004000)  /* low, high */
+#define TIMER ((word_t *)0x0200BFF8)    /* low, high */
+#define ALARM ((word_t *)0x02004000)    /* low, high */
 #define PRIORITY ((word_t *)0x0C000000) /* of each source of the interrupt controller */
 #define ENABLED (*(word_t *)0x0C002000)
 #define CLAIM (*(word_t *)0x0C200004) /* read: the source; written: it is done */
 
-enum { DATA, INTERRUPTS, FIFO, LINE = 5 };
-enum { CAME = 1, EMPTY = 32 };
+enum { DATA, INTERRUPTS, FIFO, LINE_CONTROL, LINE = 5 };
+enum { CAME = 1, EMPTY = 32, BITS_8 = 3, DIVIDER = 128, WAITS_FOR_14 = 0xC1 };
 enum { UART_SOURCE = 10, TIMER_BIT = 1 << 7, OUTSIDE_BIT = 1 << 11, TICK_NS = 100 };
 static const uint32_t PAINT = 0xC0FFEE11;
 
@@ -31,7 +31,8 @@ __asm__(".section .vectors, \"ax\"\n"
 
 static void setup(void)
 {
-    UART[FIFO] = 1, UART[INTERRUPTS] = 1;
+    UART[LINE_CONTROL] = DIVIDER | BITS_8, UART[DATA] = 1, UART[INTERRUPTS] = 0; /* 115200 bit/s */
+    UART[LINE_CONTROL] = BITS_8, UART[FIFO] = WAITS_FOR_14, UART[INTERRUPTS] = 1;
     PRIORITY[UART_SOURCE] = 1, ENABLED = 1 << UART_SOURCE;
     __asm__ volatile(".option push\n.option arch, +zicsr\ncsrw mie, %0\n.option pop"
                      :
@@ -41,7 +42,8 @@ static void setup(void)
 void begin(void)
 {
     for (uint32_t *to = bss_begin; to < bss_end;) *to++ = 0;
-    for (volatile uint32_t *to = stack_begin; to < (uint32_t *)__builtin_frame_address(0) - 16;) *to++ = PAINT;
+    for (volatile uint32_t *to = stack_begin; to < (uint32_t *)__builtin_frame_address(0) - 16;)
+        *to++ = PAINT;
     setup();
     main();
     board_end();

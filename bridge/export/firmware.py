@@ -76,7 +76,8 @@ def firmware(system: System, name: str, target: str, *, real: bool = False) -> F
             "\ntypedef struct", f"{_sizes(node, token)}\ntypedef struct", 1
         )
         files = {**_files(), **_controllers(found), **{f"node/{n}": t for n, t in data.items()}}
-        files["Makefile"] = files["Makefile"].replace("cortex-m4", target, 1)
+        files["Makefile"] = files["Makefile"].replace("TARGET = cortex-m4", f"TARGET = {target}", 1)
+        files["README.md"] = _filled(files["README.md"], node, target)
         return Firmware(files, token)
 
 
@@ -107,6 +108,29 @@ def _sizes(node: WiredNode, token: bytes) -> str:
         f"#define HEARD_SIZE {heard_dtype(system, name).itemsize}\n"
         f"#define HEARD_ROWS {max(1, per_slot)}\n"
     )
+
+
+def _filled(text: str, node: WiredNode, target: str) -> str:
+    """The README, about this node."""
+    d = node.system.deployment
+    buses = [(name, d.buses[name]) for name in node.system.buses_of(node.name)]
+    facts = {
+        "node": node.name,
+        "number": str(node.struct.number),
+        "title": d.title,
+        "target": target,
+        "components": ", ".join(c.name for c in node.plan.plan.components),
+        "buses": "\n".join(
+            f"| {i}: {name} | {bus.bitrate} | {bus.data_bitrate if bus.fd else 'classic'} |"
+            for i, (name, bus) in enumerate(buses)
+        ),
+        "real": "It may move real drives, and refuses samples that are marked as simulated."
+        if node.real
+        else "Its messages are marked as simulated, and no real drive takes them (`--real`).",
+    }
+    for name, value in facts.items():
+        text = text.replace("{" + name + "}", value)
+    return text
 
 
 def _files() -> dict[str, str]:

@@ -175,6 +175,10 @@ class NodeImage:
         self.initial: list[str] = []
         self.pointers: list[str] = []
         self._add(_Block(c.addressof(struct), c.sizeof(struct), 1, "node", type(struct), True))
+        for name in ("commanded", "motors"):  # whole, before inlets and outlets point into them
+            at = c.cast(getattr(struct, name), c.c_void_p).value
+            if at:
+                self._place(at, _POINTERS[node.NodeStruct][name], struct, name)
         self.initial.insert(0, f".node = {self._struct(struct, 'node')}")
 
     def pointer(self, address: int, kind: type, place: str) -> str:

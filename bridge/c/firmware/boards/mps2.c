@@ -24,7 +24,7 @@ static const uint32_t PAINT = 0xC0FFEE11;
 
 extern uint32_t data_from[], data_begin[], data_end[], bss_begin[], bss_end[], stack_begin[], stack_end[];
 int main(void);
-void reset(void);
+void _start(void);
 
 static void setup(void)
 {
@@ -34,7 +34,7 @@ static void setup(void)
     __asm__ volatile("cpsid i");
 }
 
-void reset(void)
+void _start(void)
 {
 #if defined(__ARM_FP)
     COPROCESSORS |= 0xF << 20;
@@ -54,8 +54,8 @@ static void stop(void)
     for (;;) __asm__ volatile("wfi");
 }
 
-__attribute__((section(".vectors"), used)) static void *const vectors[16] = {stack_end, reset, stop, stop,
-                                                                             stop,      stop,  stop};
+__attribute__((section(".vectors"), used)) static void *const vectors[16] = {stack_end, _start, stop, stop,
+                                                                             stop,      stop,   stop};
 
 int32_t board_read(uint8_t *to, int32_t n)
 {

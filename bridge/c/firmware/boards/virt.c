@@ -24,8 +24,8 @@ int main(void);
 void begin(void);
 
 __asm__(".section .vectors, \"ax\"\n"
-        ".global reset\n"
-        "reset: la sp, stack_end\n"
+        ".global _start\n"
+        "_start: la sp, stack_end\n"
         "j begin\n"
         ".text\n");
 

@@ -41,8 +41,7 @@ typedef struct {
     int64_t apart_ns;   /* the date in the last DATE, from ours */
     int64_t dated_ns;   /* when it came; 0: never */
     int64_t dated_host; /* EPOCH_DATE_RUN bits of the number of its host */
-    int64_t
-        date_ns; /* of a node without a date of its own (`adopts`): that of the last DATE, less its arrival */
+    int64_t date_ns;    /* of a node that `adopts` it: the date in the last DATE, less its arrival */
     int32_t adopts, reserved;
 } epoch_t;
 

@@ -71,7 +71,7 @@ def _files(name: str, component: Component) -> dict[str, str]:
     if fmu is None or not (folder / "kernel.c").is_file():
         raise FmuError(
             f"component {name}: found {model_name(component)}, expected an FMU of this project"
-            " with its C kernel (sources/kernel.c): only these run inside a network FMU"
+            " with its C kernel (sources/kernel.c): only these run without Python"
         )
     return {
         path.name: path.read_text(encoding="utf-8")

@@ -190,7 +190,7 @@ def _operation(o: Operation, node: str) -> str:
         what = "a link between its components" if code in _LINKS else "an extrapolated input"
         raise ScenarioError(
             f"found {what}, expected wires between the components of a node, and links from other"
-            " nodes: a network FMU has no others",
+            " nodes: one without Python has no others",
             f"node {node}",
         )
     fields = (_CODES[code], o.index, o.period, o.first, o.source, o.target, o.count)

@@ -185,8 +185,8 @@ def test_nodes_on_two_buses_have_two_terminals(tmp_path: Path) -> None:
     [
         ("master", "outlet.c", "header.counter = (uint32_t)sequence;",
          "header.counter = (uint32_t)sequence + 1;"),
-        ("master_control", "node_data.c", ".phase_ns = 500000, .h = ",
-         ".phase_ns = 600000, .h = "),
+        ("master_control", "node_data.c", ".h_ns = 5000000, .phase_ns = 5",
+         ".h_ns = 5000000, .phase_ns = 6"),
         ("master_control", "inlet.c", "target[k] = in->gain * value[k] + in->offset;",
          "target[k] = 1.01 * in->gain * value[k] + in->offset;"),
     ],

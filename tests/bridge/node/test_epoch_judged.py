@@ -207,3 +207,19 @@ def test_a_start_belongs_to_the_epoch_of_the_last_second(waiting, origin, ago, s
     e.origin_ns, e.heard_ns = origin, t - ago
     found = functions().node_origin(c.byref(waiting.slots.struct), t, 300)
     assert found == (origin if said else t + 300)
+
+
+def test_a_node_without_a_date_believes_the_host_whose_date_it_has_taken(on_can):
+    """A microcontroller: of another host, and only right behind its DATE; it sends none itself."""
+    on_can.epoch.host, on_can.epoch.adopts = 0, 1
+    soon = Case(ahead=0.5)
+    assert on_can.thinks(soon) == "refused"
+    assert on_can.thinks(replace(soon, date=(HOST & 63, 700.0, 0.001))) == "believed"
+    turn = 2**33 * 10_000  # ns, of a date on the bus
+    assert (on_can.epoch.date_ns - 700 * SECOND + NEAR) % turn < 2 * NEAR
+    assert on_can.thinks(replace(soon, date=(OTHER & 63, 700.0, 0.001))) == "refused"
+    assert on_can.thinks(replace(soon, date=(HOST & 63, 700.0, 1.5))) == "refused"
+    said = on_can.epoch.said
+    on_can.slots.struct.life.state, on_can.epoch.asked = 2, 1
+    on_can.slots.step()
+    assert on_can.epoch.said == said

@@ -105,7 +105,8 @@ def test_generators_are_seeded_as_numpy_does(seed, name):
             assert state[key][field][0].tolist() == [value >> 64, value % 2**64]
 
 
-def test_a_delay_that_its_law_rules_out_stops_the_run():
+@pytest.mark.parametrize("rule", [RULES[1], QUEUES[0]], ids=["last-arrival", "queue"])
+def test_a_delay_that_its_law_rules_out_stops_the_run(rule):
     class Wrong:
         def __init__(self, delay):
             self.delay = delay
@@ -120,10 +121,10 @@ def test_a_delay_that_its_law_rules_out_stops_the_run():
             return np.full(n, self.delay)
 
     for wrong in (-0.1, 9.0):
-        table = DrawnTable("a->b", Grid(1, 1, 0.005), Wrong(wrong), RULES[1], 0)
+        table = DrawnTable("a->b", Grid(1, 1, 0.005), Wrong(wrong), rule, 0)
         with pytest.raises(RunError, match="link a->b: a delay that its law rules out"):
             table.stream().rows(2000)
-        other = DrawnTable("other", Grid(1, 1, 0.005), Wrong(0.1), RULES[1], 0)
+        other = DrawnTable("other", Grid(1, 1, 0.005), Wrong(0.1), rule, 0)
         with pytest.raises(RunError, match="link a->b: a delay that its law rules out"):
             TableDrawing((other, table)).take(2000)
 

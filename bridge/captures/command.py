@@ -98,7 +98,7 @@ def delays_from(
         if result is None:
             return
     else:
-        result = _of_two([read_recording(one, (), columns) for one in files[:3]], choice, out)
+        result = _of_two(files, columns, choice, out)
     shown = _printed(result, prediction, out)
     if json is not None:
         write_json(json, "recording", {**capture_values(result), "prediction": shown})
@@ -165,15 +165,15 @@ def _of_one(
     return None
 
 
-def _of_two(recordings: list[ReadRecording], choice: CaptureChoice, out: Path) -> CaptureResult:
-    from bridge.captures.evaluation import of_two_recordings
+def _of_two(
+    files: list[str], columns: list[str], choice: CaptureChoice, out: Path
+) -> CaptureResult:
+    from bridge.captures.evaluation import of_two_recordings, read_ends
     from cosim.base.errors import ScenarioError
 
-    if len(recordings) > 2:
-        raise ScenarioError("found three files or more; expected one, or one of each end")
     if choice.period_ns:
         raise ScenarioError("found --period with two recordings; expected one of both")
-    return of_two_recordings(recordings[0], recordings[1], choice, out)
+    return of_two_recordings(*read_ends(files, columns), choice, out)
 
 
 def _list(recording: ReadRecording, usable: list[str], json: Path | None) -> None:

@@ -13,7 +13,7 @@ import numpy as np
 from bridge.captures.judged import ClockKnowledge, judge
 from bridge.captures.matching import MatchedWay, matched, shared
 from bridge.captures.mixed import one_clock
-from bridge.captures.reading import ReadRecording
+from bridge.captures.reading import ReadRecording, read_recording
 from bridge.captures.report import CaptureResult, RecordedLink
 from bridge.captures.samples import StreamRows
 from bridge.captures.ways import RecordedWay, one_way, periodic_way
@@ -105,6 +105,35 @@ def of_one_recording(recording: ReadRecording, choice: CaptureChoice, out: Path)
     remarks += way.remarks()
     link = _link(_name(choice.topic), way, judged.delays[0], _semantics(recording.kind, way), out)
     return CaptureResult(place, said, (link,), judged, [*remarks, *_full(recording)])
+
+
+def read_ends(
+    files: Sequence[str], columns: Sequence[str] = ()
+) -> tuple[ReadRecording, ReadRecording]:
+    """The recordings of two ends. Packets that have nothing in common with their marks are read
+    again without. Raises ScenarioError for other than two files, and for what cannot be read.
+    """
+    if len(files) != 2:
+        raise ScenarioError(
+            f"found {len(files)} recordings; expected one, or one of each of two ends"
+        )
+    first, second = (read_recording(file, (), columns) for file in files)
+    if first.kind == second.kind == "packets" and not _common(first, second):
+        first, second = (read_recording(file, (), columns, marks=False) for file in files)
+        if _common(first, second):
+            first.notes.lines.append(
+                "packets are matched by their payload alone: a relay or a VPN between both ends "
+                "sends them anew"
+            )
+    return first, second
+
+
+def _common(first: ReadRecording, second: ReadRecording) -> bool:
+    here, there = (
+        np.concatenate([one.rows(name).key for name in one.streams.names])
+        for one in (first, second)
+    )
+    return bool(np.isin(here, there).any())
 
 
 def of_two_recordings(

@@ -1,8 +1,9 @@
 """Packets of pcap and pcapng files, by flow: UDP, TCP and frames of CAN.
 
 The blocks and headers are dpkt's; stamps are read as integers, since a float of seconds since 1970
-is exact to 0.24 us only. A packet is known at the other end by its payload, and by what no router
-changes: the identification of IPv4 with UDP, the sequence number with TCP.
+is exact to 0.24 us only. A packet is known at the other end by its payload, and by `marks` that no
+router changes: the identification of IPv4 with UDP, the sequence number with TCP. A relay or a VPN
+makes packets anew, with other marks.
 
 Source: IETF draft-ietf-opsawg-pcapng for blocks and stamps; tcpdump.org's list of link types.
 """
@@ -31,9 +32,10 @@ _LARGEST = 1 << 26
 Packet = tuple[int, int, bytes, bool]  # ns, kind of link, bytes, whole
 
 
-def packet_samples(path: Path, notes: ReadingNotes) -> Iterator[RecordedSample]:
+def packet_samples(path: Path, notes: ReadingNotes, marks: bool = True) -> Iterator[RecordedSample]:
     """The packets of a file that carry data, each with its flow as the name of its stream.
 
+    `marks`: contents are different if their marks are.
     Raises ScenarioError for a file that is none.
     """
     require("dpkt")
@@ -51,7 +53,7 @@ def packet_samples(path: Path, notes: ReadingNotes) -> Iterator[RecordedSample]:
             if not whole:
                 notes.counts["packets were captured in part (snaplen), and are left out"] += 1
                 continue
-            found = _sample(kind, data, t_ns, notes)
+            found = _sample(kind, data, t_ns, notes, marks)
             if found is not None:
                 yield found
 
@@ -126,7 +128,9 @@ def _cut(path: Path, count: int) -> str:
     return f"{path.name} is cut off after {count} packets: what followed is lost"
 
 
-def _sample(kind: int, data: bytes, t_ns: int, notes: ReadingNotes) -> RecordedSample | None:
+def _sample(
+    kind: int, data: bytes, t_ns: int, notes: ReadingNotes, marks: bool
+) -> RecordedSample | None:
     import dpkt
 
     try:
@@ -151,7 +155,8 @@ def _sample(kind: int, data: bytes, t_ns: int, notes: ReadingNotes) -> RecordedS
         return None
     payload = bytes(inner.data)
     where = f"{_address(found.src)}:{inner.sport} -> {_address(found.dst)}:{inner.dport}"
-    return RecordedSample(f"{name} {where}", t_ns, NONE, NONE, NONE, hash((payload, mark)))
+    key = hash((payload, mark) if marks else payload)
+    return RecordedSample(f"{name} {where}", t_ns, NONE, NONE, NONE, key)
 
 
 def _network(kind: int, data: bytes) -> Any:

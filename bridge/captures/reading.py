@@ -50,15 +50,17 @@ class ReadRecording:
 
 
 def read_recording(
-    text: str, wanted: Sequence[str] = (), columns: Sequence[str] = ()
+    text: str, wanted: Sequence[str] = (), columns: Sequence[str] = (), marks: bool = True
 ) -> ReadRecording:
     """Read ``FILE`` or ``FILE@CHANNEL``; keep the streams in `wanted`, or all.
+
+    `marks`: packets are told apart by marks of their headers, too.
 
     Raises ScenarioError for what cannot be read, or has no samples; LogError for logs of CAN.
     """
     path, channel = _place(text)
     try:
-        kind, reader = _reader(path, columns)
+        kind, reader = _reader(path, columns, marks)
         notes = ReadingNotes()
         samples = reader(path, notes)
         if channel:
@@ -93,7 +95,7 @@ def _place(text: str) -> tuple[Path, str]:
     )
 
 
-def _reader(path: Path, columns: Sequence[str]) -> tuple[str, Reader]:
+def _reader(path: Path, columns: Sequence[str], marks: bool) -> tuple[str, Reader]:
     """The kind of a recording, and its reader."""
     from bridge.captures.columns import csv_samples
     from bridge.captures.packets import packet_samples
@@ -108,7 +110,7 @@ def _reader(path: Path, columns: Sequence[str]) -> tuple[str, Reader]:
     if suffix in _BAGS:
         return "bag", bag_samples
     if suffix in _PACKETS:
-        return "packets", packet_samples
+        return "packets", partial(packet_samples, marks=marks)
     if suffix in _CAN:
         return "can", _can_samples
     if suffix in _TEXT:

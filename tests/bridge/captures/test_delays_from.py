@@ -2,12 +2,14 @@
 
 import json
 import re
+import subprocess
+import sys
 import tomllib
 from pathlib import Path
 
 import numpy as np
 import pytest
-from mcap.writer import Writer
+from mcap.writer import CompressionType, Writer
 from rosbags.rosbag2 import StoragePlugin
 
 from cosim.links.spec import delay_law
@@ -130,6 +132,34 @@ def test_a_file_that_is_cut_off_gives_what_it_has(
     done = cosim("delays", "from", path)
     assert done.code == 0 and "is lost" in done.out
     assert "warning: " in done.out
+
+
+PEAK = """
+import sys
+from pathlib import Path
+from bridge.captures.reading import read_recording
+read_recording(sys.argv[1])
+status = Path("/proc/self/status").read_text().split()
+print(status[status.index("VmHWM:") + 1])
+"""
+
+
+def test_memory_does_not_grow_with_the_file(tmp_path: Path) -> None:
+    """80 MB more of a file are 40 000 samples more, 2 MB."""
+    peaks = []
+    for n in (100, 40_000):
+        path = tmp_path / f"{n}.mcap"
+        with path.open("wb") as file:
+            writer = Writer(file, compression=CompressionType.NONE)
+            writer.start()
+            topic = writer.register_channel("/image", "", 0)
+            for i in range(n):
+                writer.add_message(topic, i, bytes(2000), i)
+            writer.finish()
+        call = [sys.executable, "-c", PEAK, str(path)]
+        peaks.append(int(subprocess.run(call, check=True, capture_output=True).stdout))
+        path.unlink()
+    assert peaks[1] - peaks[0] < 25_000  # kB
 
 
 def test_messages_without_a_known_type_are_named(cosim: Command, tmp_path: Path) -> None:

@@ -111,6 +111,33 @@ def test_simulated_time_at_another_speed_is_refused() -> None:
         judge([simulated], ClockKnowledge())
 
 
+def test_a_queue_that_grows_is_no_clock() -> None:
+    t = START + np.arange(1000) * 10_000_000
+    growing = RecordedWay(t, t + 5_000_000 + (t - START) // 4)
+    judged = judge([growing], ClockKnowledge())
+    assert judged.clock is None and "+250 ms a second: does a queue grow?" in judged.why
+    np.testing.assert_allclose(judged.delays[0], (growing.received - t) * 1e-9)
+    slower = RecordedWay(t, t + 5_000_000 + (t - START) // 2000)  # 0.5 ms a second
+    assert judge([slower], ClockKnowledge()).clock is not None
+    assert judge([slower], ClockKnowledge("same")).clock is None
+
+
+def test_a_queue_that_grows_one_way_is_no_clock_either() -> None:
+    """The way there takes 250 ms more every second; the clock is 5 s ahead and runs 50 ppm fast."""
+    clock = drifting(5, 50)
+    t = START + np.arange(1000) * 10_000_000
+    grows = t + 5_000_000 + (t - START) // 4
+    there = RecordedWay(t, np.array([clock(int(x)) for x in grows]))
+    back = RecordedWay(np.array([clock(int(x)) for x in t]), t + 5_000_000)
+    judged = judge([there, back], ClockKnowledge("differ"))
+    low, _, high = judged.offset
+    assert low <= 5 <= high and high - low < 0.02
+    less = judged.delays[0] - (grows - t) * 1e-9
+    more = judged.delays[1] - 0.005
+    for error in (less, -more):
+        assert np.all((-judged.above <= error) & (error <= judged.below))
+
+
 def test_simulated_time_at_the_speed_of_the_wall_gives_delays(tmp_path: Path) -> None:
     known = table(n=2000)
     path = recorded.write_mcap(tmp_path / "a.mcap", known, stamp=lambda t: t - START + 10**9)

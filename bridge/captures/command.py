@@ -221,6 +221,8 @@ def _printed(result: CaptureResult, prediction: PredictionOptions, out: Path) ->
     rows = np.searchsorted(back.way.seconds, sent, side="right") - 1
     trace = PathTrace(sent, there.delay, back.delay[np.maximum(rows, 0)], there.semantics)
     shown = predicted_on(prediction, trace, out)
+    if prediction.scenario is not None and len(result.links) == 1 and not prediction.link:
+        typer.echo("links of both directions are given the delays of this one")
     for line in shown.text(prediction, out):
         typer.echo(line)
     return shown.data

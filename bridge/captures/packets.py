@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Iterator
+from functools import lru_cache
 from pathlib import Path
 from typing import IO, Any
 
@@ -197,6 +198,7 @@ def _can_frame(data: bytes, t_ns: int) -> RecordedSample | None:
     return RecordedSample(f"can {name}", t_ns, NONE, NONE, NONE, hash(data[8 : 8 + data[4]]))
 
 
+@lru_cache(maxsize=4096)
 def _address(raw: bytes) -> str:
     from ipaddress import ip_address
 

@@ -12,6 +12,7 @@ import pytest
 from mcap.writer import CompressionType, Writer
 from rosbags.rosbag2 import StoragePlugin
 
+from cosim.base import extras
 from cosim.links.spec import delay_law
 from cosim.links.traces import DelayTrace
 from tests.bridge.captures import recorded
@@ -176,6 +177,20 @@ def test_messages_without_a_known_type_are_named(cosim: Command, tmp_path: Path)
     assert "no stream has a stamp of sending" in done.out
     done = cosim("delays", "from", "a.mcap", "--topic", "/odd")
     assert done.code == 2 and "its samples have one stamp" in done.err
+
+
+@pytest.mark.parametrize("library", ["mcap", "rosbags", "dpkt"])
+def test_a_library_that_is_missing_is_named(
+    cosim: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, library: str
+) -> None:
+    (tmp_path / "a.mcap").write_bytes(b"\x89MCAP0\r\n")
+    (tmp_path / "a.bag").write_bytes(b"#ROSBAG V2.0\n")
+    (tmp_path / "a.pcap").write_bytes(bytes.fromhex("d4c3b2a1"))
+    monkeypatch.setattr(extras, "find_spec", lambda name: None if name == library else 1)
+    name = {"mcap": "a.mcap", "rosbags": "a.bag", "dpkt": "a.pcap"}[library]
+    done = cosim("delays", "from", name)
+    assert done.code == 2 and library in done.err
+    assert "pip install 'cosim-bridge[recordings]'" in done.err
 
 
 def test_wrong_options_get_one_sentence(cosim: Command, tmp_path: Path) -> None:

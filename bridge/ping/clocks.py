@@ -19,6 +19,7 @@ both directions at once and the polygon: own construction.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 from math import inf
@@ -167,28 +168,35 @@ def _parts(
 ) -> list[OffsetLines]:
     """The pieces of :func:`_pieces` for points that belong to no exchange, halved by time.
 
-    A piece without F or without B belongs to the one before it. Raises ValueError for points at
-    one instant between which there is no line.
+    A piece without F or without B belongs to the one before it, and so does one too short to be
+    halved that no line fits, since the clock jumped in it. Raises ValueError where these are more
+    than the others.
     """
+    found = list(_halves(sent, F, returned, B, one_way))
+    pieces = [piece for piece in found if piece is not None]
+    if 2 * len(pieces) <= len(found):
+        raise ValueError("there is no line between the packets of both ways")
+    return pieces
+
+
+def _halves(
+    sent: Floats, F: Floats, returned: Floats, B: Floats, one_way: bool
+) -> Iterator[OffsetLines | None]:
+    """The pieces in order, None where no line fits."""
     times = np.concatenate([sent, returned])
     start, end = float(times.min()), float(times.max())
+    lines = None
     if end - start <= PIECE:
         lines = _lines(sent, F, returned, B, one_way)
-        if lines is not None:
-            return [lines]
     half = (start + end) / 2
-    first = sent <= half, returned <= half
-    parts = []
-    for a, b in (first, (~first[0], ~first[1])):
-        whole = a.any() and (b.any() or one_way)
-        if whole and times.size > a.sum() + b.sum():
-            parts += _parts(sent[a], F[a], returned[b], B[b], one_way)
-    if parts:
-        return parts
-    lines = _lines(sent, F, returned, B, one_way)
-    if lines is None:
-        raise ValueError(f"no line from {start} s to {end} s is between the packets of both ways")
-    return [lines]
+    halves = [(sent <= half, returned <= half), (sent > half, returned > half)]
+    whole = [h for h in halves if h[0].any() and (one_way or h[1].any())]
+    smaller = all(a.sum() + b.sum() < times.size for a, b in whole)
+    if lines is not None or not whole or not smaller:
+        yield lines if lines is not None else _lines(sent, F, returned, B, one_way)
+        return
+    for a, b in whole:
+        yield from _halves(sent[a], F[a], returned[b], B[b], one_way)
 
 
 def _pieces(sent: Floats, F: Floats, returned: Floats, B: Floats) -> list[OffsetLines]:

@@ -89,6 +89,22 @@ def test_the_truth_is_within_the_bounds_of_both_ways(
     assert alone.drift[0] - 1e-12 <= ppm * PPM <= alone.drift[2] + 1e-12
 
 
+def test_a_jump_between_two_recordings_is_found() -> None:
+    """The other clock jumps by 2 s; what is around it is known as well as without."""
+    rng = np.random.default_rng(4)
+    t2, t3 = (np.sort(rng.uniform(0, 60, 600)) for _ in range(2))
+
+    def theta(t: np.ndarray) -> np.ndarray:
+        return 3 + 50 * PPM * t + np.where(t > 33.3, 2.0, 0.0)
+
+    there, back = 0.002 + rng.exponential(0.001, 600), 0.002 + rng.exponential(0.001, 600)
+    found = estimate_both_ways(t2, there + theta(t2), t3, back - theta(t3))
+    assert any(abs(step - 33.3) < 1 for step in found.steps)
+    low, _, high = found.offsets(t2)
+    far = np.abs(t2 - 33.3) > 1
+    assert np.all(low[far] <= theta(t2)[far]) and np.all(theta(t2)[far] <= high[far])
+
+
 def test_one_direction_without_a_largest_delay_has_no_lower_bound() -> None:
     t = np.arange(100.0)
     low, middle, high = estimate_one_way(t, np.full(100, 0.5)).offsets(t)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -14,7 +14,6 @@ from cosim.cli.options import ResultOptions
 
 if TYPE_CHECKING:
     from bridge.conform.rules import ConformityReport, ConformityRule, JudgedRule
-    from bridge.deployment.system import System
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,8 +42,8 @@ def conform(
         list[str] | None,
         typer.Argument(
             metavar="-- COMMAND ...",
-            help="Starts the participant; {BUS} in it is the channel of a bus. Default: it runs "
-            "already.",
+            help="Starts the participant; {BUS} in it is the channel of a bus, {BUS.listen} and "
+            "{BUS.connect} are endpoints on Zenoh. Default: it runs already.",
             show_default=False,
         ),
     ] = None,
@@ -99,6 +98,7 @@ def _judged(
     from bridge.conform.participant import ParticipantKit, check_judgeable
     from bridge.deployment import spec as deployments
     from bridge.deployment.system import load_system
+    from bridge.rehearsal.outside import filled_words
     from bridge.rehearsal.simulated_buses import served
     from cosim.cli.summary import progress_bar
 
@@ -108,7 +108,8 @@ def _judged(
     check_judgeable(system, node)
     with served(system, []) as channels:
         system = load_system(scenario, str(path), [*changes, *channels])
-        kit = ParticipantKit(system, node, [_filled(c, _channels(system)) for c in command])
+        words = filled_words(system, node, command, "COMMAND")
+        kit = ParticipantKit(system, node, words)
         with progress_bar(quiet) as progress:
             done: list[JudgedRule] = []
 
@@ -117,15 +118,3 @@ def _judged(
                 progress(len(done), len(rules))
 
             return kit.judge(rules, say)
-
-
-def _channels(system: System) -> Mapping[str, str]:
-    """The channel of each CAN bus, by name."""
-    return {n: b.channel for n, b in system.deployment.buses.items() if b.kind == "can"}
-
-
-def _filled(text: str, channels: Mapping[str, str]) -> str:
-    """An argument of the command with channels in place of ``{BUS}``."""
-    for name, channel in channels.items():
-        text = text.replace(f"{{{name}}}", channel)
-    return text

@@ -15,6 +15,8 @@ from bridge.safety.limits import names
 from cosim.base.clock import monotonic_ns, sleep
 from cosim.base.errors import CosimError
 
+#: Reasons that the kit itself gives if it is late.
+_OF_A_SLOW_MACHINE = Why.STALE | Why.PEER | Why.WATCHDOG | Why.OVERRUN | Why.SYNC
 STOPPED = (LifeState.STOPPING, LifeState.FAULT)
 #: s: tolerance of a time that was measured by arrival, beside a slot and the lateness of the kit.
 TOLERANCE = 0.02
@@ -101,11 +103,14 @@ def expect_stop(
 ) -> ToldStop:
     """The stop for the reason `why`, within `seconds` (s) after `what`.
 
-    Raises BrokenRuleError if there is none, or for another reason.
+    Raises BrokenRuleError if there is none, or for another reason; VoidAttemptError for one that a
+    slow machine gives.
     """
     stop = wait_stop(stage, mark, seconds)
     if stop is None:
         raise BrokenRuleError(f"it stays {state_text(stage)} for {seconds:.3g} s after {what}")
+    if stop.reasons & ~why & _OF_A_SLOW_MACHINE:
+        raise VoidAttemptError(f"after {what}: {stop.text()}")
     if not stop.reasons & why:
         raise BrokenRuleError(f"after {what}: {stop.text()}, expected {reason_text(why)}")
     return stop

@@ -128,9 +128,8 @@ def _rejoins(stage: ParticipantStage) -> str:
 
 def _boots(stage: ParticipantStage) -> str:
     """Heartbeats of two lives differ in boots; in one life they are equal."""
-    if len(stage.lives) < 2:
-        _needs_program(stage)
-        sleep(1.1)
+    _needs_program(stage)
+    while len(stage.lives) < 2:
         stage.end_life()
         stage.begin()
     found = []
@@ -165,7 +164,7 @@ def _finishes(stage: ParticipantStage) -> str:
     if beat is None or beat.state is not LifeState.FINISHED:
         raise BrokenRuleError(f"{state_text(stage)} at the end of the run, expected FINISHED")
     late = (beat.t_ns - t0) * 1e-9 - stage.run_end
-    slack = 2 * stage.slot + stage.seconds("phase") + 0.1 + stage.lateness.worst_ns(since) * 1e-9
+    slack = 2 * stage.slot + stage.seconds("phase") + 0.1 + stage.late(since)
     if not -2 * stage.slot - TOLERANCE <= late <= slack:
         raise BrokenRuleError(f"FINISHED {late * 1e3:.0f} ms after the end of the run")
     sleep(0.05)
@@ -241,7 +240,7 @@ def _false_epochs(stage: ParticipantStage) -> str:
     if first is None:
         raise BrokenRuleError(f"{state_text(stage)} 1.5 s after START without a valid EPOCH")
     away = (first.t_ns - t0_ns) * 1e-9
-    slack = 0.1 + stage.lateness.worst_ns(since) * 1e-9
+    slack = 0.1 + stage.late(since)
     if not -0.02 <= away <= slack + stage.slot:
         raise BrokenRuleError(
             f"ACTIVE {away * 1e3 + 100:.0f} ms after START, expected 100 ms: it believed an EPOCH "

@@ -31,6 +31,8 @@ from bridge.native.frame import Flags, Frame
 from bridge.native.message import protect
 from cosim.base.clock import monotonic_ns, sleep
 
+#: Samples that C-60 sends backwards before it begins anew.
+BACKWARDS = 64
 _CAN_ONLY = "the message is on Zenoh, which has no frame formats"
 
 
@@ -125,7 +127,7 @@ def _one_silent(stage: ParticipantStage, found: Watched) -> str:
         at = nominal_ns(stage, stop.first, t0) if stop.first.kind is Heard.SAMPLE else None
         took = ((stop.first.t_ns if at is None else at) - role.last_ns) * 1e-9
     period = role.carried.period_ns * 1e-9
-    slack = 2 * stage.slot + TOLERANCE + stage.lateness.worst_ns(since) * 1e-9
+    slack = 2 * stage.slot + TOLERANCE + stage.late(since)
     beat = 0.0 if at is not None else stage.seconds("heartbeat")
     if not found.timeout - period - slack <= took <= found.timeout + period + slack + beat:
         raise BrokenRuleError(
@@ -308,11 +310,13 @@ def _needs_stamp(stage: ParticipantStage, message: str) -> None:
 def _older(stage: ParticipantStage, message: str) -> Tamper:
     """Samples that were sent before the last one, backwards."""
     _needs_stamp(stage, message)
+    while stage.cast.messages[message].number < 2 * BACKWARDS:  # there are so many
+        sleep(stage.slot)
     first: list[int] = []
 
     def tamper(sample: Sample) -> Sequence[Frame]:
         first[:] = first or [sample.number - 1]
-        back = first[0] - 1 - (sample.number - first[0]) % 64
+        back = first[0] - 1 - (sample.number - first[0]) % BACKWARDS
         return [sample.frame(number=max(0, back))]
 
     return tamper
@@ -371,15 +375,17 @@ def _beside(
 
 
 def _single_forged(stage: ParticipantStage, message: str) -> Tamper:
-    """After every second valid frame one whose counter and time are ahead: it must not lock the
-    sender out.
+    """Valid frames, and at their beginning one that is ahead by four time-outs: it must not lock
+    the sender out.
     """
+    found = next(w for w in stage.watched() if w.message == message)
+    ahead = int(4 * found.timeout * 1e9 / stage.system.messages[message].period_ns) + 1
+    first: list[int] = []
 
     def tamper(sample: Sample) -> Sequence[Frame]:
-        if sample.number % 2:
-            return [sample.frame()]
-        ahead = sample.frame(number=sample.number + 40)
-        return [sample.frame(), ahead]
+        forged = [] if first else [sample.frame(number=sample.number + ahead)]
+        first[:] = [sample.number]
+        return [sample.frame(), *forged]
 
     return tamper
 
@@ -436,11 +442,11 @@ def _jump(stage: ParticipantStage) -> str:
     """Single samples are far from those around them, within their range: faster than they can
     change. Neither a guard nor an output of the participant may notice.
     """
-    for name in stage.system.received_by(stage.node):
-        steps = _steps(stage, name)
-        if np.any(steps):
-            return _jumped(stage, name, steps)
-    raise InapplicableRuleError("no value of this participant has a rate below its range")
+    found = {name: _steps(stage, name) for name in stage.system.received_by(stage.node)}
+    came = [_jumped(stage, name, steps) for name, steps in found.items() if np.any(steps)]
+    if not came:
+        raise InapplicableRuleError("no value of this participant has a rate below its range")
+    return "; ".join(came)
 
 
 def _steps(stage: ParticipantStage, name: str) -> np.ndarray:
@@ -608,7 +614,7 @@ INPUT_CHECKS = (
     Check(
         _rule("C-64", "single forged frames", "can.md#receiving-a-frame",
               "A forged frame does not lock its true sender out: the participant stays ACTIVE."),
-        CheckScene.ACTIVE, accepted(_single_forged, "frames ahead of their time")),
+        CheckScene.ACTIVE, accepted(_single_forged, "a frame ahead of its time")),
     Check(
         _rule("C-65", "resynchronization", "can.md#receiving-a-frame",
               "A counter that begins anew is accepted with the third frame: the participant stays "

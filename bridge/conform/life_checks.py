@@ -181,7 +181,7 @@ def _first_samples(stage: ParticipantStage, mark: int, t0_ns: int, since: int) -
         if carried.encoding.message.e2e and first.counter != 0:
             raise BrokenRuleError(f"the first sample is {first.text()}, expected counter 0")
         away = (first.t_ns - t0_ns - carried.offset_ns) * 1e-9
-        slack = TOLERANCE + stage.lateness.worst_ns(since) * 1e-9
+        slack = TOLERANCE + stage.late(since)
         if not -0.002 - slack / 4 <= away <= slack + stage.slot:
             raise BrokenRuleError(
                 f"sample 0 of {carried.name} came {away * 1e3:.1f} ms after its time by EPOCH"
@@ -338,7 +338,7 @@ def _reaction(
     stage: ParticipantStage, mark: int, sent_ns: int, since: int, first: HeardFrame
 ) -> float:
     """Time from ESTOP to the nominal time of the last sample that did not know of it, ms."""
-    late = stage.lateness.worst_ns(since) * 1e-9
+    late = stage.late(since)
     told = [f for f in stage.hearing.since(mark, Heard.SAMPLE) if stage.hearing.tells_state(f.name)]
     t0 = stage.cast.t0_ns or 0
     ignorant = [sent_ns]
@@ -471,7 +471,7 @@ def _judge_ramp(stage: ParticipantStage, found: list[HeardFrame], ramp: float, s
     times = [nominal_ns(stage, f, t0) or f.t_ns for f in stopping]
     took = (times[-1] - times[0]) * 1e-9
     period = stage.system.messages[name].period_ns * 1e-9
-    late = stage.lateness.worst_ns(since) * 1e-9
+    late = stage.late(since)
     slack = 2 * stage.slot + period + (0.0 if stage.hearing.tells_state(name) else late + 0.02)
     if not ramp - slack - period <= took <= ramp + slack:
         raise BrokenRuleError(

@@ -20,13 +20,15 @@ from bridge.conform.sent_checks import SENT_CHECKS
 from bridge.conform.stage import ParticipantStage, UnreadyError
 from bridge.deployment.system import System
 from cosim.base.clock import monotonic_ns, stopwatch
-from cosim.base.errors import ScenarioError
+from cosim.base.errors import CosimError, ScenarioError
 from cosim.base.names import unknown
 
 CHECKS = (*SENT_CHECKS, *LIFE_CHECKS, *INPUT_CHECKS, *END_CHECKS)
 PARTICIPANT_RULES = RuleBook(check.rule for check in CHECKS)
 #: A rule is broken if it is in so many attempts in which the kit was in time, of at most so many.
 BROKEN, ATTEMPTS = 2, 5
+#: s: lateness with which a verdict of a rule that waits for seconds still counts.
+SECONDS = 0.3
 
 
 @final
@@ -76,6 +78,11 @@ class ParticipantKit:
         elif check.scene in (CheckScene.ACTIVE, CheckScene.ENDING):
             self._stage.make_active(check.needs)
 
+    def _bears(self, check: Check) -> float:
+        """The lateness with which a broken rule counts, s."""
+        seconds = check.scene is CheckScene.OTHER_LIFE  # these rules wait for seconds
+        return max(self._stage.bears, SECONDS if seconds else 0.0)
+
     def _judged(self, check: Check) -> JudgedRule:
         elapsed, stage = stopwatch(), self._stage
         broken, came, late = 0, "", 0.0
@@ -89,6 +96,8 @@ class ParticipantKit:
                 self._prepare(check)
                 since = monotonic_ns()
                 came = check.judge(stage)
+                if stage.cast.fault:
+                    raise CosimError(f"the kit could not play its roles: {stage.cast.fault}")
                 return verdict(Conformity.PASSED)
             except InapplicableRuleError as error:
                 came = str(error)
@@ -100,7 +109,7 @@ class ParticipantKit:
             except BrokenRuleError as error:
                 came = str(error)
                 late = stage.lateness.worst_ns(since) * 1e-9
-                broken += check.scene is CheckScene.RECORD or late <= stage.bears
+                broken += check.scene is CheckScene.RECORD or late <= self._bears(check)
                 if broken >= (1 if check.scene is CheckScene.RECORD else BROKEN):
                     return verdict(Conformity.FAILED)
         failed = stage.dead and check.rule.number == "C-10"

@@ -33,6 +33,8 @@ READY, OBEYS = 30.0, 1.5
 LEAD = 0.5
 #: s: a rule about silence takes at most so long.
 LONGEST = 2.5
+#: s between two starts of a program, which may count its lives by the seconds of the date.
+APART = 1.1
 #: Of each value, in its unit.
 NUDGE = 0.1
 
@@ -74,6 +76,7 @@ class ParticipantStage:
         """True until the first START of a life."""
         self.stopped = False
         """True from a STOP of a rule to the next life."""
+        self._began_ns = 0
         self.dead = ""
         """Why no participant could be started."""
 
@@ -104,6 +107,12 @@ class ParticipantStage:
         times = [self.seconds("within") if self.spec.requires else 1.0]
         times += [w.timeout for w in self.watched()]
         return max(0.02, min(times) / 2)
+
+    def late(self, since_ns: int) -> float:
+        """The lateness of the kit since then that a tolerance counts, s: at most `bears`, with more
+        of it no attempt counts.
+        """
+        return min(self.lateness.worst_ns(since_ns) * 1e-9, self.bears)
 
     def watched(self) -> list[Watched]:
         """Messages whose absence the participant has to notice within `LONGEST`."""
@@ -208,6 +217,8 @@ class ParticipantStage:
         """Start the program; its first heartbeat. Raises UnreadyError if none comes."""
         if self.dead:
             raise UnreadyError(self.dead)
+        sleep(APART - (monotonic_ns() - self._began_ns) * 1e-9)
+        self._began_ns = monotonic_ns()
         mark = len(self.hearing)
         self.stopped = False
         self.lives.append(mark)
@@ -262,10 +273,11 @@ class ParticipantStage:
         It is started anew if it has ended, or if the run ends in less than `needs` (s).
         """
         self.cast.restore()
-        for _ in range(8):
+        for attempt in range(8):
             if not self.lives and not self.program.given:
                 self.begin()
-            if not self.program.running or self.now_s > self.run_end - needs:
+            stuck = attempt == 5 and self.program.given
+            if not self.program.running or self.now_s > self.run_end - needs or stuck:
                 self.restart()
             beat = self.wait_beat(0.5)
             state = beat.state if beat else None

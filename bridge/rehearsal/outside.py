@@ -119,10 +119,19 @@ def _end(program: subprocess.Popen[bytes]) -> None:
 
 
 def _words(system: System, node: str, command: str) -> list[str]:
+    """The words of a command, as :func:`filled_words` has them. Raises ScenarioError."""
+    try:
+        words = shlex.split(command)
+    except ValueError as error:
+        raise ScenarioError(f"found {command!r}: {error}", f"--outside {node}") from None
+    return filled_words(system, node, words, f"--outside {node}")
+
+
+def filled_words(system: System, node: str, words: Sequence[str], place: str) -> list[str]:
     """The words of a command, with the channel of a bus in place of ``{BUS}``.
 
     On Zenoh ``{BUS.listen}`` and ``{BUS.connect}`` are endpoints of the node, with commas between
-    them. Raises ScenarioError.
+    them. Raises ScenarioError with the place.
     """
     d = system.deployment
 
@@ -130,9 +139,7 @@ def _words(system: System, node: str, command: str) -> list[str]:
         bus, what = found[1], found[2]
         if bus not in system.buses_of(node):
             there = ", ".join(system.buses_of(node))
-            raise ScenarioError(
-                f"found {found[0]}, expected a bus of the node: {there}", f"--outside {node}"
-            )
+            raise ScenarioError(f"found {found[0]}, expected a bus of the node: {there}", place)
         if d.buses[bus].kind == "can":
             return can_spec(d, bus).channel
         from bridge.zenoh.options import options_of
@@ -140,10 +147,7 @@ def _words(system: System, node: str, command: str) -> list[str]:
         options = options_of(d, bus, node)
         return ",".join(options.listen if what == "listen" else options.connect)
 
-    try:
-        return [_PLACE.sub(put, word) for word in shlex.split(command)]
-    except ValueError as error:
-        raise ScenarioError(f"found {command!r}: {error}", f"--outside {node}") from None
+    return [_PLACE.sub(put, word) for word in words]
 
 
 # ---- a bus on which they are started ---------------------------------------------------------

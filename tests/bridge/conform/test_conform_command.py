@@ -65,8 +65,7 @@ def judged(path, *arguments):
 
 
 @pytest.mark.slow
-@pytest.mark.live
-@pytest.mark.parametrize("node", ["master_control", "master"])
+@pytest.mark.parametrize("node", [pytest.param("master_control", marks=pytest.mark.live), "master"])
 def test_our_own_node_on_simulated_buses(node, tmp_path):
     stop = ("--set", 'run.stop="60 s"')
     found = judged(
@@ -85,7 +84,6 @@ def free_ports(count):
 
 
 @pytest.mark.slow
-@pytest.mark.live
 def test_our_own_node_over_zenoh(tmp_path):
     ends = zip(("master", "slave"), free_ports(2), strict=True)
     listen = ", ".join(f'{name} = "tcp/127.0.0.1:{port}"' for name, port in ends)

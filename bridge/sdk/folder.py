@@ -10,9 +10,9 @@ from bridge.deployment.system import System
 from bridge.scaffold.files import write_files
 from bridge.sdk import c_table
 from bridge.sdk.amalgamation import SDK, core
-from bridge.sdk.laws import law_in_c
+from bridge.sdk.laws import law_in_c, law_in_python
 from bridge.sdk.page import page
-from bridge.sdk.table import NodeTable, node_table
+from bridge.sdk.table import LayoutEntry, NodeTable, as_json, node_table
 from cosim.base.errors import ScenarioError
 
 
@@ -20,11 +20,12 @@ from cosim.base.errors import ScenarioError
 class Kit:
     """A language on one kind of bus: how it is built ("": not at all) and started, and its sources.
 
-    `files` gives them for a table and the command that builds the program.
+    `start`: the words of a command, the program of the folder at first. `files` gives the sources
+    for a table and the command that builds the program.
     """
 
     build: str
-    start: str
+    start: tuple[str, ...]
     files: Callable[[NodeTable, str], dict[str, str]]
 
 
@@ -50,7 +51,9 @@ def write_participant(system: System, node: str, language: str, folder: Path) ->
             system.deployment.place("nodes", node),
         )
     kit = _kit(language, kinds.pop())
-    start = f"{folder}/{kit.start} {' '.join(_places(table))}"
+    start = " ".join(
+        (*(word.replace("@folder@", str(folder)) for word in kit.start), *_places(table))
+    )
     files = kit.files(table, kit.build)
     files["README.md"] = page(table, system, kit.build, start)
     return Written(write_files(folder, files), kit.build, start)
@@ -68,12 +71,43 @@ def _kit(language: str, kind: str) -> Kit:
 
 def _places(table: NodeTable) -> list[str]:
     """The arguments of a program: its buses, as ``cosim rehearse --outside`` fills them in."""
-    return [f"{{{bus.name}}}" for bus in table.buses]
+    ends = {"can": ("{{{0}}}",), "zenoh": ('"{{{0}.listen}}"', '"{{{0}.connect}}"')}
+    return [end.format(bus.name) for bus in table.buses for end in ends[bus.kind]]
 
 
 def _c_can(table: NodeTable, build: str) -> dict[str, str]:
     words = {"node": table.node, "build": build, "law": law_in_c(table)}
     return {**c_sources(table), "main.c": _filled("main.c", words)}
+
+
+def _python_can(table: NodeTable, build: str) -> dict[str, str]:
+    """The program for CAN FD. Raises ScenarioError for messages that it does not know."""
+    for name, layout in _layouts(table):
+        known = layout.profile == "P05" and layout.fd and layout.time is not None
+        places = enumerate(layout.fields)
+        if not known or any(
+            (f.start, f.bits, f.scale) != (64 + 32 * i, 32, 2**-20) for i, f in places
+        ):
+            raise ScenarioError(
+                f"found message {name}, expected LINK_n or STATE_n of link_fd.dbc in Python; C has "
+                "all messages",
+                "--language",
+            )
+    return _python(table, "can.py.txt")
+
+
+def _layouts(table: NodeTable) -> list[tuple[str, LayoutEntry]]:
+    return [(m.name, m.layout) for m in (*table.received, *table.sent)]
+
+
+def _python_zenoh(table: NodeTable, build: str) -> dict[str, str]:
+    return _python(table, "zenoh.py.txt")
+
+
+def _python(table: NodeTable, template: str) -> dict[str, str]:
+    text = (SDK.parent / "python" / template).read_text(encoding="utf-8")
+    text = text.replace('    """@law@"""', law_in_python(table)).replace("@node@", table.node)
+    return {"participant.py": text, "table.json": as_json(table)}
 
 
 def c_sources(table: NodeTable) -> dict[str, str]:
@@ -92,5 +126,7 @@ def _filled(name: str, words: Mapping[str, str]) -> str:
 
 #: By language and kind of bus.
 KITS: Mapping[tuple[str, str], Kit] = {
-    ("c", "can"): Kit("cc -std=c99 -O2 -o participant *.c", "participant", _c_can),
+    ("c", "can"): Kit("cc -std=c99 -O2 -o participant *.c", ("@folder@/participant",), _c_can),
+    ("python", "can"): Kit("", ("python", "@folder@/participant.py", "socketcan"), _python_can),
+    ("python", "zenoh"): Kit("", ("python", "@folder@/participant.py"), _python_zenoh),
 }

@@ -84,3 +84,26 @@ def _joint_in_c(law: FirstLaw) -> list[str]:
         f"out[{dq} + i] += h / {INERTIA} * (tau - {FRICTION} * out[{dq} + i]);",
         f"out[{q} + i] += h * out[{dq} + i];",
     ]
+
+
+def law_in_python(table: NodeTable) -> str:
+    """The law as the statements of a function in Python."""
+    law = law_of(table)
+    if law.kind == "none":
+        return "    pass  # outputs[message][value] = ... inputs[message][value] ..."
+    received, sent = table.received[law.received].name, table.sent[law.sent].name
+    lines = [
+        f'u, y = inputs.get("{received}", [0.0] * {len(table.received[law.received].values)}), '
+        f'outputs["{sent}"]',
+        f"for i in range({law.joints}):",
+    ]
+    if law.kind == "damping":
+        _, dq, tau = law.first
+        lines.append(f"    y[{tau} + i] = -{DAMPING} * scale * u[{dq} + i]")
+    else:
+        tau, q, dq = law.first
+        lines += [
+            f"    y[{dq} + i] += h / {INERTIA} * (scale * u[{tau} + i] - {FRICTION} * y[{dq} + i])",
+            f"    y[{q} + i] += h * y[{dq} + i]",
+        ]
+    return "\n".join(f"    {line}" for line in lines)

@@ -6,8 +6,10 @@ It is read from the structs with which the node itself runs, so both agree.
 from __future__ import annotations
 
 import ctypes as c
+import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from math import isfinite
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -141,6 +143,19 @@ class NodeTable:
     def bus_number(self, name: str) -> int:
         """The position of a bus in `buses`."""
         return [bus.name for bus in self.buses].index(name)
+
+
+def as_json(table: NodeTable) -> str:
+    """The table as JSON; a number that is not finite is null."""
+    return json.dumps(_finite(asdict(table)), indent=1) + "\n"
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {name: _finite(x) for name, x in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_finite(x) for x in value]
+    return None if isinstance(value, float) and not isfinite(value) else value
 
 
 def node_table(system: System, name: str) -> NodeTable:

@@ -10,7 +10,7 @@ from bridge.deployment.system import System
 from bridge.scaffold.files import write_files
 from bridge.sdk import c_table
 from bridge.sdk.amalgamation import SDK, core
-from bridge.sdk.laws import law_in_c, law_in_python
+from bridge.sdk.laws import law_in_c, law_in_cpp, law_in_python, law_in_rust
 from bridge.sdk.page import page
 from bridge.sdk.table import LayoutEntry, NodeTable, as_json, node_table
 from cosim.base.errors import ScenarioError
@@ -75,9 +75,44 @@ def _places(table: NodeTable) -> list[str]:
     return [end.format(bus.name) for bus in table.buses for end in ends[bus.kind]]
 
 
-def _c_can(table: NodeTable, build: str) -> dict[str, str]:
-    words = {"node": table.node, "build": build, "law": law_in_c(table)}
-    return {**c_sources(table), "main.c": _filled("main.c", words)}
+def _c(table: NodeTable, build: str) -> dict[str, str]:
+    main = _program(table, "c/main.c", {"build": build, "law": law_in_c(table)})
+    return {**_c_sources(table), "main.c": main}
+
+
+def _cpp(table: NodeTable, build: str) -> dict[str, str]:
+    main = _program(table, "cpp/main.cpp", {"build": build, "law": law_in_cpp(table)})
+    wrapper = _read("cpp/participant.hpp")
+    return {**_c_sources(table), "participant.hpp": wrapper, "main.cpp": main}
+
+
+def _rust(table: NodeTable, build: str) -> dict[str, str]:
+    main = _program(table, "rust/main.rs", {"build": build, "law": law_in_rust(table)})
+    return {**_c_sources(table), "main.rs": main}
+
+
+def _c_sources(table: NodeTable) -> dict[str, str]:
+    """The sources in C without the program itself, by name."""
+    names = ["linux.h", "linux.c"]
+    if table.buses[0].kind == "zenoh":
+        names += ["zenoh_pico.h", "zenoh_pico.c"]
+    tables = {"table.h": c_table.header(table), "table.c": c_table.source(table)}
+    return {**core(), **{name: _read(f"c/{name}") for name in names}, **tables}
+
+
+def _program(table: NodeTable, name: str, words: Mapping[str, str]) -> str:
+    """A template with its words, for the kind of bus of the table."""
+    text = _read(name)
+    if table.buses[0].kind == "zenoh":
+        text = text.replace('"linux.h"', '"zenoh_pico.h"').replace("run_on_can", "run_on_zenoh")
+        text = text.replace("CHANNEL ... (a channel for each bus of table.c)", "LISTEN CONNECT")
+    for word, value in {**words, "node": table.node}.items():
+        text = text.replace(f"    /* @{word}@ */", value).replace(f"@{word}@", value)
+    return text
+
+
+def _read(name: str) -> str:
+    return (SDK.parent / name).read_text(encoding="utf-8")
 
 
 def _python_can(table: NodeTable, build: str) -> dict[str, str]:
@@ -105,28 +140,33 @@ def _python_zenoh(table: NodeTable, build: str) -> dict[str, str]:
 
 
 def _python(table: NodeTable, template: str) -> dict[str, str]:
-    text = (SDK.parent / "python" / template).read_text(encoding="utf-8")
-    text = text.replace('    """@law@"""', law_in_python(table)).replace("@node@", table.node)
+    text = (
+        _read(f"python/{template}")
+        .replace('    """@law@"""', law_in_python(table))
+        .replace("@node@", table.node)
+    )
     return {"participant.py": text, "table.json": as_json(table)}
 
 
-def c_sources(table: NodeTable) -> dict[str, str]:
-    """The sources in C without the program itself, by name."""
-    linux = {name: (SDK / name).read_text(encoding="utf-8") for name in ("linux.h", "linux.c")}
-    tables = {"table.h": c_table.header(table), "table.c": c_table.source(table)}
-    return {**core(), **linux, **tables}
-
-
-def _filled(name: str, words: Mapping[str, str]) -> str:
-    text = (SDK / name).read_text(encoding="utf-8")
-    for word, value in words.items():
-        text = text.replace(f"    /* @{word}@ */", value).replace(f"@{word}@", value)
-    return text
-
-
+_PROGRAM = ("@folder@/participant",)
+_CC = "cc -std=c99 -O2"
+_CPP = f"{_CC} -c *.c && c++ -std=c++17 -O2 -o participant main.cpp *.o"
+_RUST = (
+    f"{_CC} -c *.c && ar rcs libparticipant.a *.o && rustc --edition 2021 -O -L . "
+    "-l static=participant -o participant main.rs"
+)
+#: What zenoh-pico needs in addition, of the compiler of C and of the linker.
+_PICO, _LIBRARY = "-DZENOH_LINUX", "-lzenohpico -lpthread"
 #: By language and kind of bus.
 KITS: Mapping[tuple[str, str], Kit] = {
-    ("c", "can"): Kit("cc -std=c99 -O2 -o participant *.c", ("@folder@/participant",), _c_can),
+    ("c", "can"): Kit(f"{_CC} -o participant *.c", _PROGRAM, _c),
+    ("c++", "can"): Kit(_CPP, _PROGRAM, _cpp),
     ("python", "can"): Kit("", ("python", "@folder@/participant.py", "socketcan"), _python_can),
+    ("rust", "can"): Kit(_RUST, _PROGRAM, _rust),
+    ("c", "zenoh"): Kit(f"{_CC} {_PICO} -o participant *.c {_LIBRARY}", _PROGRAM, _c),
+    ("c++", "zenoh"): Kit(f"{_CPP.replace(_CC, f'{_CC} {_PICO}')} {_LIBRARY}", _PROGRAM, _cpp),
     ("python", "zenoh"): Kit("", ("python", "@folder@/participant.py"), _python_zenoh),
+    ("rust", "zenoh"): Kit(
+        f"{_RUST.replace(_CC, f'{_CC} {_PICO}')} {_LIBRARY.replace('-l', '-l ')}", _PROGRAM, _rust
+    ),
 }

@@ -56,54 +56,79 @@ def _spans(entry: ReceivedEntry | SentEntry, ports: Sequence[str]) -> list[tuple
 
 def law_in_c(table: NodeTable) -> str:
     """The law as the statements of a function in C."""
-    law = law_of(table)
-    if law.kind == "none":
-        return (
-            "    /* participant_output(p, OUT_...)[value] = ... participant_input(p, IN_...)[value]"
-            " ...; */"
-        )
-    received = identifier(table.received[law.received].name)
-    sent = identifier(table.sent[law.sent].name)
-    lines = [
-        f"const double *in = participant_input(p, IN_{received});",
-        f"double *out = participant_output(p, OUT_{sent});",
-        f"for (int i = 0; i < {law.joints}; i++) {{",
-        *(f"    {line}" for line in _joint_in_c(law)),
-        "}",
-    ]
-    return "\n".join(f"    {line}" for line in lines)
+    hold = (
+        "/* participant_output(p, OUT_...)[value] = ... participant_input(p, IN_...)[value] ...; */"
+    )
+    head = (
+        "const double *in = participant_input(p, IN_{received}), scale = participant_scale(p);",
+        "double *out = participant_output(p, OUT_{sent});",
+        "for (int i = 0; i < {joints}; i++) {{",
+    )
+    return _law(table, hold, head, ";", ("    ", "}"))
 
 
-def _joint_in_c(law: FirstLaw) -> list[str]:
-    if law.kind == "damping":
-        _, dq, tau = law.first
-        return [f"out[{tau} + i] = -{DAMPING} * in[{dq} + i];"]
-    tau, q, dq = law.first
-    return [
-        f"const double tau = participant_scale(p) * in[{tau} + i];",
-        f"out[{dq} + i] += h / {INERTIA} * (tau - {FRICTION} * out[{dq} + i]);",
-        f"out[{q} + i] += h * out[{dq} + i];",
-    ]
+def law_in_cpp(table: NodeTable) -> str:
+    """The law as the statements of a function in C++."""
+    hold = "/* slot.out(OUT_...)[value] = ... slot.in(IN_...)[value] ...; */"
+    head = (
+        "const auto in = slot.in(IN_{received});",
+        "const auto out = slot.out(OUT_{sent});",
+        "const double h = slot.h, scale = slot.scale();",
+        "for (std::size_t i = 0; i < {joints}; i++) {{",
+    )
+    return _law(table, hold, head, ";", ("    ", "}"))
+
+
+def law_in_rust(table: NodeTable) -> str:
+    """The law as the statements of a function in Rust."""
+    hold = (
+        "// slot.output(number, values)[value] = ... slot.input(number, values)[value] ...; table.h"
+    )
+    head = (
+        "let scale = slot.scale();",
+        "let input: Vec<f64> = slot.input({i}, {values}).to_vec(); // {received}",
+        "let out = slot.output({o}, {given}); // {sent}",
+        "for i in 0..{joints} {{",
+    )
+    return _law(table, hold, head, ";", ("    ", "}")).replace("in[", "input[")
 
 
 def law_in_python(table: NodeTable) -> str:
     """The law as the statements of a function in Python."""
+    hold = "pass  # outputs[message][value] = ... inputs[message][value] ..."
+    head = (
+        'u, out = inputs.get("{received}", [0.0] * {values}), outputs["{sent}"]',
+        "for i in range({joints}):",
+    )
+    return _law(table, hold, head, "", ("    ", "")).replace("in[", "u[")
+
+
+def _law(table: NodeTable, hold: str, head: Sequence[str], end: str, block: tuple[str, str]) -> str:
+    """The lines of a law, or `hold`; the variables of each language are in, out, h, scale and i."""
     law = law_of(table)
     if law.kind == "none":
-        return "    pass  # outputs[message][value] = ... inputs[message][value] ..."
-    received, sent = table.received[law.received].name, table.sent[law.sent].name
-    lines = [
-        f'u, y = inputs.get("{received}", [0.0] * {len(table.received[law.received].values)}), '
-        f'outputs["{sent}"]',
-        f"for i in range({law.joints}):",
-    ]
+        return f"    {hold}"
+    received, sent = table.received[law.received], table.sent[law.sent]
+    words = {
+        "received": identifier(received.name) if end else received.name,
+        "sent": identifier(sent.name) if end else sent.name,
+        "i": law.received,
+        "o": law.sent,
+        "values": len(received.values),
+        "given": len(sent.values),
+        "joints": law.joints,
+    }
+    lines = [line.format(**words) for line in head]
+    lines += [f"{block[0]}{statement}{end}" for statement in _statements(law)]
+    return "\n".join(f"    {line}" for line in (*lines, block[1])).rstrip()
+
+
+def _statements(law: FirstLaw) -> list[str]:
     if law.kind == "damping":
         _, dq, tau = law.first
-        lines.append(f"    y[{tau} + i] = -{DAMPING} * scale * u[{dq} + i]")
-    else:
-        tau, q, dq = law.first
-        lines += [
-            f"    y[{dq} + i] += h / {INERTIA} * (scale * u[{tau} + i] - {FRICTION} * y[{dq} + i])",
-            f"    y[{q} + i] += h * y[{dq} + i]",
-        ]
-    return "\n".join(f"    {line}" for line in lines)
+        return [f"out[{tau} + i] = -{DAMPING} * in[{dq} + i]"]
+    tau, q, dq = law.first
+    return [
+        f"out[{dq} + i] += h / {INERTIA} * (scale * in[{tau} + i] - {FRICTION} * out[{dq} + i])",
+        f"out[{q} + i] += h * out[{dq} + i]",
+    ]

@@ -31,9 +31,7 @@ static int64_t clock_ns(clockid_t which)
 
 int64_t linux_now_ns(void) { return clock_ns(CLOCK_MONOTONIC); }
 
-uint32_t linux_boots(void) { return (uint32_t)(clock_ns(CLOCK_REALTIME) / 1000000000 % 4095) + 1; }
-
-void linux_set_date(participant_host_t *host)
+static void set_date(participant_host_t *host)
 {
     host->date_offset_ns = clock_ns(CLOCK_REALTIME) - clock_ns(CLOCK_MONOTONIC);
 }
@@ -90,7 +88,7 @@ static void sha256_128(const char *text, uint32_t digest[4])
     for (int i = 0; i < 4; i++) digest[i] = s[i] + H[i];
 }
 
-void linux_host(participant_host_t *host)
+static void describe_host(participant_host_t *host)
 {
     FILE *file = fopen("/proc/sys/kernel/random/boot_id", "r");
     struct timex state;
@@ -104,7 +102,48 @@ void linux_host(participant_host_t *host)
     memset(&state, 0, sizeof state);
     host->kept = adjtimex(&state) >= 0 && !(state.status & STA_UNSYNC);
     host->error = (double)state.maxerror * 1e-6;
-    linux_set_date(host);
+    set_date(host);
+}
+
+/* ---- its life ---- */
+
+static volatile sig_atomic_t stops;
+
+static void on_signal(int number)
+{
+    (void)number;
+    stops++;
+}
+
+void linux_begin(participant_t *p)
+{
+    describe_host(&p->host);
+    p->boots = (uint32_t)(clock_ns(CLOCK_REALTIME) / 1000000000 % 4095) + 1; /* another one for each start */
+    signal(SIGINT, on_signal);
+    signal(SIGTERM, on_signal);
+}
+
+int64_t linux_poll(participant_t *p)
+{
+    static int obeyed;
+    static int64_t dated;
+    const int64_t now = linux_now_ns();
+    if (now - dated > 1000000000) set_date(&p->host), dated = now;
+    if (stops > obeyed) { /* once: ramp down; again, or before the start: at once */
+        if (p->begun && obeyed == 0) participant_command(p, COMMAND_STOP);
+        else participant_end(p);
+        obeyed++;
+    }
+    return participant_poll(p, now);
+}
+
+int linux_end(const participant_t *p)
+{
+    const int finished = p->life.state == LIFE_FINISHED;
+    fprintf(stderr, "%s: %s after %lld slots, reasons 0x%X\n", p->table->node,
+            finished ? "finished" : "stopped", (long long)(p->slot - p->first_slot),
+            (unsigned)p->life.reasons);
+    return !finished;
 }
 
 /* ---- CAN buses ---- */
@@ -356,14 +395,6 @@ static int receive_simulated(channel_t *c, participant_t *p, int32_t bus)
 
 /* ---- the loop ---- */
 
-static volatile sig_atomic_t stops;
-
-static void on_signal(int number)
-{
-    (void)number;
-    stops++;
-}
-
 typedef struct {
     channel_t *channels;
     participant_step_t step;
@@ -444,30 +475,15 @@ int run_on_can(int argc, char **argv, const participant_table_t *table, particip
     static channel_t channels[PARTICIPANT_BUSES];
     static participant_t p;
     loop_t loop = {channels, step, context};
-    int64_t next = linux_now_ns(), dated = 0;
-    int obeyed = 0;
     const int failed = open_all(table, channels, argc, argv);
     if (failed) return failed;
     participant_init(&p, table, send_on, step_of, &loop);
-    linux_host(&p.host);
-    p.boots = linux_boots();
-    signal(SIGINT, on_signal);
-    signal(SIGTERM, on_signal);
-    while (next >= 0) {
+    linux_begin(&p);
+    for (int64_t next = linux_now_ns(); next >= 0; next = linux_poll(&p)) {
         if (rest(&p, channels, next) < 0) {
             fprintf(stderr, "error: a bus has ended\n");
             return 1;
         }
-        const int64_t now = linux_now_ns();
-        if (now - dated > 1000000000) linux_set_date(&p.host), dated = now;
-        if (stops > obeyed) { /* once: ramp down; again, or before the start: at once */
-            if (p.begun && obeyed == 0) participant_command(&p, COMMAND_STOP);
-            else participant_end(&p);
-            obeyed++;
-        }
-        next = participant_poll(&p, now);
     }
-    fprintf(stderr, "%s: %s after %lld slots\n", table->node,
-            p.life.state == LIFE_FINISHED ? "finished" : "stopped", (long long)(p.slot - p.first_slot));
-    return p.life.state == LIFE_FINISHED ? 0 : 1;
+    return linux_end(&p);
 }

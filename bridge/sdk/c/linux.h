@@ -8,10 +8,14 @@
 
 #include "participant.h"
 
-int64_t linux_now_ns(void);                    /* CLOCK_MONOTONIC */
-void linux_host(participant_host_t *host);     /* fills in the clock of this host */
-void linux_set_date(participant_host_t *host); /* its date_offset_ns anew */
-uint32_t linux_boots(void);                    /* another number for each start, 1 to 4095 */
+int64_t linux_now_ns(void); /* CLOCK_MONOTONIC */
+
+/* A participant that was initialized gets the clock of this host; from then on Ctrl-C and SIGTERM stop it. */
+void linux_begin(participant_t *p);
+/* participant_poll now, with signals and the date of the host. */
+int64_t linux_poll(participant_t *p);
+/* How it ended, on the standard error; the exit code of its program: 0 finished, 1 stopped. */
+int linux_end(const participant_t *p);
 
 /* Runs a participant on CAN until its end. Arguments: a channel for each bus of the table, in its order, or
  * BUS=CHANNEL. Ctrl-C stops it safely. Returns the exit code of the program. */

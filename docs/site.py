@@ -68,6 +68,7 @@ GROUPS: Mapping[str, tuple[str, ...]] = {
         "hardware",
         "safety",
         "faults",
+        "participants",
         "conform",
     ),
     "Concepts": ("paper", "design", "glossary"),

@@ -132,7 +132,8 @@ def _python_can(table: NodeTable, build: str) -> dict[str, str]:
 
 
 def _layouts(table: NodeTable) -> list[tuple[str, LayoutEntry]]:
-    return [(m.name, m.layout) for m in (*table.received, *table.sent)]
+    found = [(m.name, m.layout) for m in table.received]
+    return [*found, *((m.name, m.layout) for m in table.sent)]
 
 
 def _python_zenoh(table: NodeTable, build: str) -> dict[str, str]:

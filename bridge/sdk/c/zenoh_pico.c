@@ -162,15 +162,16 @@ static int token(int which)
     return z_liveliness_declare_token(z_loan(node.session), &node.tokens[which], z_loan(expression), NULL);
 }
 
+/* A client of the other end, or a peer that others connect to. */
 static int open_session(int argc, char **argv)
 {
-    static const uint8_t KINDS[] = {Z_CONFIG_LISTEN_KEY, Z_CONFIG_CONNECT_KEY};
+    const char *listen = argc > 1 ? argv[1] : "", *connect = argc > 2 ? argv[2] : "";
     for (int tries = 0; tries < 100; tries++) { /* the other end may not listen yet */
         z_owned_config_t config;
         z_config_default(&config);
-        zp_config_insert(z_loan_mut(config), Z_CONFIG_MODE_KEY, "peer");
-        for (int i = 0; i < 2 && i + 1 < argc; i++)
-            if (*argv[i + 1]) zp_config_insert(z_loan_mut(config), KINDS[i], argv[i + 1]);
+        zp_config_insert(z_loan_mut(config), Z_CONFIG_MODE_KEY, *connect ? "client" : "peer");
+        zp_config_insert(z_loan_mut(config), *connect ? Z_CONFIG_CONNECT_KEY : Z_CONFIG_LISTEN_KEY,
+                         *connect ? connect : listen);
         if (z_open(&node.session, z_move(config), NULL) == 0) {
             zp_start_read_task(z_loan_mut(node.session), NULL);
             zp_start_lease_task(z_loan_mut(node.session), NULL);

@@ -5,7 +5,8 @@
 #include "participant.h"
 
 /* Runs a participant on Zenoh until its end. Arguments: an endpoint to listen on, one to connect to, "":
- * none. Ctrl-C stops it safely. Returns the exit code of the program. */
+ * none. With one to connect to it is a client of the node or router there, and does not listen. Ctrl-C stops
+ * it safely. Returns the exit code of the program. */
 int run_on_zenoh(int argc, char **argv, const participant_table_t *table, participant_step_t step,
                  void *context);
 

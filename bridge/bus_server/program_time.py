@@ -86,13 +86,14 @@ class ProgramTime:
         self._pace = ProgramPace(table, epoch)
         self.shared = SharedTime(self._pace)
 
-    def step(self, end_ps: int | None) -> bool:
+    def step(self, end_ps: int | None, is_over: Callable[[], bool] = lambda: False) -> bool:
         """Let one thread go on, or time pass to what happens next, `end_ps` (ps) at most.
 
-        False if that cannot be: a thread does not wait, or nothing will happen.
+        False if that cannot be: a thread does not wait, nothing will happen, or `is_over`, which
+        is asked when all threads wait, so that the end has an exact time.
         """
         answered = self.attention.answered
-        if not self.table.settle(_LOOK_NS):
+        if not self.table.settle(_LOOK_NS) or is_over():
             return False
         with self.shared.lock:
             if answered != self.attention.answered or self.attention.is_due(self._pace.calls):

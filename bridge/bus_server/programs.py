@@ -103,9 +103,9 @@ class Programs:
         from cosim.base.interrupts import act_on_signal
 
         end_ps = None if seconds is None else round(seconds * 1e12)
-        while self._started[-1].poll() is None:
+        while not self._is_over():
             act_on_signal()
-            if not self._all_there() or not self.time.step(end_ps):
+            if not self._all_there() or not self.time.step(end_ps, self._is_over):
                 if end_ps is not None and self.channel.now_ps >= end_ps:
                     break
                 self._look()
@@ -125,6 +125,10 @@ class Programs:
             while any(p.poll() is None for p in self._started) and monotonic_ns() < deadline:
                 self.time.step(None)
         self._stack.close()
+
+    def _is_over(self) -> bool:
+        """True if the last program has ended."""
+        return self._started[-1].poll() is not None
 
     def _all_there(self) -> bool:
         """True if each program has begun, or has ended already."""

@@ -150,6 +150,8 @@ static void run_slot(int64_t slot, int64_t limit_ns)
         end_slot(slot, -1);
         return;
     }
+    memset(row.rows, 0, sizeof row.rows); /* what a short sample does not fill is 0, as in a new file */
+    memset(heard.rows, 0, sizeof heard.rows);
     row.head.rows = heard.head.rows = heard.head.dropped = 0;
     const int32_t result = firmware_slot(limit_ns);
     for (uint32_t i = 0; i < heard.head.rows; i++) write('j', heard.rows + i * HEARD_SIZE, HEARD_SIZE, 0, 0);

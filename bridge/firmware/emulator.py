@@ -115,18 +115,22 @@ class Emulator:
             with suppress(ConnectionResetError):
                 if data := self._line.recv(_PIECE):
                     return data
-            self._process.wait(1.0)
+            with suppress(subprocess.TimeoutExpired):
+                self._process.wait(1.0)
+            raise FirmwareError(f"{self.name} {self._how()}")
         if self._process.poll() is not None:
-            raise FirmwareError(f"{self.name} ended {self._how()}")
+            raise FirmwareError(f"{self.name} {self._how()}")
         return b""
 
     def _how(self) -> str:
         code = self._process.returncode
+        if code is None:
+            return "has closed its serial line"
         if code < 0:
-            return f"by signal {-code}"
+            return f"ended by signal {-code}"
         self._errors.seek(0)
         lines = self._errors.read().decode(errors="replace").strip().splitlines()
-        return f"with exit status {code}{f': {lines[-1]}' if lines else ''}"
+        return f"ended with exit status {code}{f': {lines[-1]}' if lines else ''}"
 
     # ---- what may be done to it --------------------------------------------------------------
 

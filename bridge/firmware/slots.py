@@ -36,6 +36,8 @@ from cosim.base.errors import ScenarioError
 
 #: What a run of slots returns when the image has failed: no result of a node's own.
 FAILED = -20
+#: Looks without an answer until an image is asked once more for its hello.
+AGAIN = 20
 #: The result of an image that was asked for another slot than its next one.
 OTHER_SLOT = -1
 _EXPORT = "export the node again: cosim export SCENARIO --deploy NAME --node {} --firmware"
@@ -64,16 +66,20 @@ def greet(emulator: Emulator, mode: bytes, wanted: Hello) -> None:
     """
     image, reader = str(emulator.image), Reader()
     emulator.send(pack(Kind.MODE, mode))
-    patience = Patience(emulator)
+    patience, silent = Patience(emulator), 0
     while True:
         data = emulator.receive()
         for kind, payload in reader.feed(data):
             if kind is Kind.HELLO:
                 _compare(Hello.of(payload), wanted, image)
                 return
-        if not data and (why := patience.look()):
-            text = f"{emulator.name} {why}; expected a hello"
-            raise FirmwareError(text)
+        if data:
+            continue
+        if why := patience.look():
+            raise FirmwareError(f"{emulator.name} {why}; expected a hello")
+        silent += 1
+        if silent % AGAIN == 0:  # a serial line that is being set up may lose bytes
+            emulator.send(pack(Kind.MODE, mode))
 
 
 def _compare(found: Hello, wanted: Hello, image: str) -> None:
@@ -92,7 +98,7 @@ def _compare(found: Hello, wanted: Hello, image: str) -> None:
     elif found.slots != wanted.slots:
         text = f"found {found.slots} slots of another length of the run, expected {wanted.slots}; "
     elif found.token != wanted.token:
-        text = f"found the tables {found.token.hex()} of another deployment, expected "
+        text = f"found the tables {found.token.hex()} of another deployment or version, expected "
         text += f"{wanted.token.hex()}; "
     else:
         return
@@ -124,6 +130,7 @@ class ImageSlots:
         self._journals = {Kind.ROW: wired.journal, Kind.SAMPLE: wired.heard}
         row, sample = row_dtype(wired.plan), heard_dtype(wired.system, wired.name)
         self._sizes = {Kind.ROW: row.itemsize, Kind.SAMPLE: sample.itemsize}
+        self._begun = False  # it has computed a slot
         self._said = ""  # by the image, for people
         self._reader = Reader(max(*self._sizes.values(), 512))
         system, name = wired.system, wired.name
@@ -203,10 +210,11 @@ class ImageSlots:
                     self._keep(kind, payload, slot)
                 case Kind.LOG:
                     self._said = payload.decode(errors="replace")
-                case Kind.HELLO:
+                case Kind.HELLO if self._begun:  # before, it may have been asked several times
                     raise self._failure(slot, "has restarted")
                 case Kind.DONE:
                     self._check_done(slot, unpack_done(payload), rows)
+                    self._begun = True
                     return frames
         raise AssertionError
 

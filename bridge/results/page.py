@@ -53,7 +53,7 @@ def write_page(
         faults = table(["fault", ""], [(f"{f.index}", f.text()) for f in outcome.faults])
         _loads(outcome, data)
         return (
-            f"<h2>Nodes</h2>{lanes(outcome, data.end)}{nodes}"
+            f"<h2>Nodes</h2>{lanes(outcome, data.end)}{nodes}{_firmware(outcome)}"
             f"{_configured(system, outcome)}"
             + (f"<h2>Buses</h2>{frame_lanes(outcome, data.end)}" if outcome.buses else "")
             + f'<section id="load"></section><section id="late"></section>'
@@ -75,6 +75,16 @@ def _causes(system: System, outcome: RehearsalOutcome, found: Verdict) -> str:
     rows = [(f"{x.t:.3f} s", x.who, x.what) for x in every[:FIRST]]
     rest = f"<p>{len(every) - FIRST} more below.</p>" if len(every) > FIRST else ""
     return f"<h2>What happened first</h2>{table(['time', 'where', 'what'], rows)}{rest}"
+
+
+def _firmware(outcome: RehearsalOutcome) -> str:
+    """The images that computed the slots of nodes, if there are any."""
+    rows = [
+        (str(r.life), facts["image"], facts["machine"], facts["sha256"])
+        for r in outcome.reports
+        if r.statement and (facts := r.statement.firmware)
+    ]
+    return table(["firmware", "image", "machine", "SHA-256"], rows) if rows else ""
 
 
 def _facts(system: System, outcome: RehearsalOutcome) -> Iterator[tuple[str, str]]:

@@ -26,6 +26,20 @@ def test_header_is_the_one_of_c():
     assert ctypes.sizeof(JournalStruct) == HEADER
 
 
+def test_rows_of_bytes_are_kept_to_the_bit_until_it_is_full(tmp_path: Path):
+    """Also numbers that are none, whose bits a conversion might change."""
+    signalling = np.frombuffer(np.uint64(0x7FF0000000000001).tobytes())[0]
+    row = np.array([(7, 1, [signalling, -0.0, np.inf])], ROW).tobytes()
+    journal = Journal.create(tmp_path / "j", ROW, 2)
+    assert [journal.append_bytes(row) for _ in range(3)] == [True, True, False]
+    assert journal.dropped == 1
+    assert journal.rows.tobytes() == 2 * row
+    with pytest.raises(ValueError, match=f"{len(row) - 1} bytes; expected a row of {len(row)}"):
+        journal.append_bytes(row[1:])
+    journal.close()
+    assert Journal.open(tmp_path / "j").tobytes() == 2 * row
+
+
 @pytest.mark.parametrize("closed", [False, True])
 def test_rows_written_are_read(tmp_path: Path, closed: bool):
     journal = Journal.create(tmp_path / "j", ROW, 10)

@@ -14,14 +14,14 @@ BOOKS = {"participants": PARTICIPANT_RULES}
 
 def table(book: RuleBook) -> str:
     """The rules as a table; each clause is a link to the section that demands it."""
-    lines = ["| rule | expected | clause |", "|---|---|---|"]
+    lines = ["| rule | expected | clause | part |", "|---|---|---|---|"]
     for rule in book.rules:
         page, _, section = rule.clause.partition("#")
         name = (
             section.removeprefix(section.split("-")[0] + "-") if section[0].isdigit() else section
         )
         link = f"[{page.removesuffix('.md')}: {name.replace('-', ' ')}]({rule.clause})"
-        lines.append(f"| {rule.number} {rule.title} | {rule.expected} | {link} |")
+        lines.append(f"| {rule.number} {rule.title} | {rule.expected} | {link} | {rule.part} |")
     return "\n".join(lines)
 
 

@@ -23,6 +23,14 @@ class ConformityOptions(ResultOptions):
     rules: Annotated[
         str, typer.Option(metavar="C-03,C-07", help="Judge these rules only. Default: all.")
     ] = ""
+    without: Annotated[
+        str,
+        typer.Option(
+            metavar="A,B",
+            help="Parts that the participant leaves out: epoch-sent, estop-sent, joining, ranges, "
+            "watchdogs; their rules do not apply.",
+        ),
+    ] = ""
     list_: Annotated[
         bool, typer.Option("--list", help="Print the rules and their clauses, and end.")
     ] = False
@@ -69,7 +77,7 @@ def conform(
         raise ScenarioError(
             "found no scenario or no --node; expected cosim conform SCENARIO --node NODE -- COMMAND"
         )
-    report = _judged(scenario, deploy, node, command or (), rules, quiet=result.quiet)
+    report = _judged(scenario, deploy, node, command or (), rules, result)
     result.say("\n".join(report_lines(report)))
     result.save("conform", report.as_data())
     if result.junit is not None:
@@ -91,17 +99,17 @@ def _judged(
     node: str,
     command: Sequence[str],
     rules: Sequence[ConformityRule],
-    *,
-    quiet: bool,
+    result: ConformityOptions,
 ) -> ConformityReport:
     """The verdicts, with the simulated buses of the deployment served."""
-    from bridge.conform.participant import ParticipantKit, check_judgeable
+    from bridge.conform.participant import PARTICIPANT_RULES, ParticipantKit, check_judgeable
     from bridge.deployment import spec as deployments
     from bridge.deployment.system import load_system
     from bridge.rehearsal.outside import filled_words
     from bridge.rehearsal.simulated_buses import served
     from cosim.cli.summary import progress_bar
 
+    without = PARTICIPANT_RULES.left_out(result.without)
     path = deployments.find(scenario, deploy.deploy)
     changes = [*deploy.set_, *deploy.settings(deployments.load(path))]
     system = load_system(scenario, str(path), changes)
@@ -109,8 +117,8 @@ def _judged(
     with served(system, []) as channels:
         system = load_system(scenario, str(path), [*changes, *channels])
         words = filled_words(system, node, command, "COMMAND")
-        kit = ParticipantKit(system, node, words)
-        with progress_bar(quiet) as progress:
+        kit = ParticipantKit(system, node, words, without)
+        with progress_bar(result.quiet) as progress:
             done: list[JudgedRule] = []
 
             def say(judged: JudgedRule) -> None:

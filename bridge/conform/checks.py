@@ -16,7 +16,7 @@ from cosim.base.clock import monotonic_ns, sleep
 from cosim.base.errors import CosimError
 
 #: Reasons that the kit itself gives if it is late.
-_OF_A_SLOW_MACHINE = Why.STALE | Why.PEER | Why.WATCHDOG | Why.OVERRUN | Why.SYNC
+OF_A_SLOW_MACHINE = Why.STALE | Why.PEER | Why.WATCHDOG | Why.OVERRUN | Why.SYNC
 STOPPED = (LifeState.STOPPING, LifeState.FAULT)
 #: s: tolerance of a time that was measured by arrival, beside a slot and the lateness of the kit.
 TOLERANCE = 0.02
@@ -109,7 +109,7 @@ def expect_stop(
     stop = wait_stop(stage, mark, seconds)
     if stop is None:
         raise BrokenRuleError(f"it stays {state_text(stage)} for {seconds:.3g} s after {what}")
-    if stop.reasons & ~why & _OF_A_SLOW_MACHINE:
+    if stop.reasons & ~why & OF_A_SLOW_MACHINE:
         raise VoidAttemptError(f"after {what}: {stop.text()}")
     if not stop.reasons & why:
         raise BrokenRuleError(f"after {what}: {stop.text()}, expected {reason_text(why)}")

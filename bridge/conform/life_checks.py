@@ -6,15 +6,18 @@ from itertools import pairwise
 
 from bridge.conform.cast import EpochFields, copy_of
 from bridge.conform.checks import (
+    OF_A_SLOW_MACHINE,
     STOPPED,
     TOLERANCE,
     BrokenRuleError,
     Check,
     CheckScene,
     InapplicableRuleError,
+    VoidAttemptError,
     expect_active,
     expect_stop,
     nominal_ns,
+    reason_text,
     settle,
     state_text,
     torque_messages,
@@ -82,7 +85,7 @@ def _start_alone(stage: ParticipantStage) -> str:
     started = stage.hearing.wait(lambda f: f.state is LifeState.ACTIVE, mark, 0.4 + 0.35)
     if started is not None:
         raise BrokenRuleError(f"it started without its peers: {started.text()}")
-    return f"{state_text(stage)} 0.35 s after t = 0"
+    return f"{_still_waits(stage)} 0.35 s after t = 0"
 
 
 def _start_of_others(stage: ParticipantStage) -> str:
@@ -101,7 +104,18 @@ def _start_of_others(stage: ParticipantStage) -> str:
     )
     if started is not None:
         raise BrokenRuleError(f"it obeyed a command that is not for it: {started.text()}")
-    return f"{state_text(stage)}, not armed, 0.35 s after their t = 0"
+    return f"{_still_waits(stage)}, not armed, 0.35 s after their t = 0"
+
+
+def _still_waits(stage: ParticipantStage) -> str:
+    """The state, which is INACTIVE."""
+    beat = stage.wait_beat(0.5)
+    if beat is None or beat.state is LifeState.INACTIVE:
+        return state_text(stage)
+    text = f"{beat.text()} tells {beat.state_name} for {reason_text(beat.reasons)}"
+    if beat.reasons & OF_A_SLOW_MACHINE:
+        raise VoidAttemptError(text)
+    raise BrokenRuleError(text)
 
 
 def _nmt_of_other_length(stage: ParticipantStage, command: int) -> list[tuple[str, Frame]]:
@@ -455,6 +469,8 @@ def _ramps(stage: ParticipantStage) -> str:
 
 
 def _judge_ramp(stage: ParticipantStage, found: list[HeardFrame], ramp: float, since: int) -> str:
+    if not found:
+        raise BrokenRuleError("no sample with torque after ESTOP")
     name, t0 = found[0].name, stage.cast.t0_ns or 0
     states = [f.state for f in found if f.state is not LifeState.ACTIVE]
     if stage.hearing.tells_state(name):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import final
 
 from bridge.conform.checks import (
@@ -23,8 +24,18 @@ from cosim.base.clock import monotonic_ns, stopwatch
 from cosim.base.errors import CosimError, ScenarioError
 from cosim.base.names import unknown
 
+#: Parts that a participant may leave out, by rule.
+PARTS = {
+    "C-16": "epoch-sent",
+    "C-33": "estop-sent",
+    **dict.fromkeys(("C-57", "C-58"), "ranges"),
+    **dict.fromkeys(("C-73", "C-74", "C-75"), "joining"),
+    **{c.rule.number: "watchdogs" for c in INPUT_CHECKS if c.rule.number not in ("C-57", "C-58")},
+}
 CHECKS = (*SENT_CHECKS, *LIFE_CHECKS, *INPUT_CHECKS, *END_CHECKS)
-PARTICIPANT_RULES = RuleBook(check.rule for check in CHECKS)
+PARTICIPANT_RULES = RuleBook(
+    replace(check.rule, part=PARTS.get(check.rule.number, "")) for check in CHECKS
+)
 #: A rule is broken if it is in so many attempts in which the kit was in time, of at most so many.
 BROKEN, ATTEMPTS = 2, 5
 #: s: lateness with which a verdict of a rule that waits for seconds still counts.
@@ -33,9 +44,15 @@ SECONDS = 0.3
 
 @final
 class ParticipantKit:
-    """Judges the participant `node` of a deployment, which `command` starts (empty: it runs)."""
+    """Judges the participant `node` of a deployment, which `command` starts (empty: it runs).
 
-    def __init__(self, system: System, node: str, command: Sequence[str]) -> None:
+    `without`: parts that it leaves out; their rules do not apply.
+    """
+
+    def __init__(
+        self, system: System, node: str, command: Sequence[str], without: Sequence[str] = ()
+    ) -> None:
+        self._without = without
         self._stage = ParticipantStage(system, node, command)
 
     def judge(
@@ -89,6 +106,10 @@ class ParticipantKit:
 
         def verdict(found: Conformity) -> JudgedRule:
             return JudgedRule(check.rule, found, came, late * 1e3, elapsed())
+
+        if PARTS.get(check.rule.number) in self._without:
+            came = f"left out: {PARTS[check.rule.number]}"
+            return verdict(Conformity.NOT_APPLICABLE)
 
         for _ in range(ATTEMPTS if check.scene is not CheckScene.RECORD else 1):
             since = monotonic_ns()

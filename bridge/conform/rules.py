@@ -36,13 +36,15 @@ class ConformityRule:
     """A numbered rule, such as C-07, which never changes its number.
 
     `clause`: page and section of the documentation that demands it, ``can.md#protection``;
-    `expected`: one sentence, in the present tense.
+    `expected`: one sentence, in the present tense. `part`: of a participant that may be left out,
+    "": none (``participants.md``).
     """
 
     number: str
     title: str
     clause: str
     expected: str
+    part: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,6 +84,19 @@ class RuleBook:
             if name not in self._by_number:
                 raise ScenarioError(f"--rules: {unknown(name, list(self._by_number), 'rule')}")
         return tuple(rule for rule in self.rules if rule.number in names)
+
+    @property
+    def parts(self) -> tuple[str, ...]:
+        """The parts that may be left out, sorted."""
+        return tuple(sorted({rule.part for rule in self.rules if rule.part}))
+
+    def left_out(self, text: str) -> tuple[str, ...]:
+        """The parts of a list such as ``joining,ranges``. Raises ScenarioError."""
+        names = tuple(name.strip() for name in text.split(",") if name.strip())
+        for name in names:
+            if name not in self.parts:
+                raise ScenarioError(f"--without: {unknown(name, list(self.parts), 'part')}")
+        return names
 
     def table(self) -> list[list[str]]:
         """Number, title, clause and expectation of each rule, with the names of the columns."""

@@ -1,7 +1,9 @@
 """``cosim conform``: options and errors; our own node, judged on simulated buses and over Zenoh."""
 
 import json
+import shutil
 import socket
+import subprocess
 import sys
 
 import pytest
@@ -94,3 +96,31 @@ def test_our_own_node_over_zenoh(tmp_path):
         *NODE, "--node", "slave", *same,
     )  # fmt: skip
     assert found["C-50"] != "not applicable"
+
+
+BOARDS = {
+    "native": ("cc",),
+    "riscv32": ("riscv64-unknown-elf-gcc", "qemu-system-riscv32"),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("target", BOARDS)
+def test_firmware(target, tmp_path):
+    for program in ("make", *BOARDS[target]):
+        if shutil.which(program) is None:
+            pytest.skip(f"no {program}")
+    same = ("--set", 'run.stop="60 s"', "--set", "deploy.latency=false")
+    node = ("--node", "master_control")
+    words = (TELEOPERATION, "--deploy", "can", *node, *same)
+    done = finished(
+        "export", *words, "--firmware", tmp_path / "board", "--target", target, cwd=ROOT
+    )
+    assert done.code == 0, done
+    subprocess.run(["make", "-C", tmp_path / "board"], check=True, capture_output=True)
+    found = judged(
+        tmp_path / "verdicts.json", *words, "-i", "cosim", "--without", "epoch-sent", "--",
+        *NODE, *node, *same, "--firmware", tmp_path / "board" / "image.elf",
+        "-i", "cosim", "-c", "left={left}", "-c", "right={right}",
+    )  # fmt: skip
+    assert found["C-16"] == "not applicable" and found["C-50"] != "not applicable"

@@ -2,8 +2,9 @@
 
 Contents that occur once at each end are certain. One that occurs more often is matched with the
 nearest of its kind where the certain ones around say it should be, if its kind is rarer than their
-spread; the others are left out, and counted. A packet that the second end never has was lost, from
-the first matched packet to the last.
+spread; the others are left out, and counted. Where there are no certain ones and both ends have one
+clock, a packet arrived before the next one of its content was sent. A packet that the second end
+never has was lost, from the first matched packet to the last.
 """
 
 from __future__ import annotations
@@ -24,12 +25,13 @@ CERTAIN = 3
 
 class MatchedWay(NamedTuple):
     """A direction; `ambiguous`: packets left out whose content repeats; `strange`: packets that
-    only the receiver has.
+    only the receiver has; `window`: delays are taken to be shorter than this, s, 0: they need not.
     """
 
     way: RecordedWay
     ambiguous: int
     strange: int
+    window: float = 0.0
 
     def remarks(self) -> list[str]:
         """The packets that were left out, in sentences."""
@@ -38,6 +40,11 @@ class MatchedWay(NamedTuple):
             found.append(
                 f"{self.ambiguous} packets have contents that repeat too often to be matched, and "
                 "are left out"
+            )
+        if self.window:
+            found.append(
+                f"contents repeat after {1e3 * self.window:.3g} ms: longer delays are taken for "
+                "shorter ones"
             )
         if self.strange:
             found.append(
@@ -65,12 +72,14 @@ def matched(sender: StreamRows, receiver: StreamRows, one_clock: bool = False) -
     pairs = _certain(code_a, code_b, (count_a == 1) & (count_b == 1))
     if pairs[0].size < CERTAIN:
         pairs = _in_order(code_a, code_b, (count_a == count_b) & (count_a > 0))
-        if not _plausible(a.t, b.t, pairs) and not one_clock:
+        if not _plausible(a.t, b.t, pairs):
+            pairs = (pairs[0][:0], pairs[1][:0])
+        if not pairs[0].size and not one_clock:
             raise ScenarioError(
                 f"{int(np.sum((count_a > 0) & (count_b > 0)))} contents are at both ends, and none "
                 "of them tells its packet from others; expected a counter or a stamp in them"
             )
-    received, ambiguous = _all_pairs(a.t, b.t, (code_a, code_b), (count_a, count_b), pairs)
+    received, ambiguous, window = _all_pairs(a.t, b.t, (code_a, code_b), (count_a, count_b), pairs)
     rows = np.flatnonzero(received != NONE)
     if rows.size < CERTAIN:
         raise ScenarioError(f"{rows.size} packets are at both ends; expected at least {CERTAIN}")
@@ -86,7 +95,9 @@ def matched(sender: StreamRows, receiver: StreamRows, one_clock: bool = False) -
         repeated=int(np.sum(np.maximum(count_b - count_a, 0)[count_a > 0])),
         equal=int(equal.sum()), overtaken=late,
     )  # fmt: skip
-    return MatchedWay(way, int(np.sum(ambiguous & inside)), int(np.sum(count_a[code_b] == 0)))
+    return MatchedWay(
+        way, int(np.sum(ambiguous & inside)), int(np.sum(count_a[code_b] == 0)), window
+    )
 
 
 Pairs = tuple[Integers, Integers]  # rows of the sender, rows of the receiver
@@ -118,8 +129,10 @@ def _plausible(t_a: Integers, t_b: Integers, pairs: Pairs) -> bool:
 
 def _all_pairs(
     t_a: Integers, t_b: Integers, codes: Pairs, counts: Pairs, pairs: Pairs
-) -> tuple[Integers, np.ndarray]:
-    """The arrival of each packet of the sender (n,), ns, NONE: none; the ambiguous ones (n,)."""
+) -> tuple[Integers, np.ndarray, float]:
+    """The arrival of each packet of the sender (n,), ns, NONE: none; the ambiguous ones (n,); the
+    time after which contents repeat, s, where there are no `pairs` to begin with, else 0.
+    """
     received = np.full(t_a.size, NONE)
     received[pairs[0]] = t_b[pairs[1]]
     paired = np.zeros(counts[0].size, dtype=bool)
@@ -127,7 +140,8 @@ def _all_pairs(
     rest = np.flatnonzero((counts[0] > 0) & (counts[1] > 0) & ~paired)
     ambiguous = np.zeros(t_a.size, dtype=bool)
     if not rest.size:
-        return received, ambiguous
+        return received, ambiguous, 0.0
+    shortest = np.inf
     expected, spread = _expected(t_a, t_b, pairs)
     order_a, order_b = (np.argsort(code, kind="stable") for code in codes)
     ends_a, ends_b = (np.cumsum(count) for count in counts)
@@ -140,15 +154,13 @@ def _all_pairs(
             ambiguous[rows_a] = True
             continue
         reach = float(apart.min()) / 2 if apart.size else np.inf
+        if not pairs[0].size and apart.size:
+            at, shortest = at + reach, min(shortest, 2 * reach)
         came = t_b[rows_b]
-        nearest = (
-            np.abs(came[None, :] - at[:, None]).argmin(axis=1)
-            if came.size < 64
-            else (_nearest(at, came))
-        )
+        nearest = _nearest(at, came)
         good = np.abs(came[nearest] - at) <= reach
         received[rows_a[good]] = came[nearest[good]]
-    return received, ambiguous
+    return received, ambiguous, 1e-9 * shortest if shortest < np.inf else 0.0
 
 
 def _nearest(at: Floats, came: Integers) -> Integers:

@@ -167,11 +167,11 @@ def write_packets(path: Path, packets: Iterable[tuple[int, bytes]]) -> Path:
     return path
 
 
-def write_gateway(path: Path, known: KnownTable) -> Path:
-    """A log of python-can of two buses, with a gateway between them."""
+def write_gateway(path: Path, known: KnownTable, repeats: int = 1 << 32) -> Path:
+    """A log of python-can of two buses, with a gateway between them; contents repeat after some."""
     frames = []
     for i in range(known.sent.size):
-        data = i.to_bytes(4, "big") + b"\1\2"
+        data = (i % repeats).to_bytes(4, "big") + b"\1\2"
         frames.append((int(known.sent[i]), 1, data))
         if not known.lost[i]:
             frames.append((known.received(i), 2, data))

@@ -103,6 +103,29 @@ def test_a_gateway_in_one_log(tmp_path: Path, suffix: str) -> None:
     assert result.links[0].semantics == "last-arrival" and result.judged.clock is None
 
 
+@pytest.mark.parametrize("lost", [0.0, 0.05, 0.3])
+def test_a_gateway_whose_frames_count_to_16(tmp_path: Path, lost: float) -> None:
+    """Contents repeat after 80 ms, delays are shorter."""
+    known = table(unit=1_000_000, lost=lost)
+    path = recorded.write_gateway(tmp_path / "gw.log", known, 16)
+    result = two([f"{path}@can1", f"{path}@can2"], tmp_path)
+    found = read_trace(result.links[0].file)
+    np.testing.assert_allclose(found.delay, known.expected()[1], atol=2e-6)
+    assert any("repeat after 80 ms" in r for r in result.remarks) == (lost == 0.3)
+
+
+def test_contents_that_are_all_the_same_tell_nothing_apart(tmp_path: Path) -> None:
+    known = table(unit=1_000_000, lost=0.05)
+    path = recorded.write_gateway(tmp_path / "gw.log", known, 1)
+    other = tmp_path / "other.log"
+    other.write_text(path.read_text())
+    with pytest.raises(ScenarioError, match="expected a counter or a stamp"):
+        two([f"{path}@can1", f"{other}@can2"], tmp_path)
+    result = two([f"{path}@can1", f"{path}@can2"], tmp_path)
+    assert any("repeat after 5 ms" in r for r in result.remarks)
+    assert float(np.nanmax(result.links[0].delay)) <= 0.005
+
+
 def test_a_regular_sender_with_one_stamp(tmp_path: Path) -> None:
     known = table(lost=0.02, scale=2e5)
     path = recorded.write_mcap(tmp_path / "a.mcap", known)

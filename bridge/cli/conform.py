@@ -27,8 +27,8 @@ class ConformityOptions(ResultOptions):
         str,
         typer.Option(
             metavar="A,B",
-            help="Parts that the participant leaves out: epoch-sent, estop-sent, joining, ranges, "
-            "watchdogs; their rules do not apply.",
+            help="Parts that the participant leaves out (date, epoch-sent, estop-sent, joining, "
+            "ranges, watchdogs): their rules do not apply.",
         ),
     ] = ""
     list_: Annotated[

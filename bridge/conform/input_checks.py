@@ -18,6 +18,7 @@ from bridge.conform.checks import (
     Check,
     CheckScene,
     InapplicableRuleError,
+    VoidAttemptError,
     expect_active,
     expect_stop,
     nominal_ns,
@@ -82,6 +83,8 @@ def refused(
             limit = found.timeout + 4 * stage.slot + 0.25
             stop = expect_stop(stage, mark, limit, found.why, f"{what} of {found.message} only")
             took = (stop.first.t_ns - role.last_ns) * 1e-9
+        if took < found.timeout / 2:
+            raise VoidAttemptError(f"{stop.text()}, before the time-out")
         return f"{stop.text()}, {took * 1e3:.0f} ms after the last valid frame"
 
     return judge

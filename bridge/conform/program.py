@@ -25,6 +25,7 @@ class Program:
     def __init__(self, command: Sequence[str]) -> None:
         self._command = list(command)
         self._process: subprocess.Popen[bytes] | None = None
+        self._begin = 0  # of the output of this life
         self._output = tempfile.TemporaryFile()  # noqa: SIM115 - closed by close
 
     @property
@@ -40,6 +41,7 @@ class Program:
     def start(self) -> None:
         """Start it. Raises ScenarioError if there is no such program."""
         self.stop()
+        self._begin = os.fstat(self._output.fileno()).st_size
         try:
             self._process = subprocess.Popen(
                 self._command,
@@ -71,10 +73,10 @@ class Program:
         self._output.close()
 
     def output(self) -> str:
-        """The last lines that it has printed, in one line. Raises CosimError."""
+        """The last lines that this life has printed, in one line. Raises CosimError."""
         try:
-            size = os.fstat(self._output.fileno()).st_size
-            text = os.pread(self._output.fileno(), size, 0).decode(errors="replace")
+            size = os.fstat(self._output.fileno()).st_size - self._begin
+            text = os.pread(self._output.fileno(), size, self._begin).decode(errors="replace")
         except (OSError, ValueError) as error:
             raise CosimError(f"cannot read the output of the participant: {error}") from None
         return " | ".join(text.strip().splitlines()[-LINES:])

@@ -232,8 +232,9 @@ class ParticipantStage:
                 return beat
             if not self.program.running:
                 break
-        self.dead = f"no heartbeat of {self.node} came{self._said()}"
-        raise UnreadyError(self.dead)
+        text = f"no heartbeat of {self.node} came{self._said()}"
+        self.dead = text if self.hearing.latest_beat() is None else ""
+        raise UnreadyError(text)
 
     def _said(self) -> str:
         said = self.program.output() if self.program.given else ""

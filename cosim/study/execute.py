@@ -21,6 +21,7 @@ from cosim.study import figures
 from cosim.study import store as stores
 from cosim.study.axes import Listed
 from cosim.study.design import Point, count, points
+from cosim.study.parts import STUDY, StudyPart, missing, refuse_other_part, take
 from cosim.study.run_point import StudyRow, StudySetup, job, preview, run_points
 from cosim.study.runner import (
     UNOBSERVED,
@@ -36,7 +37,7 @@ from cosim.study.study import Study
 from cosim.study.table import SweepTable
 from cosim.study.tasks import Tasks
 
-STUDY, RUNS = "study.toml", "runs"
+RUNS = "runs"
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,13 +45,14 @@ class Extent:
     """The runs of a study that are made now, at most `limit`.
 
     `resume`: those that the folder does not contain; `retry`: also those that failed there;
-    `force`: even if the scenario has changed since.
+    `force`: even if the scenario has changed since. `part`: only those of this part.
     """
 
     resume: bool = False
     retry: bool = False
     force: bool = False
     limit: int | None = None
+    part: StudyPart | None = None
 
 
 def sweep(
@@ -88,11 +90,38 @@ def sweep(
         return _table(study, folder, every, units, total)
 
 
+def merge(
+    study: Study,
+    folders: Sequence[Path],
+    folder: str | Path,
+    extent: Extent = Extent(),
+    checked: Callable[[Plan], None] = lambda plan: None,
+) -> tuple[SweepTable, str]:
+    """Put the rows of parts together in `folder`; return the table, and which parts are missing.
+
+    The table has the bytes of that of one call. Nothing is run. Raises CosimError as
+    :func:`sweep` does, and for folders that are no parts of this study.
+    """
+    folder = Path(folder)
+    plan, units = check(study, job(study, None))
+    checked(plan)
+    fingerprint = fingerprint_of(study.scenario.read_bytes(), [plan])
+    with held_folder(folder):
+        _claim(study, folder, fingerprint, extent)
+        parts = take(folders, folder, study.text, fingerprint)
+        table = _table(study, folder, points(study, fingerprint), units, count(study))
+    return table, missing(parts)
+
+
 def _planned(
     study: Study, folder: Path, fingerprint: str, store: Store, extent: Extent
 ) -> tuple[PlannedRuns, Tasks]:
     """The points that are missing."""
     wanted = {point.run for point in points(study, fingerprint)}
+    if extent.part is not None:
+        wanted = extent.part.of_runs(
+            list(dict.fromkeys(point.run for point in points(study, fingerprint)))
+        )
     again = store.failed & wanted if extent.retry else set[str]()
     found = len(store.done & wanted)
     missing = wanted - (store.done - again)
@@ -106,8 +135,14 @@ def _planned(
 def _searched(
     study: Study, folder: Path, fingerprint: str, store: Store, extent: Extent
 ) -> tuple[PlannedRuns, Tasks]:
-    """The points that follow from those that are there."""
+    """The points that follow from those that are there. Raises ScenarioError for a part of them."""
     assert study.boundary is not None
+    if extent.part is not None:
+        raise ScenarioError(
+            "found [boundary], whose points follow from the results of others; expected a study "
+            "whose points are known: this one runs on several hosts with --scheduler",
+            study.place("boundary"),
+        )
     store.flush()
     again = set(store.failed) if extent.retry else set[str]()
     known = {
@@ -219,6 +254,7 @@ def _claim(study: Study, folder: Path, fingerprint: str, extent: Extent) -> bool
     """Take the folder: whether the study it was begun with was another. Raises ScenarioError."""
     state = stores.read_state(folder)
     refuse_others(folder, "sweep", state)
+    refuse_other_part(folder, state, extent.part)
     if state and not (extent.resume or extent.retry):
         raise ScenarioError(
             "the folder already contains a sweep; use --resume to continue it", str(folder)
@@ -239,6 +275,7 @@ def _claim(study: Study, folder: Path, fingerprint: str, extent: Extent) -> bool
             "scenario": str(study.scenario),
             "fingerprint": fingerprint,
             "versions": versions(),
+            **({"part": [extent.part.number, extent.part.of]} if extent.part else {}),
         },
     )
     return changed

@@ -99,7 +99,7 @@ class Store:
         self.folder, self._units = folder, units
         try:
             (folder / RESULTS).mkdir(parents=True, exist_ok=True)
-            ends = {run: end for part in parts(folder) for run, end in _ends(part)}
+            ends = {run: end for part in parts(folder) for run, end in ends_of(part)}
             self._journal = ResultJournal(
                 folder / JOURNAL, lambda row: ends.get(row["run"]) != _end(row)
             )
@@ -136,8 +136,7 @@ class Store:
         rows = self._journal.rows.values()
         if not rows:
             return
-        numbers = [int(path.stem.partition("-")[2]) for path in parts(self.folder)]
-        path = self.folder / RESULTS / f"part-{max(numbers, default=-1) + 1:05d}.parquet"
+        path = self.folder / RESULTS / part_name(next_part(self.folder))
         try:
             write_table(path, [_flat(row) for row in rows], self._units)
             self._journal.clear()
@@ -149,8 +148,14 @@ def rows(folder: Path) -> dict[str, Record]:
     """The newest row of every run by its name, flat: axes, measures and the fixed columns."""
     found: dict[str, Record] = {}
     for part in parts(folder):
-        for row in _table(part).to_pylist():
+        for row in rows_of(part):
             found[row["run"]] = row
+    return found
+
+
+def rows_of(part: Path) -> list[Record]:
+    """The rows of a file of results, flat. Raises ScenarioError."""
+    found: list[Record] = _table(part).to_pylist()
     return found
 
 
@@ -205,12 +210,23 @@ def _none(name: str) -> Any:
     return np.empty(0, dtype=kind.get(name, np.float64))
 
 
+def part_name(number: int) -> str:
+    """The name of the file of results with this number."""
+    return f"part-{number:05d}.parquet"
+
+
+def next_part(folder: Path) -> int:
+    """The number of the next file of results."""
+    return max((int(path.stem.partition("-")[2]) for path in parts(folder)), default=-1) + 1
+
+
 def parts(folder: Path) -> list[Path]:
     """The Parquet files of the results, in the order in which they were written."""
     return sorted((folder / RESULTS).glob("part-*.parquet"))
 
 
-def _ends(part: Path) -> Iterator[tuple[str, tuple[str, float]]]:
+def ends_of(part: Path) -> Iterator[tuple[str, tuple[str, float]]]:
+    """Each run of a file of results, with the reason of its failure and its wall time, s."""
     for row in _table(part, ["run", "reason", "wall"]).to_pylist():
         yield row["run"], _end(row)
 

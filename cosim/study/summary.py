@@ -125,7 +125,7 @@ def write(table: SweepTable, folder: Path) -> list[Path]:
     """
     if table.records:
         assert isinstance(table.records, Records)
-        write_records(folder / TABLE, table.records, table.units)
+        write_records(folder / TABLE, table.records.without("wall"), table.units)
     if repeats_the_table(table):
         (folder / SUMMARY).unlink(missing_ok=True)
         return [folder / TABLE]

@@ -50,6 +50,10 @@ class Records(Sequence[Mapping[str, Any]]):
         missing = {name: x[rows] for name, x in self.missing.items()}
         return Records({name: x[rows] for name, x in self.columns.items()}, missing)
 
+    def without(self, name: str) -> Records:
+        """The rows without a column."""
+        return Records({n: x for n, x in self.columns.items() if n != name}, self.missing)
+
     def numbers(self, name: str) -> Array:
         """A column (n,); NaN where there is no value."""
         if name not in self.columns:

@@ -87,7 +87,7 @@ def test_the_scenario_of_the_page_runs(tmp_path: Path) -> None:
 
 
 def test_the_component_of_the_page_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (code,), (text,) = blocks(OWN, "python"), blocks(OWN, "toml")
+    (code,), (text, *_) = blocks(OWN, "python"), blocks(OWN, "toml")
     (tmp_path / "springs.py").write_text(code, encoding="utf-8")
     monkeypatch.syspath_prepend(str(tmp_path))
     document = tomllib.loads(text)

@@ -134,7 +134,8 @@ class ParticipantKit:
                 broken += check.scene is CheckScene.RECORD or late <= self._bears(check)
                 if broken >= (1 if check.scene is CheckScene.RECORD else BROKEN):
                     return verdict(Conformity.FAILED)
-        failed = stage.dead and check.rule.number == "C-10"
+        mute = not stage.program.running or stage.lateness.worst_ns(0) * 1e-9 <= stage.bears
+        failed = stage.dead and mute and check.rule.number == "C-10"
         return verdict(Conformity.FAILED if failed else Conformity.INCONCLUSIVE)
 
 

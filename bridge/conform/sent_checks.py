@@ -13,6 +13,7 @@ from bridge.conform.checks import (
     Check,
     CheckScene,
     InapplicableRuleError,
+    VoidAttemptError,
     nominal_ns,
 )
 from bridge.conform.hearing import Heard, HeardFrame
@@ -26,7 +27,7 @@ from bridge.native.message import Decoded, counter_bits
 def _frames(stage: ParticipantStage) -> list[HeardFrame]:
     found = stage.hearing.since(0)
     if not found:
-        raise BrokenRuleError("no frame came")
+        raise VoidAttemptError("no frame came")
     return found
 
 

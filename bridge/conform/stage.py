@@ -27,8 +27,8 @@ from cosim.base.clock import monotonic_ns, sleep
 from cosim.base.errors import CosimError
 from cosim.scenario.assemble import assemble
 
-#: s: a participant may take so long to configure itself, and to obey a command.
-READY, OBEYS = 30.0, 1.5
+#: s: a participant may take so long to obey a command.
+OBEYS = 1.5
 #: s from an EPOCH to its t = 0.
 LEAD = 0.5
 #: s: a rule about silence takes at most so long.
@@ -214,7 +214,9 @@ class ParticipantStage:
         )
 
     def begin(self) -> HeardFrame:
-        """Start the program; its first heartbeat. Raises UnreadyError if none comes."""
+        """Start the program; its first heartbeat. Raises UnreadyError if none comes in `patience`
+        of the deployment.
+        """
         if self.dead:
             raise UnreadyError(self.dead)
         sleep(APART - (monotonic_ns() - self._began_ns) * 1e-9)
@@ -224,7 +226,7 @@ class ParticipantStage:
         self.lives.append(mark)
         if self.program.given:
             self.program.start()
-        end = monotonic_ns() + round(READY * 1e9)
+        end = monotonic_ns() + round(self.system.deployment.patience * 1e9)
         while monotonic_ns() < end:
             beat = self.wait_beat(0.2, since=mark)
             if beat is not None:

@@ -8,6 +8,8 @@ import sys
 
 import pytest
 
+from bridge.deployment.system import load_system
+from bridge.sdk.folder import write_participant
 from tests.bridge.deployments import TELEOPERATION
 from tests.cli.command import ROOT, Command, finished
 
@@ -124,3 +126,35 @@ def test_firmware(target, tmp_path):
         "-i", "cosim", "-c", "left={left}", "-c", "right={right}",
     )  # fmt: skip
     assert found["C-16"] == "not applicable" and found["C-50"] != "not applicable"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("language", "compiler"), [("c++", "c++"), ("rust", "rustc")])
+def test_participants_in_other_languages(language, compiler, tmp_path):
+    if shutil.which(compiler) is None:
+        pytest.skip(f"no {compiler}")
+    stop, folder = 'run.stop="60 s"', tmp_path / "participant"
+    system = load_system(TELEOPERATION, "can", [stop])
+    written = write_participant(system, "master_control", language, folder)
+    subprocess.run(written.build, shell=True, cwd=folder, check=True, capture_output=True)
+    found = judged(
+        tmp_path / "verdicts.json", TELEOPERATION, "--node", "master_control", "-i", "cosim",
+        "--set", stop, "--", folder / "participant", "{left}", "{right}",
+    )  # fmt: skip
+    assert found["C-50"] != "not applicable"
+
+
+#: The rules of the short participant in Python; its page has what it leaves out.
+PYTHON = "C-01,C-02,C-03,C-05,C-07,C-08,C-10,C-12,C-15,C-20,C-23,C-32,C-67"
+
+
+@pytest.mark.slow
+def test_the_participant_in_python(tmp_path):
+    stop, folder = 'run.stop="60 s"', tmp_path / "participant"
+    system = load_system(TELEOPERATION, "can", [stop])
+    write_participant(system, "master_control", "python", folder)
+    judged(
+        tmp_path / "verdicts.json", TELEOPERATION, "--node", "master_control", "-i", "cosim",
+        "--set", stop, "--rules", PYTHON, "--",
+        sys.executable, folder / "participant.py", "cosim", "{left}", "{right}",
+    )  # fmt: skip

@@ -23,7 +23,8 @@ def report_lines(report: ConformityReport) -> list[str]:
     for j in report.judged:
         lines.append(f"{j.rule.number}  {j.rule.title:<{widest}}  {j.verdict}")
         if j.verdict in _DETAILED:
-            lines += _detail("clause", f"docs/{j.rule.clause}")
+            ours = ".md" in j.rule.clause  # else a vendor's document, or a standard
+            lines += _detail("clause", f"{'docs/' if ours else ''}{j.rule.clause}")
             lines += _detail("expected", j.rule.expected)
             lines += _detail("came", _came(j))
         elif j.verdict is Conformity.NOT_APPLICABLE and j.came:

@@ -1,34 +1,50 @@
-"""Write the rules of `cosim conform` into ``docs/conform.md``: ``python docs/conform_rules.py``."""
+"""Write the rules of `cosim conform` into its pages: ``python docs/conform_rules.py``."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
+from bridge.conform.drives.cia402 import CIA402
+from bridge.conform.drives.damiao import DAMIAO
+from bridge.conform.drives.odrive import ODRIVE
 from bridge.conform.participant import PARTICIPANT_RULES
 from bridge.conform.rules import RuleBook
 
-PAGE = Path(__file__).resolve().parent / "conform.md"
-#: Rule books by the name in the marks of the page.
-BOOKS = {"participants": PARTICIPANT_RULES}
+HERE = Path(__file__).resolve().parent
+PAGE, DRIVES = HERE / "conform.md", HERE / "conform-drives.md"
+#: Rule books by the name in the marks of their page.
+BOOKS = {
+    PAGE: {"participants": PARTICIPANT_RULES},
+    DRIVES: {protocol.name: protocol.book for protocol in (DAMIAO, ODRIVE, CIA402)},
+}
 
 
 def table(book: RuleBook) -> str:
     """The rules as a table; each clause is a link to the section that demands it."""
-    lines = ["| rule | expected | clause | part |", "|---|---|---|---|"]
+    parts = any(rule.part for rule in book.rules)
+    head = ["rule", "expected", "clause", *(["part"] if parts else [])]
+    lines = [f"| {' | '.join(head)} |", "|---" * len(head) + "|"]
     for rule in book.rules:
         page, _, section = rule.clause.partition("#")
         name = (
-            section.removeprefix(section.split("-")[0] + "-") if section[0].isdigit() else section
+            section.removeprefix(section.split("-")[0] + "-") if section[:1].isdigit() else section
         )
         link = f"[{page.removesuffix('.md')}: {name.replace('-', ' ')}]({rule.clause})"
-        lines.append(f"| {rule.number} {rule.title} | {rule.expected} | {link} | {rule.part} |")
+        link = link if section else rule.clause  # a vendor's document
+        cells = [
+            f"{rule.number} {rule.title}",
+            rule.expected,
+            link,
+            *([rule.part] if parts else []),
+        ]
+        lines.append(f"| {' | '.join(cells)} |")
     return "\n".join(lines)
 
 
-def page() -> str:
-    """The page with its tables as they have to be."""
-    text = PAGE.read_text(encoding="utf-8")
-    for name, book in BOOKS.items():
+def page(path: Path = PAGE) -> str:
+    """A page with its tables as they have to be."""
+    text = path.read_text(encoding="utf-8")
+    for name, book in BOOKS[path].items():
         begin, end = f"<!-- rules of {name}: python docs/conform_rules.py -->", "<!-- end -->"
         before, _, rest = text.partition(begin)
         text = f"{before}{begin}\n{table(book)}\n{end}{rest.partition(end)[2]}"
@@ -36,5 +52,6 @@ def page() -> str:
 
 
 if __name__ == "__main__":
-    PAGE.write_text(page(), encoding="utf-8")
-    print(PAGE.name)
+    for path in BOOKS:
+        path.write_text(page(path), encoding="utf-8")
+        print(path.name)

@@ -70,6 +70,7 @@ GROUPS: Mapping[str, tuple[str, ...]] = {
         "faults",
         "participants",
         "conform",
+        "conform-drives",
     ),
     "Concepts": ("paper", "design", "glossary"),
     "Reference": ("commands", "keys", "api", "models"),

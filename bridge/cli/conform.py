@@ -1,14 +1,16 @@
-"""``cosim conform``: a participant judged by numbered rules, from outside."""
+"""``cosim conform``: a participant or a drive judged by numbered rules, from outside."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from bridge.cli.conform_drive import DriveConformityOptions, judge_drive, protocol_of
 from bridge.cli.options import DeployOptions
 from cosim.cli.options import ResultOptions
 
@@ -43,6 +45,7 @@ class ConformityOptions(ResultOptions):
 def conform(
     deploy: DeployOptions,
     result: ConformityOptions,
+    drive: DriveConformityOptions,
     scenario: Annotated[
         Path | None, typer.Argument(help="Scenario file (.toml).", show_default=False)
     ] = None,
@@ -55,13 +58,17 @@ def conform(
             show_default=False,
         ),
     ] = None,
-    node: Annotated[str, typer.Option("--node", help="Node of the deployment to judge.")] = "",
+    node: Annotated[
+        str, typer.Option("--node", help="Node of the deployment to judge; number of a drive.")
+    ] = "",
 ) -> None:
-    """Judge one participant by numbered rules of the documentation, from outside.
+    """Judge one participant, or with --drive a drive, by numbered rules, from outside.
 
     The kit joins the buses of the deployment, plays all other nodes, the supervisor and an
     adversary, and starts COMMAND. With -i cosim it serves simulated buses. Rules with times allow
     for what the kit itself was late.
+
+    With --drive it asks and listens on one bus, and moves nothing without --may-move.
 
     Exit status 1 if a rule is broken, 3 if this machine was too slow to tell.
     """
@@ -69,15 +76,22 @@ def conform(
     from bridge.conform.report import report_lines, write_conformity_junit
     from cosim.base.errors import ScenarioError
 
-    rules = PARTICIPANT_RULES.selected(result.rules)
+    book = protocol_of(drive.drive).book if drive.drive else PARTICIPANT_RULES
+    rules = book.selected(result.rules)
     if result.list_:
         typer.echo("\n".join(_listed(rules)))
         return
-    if scenario is None or not node:
+    if drive.drive and scenario is not None:
+        raise ScenarioError(f"found --drive and {scenario}; expected one of them")
+    if drive.drive:
+        with _progress(len(rules), quiet=result.quiet) as say:
+            report = judge_drive(drive, deploy, node, rules, say)
+    elif scenario is None or not node:
         raise ScenarioError(
             "found no scenario or no --node; expected cosim conform SCENARIO --node NODE -- COMMAND"
         )
-    report = _judged(scenario, deploy, node, command or (), rules, result)
+    else:
+        report = _judged(scenario, deploy, node, command or (), rules, result)
     result.say("\n".join(report_lines(report)))
     result.save("conform", report.as_data())
     if result.junit is not None:
@@ -88,9 +102,25 @@ def conform(
 
 
 def _listed(rules: Sequence[ConformityRule]) -> list[str]:
+    from bridge.conform.report import clause_of
     from cosim.cli.show import aligned
 
-    return aligned([[r.number, r.title, f"docs/{r.clause}"] for r in rules])
+    return aligned([[r.number, r.title, clause_of(r)] for r in rules])
+
+
+@contextmanager
+def _progress(rules: int, *, quiet: bool) -> Iterator[Callable[[JudgedRule], None]]:
+    """A bar with a step for each rule: the function to call with a verdict."""
+    from cosim.cli.summary import progress_bar
+
+    with progress_bar(quiet) as progress:
+        done: list[JudgedRule] = []
+
+        def say(judged: JudgedRule) -> None:
+            done.append(judged)
+            progress(len(done), rules)
+
+        yield say
 
 
 def _judged(
@@ -107,7 +137,6 @@ def _judged(
     from bridge.deployment.system import load_system
     from bridge.rehearsal.outside import filled_words
     from bridge.rehearsal.simulated_buses import served
-    from cosim.cli.summary import progress_bar
 
     without = PARTICIPANT_RULES.left_out(result.without)
     path = deployments.find(scenario, deploy.deploy)
@@ -118,11 +147,5 @@ def _judged(
         system = load_system(scenario, str(path), [*changes, *channels])
         words = filled_words(system, node, command, "COMMAND")
         kit = ParticipantKit(system, node, words, without)
-        with progress_bar(result.quiet) as progress:
-            done: list[JudgedRule] = []
-
-            def say(judged: JudgedRule) -> None:
-                done.append(judged)
-                progress(len(done), len(rules))
-
+        with _progress(len(rules), quiet=result.quiet) as say:
             return kit.judge(rules, say)

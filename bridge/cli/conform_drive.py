@@ -13,7 +13,7 @@ from cosim.base.errors import ScenarioError
 if TYPE_CHECKING:
     from bridge.cli.options import BusOptions
     from bridge.conform.drives.kit import DriveProtocol
-    from bridge.conform.drives.lines import DriveLine
+    from bridge.conform.drives.lines import JudgedLine
     from bridge.conform.rules import ConformityReport, ConformityRule, JudgedRule
 
 DRIVES = ("damiao", "odrive", "cia402")
@@ -93,7 +93,7 @@ def judge_drive(
 
 def _line(
     options: DriveConformityOptions, bus: BusOptions, node: int, watchdog: float
-) -> DriveLine:
+) -> JudgedLine:
     from bridge.can.interface import CanBusSpec
     from bridge.conform.drives.lines import CanDriveLine, EmulatedDriveLine
     from bridge.native.vendor import VendorKind

@@ -7,7 +7,7 @@ from pathlib import Path
 from textwrap import wrap
 from xml.etree import ElementTree
 
-from bridge.conform.rules import Conformity, ConformityReport, JudgedRule
+from bridge.conform.rules import Conformity, ConformityReport, ConformityRule, JudgedRule
 from cosim.base.errors import RunError
 
 WIDTH = 100
@@ -23,13 +23,17 @@ def report_lines(report: ConformityReport) -> list[str]:
     for j in report.judged:
         lines.append(f"{j.rule.number}  {j.rule.title:<{widest}}  {j.verdict}")
         if j.verdict in _DETAILED:
-            ours = ".md" in j.rule.clause  # else a vendor's document, or a standard
-            lines += _detail("clause", f"{'docs/' if ours else ''}{j.rule.clause}")
+            lines += _detail("clause", clause_of(j.rule))
             lines += _detail("expected", j.rule.expected)
             lines += _detail("came", _came(j))
         elif j.verdict is Conformity.NOT_APPLICABLE and j.came:
             lines += _detail("because", j.came)
     return [*lines, f"verdict: {report.sentence()}"]
+
+
+def clause_of(rule: ConformityRule) -> str:
+    """The page of the documentation that demands a rule, or a vendor's document or a standard."""
+    return f"docs/{rule.clause}" if ".md" in rule.clause else rule.clause
 
 
 def _came(judged: JudgedRule) -> str:

@@ -76,7 +76,9 @@ MORE: dict[str, dict[str, str]] = {
         "node": (
             "Run one node of a deployment: configure it, wait for the start, run until the end."
         ),
-        "conform": ("Judge one participant by numbered rules of the documentation, from outside."),
+        "conform": (
+            "Judge one participant, or with --drive a drive, by numbered rules, from outside."
+        ),
         "tell": "Send a command or a query to the nodes of a deployment, and print their answers.",
         "keys": (
             "Create a test authority and one certificate per node, for configs/zenoh/secure.json5."

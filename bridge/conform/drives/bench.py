@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import final
 
-from bridge.conform.drives.lines import DriveLine
+from bridge.conform.drives.lines import JudgedLine
 from bridge.native.frame import Flags, Frame
 
 
@@ -46,7 +46,7 @@ class DriveSetup:
 class DriveBench:
     """The kit at the bus of a drive."""
 
-    def __init__(self, line: DriveLine, setup: DriveSetup) -> None:
+    def __init__(self, line: JudgedLine, setup: DriveSetup) -> None:
         self.line, self.setup = line, setup
         self.node = setup.node
 

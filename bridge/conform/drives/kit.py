@@ -11,7 +11,7 @@ from bridge.conform.rules import Conformity, ConformityReport, ConformityRule, J
 
 #: Kit and machine may be so late, ns, and a verdict about times still counts.
 LATE_NS = 10_000_000
-_MOVES = "it takes --may-move: this rule switches the drive's power stage, or its watchdog"
+_MOVES = "it needs --may-move"
 
 #: What came, and the verdict: True kept, False broken, None not applicable.
 Outcome = tuple[bool | None, str]

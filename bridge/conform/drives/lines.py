@@ -16,7 +16,7 @@ MS = 1_000_000
 _STEP = 100_000
 
 
-class DriveLine(Protocol):
+class JudgedLine(Protocol):
     """The bus of the judged drive. Times in ns, of one clock."""
 
     late_ns: int

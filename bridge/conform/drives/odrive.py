@@ -237,10 +237,11 @@ def _not_late(bench: DriveBench) -> Outcome:
     if not bench.setup.watchdog:
         return None, "--watchdog does not tell its time-out"
     told = _unfed(bench)
-    off = [at for at, alive, _ in told if not alive]
-    kept = bool(off) and off[0] < 1.1 * bench.setup.watchdog + 0.02
-    came = f"it left closed loop after {off[0] * 1e3:.1f} ms" if off else "it stayed in closed loop"
-    return kept, came
+    alive = [at for at, alive, _ in told if alive]
+    left = len(alive) < len(told)
+    kept = left and (not alive or alive[-1] < 1.1 * bench.setup.watchdog + 0.02)
+    until = f"{alive[-1] * 1e3:.1f} ms" if alive else "0 ms"
+    return kept, f"in closed loop until {until}" if left else "it stayed in closed loop"
 
 
 def _expired(bench: DriveBench) -> tuple[int, int, int]:

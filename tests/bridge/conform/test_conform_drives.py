@@ -12,7 +12,7 @@ from bridge.conform.drives.bench import DriveBench, DriveSetup
 from bridge.conform.drives.cia402 import CIA402
 from bridge.conform.drives.damiao import DAMIAO
 from bridge.conform.drives.kit import DriveKit, DriveProtocol
-from bridge.conform.drives.lines import DriveLine, EmulatedDriveLine
+from bridge.conform.drives.lines import EmulatedDriveLine, JudgedLine
 from bridge.conform.drives.odrive import ODRIVE
 from bridge.conform.rules import Conformity, ConformityReport
 from bridge.native.frame import Frame
@@ -35,7 +35,7 @@ def strict(name: str) -> StrictDrive:
 
 
 def judge(
-    protocol: DriveProtocol, line: DriveLine, rules: str = "", *, may_move: bool = True
+    protocol: DriveProtocol, line: JudgedLine, rules: str = "", *, may_move: bool = True
 ) -> ConformityReport:
     bench = DriveBench(line, DriveSetup(N, WATCHDOG))
     kit = DriveKit(protocol, bench, may_move=may_move)
@@ -61,7 +61,7 @@ def test_a_strict_drive_keeps_every_rule(name: str) -> None:
 class Recorded:
     """A line with the frames that were sent."""
 
-    def __init__(self, line: DriveLine) -> None:
+    def __init__(self, line: JudgedLine) -> None:
         self.line, self.sent, self.late_ns = line, list[Frame](), 0
         self.now, self.receive, self.close = line.now, line.receive, line.close
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import threading
 from concurrent.futures import ThreadPoolExecutor
 
@@ -10,6 +11,8 @@ from bridge.deployment.spec import load
 from bridge.deployment.system import load_system
 from bridge.export.firmware import firmware
 from bridge.faults.load import load as load_faults
+from bridge.native.node import functions
+from bridge.native.safety import Command
 from bridge.node.handle import SlotImage
 from bridge.node.run import NodeOptions, run_node
 from bridge.records.node_lives import Life
@@ -31,8 +34,11 @@ def token_of(system):
     return firmware(system, NODE, "native").token.hex()
 
 
-def rehearsed(image, folder, script="", token=None):
-    """All nodes, each in a thread; reports by node, and the events of the node with the image."""
+def rehearsed(image, folder, script="", *, arm=False):
+    """All nodes, each in a thread; reports by node, and the events of the node with the image.
+
+    `arm`: that node is armed once more as soon as it has started.
+    """
     system = system_of()
     timings = {name: bus.timing for name, bus in system.deployment.buses.items()}
     nodes, said = folder / "nodes", []
@@ -41,16 +47,21 @@ def rehearsed(image, folder, script="", token=None):
     if script:
         (folder / "faults.toml").write_text(script)
         faults = load_faults(folder / "faults.toml")
-    token = token_of(system) if token is None else token
+    token = token_of(system)
     with served_buses(timings, simulated=True) as channels:
         at = [f'deploy.buses.{name}.channel="{where}"' for name, where in channels.items()]
         system = system_of(*at)
-        ready = threading.Barrier(len(system.nodes))
+        ready, armed = threading.Barrier(len(system.nodes)), threading.Event()
 
         def run(name):
             def start(control):
                 ready.wait(60)
+                if arm and name != NODE:
+                    armed.wait(60)  # until then no time passes
                 control.start(1)
+                if arm and name == NODE:
+                    functions().node_tell(ctypes.byref(control._struct), Command.ARM)
+                    armed.set()
 
             mine = name == NODE
             chosen = SlotImage(str(image), token) if mine else None

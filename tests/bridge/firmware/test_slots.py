@@ -10,6 +10,8 @@ import pytest
 from bridge.firmware import emulator as emulators
 from bridge.firmware.emulator import Emulator, Patience
 from bridge.firmware.records import FirmwareError
+from bridge.native.safety import Command
+from bridge.records.node_lives import Life
 from bridge.replay import replay
 from cosim.base.errors import ScenarioError
 from tests.bridge.deployments import TELEOPERATION
@@ -59,6 +61,16 @@ def test_an_image_in_qemu_is_the_node_of_the_twin(cortex_m4, tmp_path):
 def test_a_double_is_the_node_of_the_twin_too(tmp_path):
     system, nodes, _, _ = rehearsed(doubled(tmp_path), tmp_path)
     compared(system, nodes, tmp_path)
+
+
+def test_a_command_reaches_the_image(native, tmp_path):
+    """It is in a row that it writes."""
+    system, nodes, _, _ = rehearsed(native, tmp_path, arm=True)
+    rows = replay.load(nodes)[Life(NODE)]
+    assert [int(commands) for commands in rows["commands"] if commands] == [Command.ARM]
+    recorded = replay.load(nodes), replay.received_by_life(nodes)
+    (tmp_path / "replay").mkdir()
+    assert replay.replay(system, *recorded, tmp_path / "replay").first is None
 
 
 def test_the_replay_names_the_slot_in_which_an_image_computes_something_else(tmp_path):

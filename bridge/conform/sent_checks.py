@@ -181,6 +181,13 @@ def _away(
     return [(f.t_ns - zero - i * carried.period_ns) * 1e-9 for i, (f, _) in enumerate(stamped)]
 
 
+def _broken_in_time(stage: ParticipantStage, text: str) -> BrokenRuleError | VoidAttemptError:
+    """The error of a rule about time: void if the kit was ever late by more than it bears."""
+    if stage.lateness.worst_ns(0) * 1e-9 > stage.bears:
+        return VoidAttemptError(text)
+    return BrokenRuleError(text)
+
+
 def _periods(stage: ParticipantStage) -> str:
     """Samples come at their nominal times: the median, and on the whole."""
     came = []
@@ -193,9 +200,10 @@ def _periods(stage: ParticipantStage) -> str:
         slack = TOLERANCE + carried.period_ns * 1e-9 / 2 + stage.lateness.worst_ns(0) * 1e-10
         early, middle = sorted(away)[len(away) // 20], median(away)
         if not (-slack <= early and middle <= slack):
-            raise BrokenRuleError(
+            raise _broken_in_time(
+                stage,
                 f"{carried.name} comes {middle * 1e3:+.1f} ms from its nominal times (median), "
-                f"{early * 1e3:+.1f} ms (5 %), tolerance {slack * 1e3:.1f} ms"
+                f"{early * 1e3:+.1f} ms (5 %), tolerance {slack * 1e3:.1f} ms",
             )
         came.append(f"{carried.name} {middle * 1e3:+.1f} ms (median of {len(away)})")
     return ", ".join(came) or "it sends no sample"
@@ -242,13 +250,15 @@ def _heartbeats(stage: ParticipantStage) -> str:
             raise BrokenRuleError(f"no heartbeats on {bus}")
         limit = period + stage.slot + 0.005
         if median(gaps) > limit:
-            raise BrokenRuleError(
+            raise _broken_in_time(
+                stage,
                 f"a heartbeat every {median(gaps) * 1e3:.0f} ms on {bus} (median), expected "
-                f"{period * 1e3:g} ms"
+                f"{period * 1e3:g} ms",
             )
         late = [g for g in gaps if g > 2 * period + stage.slot + TOLERANCE]
         if len(late) > max(1, len(gaps) // 50):
-            raise BrokenRuleError(f"{len(late)} of {len(gaps)} gaps on {bus} above two periods")
+            text = f"{len(late)} of {len(gaps)} gaps on {bus} above two periods"
+            raise _broken_in_time(stage, text)
         came.append(f"{bus}: every {median(gaps) * 1e3:.0f} ms, at most {max(gaps) * 1e3:.0f} ms")
     return ", ".join(came)
 

@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from bridge.conform.checks import BrokenRuleError, CheckScene
+from bridge.conform.checks import BrokenRuleError, CheckScene, VoidAttemptError
 from bridge.conform.hearing import Heard
 from bridge.conform.participant import CHECKS
 from bridge.conform.stage import ParticipantStage
@@ -158,4 +158,13 @@ def test_a_wrong_frame_breaks_the_rule_that_names_it(number, mutate):
     written = Written()
     mutate(written)
     with pytest.raises(BrokenRuleError):
+        written.judge(number)
+
+
+@pytest.mark.parametrize(("number", "mutate"), [("C-06", late), ("C-09", slow)])
+def test_a_late_kit_does_not_blame_the_participant(number, mutate):
+    written = Written()
+    mutate(written)
+    written.stage.lateness.worst_ns = lambda since: 200 * MS
+    with pytest.raises(VoidAttemptError):
         written.judge(number)

@@ -61,7 +61,7 @@ GROUPS = {
     ),
     "links": Group(("cosim/links/*.py", "cosim/links/*/*.py"), ("tests/cosim/links",)),
     "firmware": Group(
-        ("fmus/firmware/*.py", "fmus/c/firmware/*.c"),
+        ("fmus/firmware/*.py",),
         ("tests/fmus/firmware", "tests/fmus/test_cli.py"),
         ("cosim",),
     ),

@@ -6,7 +6,7 @@ import contextlib
 import os
 import sys
 import threading
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import final
 
@@ -18,11 +18,14 @@ from bridge.native import pace
 from bridge.native.bus import Accept, Bus, BusState
 from bridge.native.frame import Flags, Frame, Ring
 from bridge.native.journal import Journal
+from cosim.base.clock import stopwatch
 
 _LOOK = 0.1
 """s between two looks at whether to stop."""
 _PATIENCE = 0.1
 """s a driver may take to accept a frame."""
+_CLOSING = 2.0
+"""s that what waits may take when the bus is closed: alone on a bus, no frame is acknowledged."""
 
 
 @final
@@ -41,6 +44,7 @@ class RingedInterface:
             self._rx, self._tx, number, log, wake=self._wake_in, accepts=accepts
         )
         self._refused, self._fault, self._down = 0, "", False
+        self._closing: Callable[[], float] | None = None  # s since the bus was closed
         self._threads = [
             threading.Thread(target=work, name=f"can {name} {number}", daemon=True)
             for name, work in (("receive", self._receive), ("send", self._send))
@@ -55,9 +59,13 @@ class RingedInterface:
         return replace(health, send_failed=failed, last_error=self._fault or health.last_error)
 
     def close(self) -> None:
-        """Send what waits, end the threads, shut the bus down."""
+        """Send what waits as far as 2 s suffice, end the threads, shut the bus down.
+
+        What is not sent then counts as refused.
+        """
         if self._stop.is_set():
             return
+        self._closing = stopwatch()
         self._stop.set()
         os.write(self._wake_in, (1).to_bytes(8, sys.byteorder))
         for thread in self._threads:
@@ -91,6 +99,10 @@ class RingedInterface:
             os.read(self._wake_out, 65536)
             last = self._stop.is_set()  # what was sent before it was set is in the ring by now
             while self._tx.get(frame):
+                if self._closing is not None and self._closing() > _CLOSING:
+                    self._refused += 1
+                    self._fault = "the bus did not take all frames when it was closed"
+                    continue
                 try:
                     self._device.send(to_message(frame), timeout=_PATIENCE)
                 except (can.CanError, OSError, ValueError) as error:

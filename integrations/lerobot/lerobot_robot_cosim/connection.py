@@ -16,7 +16,7 @@ from typing import Any, Protocol
 from cosim.base.convert import number
 from cosim.base.errors import ScenarioError
 from cosim.base.toml import parse
-from cosim.links.keys import Semantics
+from cosim.links.keys import Drop, Semantics, Take
 from cosim.links.semantics import Grid
 from cosim.links.spec import link_table
 from cosim.links.storage import write_groups
@@ -63,6 +63,9 @@ class LinkOptions:
     loss: str = ""
     semantics: Semantics = "newest-stamp"
     playout: float | None = None
+    depth: int | None = None
+    drop: Drop | None = None
+    take: Take | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,6 +76,9 @@ class _LinkKeys:
     loss: dict[str, Any] | None
     semantics: Semantics
     playout: float | None
+    depth: int | None
+    drop: Drop | None
+    take: Take | None
 
 
 class TableDirection:
@@ -128,7 +134,9 @@ class TableDirection:
 def _keys(options: LinkOptions, place: str) -> _LinkKeys:
     """The keys of a link for the options. Raises ScenarioError."""
     loss = _law(options.loss, f"{place}.loss") if options.loss else None
-    return _LinkKeys(_delay(options.delay, place), loss, options.semantics, options.playout)
+    o = options
+    delay = _delay(o.delay, place)
+    return _LinkKeys(delay, loss, o.semantics, o.playout, o.depth, o.drop, o.take)
 
 
 def _delay(text: str, place: str) -> dict[str, Any]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from cosim.base.errors import ScenarioError
-from cosim.links.keys import Semantics
+from cosim.links.keys import Drop, Semantics, Take
 from lerobot_robot_cosim.connection import Connection, LinkOptions, closed, opened
 
 
@@ -19,8 +19,10 @@ class LinkSettings:
     `connection`: the name of the pair in this process, or the prefix of its Zenoh keys.
 
     `there`, `back`: delays of actions and observations (:class:`.connection.LinkOptions`), with
-    `there_loss`, `back_loss`, `semantics`, `playout` and `seed`. `listen`, `connect`: an endpoint
-    of Zenoh, such as ``tcp/192.168.2.7:7461``; one of them makes the connection a Zenoh path.
+    `there_loss`, `back_loss`, `semantics`, `playout`, `depth`, `drop`, `take` and `seed`.
+
+    `listen`, `connect`: an endpoint of Zenoh, such as ``tcp/192.168.2.7:7461``; one of them makes
+    the connection a Zenoh path.
     """
 
     joints: list[str] = field(default_factory=list)
@@ -34,6 +36,9 @@ class LinkSettings:
     back_loss: str = ""
     semantics: Semantics = "newest-stamp"
     playout: float | None = None
+    depth: int | None = None
+    drop: Drop | None = None
+    take: Take | None = None
     seed: int = 0
     listen: str = ""
     connect: str = ""
@@ -66,11 +71,10 @@ class LinkSettings:
         if not self.joints:
             raise ScenarioError("found no joints, expected the names of the robot's", "joints")
         if not (self.listen or self.connect):
-            found = opened(
-                self.connection, self.fps,
-                LinkOptions(self.there, self.there_loss, self.semantics, self.playout),
-                LinkOptions(self.back, self.back_loss, self.semantics, self.playout), self.seed,
-            )  # fmt: skip
+            rule = self.semantics, self.playout, self.depth, self.drop, self.take
+            there = LinkOptions(self.there, self.there_loss, *rule)
+            back = LinkOptions(self.back, self.back_loss, *rule)
+            found = opened(self.connection, self.fps, there, back, self.seed)
             self._agree(found)
             return found
         from lerobot_robot_cosim.zenoh_path import ZenohConnection

@@ -270,6 +270,30 @@ def test_what_was_sent_before_it_is_closed_goes_out(monkeypatch):
     peer.shutdown()
 
 
+def test_a_bus_that_takes_no_frame_is_closed_all_the_same() -> None:
+    """A node that is alone on a bus: nobody acknowledges, and its queue stays full."""
+
+    class Alone(can.BusABC):
+        asked = 0
+
+        def send(self, msg, timeout=None):
+            Alone.asked += 1
+            sleep(timeout or 0)
+            raise can.CanOperationError("the queue is full")
+
+        def recv(self, timeout=None):
+            sleep(timeout or 0)
+
+    ours = RingedInterface(Alone("none"), 0, None, None, 8192)
+    for k in range(5000):
+        ours.bus.send(numbered(k))
+    ours.close()  # 500 s, if each of them were tried
+    assert 0 < Alone.asked < 500
+    health = ours.health("bus", 0)
+    assert health.send_failed == 5000
+    assert health.last_error == "the bus did not take all frames when it was closed"
+
+
 def test_a_driver_that_fails_is_a_bus_that_is_down_until_it_works(monkeypatch):
     def broken(self, timeout):
         raise can.CanOperationError("unplugged")

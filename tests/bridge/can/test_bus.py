@@ -276,6 +276,9 @@ def test_a_bus_that_takes_no_frame_is_closed_all_the_same() -> None:
     class Alone(can.BusABC):
         asked = 0
 
+        def __init__(self) -> None:
+            super().__init__("none")
+
         def send(self, msg, timeout=None):
             Alone.asked += 1
             sleep(timeout or 0)
@@ -284,9 +287,9 @@ def test_a_bus_that_takes_no_frame_is_closed_all_the_same() -> None:
         def recv(self, timeout=None):
             sleep(timeout or 0)
 
-    ours = RingedInterface(Alone("none"), 0, None, None, 8192)
-    for k in range(5000):
-        ours.bus.send(numbered(k))
+    ours = RingedInterface(Alone(), 0, None, None, 8192)
+    for frame in numbered(5000):
+        ours.bus.send(frame)
     ours.close()  # 500 s, if each of them were tried
     assert 0 < Alone.asked < 500
     health = ours.health("bus", 0)

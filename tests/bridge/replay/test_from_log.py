@@ -31,7 +31,7 @@ def logged_twin(system, folder, monkeypatch):
             found[name] = Bus.from_rings(*rings, number, log, kind=BusKind.MEMORY)
         return found
 
-    monkeypatch.setattr(twin, "_buses", buses)
+    monkeypatch.setattr(twin, "memory_buses", buses)
     twin.simulate(system, folder)
     logs = {}
     for name, log in journals:

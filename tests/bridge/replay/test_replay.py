@@ -230,7 +230,9 @@ def with_restart(system, folder: Path, node: str, dies: float, again: float):
 
 
 def make(system, node, path, t, boots=0):
-    wired = WiredNode(system, node, twin._buses(system, node), path, native.SIMULATED, boots=boots)
+    wired = WiredNode(
+        system, node, twin.memory_buses(system, node), path, native.SIMULATED, boots=boots
+    )
     wired.__enter__()
     s = wired.struct
     s.slot = s.first = round(t / wired.plan.h)

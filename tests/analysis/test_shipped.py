@@ -19,7 +19,8 @@ from cosim.analysis.quantity import Quantity
 ROOT = Path(__file__).parents[2]
 CONFIGS = ROOT / "configs"
 #: Scenes and elastic joints state no facts, so that nothing has a closed form.
-WITHOUT_FACTS = [*CONFIGS.glob("mujoco/*.toml"), *CONFIGS.glob("vibration/*.toml")]
+POLICY = ROOT / "examples/policy/policy.toml"
+WITHOUT_FACTS = [*CONFIGS.glob("mujoco/*.toml"), *CONFIGS.glob("vibration/*.toml"), POLICY]
 #: Laws in the coordinates of tips: closed forms are of joints.
 TIPS = [CONFIGS / "task_space.toml", CONFIGS / "robots" / "turn.toml"]
 #: Serial arms; tests of their ports take minutes (there is a small one in test_serial_arm.py).

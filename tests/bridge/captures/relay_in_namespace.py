@@ -15,7 +15,7 @@ DROPPED = [k % 13 == 5 for k in range(N)]
 
 
 def capture(name: str, port: int) -> subprocess.Popen[bytes]:
-    call = ["tcpdump", "-i", "lo", "-U", "-Z", "root", "-w", str(folder / name)]
+    call = ["tcpdump", "--immediate-mode", "-i", "lo", "-U", "-Z", "root", "-w", str(folder / name)]
     call += ["--time-stamp-precision=nano", f"udp dst port {port}"]
     found = subprocess.Popen(call, stderr=subprocess.PIPE)
     assert found.stderr is not None

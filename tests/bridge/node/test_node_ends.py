@@ -164,6 +164,7 @@ def test_a_life_that_found_nobody_is_missed_only_where_the_run_was_over(tmp_path
     class Fake:
         start = SimpleNamespace(life=Life("slave", 2))
         code, done, ready, refused, deaf, drives = 2, None, None, [], (), None
+        faults: list[dict[str, object]] = []  # noqa: RUF012
 
         def poll(self):
             pass

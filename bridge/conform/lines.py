@@ -16,7 +16,7 @@ from cosim.base.clock import monotonic_ns
 
 #: Called with each frame of the participant and the time of its arrival (monotonic, ns).
 Arrived = Callable[[Frame, int], None]
-_LOOK_NS, _LOST_NS = 50_000_000, 1_000_000_000
+_LOOK_NS, _LOST_NS = 50_000_000, 5_000_000_000
 _KEY_FLAGS = Flags.FD | Flags.REMOTE | Flags.EXTENDED
 
 

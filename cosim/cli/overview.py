@@ -10,7 +10,7 @@ from shutil import get_terminal_size
 #: stands in the module of that name in this folder, or it is an entry point (cosim.base.parts).
 GROUPS: dict[str, dict[str, str]] = {
     "Simulate": {
-        "new": "Write a scenario, its rehearsal and a test: for your controller or your arm.",
+        "new": "Write files to start from: for your controller, your arm, or your own node.",
         "run": (
             "Run a scenario; write trajectories, metadata, link tables and a report to a folder."
         ),

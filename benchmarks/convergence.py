@@ -1,4 +1,4 @@
-"""How fast large networks agree, ages and bandwidth: what docs/scale.md predicts, beside runs.
+"""Agreement, ages and bandwidth of large networks: predictions of docs/scale.md beside runs.
 
     python benchmarks/convergence.py [--robots 100,1000,10000] [--graph "small world"|grid]
                                      [--stop S] [--threads N] [--json FILE]
@@ -89,7 +89,7 @@ def rate(alone: float, heard: Vector, ages: Vector) -> float:
 
 
 def settings(graph: dict[str, Any], regions: int, starts: Path) -> tuple[str, ...]:
-    """Of configs/many.toml."""
+    """Settings of configs/many.toml."""
 
     def law(ends: tuple[str, str]) -> str:
         return f'{{ law = "uniform", low = "{ends[0]}", high = "{ends[1]}", hold = "30 ms" }}'

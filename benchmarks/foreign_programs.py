@@ -1,4 +1,4 @@
-"""What programs in bus time cost: ``python -m benchmarks.foreign_programs [REPEAT]``.
+"""Cost of programs in bus time: ``python -m benchmarks.foreign_programs [REPEAT]``.
 
 Two programs of can-isotp send 100 bytes with STmin = 5 ms (`tests/bridge/bus_server/programs`).
 Measured is the wall time from bus time 0.1 s, when the transfer begins, to 0.173 s, when it is

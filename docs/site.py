@@ -38,7 +38,6 @@ GROUPS: Mapping[str, tuple[str, ...]] = {
         "tutorial",
         "gallery",
         "running",
-        "links",
         "live",
         "own-component",
         "your-own-arm",
@@ -46,6 +45,7 @@ GROUPS: Mapping[str, tuple[str, ...]] = {
         "testing",
     ),
     "Simulate": (
+        "links",
         "arm",
         "controllers",
         "fmi",
@@ -137,7 +137,7 @@ GALLERY = (
     ("reproduction", "The paper, claim by claim", "reproduce --out {out}"),
 )  # fmt: skip
 
-#: What the first report of the gallery is, at its top.
+#: Introduction at the top of the first report of the gallery.
 INTRODUCTION = (
     "<p>An operator's hand moves the <b>master</b> (blue); the <b>slave</b> (orange) follows over "
     "a network that delays each value by 0.3 to 1.2 s. Drag “greatest delay”: the arms find each "

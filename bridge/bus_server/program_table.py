@@ -94,7 +94,7 @@ class ProgramTable:
         return None if found < 0 else found
 
     def earliest_ns(self) -> int | None:
-        """The earliest time at which a thread goes on, ns; None: no thread waits for a time."""
+        """The earliest time at which a thread continues, ns; None: no thread waits for a time."""
         found = int(self._library.coordinator_earliest(self._table))
         return None if found == _NEVER else found
 

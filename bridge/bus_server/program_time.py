@@ -1,8 +1,8 @@
 """The simulated time of channels whose clients are whole programs in bus time.
 
 Time passes when every thread of every program waits (`program_table`) and the server has answered
-all calls. What can go on then goes on one after the other: first what the bus has for a client,
-then the threads, by program and by number.
+all calls. Then those that can continue do so one after the other: first clients of the bus that
+have an answer, then the threads, by program and by number.
 """
 
 from __future__ import annotations

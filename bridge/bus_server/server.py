@@ -36,7 +36,7 @@ from cosim.base.convert import convert
 from cosim.base.errors import CosimError
 from cosim.bus.settings import Disturbance, ErrorRate, Interruption, QueueKind, ScriptedError
 
-#: What a call with arguments that make no sense may raise; its client is told.
+#: Exceptions of a call with senseless arguments; its client is told.
 _REFUSED = (
     CosimError, can.CanError, ValueError, TypeError, LookupError, ArithmeticError, AttributeError,
 )  # fmt: skip

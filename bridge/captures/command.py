@@ -75,7 +75,7 @@ def delays_from(
     out: Annotated[Path, typer.Option(help="Folder for the tables.")] = Path("delays"),
     json: Json = None,
 ) -> None:
-    r"""Make links of a recording: delays, losses, clocks, a fitted law and the nearest tc netem.
+    """Make links of a recording: delays, losses, clocks, a fitted law and the nearest tc netem.
 
     \b
     cosim delays from run.mcap                          header stamps against log times
@@ -84,7 +84,7 @@ def delays_from(
     cosim delays from gw.log@can0 gw.log@can1           through a gateway, by content
     cosim delays from bus.blf --topic "can0 1A0" --period "5 ms"   one stamp, regular sender
     cosim delays from run.mcap --scenario FILE --compare           and what controllers do on it
-    """
+    """  # noqa: D301 - a backspace keeps the lines of the help
     from bridge.captures.reading import read_recording
     from bridge.captures.report import capture_values
 

@@ -66,7 +66,7 @@ def conform(
 
     The kit joins the buses of the deployment, plays all other nodes, the supervisor and an
     adversary, and starts COMMAND. With -i cosim it serves simulated buses. Rules with times allow
-    for what the kit itself was late.
+    for the lateness of the kit itself.
 
     With --drive it asks and listens on one bus, and moves nothing without --may-move.
 

@@ -42,7 +42,7 @@ class RehearsalOptions(OutputOptions):
         typer.Option(
             metavar="NODE=COMMAND",
             help="Program that runs a node in place of this project's process; repeatable. {BUS} "
-            "becomes the channel of a bus. Without =COMMAND, somebody else starts it.",
+            "becomes the channel of a bus. Without =COMMAND, you start it yourself.",
         ),
     ] = None
     clock: Annotated[

@@ -79,7 +79,7 @@ class Sample:
         return self.codec.frame(self.values if values is None else values, header)
 
 
-#: What is sent in place of a sample.
+#: Frames that are sent in place of a sample.
 Tamper = Callable[[Sample], Sequence[Frame]]
 
 
@@ -127,7 +127,7 @@ class MessageRole:
     number: int = 0
     due_ns: int = 0
     last_ns: int = 0
-    """When a frame was sent that nobody had tampered with."""
+    """The time at which the last unforged frame was sent."""
 
 
 @dataclass(slots=True)

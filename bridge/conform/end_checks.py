@@ -274,7 +274,7 @@ END_CHECKS = (
         CheckScene.ENDING, _stops),
     Check(
         _rule("C-71", "silence after STOP", "safety.md#1-life-cycle-of-a-node",
-              "After the ramp of STOP nothing with torque comes, and nothing tells ACTIVE."),
+              "After the ramp of STOP no torque comes, and no frame has the state ACTIVE."),
         CheckScene.OTHER_LIFE, _silent_after_stop),
     Check(
         _rule("C-72", "damaged EPOCH", "can.md#messages",

@@ -35,7 +35,7 @@ LEAD = 0.5
 LONGEST = 2.5
 #: s between two starts of a program, which may count its lives by the seconds of the date.
 APART = 1.1
-#: Of each value, in its unit.
+#: The number added to the start of each value, in its unit.
 NUDGE = 0.1
 
 

@@ -29,8 +29,8 @@ from cosim.links.storage import StoredTable
 from cosim.links.table import DrawnTable, TableSpec
 from cosim.schedule.parts import Link, Wire
 
-#: What a delay line keeps beyond its law, s: for the network's own delay, and a receiver that
-#: stood still.
+#: Time that a delay line keeps samples beyond its law, s: for the network's own delay, and a
+#: receiver that stood still.
 MARGIN = 1.0
 _ORDERS = {
     "last-arrival": native.LAST,

@@ -26,7 +26,7 @@ TARGETS = ("cortex-m4", "cortex-m7", "riscv32", "native")
 #: The most values a message may have: ``MESSAGE_FIELDS`` of firmware (``target.h``).
 FIELDS = 64
 _C = Path(__file__).parent.parent / "c"
-#: What firmware has besides: its life on the wall clock.
+#: Files of firmware besides: its life on the wall clock.
 _WALL = ("idle", "shutdown", "start", "wall_clock")
 #: Files of a kernel for several instances at once, which a node does not have.
 _LANES = ("lanes_4.c", "lanes_8.c", "steps.c")

@@ -48,7 +48,7 @@ KINDS = {
     "absurd": native.ABSURD,
     "flood": native.FLOOD,
 }
-#: What a hostile peer does, who knows the format of a message: only to messages of the deployment.
+#: Faults by a peer that knows the format of a message: only for messages of the deployment.
 HOSTILE = ("forge", "replay", "absurd", "flood")
 
 

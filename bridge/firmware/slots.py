@@ -34,7 +34,7 @@ from bridge.native.journal import Journal, JournalStruct
 from bridge.wiring.wiring import WiredNode, heard_dtype, row_dtype
 from cosim.base.errors import ScenarioError
 
-#: What a run of slots returns when the image has failed: no result of a node's own.
+#: Result of a run of slots when the image has failed; a node itself never returns it.
 FAILED = -20
 #: Looks without an answer until an image is asked once more for its hello.
 AGAIN = 20

@@ -38,7 +38,7 @@ UNFINISHED = ".new"
 Rows = NDArray[np.void]
 
 
-#: What Python and NumPy raise for a text that describes no fields.
+#: Exceptions of Python and NumPy for a text that describes no fields.
 _NO_DESCRIPTION = (
     SyntaxError, ValueError, TypeError, LookupError, RecursionError, MemoryError, OverflowError,
 )  # fmt: skip

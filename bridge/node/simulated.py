@@ -67,7 +67,7 @@ def run_simulated(
 
     `step`: computes the next slot and returns a result of the engine; default: in this process.
 
-    The node stays on its buses until the last slot of all nodes, so that nobody's frames lack an
+    The node stays on its buses until the last slot of all nodes, so that no frame lacks an
     acknowledgement.
     """
     s = wired.struct

@@ -1,4 +1,4 @@
-"""Nodes that a program of somebody else runs, in place of this project's process.
+"""Nodes that are participants: programs that run in place of this project's processes.
 
 It is started with the other nodes, and told to start by EPOCH and NMT on its buses, as by ``cosim
 tell``. Nothing is known of it but what it sends.
@@ -39,7 +39,7 @@ _PLACE = re.compile(r"\{([\w-]+)(?:\.(listen|connect))?\}")
 
 @final
 class OutsideNodes:
-    """The programs of `commands` by node; "": it is started by somebody else.
+    """The programs of `commands` by node; "": the user starts it.
 
     `system`: with the channels of this run. Use as a context manager: nothing is left running.
     """

@@ -26,7 +26,7 @@ from bridge.results.findings import Sign, Signs
 from bridge.results.report import NodeReport
 from bridge.wiring.wiring import HEARD, Rows
 
-#: What a report has to show of each kind, one of these at least: counters of receivers, or signs.
+#: Evidence of each kind, of which a report shows at least one: counters of receivers, or signs.
 SIGNS: Mapping[str, tuple[str, ...]] = {
     "drop": ("lost",),
     "burst": ("lost",),

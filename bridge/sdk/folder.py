@@ -156,7 +156,7 @@ _RUST = (
     f"{_CC} -c *.c && ar rcs libparticipant.a *.o && rustc --edition 2021 -O -L . "
     "-l static=participant -o participant main.rs"
 )
-#: What zenoh-pico needs in addition, of the compiler of C and of the linker.
+#: Options of the C compiler and of the linker that zenoh-pico needs in addition.
 _PICO, _LIBRARY = "-DZENOH_LINUX", "-lzenohpico -lpthread"
 #: By language and kind of bus.
 KITS: Mapping[tuple[str, str], Kit] = {

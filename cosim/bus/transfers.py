@@ -1,7 +1,7 @@
 """Messages of several frames on a simulated bus, one after the other: when each has arrived.
 
 The sender is node 0 and the receiver node 1; other traffic is sent by nodes of its own. A message
-begins when it is handed over, or when the one before has arrived.
+begins when the sender passes it on, or when the one before has arrived.
 """
 
 from __future__ import annotations
@@ -200,7 +200,7 @@ class TransferSimulation:
         self._rng = np.random.default_rng(self.seed)
 
     def deliver(self, at_ps: int) -> int:
-        """The time at which a message that is handed over at `at_ps` has arrived, ps.
+        """The arrival time, ps, of a message that the sender passes on at `at_ps`.
 
         Raises TimingError if it does not arrive within 10 s.
         """

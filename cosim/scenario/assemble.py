@@ -29,7 +29,7 @@ from cosim.schedule.plan import Plan, compile_plan
 MOST_TICKS = 2**53
 
 
-#: What loads a component: as :func:`cosim.scenario.models.load_component`.
+#: A function that loads a component, like :func:`cosim.scenario.models.load_component`.
 Load = Callable[[str, ComponentSpec, Path, str], LoadedComponent]
 
 

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 _MEMBERS = ("kind", "inputs", "outputs", "parameters", "initialize", "initial", "step")
 
 
-#: Of a model without the hook ``prepare``, or of a component without options.
+#: The options of a model without the hook ``prepare``, or of a component without options.
 _UNPREPARED = Preparation({}, {}, {})
 
 

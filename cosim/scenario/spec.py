@@ -89,7 +89,7 @@ class InputSpec(
     offset: float = 0.0
 
 
-#: How a component samples, or the interface of an FMU that is used.
+#: The sampling of a component, or the interface of an FMU that is used.
 ComponentKind = Literal[
     "sampled", "continuous", "co-simulation", "model exchange", "model-exchange",
     "scheduled execution", "scheduled-execution",

@@ -69,7 +69,7 @@ def sweep(
     of the first run before the folder exists, and may raise CosimError. After a first Ctrl-C,
     KeyboardInterrupt is raised when the active runs have ended; after a second one, immediately.
     Raises CosimError for a study that cannot be run, and for a folder that contains runs, or whose
-    scenario has changed, unless the extent says so; never for a run that fails.
+    scenario has changed, unless the extent allows it; never for a run that fails.
     """
     folder = Path(folder)
     total = count(study)

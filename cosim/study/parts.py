@@ -1,4 +1,4 @@
-"""Parts of a study: its runs divided among calls that know nothing of each other, and put together.
+"""Parts of a study: its runs divided among independent calls, and put together.
 
 A row is a function of the study, the number of its run and the seed, so it does not matter which
 call makes it. Part k of n has every n-th run from the k-th on, in the order of the study, in a

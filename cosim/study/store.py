@@ -31,7 +31,7 @@ from cosim.study.table import Records
 JOURNAL, RESULTS, STATE = "journal.jsonl", "results", "sweep.json"
 #: Rows of a part, and of the table that are written at once.
 PART_ROWS, GROUP_ROWS = 1000, 1 << 18
-#: What each row has; axes and measures come besides.
+#: Columns of each row, besides axes and measures.
 _FIXED = ("run", "stable", "reason", "stopped_at", "wall", "settings")
 
 Record = dict[str, Any]

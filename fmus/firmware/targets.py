@@ -22,7 +22,7 @@ OPTIONS = (
     "-fno-asynchronous-unwind-tables",
     "-Werror=implicit-function-declaration",
 )
-#: Where there is a C library.
+#: Options of a target with a C library.
 HOSTED = tuple(option for option in OPTIONS if option != "-ffreestanding")
 _QEMU = ("-display", "none", "-monitor", "none", "-serial", "none")
 #: The console of a board is the standard output.

@@ -24,7 +24,7 @@ PERIOD = 5e-3
 THETA = (3.34, 1.20, 0.97)
 #: Gravity of the same arm if it stood upright, N.m: (m1 lc1 + m2 l1) g, m2 lc2 g.
 THETA_G = (2.5 * 9.81, 1.2 * 9.81)
-#: Where the operator wants the robots, rad.
+#: Position at which the operator wants the robots, rad.
 Q_H = (3.5, 3.0)
 #: The operator: tau_h = -5 dq - 10 (q - q_h).
 GRIP: Table = {"k_p": 10.0, "k_d": 5.0, "q_h": list(Q_H)}
@@ -39,7 +39,7 @@ STARTS = (
 )
 #: T = 0.3 s + U[0, 0.9] s, redrawn every 30 ms (Sec. VII-B).
 DELAY: Table = {"law": "uniform", "low": 0.3, "high": 1.2, "hold": 0.03}
-#: How long each graph lasts, s (Sec. VII-B).
+#: Time for which each graph lasts, s (Sec. VII-B).
 DWELL = 0.15
 
 

@@ -13,7 +13,7 @@ from bridge.conform.rules import Conformity, ConformityReport, ConformityRule, J
 LATE_NS = 10_000_000
 _MOVES = "it needs --may-move"
 
-#: What came, and the verdict: True kept, False broken, None not applicable.
+#: The observation in words, and the verdict: True kept, False broken, None not applicable.
 Outcome = tuple[bool | None, str]
 
 

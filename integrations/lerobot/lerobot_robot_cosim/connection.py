@@ -25,7 +25,7 @@ from cosim.links.table import TableStream
 
 @dataclass(frozen=True, slots=True)
 class Held:
-    """What a receiver holds: `values`, None: nothing yet.
+    """The sample that a receiver holds: `values`, None: nothing yet.
 
     `sequence`: the number of the sample, from 0; -1: none. `age`: since it was sent, s; `delay`:
     from then until it was held first, s; both nan if there is none.

@@ -1,4 +1,4 @@
-/* hal.h: what a node on a microcontroller needs of its board. */
+/* hal.h: the functions that a node on a microcontroller needs of its board. */
 #ifndef BRIDGE_HAL_H
 #define BRIDGE_HAL_H
 

@@ -1,4 +1,4 @@
-/* target.h: how much memory a node has for what is on its buses.
+/* target.h: the memory that a node has for the traffic of its buses.
  *
  * With NODE_FIRMWARE it is a node on a microcontroller: CAN alone, counts instead of histograms, one
  * processor and one thread, so that nothing else looks at a journal while it is written.

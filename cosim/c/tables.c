@@ -202,7 +202,7 @@ INLINE void leave(table_t *t, int64_t *first, int64_t i)
     else memmove(place, place + 1, (size_t)(t->n_pending - i) * sizeof *place);
 }
 
-/* Those that arrive up to tick K enter the queue. */
+/* Samples that arrive up to tick K enter the queue. */
 static void enter(table_t *t, int64_t *first, int64_t K)
 {
     while (t->waiting < t->n_pending && t->pending[*first + t->waiting].arrival <= K) {

@@ -8,7 +8,7 @@
 
 enum rule_code { RULE_SIGNAL, RULE_LAST_ARRIVAL, RULE_NEWEST_STAMP, RULE_FIFO, RULE_PLAYOUT, RULE_QUEUE };
 
-/* Of RULE_QUEUE: a full queue drops the sample that arrives, not its first; a look takes all. */
+/* Options of RULE_QUEUE: a full queue drops the sample that arrives, not its first; a look takes all. */
 enum queue_bit { QUEUE_DROP_NEWEST = 1 << 0, QUEUE_TAKE_ALL = 1 << 1 };
 
 /* The generator PCG64 of NumPy: PCG XSL RR 128/64; numbers of 128 bits, the higher word first. */

@@ -4,15 +4,15 @@
 
 #include <stdint.h>
 
-/* Up to n bytes that have come over the serial line, without waiting; how many. */
+/* Reads up to n bytes that have come over the serial line, without waiting. Returns their number. */
 int32_t board_read(uint8_t *to, int32_t n);
-/* So many bytes onto it; it may wait until they are taken. */
+/* Writes bytes to the serial line; may wait until there is room. */
 void board_write(const uint8_t *from, int32_t n);
 /* Monotonic, ns. */
 int64_t board_time_ns(void);
 /* Sleeps until `until_ns` or, if a byte comes, less. */
 void board_sleep(int64_t until_ns);
-/* The most of the stack that was used, bytes; 0: unknown. */
+/* The greatest use of the stack so far, bytes; 0: unknown. */
 uint32_t board_stack(void);
 /* The end of the program. */
 void board_end(void);

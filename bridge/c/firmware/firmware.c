@@ -12,7 +12,7 @@ enum {
 };
 
 static portable_t core;
-/* Of a processor that is reset without losing its memory. */
+/* The lives since power-on: a reset of the processor keeps this memory. */
 static uint32_t lives __attribute__((section(".noinit")));
 
 /* --- in place of the parts of a node that know systems ------------------------------------------- */

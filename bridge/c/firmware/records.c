@@ -188,7 +188,7 @@ static int32_t record(const uint8_t *p, int32_t n)
     return crc16_ccitt(0xFFFF, p + 1, all - 3) == get(p + all - 2, 2) ? all : -1;
 }
 
-/* What has come, to the end of a record that changes the mode. */
+/* Carries out the records that have come, up to one that changes the mode. */
 static void look(void)
 {
     int32_t at = 0, n;

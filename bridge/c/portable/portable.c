@@ -1,4 +1,4 @@
-/* portable.c - the start of a node, and what it has in place of systems; see portable.h. */
+/* portable.c - the start of a node, and its stubs for an operating system; see portable.h. */
 #include "portable.h"
 
 #include <string.h>

@@ -1,6 +1,6 @@
-/* portable.h - a node of a deployment with all that it needs in one piece of memory, and without a system.
+/* portable.h - a node of a deployment in one piece of memory, without an operating system.
  *
- * What a slot of the node does is node_slot (slot.h), as in the twin. Here are the plan of its
+ * A slot of the node is node_slot (slot.h), as in the twin. Here are the plan of its
  * components, whose C kernels are beside it, and its start. It is the core of an FMU (lsbus/core.h) and of
  * firmware (firmware/firmware.h), each of which has its own attachment to buses and clocks.
  * node_data.h and node_data.c are generated from the scenario and its deployment; memory_t begins with
@@ -40,7 +40,7 @@ typedef struct {
     double h;
 } unit_t;
 
-/* As operation_t of the engine; `first`: its first tick. */
+/* An operation of the plan, like operation_t of the engine; `first`: its first tick. */
 enum { PLAN_COPY, PLAN_STEP, PLAN_GATE, PLAN_PLAY, PLAN_RECORD };
 typedef struct {
     int32_t code, index;

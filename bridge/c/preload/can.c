@@ -1,9 +1,10 @@
-/* can.c: raw sockets of AF_CAN on the simulated bus, also where the kernel has no CAN; files of timers
+/* can.c: raw sockets of AF_CAN on the simulated bus, also where the kernel has no CAN; files of timers.
  *
  * Such a socket is a Unix socket for packets to the process that has the bus (bridge/bus_server/
  * can_sockets.py). A packet to it begins with a letter: B (bind), O (an option: its number, its value), F (a
- * frame, struct can_frame or canfd_frame) or T (a timer: its time and its period, ns of the bus). A packet from it is the time of the frame (CLOCK_REALTIME, ns), the
- * flags of its message, and the frame; or how often a timer has expired, in 8 bytes. */
+ * frame, struct can_frame or canfd_frame) or T (a timer: its time and its period, ns of the bus). A packet
+ * from it is the time of the frame (CLOCK_REALTIME, ns), the flags of its message, and the frame; or the
+ * number of expirations of a timer, in 8 bytes. */
 #define _GNU_SOURCE
 #include <errno.h>
 #include <linux/can.h>

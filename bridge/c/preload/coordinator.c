@@ -191,7 +191,7 @@ EXPORT int32_t coordinator_next(const coordinator_t *c)
     return best;
 }
 
-/* The earliest time at which a thread that waits goes on, or an alarm comes, ns; INT64_MAX: none. */
+/* The earliest time at which a thread that waits continues, or an alarm comes, ns; INT64_MAX: none. */
 EXPORT int64_t coordinator_earliest(const coordinator_t *c)
 {
     int64_t best = NEVER;

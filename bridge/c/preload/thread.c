@@ -1,4 +1,4 @@
-/* thread.c: see thread.h */
+/* thread.c: a thread of a program in bus time; see thread.h. */
 #define _GNU_SOURCE
 #include <dlfcn.h>
 #include <errno.h>

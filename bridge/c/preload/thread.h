@@ -28,7 +28,7 @@ void has_a_lock(void);
 /* Other threads may be woken by this call: time may no longer pass without the coordinator. */
 void wakes_others(void);
 
-/* Deadlines in bus time, ns: NEVER for a null pointer; -1 for what is no time. */
+/* Deadlines in bus time, ns: NEVER for a null pointer; -1 for an invalid time. */
 int64_t deadline_after(const struct timespec *duration);
 int64_t deadline_at(clockid_t clock, const struct timespec *when);
 int64_t deadline_in_ms(int milliseconds);

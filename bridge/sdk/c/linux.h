@@ -14,7 +14,7 @@ int64_t linux_now_ns(void); /* CLOCK_MONOTONIC */
 void linux_begin(participant_t *p);
 /* participant_poll now, with signals and the date of the host. */
 int64_t linux_poll(participant_t *p);
-/* How it ended, on the standard error; the exit code of its program: 0 finished, 1 stopped. */
+/* Prints how it ended to standard error. Returns the exit code of the program: 0 finished, 1 stopped. */
 int linux_end(const participant_t *p);
 
 /* Runs a participant on CAN until its end. Arguments: a channel for each bus of the table, in its order, or

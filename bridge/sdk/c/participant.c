@@ -238,7 +238,7 @@ static int32_t sampled(const participant_t *p, int64_t origin)
     return !telling;
 }
 
-/* Whether this t = 0 is of our clock: the sender is on this host, or time servers keep both dates. */
+/* True if this t = 0 is of our clock: the sender is on this host, or time servers keep both dates. */
 static int32_t believed(const participant_t *p, const message_t *m, const double *v, int64_t origin,
                         int64_t arrival_ns)
 {
@@ -266,7 +266,7 @@ static void take_epoch(participant_t *p, const frame_t *frame)
         p->date_host = (int32_t)v[EPOCH_RUN];
         return;
     }
-    p->epoch_due_ns = frame->t_ns + APART_NS; /* somebody has told it */
+    p->epoch_due_ns = frame->t_ns + APART_NS; /* another node has announced it */
     if (p->begun) return;
     const int32_t running = origin <= frame->t_ns;
     if (running && !p->table->simulated && header.status & STATUS_SIMULATED) return;
@@ -360,7 +360,7 @@ static int32_t refuses(participant_t *p, int32_t i, const frame_t *frame, double
     return 1;
 }
 
-/* Whether it is a sample of the run, not a preview: by the state of its sender, else from t = 0 on. */
+/* True for a sample of the run, not a preview: by the state of its sender, else from t = 0 on. */
 static int32_t is_of_run(const participant_t *p, const received_t *m, const header_t *header, int64_t t)
 {
     const int32_t life = (int32_t)(header->status & STATUS_LIFE);

@@ -1,7 +1,7 @@
 /* participant.h: a node of a deployment in C99, for programs that are not this project's.
  *
- * The participant reads no clock, opens no socket and allocates nothing. Its owner hands it what has arrived
- * (participant_hear), calls participant_poll when it is time, and sends what it is given (`send`). The
+ * The participant reads no clock, opens no socket and allocates nothing. Its owner passes received frames to
+ * it (participant_hear), calls participant_poll when it is time, and sends frames for it (`send`). The
  * owner's law is `step`: received values in, values to send out, once a slot. Everything else is done here:
  * layouts, checksums, sequence numbers, start, clock, heartbeats, life cycle, watchdogs.
  *

@@ -1,4 +1,4 @@
-/* board.h - what the check needs of a board, and where its functions are replaced for another one. */
+/* board.h - the functions that the check needs of a board; replace them for a board of your own. */
 #ifndef BOARD_H
 #define BOARD_H
 

@@ -1,4 +1,4 @@
-/* freestanding.c - what compilers call although there is no C library, and the mark of the stack. */
+/* freestanding.c - functions that compilers call even without a C library, and the mark of the stack. */
 #include <stddef.h>
 
 #include "board.h"

@@ -1,4 +1,4 @@
-/* library.h - what the code needs of a C library: that of the system, or without one, this. */
+/* library.h - the functions that the code needs of a C library: from the system, or else from here. */
 #ifndef LIBRARY_H
 #define LIBRARY_H
 

@@ -17,7 +17,7 @@ int32_t board_read(uint8_t *to, int32_t n)
 {
     if (n <= 0 || !comes(0)) return 0;
     const ssize_t found = read(0, to, (size_t)n);
-    if (found <= 0) exit(0); /* who had the other end is gone */
+    if (found <= 0) exit(0); /* the host has closed the other end */
     return (int32_t)found;
 }
 

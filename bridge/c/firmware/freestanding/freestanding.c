@@ -1,4 +1,4 @@
-/* freestanding.c - what the compiler and the headers beside this file expect, without a C library. */
+/* freestanding.c - the functions that the compiler and the headers beside this file expect of a C library. */
 #include <stdint.h>
 
 #include "math.h"

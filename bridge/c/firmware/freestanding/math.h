@@ -1,4 +1,4 @@
-/* math.h - all that a node and its controllers take of it; sqrt is in freestanding.c. */
+/* math.h - the part that a node and its controllers use; sqrt is in freestanding.c. */
 #ifndef FREESTANDING_MATH_H
 #define FREESTANDING_MATH_H
 

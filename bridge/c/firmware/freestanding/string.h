@@ -1,4 +1,4 @@
-/* string.h - all that a node takes of it; the functions are in freestanding.c. */
+/* string.h - the part that a node uses; the functions are in freestanding.c. */
 #ifndef FREESTANDING_STRING_H
 #define FREESTANDING_STRING_H
 

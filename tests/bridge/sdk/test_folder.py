@@ -62,6 +62,24 @@ def test_a_participant_in_python_is_short_and_alone(tmp_path, deploy):
     assert not re.search(r"(import|from) (bridge|cosim|fmus)\b", program.read_text("utf-8"))
 
 
+def test_a_controller_in_python_has_no_torque_unless_it_is_active(tmp_path):
+    """Its scale is 0 in FAULT and at the end, and its last step is made with it."""
+    system = load_system(TELEOPERATION, "can", [SHORT])
+    write_participant(system, "master_control", "python", tmp_path / "p")
+    text = (tmp_path / "p/participant.py").read_text("utf-8")
+    table = json.loads((tmp_path / "p/table.json").read_text())
+    (sent,) = (m for m in table["sent"] if m["torque"][1])
+    inputs = {m["name"]: [0.5] * len(m["values"]) for m in table["received"]}
+    outputs = {m["name"]: [*m["start"]] for m in table["sent"]}
+    names: dict[str, object] = {"inputs": inputs, "outputs": outputs}
+    exec(text[text.index("def step(") : text.index("def sealed(")], names)
+    first, count = sent["torque"]
+    for scale, expected in ((1.0, -1.0), (0.0, 0.0)):
+        names["step"](0.005, scale)  # type: ignore[operator]
+        assert outputs[sent["name"]][first : first + count] == [expected] * count
+    assert text.index("step(0.0, 0.0)") < text.index("else FINISHED)")
+
+
 @needs_cc
 def test_the_core_in_c_needs_no_library_and_no_memory(tmp_path):
     system = load_system(TELEOPERATION, "can", [SHORT])

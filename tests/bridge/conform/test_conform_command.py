@@ -11,6 +11,7 @@ import pytest
 from bridge.deployment.system import load_system
 from bridge.sdk.folder import write_participant
 from tests.bridge.deployments import TELEOPERATION
+from tests.bridge.export.rehearsal_with_image import PERIODS
 from tests.cli.command import ROOT, Command, finished
 
 NODE = (sys.executable, "-m", "cosim", "node", TELEOPERATION)
@@ -103,6 +104,7 @@ def test_our_own_node_over_zenoh(tmp_path):
 BOARDS = {
     "native": ("cc",),
     "riscv32": ("riscv64-unknown-elf-gcc", "qemu-system-riscv32"),
+    "cortex-m4": ("arm-none-eabi-gcc", "qemu-system-arm"),
 }
 
 
@@ -112,7 +114,8 @@ def test_firmware(target, tmp_path):
     for program in ("make", *BOARDS[target]):
         if shutil.which(program) is None:
             pytest.skip(f"no {program}")
-    same = ("--set", 'run.stop="60 s"', "--set", "deploy.latency=false")
+    settings = ['run.stop="60 s"', "deploy.latency=false", *(PERIODS if target != "native" else ())]
+    same = tuple(word for setting in settings for word in ("--set", setting))
     node = ("--node", "master_control")
     words = (TELEOPERATION, "--deploy", "can", *node, *same)
     done = finished(

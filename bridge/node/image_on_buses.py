@@ -32,7 +32,8 @@ def run_image(
     """
     ramp = system.deployment.seconds(system.deployment.nodes[name].ramp, "nodes", name, "ramp")
     with _opened(system, name) as ends, Emulator(Path(image.path), name) as emulator:
-        greet(emulator, WALL, expected(system, name, bytes.fromhex(image.token)))
+        lives = (monotonic_ns() // 1_000_000 % 2**32).to_bytes(4, "little")
+        greet(emulator, WALL + lives, expected(system, name, bytes.fromhex(image.token)))
         on = True  # until a signal leaves the block
         copy = FrameCopy(emulator, [end.bus for end in ends], note)
         with until_signal():

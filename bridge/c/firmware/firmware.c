@@ -125,4 +125,5 @@ int32_t firmware_live(void)
 int32_t firmware_slot(int64_t limit_ns) { return node_slot(&core.memory.node, limit_ns, limit_ns, 0); }
 const char *firmware_who(void) { return core.who; }
 const char *firmware_why(void) { return core.why; }
+void firmware_lived(uint32_t before) { lives = before; }
 node_t *firmware_node(void) { return &core.memory.node; }

@@ -25,5 +25,7 @@ int32_t firmware_slot(int64_t limit_ns);
 /* The component that has failed, and why; NULL: none has. */
 const char *firmware_who(void), *firmware_why(void);
 node_t *firmware_node(void);
+/* So many lives were before: for a board whose memory and time begin anew, so that its boots differ. */
+void firmware_lived(uint32_t before);
 
 #endif

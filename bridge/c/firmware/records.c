@@ -4,7 +4,7 @@
  * start 0xFFFF) of type, length and payload; numbers are little endian. What is none is skipped to the next
  * 0xC5, and counted. To the image:
  *
- *   m  mode: 0 wall, 1 slots (1 byte)
+ *   m  mode: 0 wall, 1 slots (1 byte); it may be followed by the number of lives before this one (4)
  *   f  a frame: bus, flags (frame.h), length, 0 (a byte each); id (4); t_ns (8); data
  *   s  the next slot: its number, limit_ns (8 each)
  *   t  a command (1 byte, COMMAND_...)
@@ -161,8 +161,9 @@ static void run_slot(int64_t slot, int64_t limit_ns)
 }
 
 /* The modes begin in the program, not in the middle of a life. */
-static void ask(int32_t what)
+static void ask(int32_t what, const uint8_t *before)
 {
+    if (before) firmware_lived((uint32_t)get(before, 4));
     asked = what == MODE_SLOTS ? MODE_SLOTS : MODE_WALL;
     firmware_node()->quit = 1;
 }
@@ -172,7 +173,7 @@ static void obey(char type, const uint8_t *p, int32_t n)
     if (type == 'f') take_frame(p, n);
     else if (type == 's' && n == 16) run_slot((int64_t)get(p, 8), (int64_t)get(p + 8, 8));
     else if (type == 't' && n == 1) tell(p[0]);
-    else if (type == 'm' && n == 1) ask(p[0]);
+    else if (type == 'm' && (n == 1 || n == 5)) ask(p[0], n == 5 ? p + 1 : NULL);
     else if (type == 'q') ended = 1, firmware_node()->quit = 1;
     else skipped++;
 }

@@ -104,7 +104,6 @@ def test_our_own_node_over_zenoh(tmp_path):
 BOARDS = {
     "native": ("cc",),
     "riscv32": ("riscv64-unknown-elf-gcc", "qemu-system-riscv32"),
-    "cortex-m4": ("arm-none-eabi-gcc", "qemu-system-arm"),
 }
 
 

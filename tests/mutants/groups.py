@@ -61,9 +61,9 @@ GROUPS = {
     ),
     "links": Group(("cosim/links/*.py", "cosim/links/*/*.py"), ("tests/cosim/links",)),
     "firmware": Group(
-        ("fmus/firmware/*.py",),
-        ("tests/fmus/firmware", "tests/fmus/test_cli.py"),
-        ("cosim",),
+        ("fmus/firmware/*.py", "bridge/firmware/*.py"),
+        ("tests/fmus/firmware", "tests/fmus/test_cli.py", "tests/bridge/firmware"),
+        ("cosim", "bridge"),
     ),
     "kernels": Group(
         ("fmus/c/*.c", "fmus/c/*.h"),

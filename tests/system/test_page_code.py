@@ -59,10 +59,9 @@ def test_every_command_of_the_pages_has_the_options_and_arguments_that_it_shows(
     for name, page in PAGES.items():
         for words in commands(page):
             context = group.make_context("cosim", words[:1], resilient_parsing=True)
-            command = group.get_command(context, words[0])  # type: ignore[attr-defined]
-            assert command is not None, f"{name}: cosim {' '.join(words)}"
             try:
-                command.make_context(words[0], list(words[1:]), parent=context)
+                _, command, rest = group.resolve_command(context, list(words))  # type: ignore[attr-defined]
+                command.make_context(words[0], rest, parent=context)
             except UsageError as error:
                 pytest.fail(f"{name}: cosim {' '.join(words)}: {error.format_message()}")
             checked += 1

@@ -345,6 +345,9 @@ def _ahead(stage: ParticipantStage, message: str) -> Tamper:
 def _forged_counter(stage: ParticipantStage, message: str) -> Tamper:
     """Counters as they are due, or nearly, but with a stamp of the past."""
     _needs_stamp(stage, message)
+    encoding = stage.system.messages[message].encoding.message
+    if encoding.header[encoding.time].length < 32:
+        raise InapplicableRuleError("a time stamp of 16 bits of the past may be one that is due")
     if profile_of(stage, message) is E2EProfile.NONE:
         raise InapplicableRuleError("the message has no counter")
     first: list[int] = []

@@ -78,7 +78,6 @@ def broken(system: System, program: Path, rule: str) -> Conformity:
     return found.verdict
 
 
-@pytest.mark.live
 def test_the_participant_in_c_keeps_every_rule(
     system: System, sources: Path, tmp_path: Path
 ) -> None:

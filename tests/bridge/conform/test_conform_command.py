@@ -70,7 +70,7 @@ def judged(path, *arguments):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("node", [pytest.param("master_control", marks=pytest.mark.live), "master"])
+@pytest.mark.parametrize("node", ["master_control", "master"])
 def test_our_own_node_on_simulated_buses(node, tmp_path):
     stop = ("--set", 'run.stop="60 s"')
     found = judged(

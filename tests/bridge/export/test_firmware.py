@@ -200,7 +200,6 @@ def test_the_token_is_that_of_the_tables() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.live
 @pytest.mark.parametrize("target", ["native", "riscv32"])
 @pytest.mark.parametrize("estop", [0.0, 0.5])
 def test_an_image_is_a_node_of_a_rehearsal(target: str, estop: float, tmp_path: Path) -> None:

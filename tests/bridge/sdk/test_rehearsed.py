@@ -121,14 +121,12 @@ def test_a_drive_in_c_on_can(cosim, tmp_path):
     on_can(cosim, tmp_path, f"{tmp_path}/drive/participant {{right}}")
 
 
-@pytest.mark.live
 def test_a_drive_in_python_on_can(cosim, tmp_path):
     built(cosim, tmp_path / "drive", "python", "can")
     on_can(cosim, tmp_path, f"{PYTHON} {tmp_path}/drive/participant.py cosim {{right}}")
 
 
 @needs_cc
-@pytest.mark.live
 def test_the_core_in_c_on_zenoh(cosim, tmp_path):
     changes = [word for word in calm("zenoh") if word != "--set"]
     core = library(tmp_path / "c", "zenoh", "slave", *changes)

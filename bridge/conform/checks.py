@@ -42,7 +42,7 @@ class CheckScene(IntEnum):
     ACTIVE = 1
     """The participant is ACTIVE. Each check leaves it in any state."""
     ENDING = 2
-    """As ACTIVE, at the end of a kit: the participant may end."""
+    """The scene ACTIVE at the end of a kit, in which the participant may end."""
     OTHER_LIFE = 3
     """Any: the check starts the participant again."""
     RECORD = 4

@@ -413,7 +413,7 @@ def _foreign(stage: ParticipantStage, message: str) -> Tamper:
 
 
 def _restarted_counter(stage: ParticipantStage, message: str) -> Tamper:
-    """The counter of the sender begins anew; its time goes on."""
+    """The counter of the sender starts again at 0, and its time stamps continue."""
     if profile_of(stage, message) is E2EProfile.NONE:
         raise InapplicableRuleError("the message has no counter")
     return lambda sample: [sample.frame(counter=sample.number + 5)]

@@ -69,16 +69,16 @@ class ParticipantStage:
         self.cast = Cast(system, node, services, self._send, self.lateness)
         self._fill_cast()
         self.runs: list[tuple[int, int]] = []
-        """Of each start: the number of the first frame after it, and t = 0 (monotonic, ns)."""
+        """The number of the first frame after each start, and its t = 0 (monotonic, ns)."""
         self.lives: list[int] = []
-        """Of each life: the number of its first frame."""
+        """The number of the first frame of each life."""
         self.fresh = False
         """True until the first START of a life."""
         self.stopped = False
         """True from a STOP of a rule to the next life."""
         self._began_ns = 0
         self.dead = ""
-        """Why no participant could be started."""
+        """The reason why no participant could be started."""
 
     def _send(self, bus: str, frame: Frame) -> None:
         self.lines[bus].send(frame)

@@ -1,4 +1,4 @@
-/* coordinator.c: the side of `cosim bus`, which decides when time passes and whose turn it is
+/* coordinator.c: the side of `cosim bus`, which decides when time passes and which thread runs next
  *
  * A thread waits if its slot is WAITING and the kernel says that it sleeps: a thread that another one has
  * woken runs for the kernel before the call that woke it returns. Two rounds over all threads, in which no

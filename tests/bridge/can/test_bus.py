@@ -271,7 +271,7 @@ def test_what_was_sent_before_it_is_closed_goes_out(monkeypatch):
 
 
 def test_a_bus_that_takes_no_frame_is_closed_all_the_same() -> None:
-    """A node that is alone on a bus: nobody acknowledges, and its queue stays full."""
+    """A node alone on a bus gets no acknowledgement, and its queue stays full."""
 
     class Alone(can.BusABC):
         asked = 0

@@ -16,7 +16,7 @@ from tests.bridge.deployments import TELEOPERATION
 
 
 class Attempts:
-    """A judge whose attempts end as a test says; the last one goes on."""
+    """A judge whose attempts have the results of a list; the last one is repeated."""
 
     def __init__(self, *ends):
         self.ends, self.count = list(ends), 0

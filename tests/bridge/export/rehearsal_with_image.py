@@ -2,8 +2,8 @@
 
 ``rehearsal_with_image.py FOLDER STOP ESTOP COMMAND...``: frames are copied between the groups of
 udp_multicast that are the buses of configs/deploy/can.toml and the serial line of the image that
-COMMAND starts (a path alone: a native one). ESTOP: s after the image is ACTIVE at which somebody
-sends an emergency stop, 0: never. Prints, as JSON, the heartbeats of the image (state, armed,
+COMMAND starts (a path alone: a native one). ESTOP: the time after ACTIVE, s, of an emergency
+stop from outside; 0: never. Prints, as JSON, the heartbeats of the image (state, armed,
 reasons), how many frames it has sent by identifier, and its lines.
 """
 

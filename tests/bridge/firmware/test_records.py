@@ -43,7 +43,7 @@ def test_noise_between_records_is_skipped_and_counted(sent, last):
 
 @given(st.binary(max_size=30), st.data())
 def test_a_record_with_a_flipped_bit_is_none(payload, data):
-    """And its reader goes on with a later record, at the latest after as many bytes as it said."""
+    """The reader finds a later record, at the latest after the length that was damaged."""
     whole = bytearray(pack(Kind.ROW, payload))
     bit = data.draw(st.integers(0, 8 * len(whole) - 1))
     whole[bit // 8] ^= 1 << bit % 8

@@ -22,7 +22,7 @@ from tests.bridge.node.test_simulated_time import compared
 
 @pytest.fixture(autouse=True)
 def hasty(monkeypatch):
-    """What does not answer is given up sooner."""
+    """A shorter patience with images that do not answer."""
     monkeypatch.setattr(emulators, "IDLE_LOOKS", (10, 30))
 
 

@@ -123,7 +123,7 @@ class Bench:
         self.hear(bus, 0, bytes([command, node]))
 
     def of(self, number: int) -> list[Sent]:
-        """What it has sent with an identifier."""
+        """The frames with an identifier that it has sent."""
         return [s for s in self.sent if s.id == number]
 
     def state(self) -> int:

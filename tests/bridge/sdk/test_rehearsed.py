@@ -67,7 +67,7 @@ def built(cosim: Command, folder: Path, language: str, deploy: str, node: str = 
 
 
 def judged(cosim: Command, folder: Path, deploy: str, *words: str | Path) -> dict[str, Any]:
-    """What a rehearsal says of the other nodes; its replay is exact."""
+    """The verdict on the other nodes of a rehearsal, whose replay is exact."""
     said = (
         "rehearse",
         TELEOPERATION,

@@ -21,7 +21,7 @@ UNIT = 64
 
 
 class Wire:
-    """What one end of a TCP connection sends, recorded on its way to the port of the other."""
+    """The bytes that one end of a TCP connection sends, recorded on their way to the other end."""
 
     def __init__(self, target: int) -> None:
         self._server = socket.create_server(("127.0.0.1", 0))

@@ -58,7 +58,7 @@ def oracle_packets(rule, n_s, n_r, h, T, looks):
 
 
 def oracle_queue(rule, n_s, n_r, h, T, looks):
-    """As `oracle_packets`: what arrives in a tick enters a ``deque`` in the order of sending."""
+    """A reference like `oracle_packets`: samples of a tick enter a ``deque`` as they were sent."""
     coming, rows, queue = [], [], Queue(rule)
     for k in range(n_r * (looks - 1) + 1):
         if k % n_s == 0 and T[k // n_s] is not None:

@@ -38,43 +38,43 @@ class Robot(abc.ABC):
     @property
     @abc.abstractmethod
     def observation_features(self):
-        """As in LeRobot."""
+        """The member `observation_features` of LeRobot."""
 
     @property
     @abc.abstractmethod
     def action_features(self):
-        """As in LeRobot."""
+        """The member `action_features` of LeRobot."""
 
     @property
     @abc.abstractmethod
     def is_connected(self):
-        """As in LeRobot."""
+        """The member `is_connected` of LeRobot."""
 
     @property
     @abc.abstractmethod
     def is_calibrated(self):
-        """As in LeRobot."""
+        """The member `is_calibrated` of LeRobot."""
 
     @abc.abstractmethod
     def connect(self, calibrate=True):
-        """As in LeRobot."""
+        """The member `connect` of LeRobot."""
 
     @abc.abstractmethod
     def calibrate(self):
-        """As in LeRobot."""
+        """The member `calibrate` of LeRobot."""
 
     @abc.abstractmethod
     def configure(self):
-        """As in LeRobot."""
+        """The member `configure` of LeRobot."""
 
     @abc.abstractmethod
     def get_observation(self):
-        """As in LeRobot."""
+        """The member `get_observation` of LeRobot."""
 
     @abc.abstractmethod
     def send_action(self, action):
-        """As in LeRobot."""
+        """The member `send_action` of LeRobot."""
 
     @abc.abstractmethod
     def disconnect(self):
-        """As in LeRobot."""
+        """The member `disconnect` of LeRobot."""

@@ -8,7 +8,7 @@ from typing import Any
 
 from lerobot.robots import Robot, RobotConfig
 
-from lerobot_robot_cosim.connection import Connection, Held, closed
+from lerobot_robot_cosim.end import LinkEnd
 from lerobot_robot_cosim.settings import LinkSettings
 
 #: The columns of an observation that tell how late it is, s.
@@ -21,7 +21,7 @@ class LinkRobotConfig(RobotConfig, LinkSettings):
     """``--robot.type=cosim_link``; the keys are those of :class:`.settings.LinkSettings`."""
 
 
-class LinkRobot(Robot):
+class LinkRobot(LinkEnd, Robot):
     """Actions go to the far side, and its observations come back, each as late as its link.
 
     An observation has, besides the far robot's positions and torques, ``link.age``: the time since
@@ -31,13 +31,7 @@ class LinkRobot(Robot):
 
     config_class = LinkRobotConfig
     name = "cosim_link"
-
-    def __init__(self, config: LinkRobotConfig) -> None:
-        super().__init__(config)
-        self.config = config
-        self.connection: Connection | None = None
-        self.held = Held()
-        self._first = config.first()
+    near = True
 
     @property
     def observation_features(self) -> dict[str, Any]:
@@ -49,26 +43,6 @@ class LinkRobot(Robot):
         """Positions."""
         return dict.fromkeys(self.config.actions, float)
 
-    @property
-    def is_connected(self) -> bool:
-        """True between connect() and disconnect()."""
-        return self.connection is not None
-
-    @property
-    def is_calibrated(self) -> bool:
-        """True: the far robot is calibrated at its own side."""
-        return True
-
-    def calibrate(self) -> None:
-        """Nothing to do here."""
-
-    def configure(self) -> None:
-        """Nothing to do here."""
-
-    def connect(self, calibrate: bool = True) -> None:
-        """Open the connection. Raises ScenarioError for keys that do not fit."""
-        self.connection = self.config.open(near=True)
-
     def send_action(self, action: dict[str, Any]) -> dict[str, Any]:
         """Send the positions; returned as they were sent."""
         sent = {name: float(action[name]) for name in self.config.actions}
@@ -79,17 +53,6 @@ class LinkRobot(Robot):
         """The observation that is held here now."""
         self.held = held = self._open().back.pull()
         if held.values is None:
-            return {**self._first, AGE: nan, DELAY: nan}
+            return {**self._known, AGE: nan, DELAY: nan}
         values = dict(zip(self.config.observations, held.values, strict=True))
         return {**values, AGE: held.age, DELAY: held.delay}
-
-    def disconnect(self) -> None:
-        """Close the connection."""
-        if self.connection is not None:
-            closed(self.config.connection, self.connection)
-            self.connection = None
-
-    def _open(self) -> Connection:
-        if self.connection is None:
-            raise RuntimeError(f"{self} is not connected; expected connect() before")
-        return self.connection

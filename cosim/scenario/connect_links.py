@@ -174,7 +174,7 @@ def _frames(
     """(frames by bus and name; of each link's place its bus, frame and receiver)."""
     groups: dict[str, dict[str, FrameOnBus]] = {}
     at: dict[str, tuple[str, str, str]] = {}
-    late = computing(parts)
+    late = computing(parts) if parts.scenario.buses else {}
     for i, spec in enumerate(parts.scenario.links):
         if spec.bus:
             place = parts.scenario.place("links", i)

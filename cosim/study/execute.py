@@ -117,11 +117,8 @@ def _planned(
     study: Study, folder: Path, fingerprint: str, store: Store, extent: Extent
 ) -> tuple[PlannedRuns, Tasks]:
     """The points that are missing."""
-    wanted = {point.run for point in points(study, fingerprint)}
-    if extent.part is not None:
-        wanted = extent.part.of_runs(
-            list(dict.fromkeys(point.run for point in points(study, fingerprint)))
-        )
+    runs = dict.fromkeys(point.run for point in points(study, fingerprint))
+    wanted = set(runs) if extent.part is None else extent.part.of_runs(list(runs))
     again = store.failed & wanted if extent.retry else set[str]()
     found = len(store.done & wanted)
     missing = wanted - (store.done - again)

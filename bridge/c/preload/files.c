@@ -217,17 +217,38 @@ EXPORT int epoll_pwait2(int fd, struct epoll_event *events, int most, const stru
     return epolled(fd, events, most, deadline_after(timeout), mask);
 }
 
-/* Wait until a file that blocks has something to read, or room; at once where the call does not block. */
+/* A connection to the process of the bus, which answers at any moment of the wall clock. */
+static int is_of_the_bus(int fd)
+{
+    struct ucred peer = {0};
+    socklen_t length = sizeof peer;
+
+    return !is_can(fd) && getsockopt(fd, SOL_SOCKET, SO_PEERCRED, &peer, &length) == 0 &&
+           peer.pid == bus_table()->coordinator;
+}
+
+/* Wait until a file that blocks has something to read, or room; at once where the call does not block.
+ * An answer of the bus costs a wait also if it is there already: else the order would depend on the machine. */
 static void until_ready(int fd, short events, int flags)
 {
     struct pollfd file = {fd, events, 0};
     waiting_t w = {SYS_ppoll, {(long)&file, 1, 0, 0, MASK, 0}, 2, 0, {NULL}, 0};
     const int before = errno;
-    int mode;
+    int mode, ready;
 
-    if (bus_table() == NULL || ask(&w, 1) != 0) return;
+    if (bus_table() == NULL) return;
+    ready = ask(&w, 1) != 0;
+    if (ready && !is_of_the_bus(fd)) {
+        errno = before;
+        return;
+    }
     mode = fcntl(fd, F_GETFL);
-    if (flags & MSG_DONTWAIT || mode < 0 || mode & O_NONBLOCK) looked_in_vain();
+    if (flags & MSG_DONTWAIT || mode < 0 || mode & O_NONBLOCK) {
+        if (!ready) looked_in_vain();
+    } else if (ready) {
+        wait_begins(NEVER, 0);
+        wait_ends();
+    }
     else wait_until(&w, NEVER);
     errno = before;
 }

@@ -2,6 +2,7 @@
 #define _GNU_SOURCE
 #include <errno.h>
 #include <pthread.h>
+#include <signal.h>
 #include <spawn.h>
 #include <stdarg.h>
 #include <stdlib.h>
@@ -48,12 +49,21 @@ EXPORT int pthread_create(pthread_t *restrict thread, const pthread_attr_t *rest
     return failed;
 }
 
+EXPORT pid_t fork(void)
+{
+    REAL(fork);
+    const pid_t pid = real();
+
+    if (pid < 0 && bus_table() != NULL) fork_has_failed();
+    return pid;
+}
+
 /* This process becomes another program, or the child of a vfork does: time waits until it is there. */
 static void before_exec(void)
 {
     if (bus_table() == NULL) return;
     wakes_others();
-    if (slot_of_process((int32_t)getpid()) == NULL) new_slot((int32_t)getpid(), (int32_t)getpid());
+    slot_for_process((int32_t)getpid());
 }
 
 EXPORT int execve(const char *path, char *const arguments[], char *const environment[])
@@ -78,8 +88,7 @@ EXPORT int execvp(const char *file, char *const arguments[]) { return execvpe(fi
 
 static int spawned(int failed, const pid_t *pid)
 {
-    if (!failed && bus_table() != NULL && slot_of_process((int32_t)*pid) == NULL)
-        new_slot((int32_t)*pid, (int32_t)*pid);
+    if (!failed && bus_table() != NULL) slot_for_process((int32_t)*pid);
     return failed;
 }
 
@@ -103,6 +112,47 @@ EXPORT int posix_spawnp(pid_t *restrict pid, const char *restrict file,
     pid_t own, *found = pid ? pid : &own;
 
     return spawned(real(found, file, actions, attributes, arguments, environment), found);
+}
+
+/* As in the C library, whose own function makes a child that this library learns of too late. */
+static int run_shell(const char *command)
+{
+    char *const arguments[] = {(char *)"sh", (char *)"-c", (char *)"--", (char *)command, NULL};
+    struct sigaction ignored = {0}, interrupt, quit;
+    posix_spawnattr_t attributes;
+    sigset_t child, before, usual;
+    int failed, status = -1;
+    pid_t pid;
+
+    ignored.sa_handler = SIG_IGN;
+    sigaction(SIGINT, &ignored, &interrupt);
+    sigaction(SIGQUIT, &ignored, &quit);
+    sigemptyset(&child);
+    sigaddset(&child, SIGCHLD);
+    sigprocmask(SIG_BLOCK, &child, &before);
+    sigemptyset(&usual);
+    if (interrupt.sa_handler != SIG_IGN) sigaddset(&usual, SIGINT);
+    if (quit.sa_handler != SIG_IGN) sigaddset(&usual, SIGQUIT);
+    posix_spawnattr_init(&attributes);
+    posix_spawnattr_setsigmask(&attributes, &before);
+    posix_spawnattr_setsigdefault(&attributes, &usual);
+    posix_spawnattr_setflags(&attributes, POSIX_SPAWN_SETSIGDEF | POSIX_SPAWN_SETSIGMASK);
+    failed = posix_spawn(&pid, "/bin/sh", NULL, &attributes, arguments, environ);
+    posix_spawnattr_destroy(&attributes);
+    if (!failed)
+        while (waitpid(pid, &status, 0) < 0 && errno == EINTR) {}
+    sigaction(SIGINT, &interrupt, NULL);
+    sigaction(SIGQUIT, &quit, NULL);
+    sigprocmask(SIG_SETMASK, &before, NULL);
+    if (failed) errno = failed;
+    return status;
+}
+
+EXPORT int system(const char *command)
+{
+    REAL(system);
+
+    return own_slot() && command ? run_shell(command) : real(command);
 }
 
 #define WAITER(type, name, parameters, arguments, at_once) \

@@ -23,7 +23,7 @@ enum { LOOK = 10, WAIT = 2, ENOUGH = 2000, SMALL = 100, LARGE = 10000, SMALL_ONE
 
 static table_t *table;
 static int attached, program;
-static __thread slot_t *mine __attribute__((tls_model("initial-exec")));
+static __thread slot_t *mine, *forked __attribute__((tls_model("initial-exec")));
 static __thread int last_look __attribute__((tls_model("initial-exec")));
 static __thread unsigned looks, taken __attribute__((tls_model("initial-exec")));
 static __thread int64_t looked_at __attribute__((tls_model("initial-exec")));
@@ -86,12 +86,12 @@ static void lock_table(void)
     }
 }
 
-slot_t *new_slot(int32_t pid, int32_t tid)
+/* A free slot of the table, which is locked. */
+static slot_t *take_slot(int32_t pid, int32_t tid)
 {
     slot_t *found = NULL;
     int i;
 
-    lock_table();
     for (i = 0; i < SLOTS && found == NULL; i++)
         if (LOAD(table->slots[i].state) == FREE) found = &table->slots[i];
     if (found == NULL) {
@@ -108,6 +108,15 @@ slot_t *new_slot(int32_t pid, int32_t tid)
     found->deadline = NEVER;
     table->alarms[found - table->slots] = NEVER;
     STORE(found->state, STARTING);
+    return found;
+}
+
+slot_t *new_slot(int32_t pid, int32_t tid)
+{
+    slot_t *found;
+
+    lock_table();
+    found = take_slot(pid, tid);
     STORE(table->lock, 0);
     return found;
 }
@@ -120,6 +129,17 @@ slot_t *slot_of_process(int32_t pid)
         if (LOAD(table->slots[i].state) != FREE && table->slots[i].pid == pid && table->slots[i].tid == pid)
             return &table->slots[i];
     return NULL;
+}
+
+slot_t *slot_for_process(int32_t pid)
+{
+    slot_t *found;
+
+    lock_table();
+    found = slot_of_process(pid);
+    if (found == NULL) found = take_slot(pid, pid);
+    STORE(table->lock, 0);
+    return found;
 }
 
 /* Without its coordinator, time would stand still for ever: the process ends. */
@@ -164,16 +184,22 @@ slot_t *own_slot(void)
     return mine;
 }
 
-static void in_child(void)
+/* The slot of a child is made before the child: else time could pass before the child begins, and the
+ * order of two children would be that in which they happen to run. */
+static void before_fork(void)
 {
-    mine = NULL;
     own_slot();
+    wakes_others();
+    forked = new_slot((int32_t)getpid(), 0);
 }
+
+static void in_child(void) { adopt_slot(forked); }
+
+void fork_has_failed(void) { STORE(forked->state, FREE); }
 
 static void attach(void)
 {
     const char *path = getenv("COSIM_BUS_TABLE"), *number = getenv("COSIM_BUS_PROGRAM");
-    slot_t *slot;
     int fd;
 
     attached = 1;
@@ -187,9 +213,8 @@ static void attach(void)
     program = atoi(number) % PROGRAMS;
     listen_to_wakes();
     if (getppid() == table->coordinator) prctl(PR_SET_PDEATHSIG, SIGTERM);
-    pthread_atfork(NULL, NULL, in_child);
-    slot = slot_of_process((int32_t)getpid());
-    adopt_slot(slot ? slot : new_slot((int32_t)getpid(), (int32_t)getpid()));
+    pthread_atfork(before_fork, NULL, in_child);
+    adopt_slot(slot_for_process((int32_t)getpid()));
 }
 
 __attribute__((constructor)) static void start(void) { bus_table(); }

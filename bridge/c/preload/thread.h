@@ -45,8 +45,12 @@ int woken_in_vain(void);
 /* Sleep until `deadline`; 0, or EINTR when a signal of the program came. */
 int sleep_until(int64_t deadline);
 
-/* A slot for a thread that is being made, or for a process that is about to run another program. */
+/* A slot for a thread that is being made. */
 slot_t *new_slot(int32_t pid, int32_t tid);
+/* The slot of a process that is about to run another program; it is made where there is none. */
+slot_t *slot_for_process(int32_t pid);
+/* There is no child for the slot that was made for it. */
+void fork_has_failed(void);
 /* Take a slot for this thread, and wait for the turn. */
 void adopt_slot(slot_t *slot);
 slot_t *slot_of_process(int32_t pid);

@@ -64,7 +64,7 @@ def test_every_wait_of_a_c_program_takes_bus_time(waits: str) -> None:
         "pthread_cond_timedwait": ["1", "5000"], "sem_timedwait": ["-1", "6000"],
         "futex": ["-1", "700"], "signalled": ["0", "4000"], "posted": ["0", "4000"],
         "written": ["1", "4000"], "woken": ["0", "4000"], "joined": ["0", "0"],
-        "forked": ["7", "2500"], "alarmed": ["-1", "1500"],
+        "forked": ["7", "2500"], "shelled": ["3", "2500"], "alarmed": ["-1", "1500"],
         "first": ["1", "500"], "expired": ["4", "0"], "next": ["1", "1000"],
         "spun": took["spun"],
     }  # fmt: skip
@@ -190,11 +190,19 @@ def test_programs_of_one_moment_go_on_in_their_order() -> None:
     assert done.stdout.split() == list("abcabcabc")
 
 
+CHILDREN = "date -u +%T; sleep 3600; date -u +%T; echo x | (read x; sleep 1; date -u +%T; exit 3)"
+
+
+@pytest.mark.slow
+def test_time_waits_for_children_that_have_not_begun_yet(busy: None) -> None:
+    patient = ["taskset", "-c", "0", "nice", "-n", "10"]  # the parent waits before its child runs
+    for _ in range(10):
+        done = run(["sleep", "100000"], [*patient, "sh", "-c", CHILDREN])
+        assert done.stdout.split() == ["00:00:00", "01:00:00", "01:00:01"]
+
+
 def test_children_live_in_bus_time_and_the_last_program_gives_the_status() -> None:
-    children = (
-        "date -u +%T; sleep 3600; date -u +%T; echo x | (read x; sleep 1; date -u +%T; exit 3)"
-    )
-    done = run(["sleep", "100000"], ["sh", "-c", children])
+    done = run(["sleep", "100000"], ["sh", "-c", CHILDREN])
     assert done.returncode == 3
     assert done.stdout.split() == ["00:00:00", "01:00:00", "01:00:01"]
 

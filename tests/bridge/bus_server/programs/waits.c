@@ -139,6 +139,7 @@ int main(void)
     SAY("woken", syscall(SYS_futex, &word, FUTEX_WAIT, 0, &t, NULL, 0))
     SAY("joined", pthread_join(thread, NULL))
     SAY("forked", in_other_process())
+    SAY("shelled", system("sleep 0.0025; exit 3") >> 8)
     sigaction(SIGALRM, &action, NULL);
     setitimer(ITIMER_REAL, &soon, NULL);
     SAY("alarmed", usleep(10000))

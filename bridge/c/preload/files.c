@@ -248,8 +248,7 @@ static void until_ready(int fd, short events, int flags)
     } else if (ready) {
         wait_begins(NEVER, 0);
         wait_ends();
-    }
-    else wait_until(&w, NEVER);
+    } else wait_until(&w, NEVER);
     errno = before;
 }
 

@@ -43,12 +43,19 @@ class RecordedTrace:
 
     `t`: times of the rows, (n,), s; `lookup`: their values; `end`: of the run, s. `beyond`: None;
     or a row behind the last one stands for all that is not recorded, and is -1: as bad as possible,
-    or 1: as good as possible.
+    or 1: as good as possible. `step`: the mean step of the run, s, if `t` lacks rows.
     """
 
-    def __init__(self, t: Array, lookup: Lookup, end: float, beyond: int | None = None) -> None:
+    def __init__(
+        self,
+        t: Array,
+        lookup: Lookup,
+        end: float,
+        beyond: int | None = None,
+        step: float | None = None,
+    ) -> None:
         self.lookup, self.rows, self.beyond = lookup, len(t), beyond
-        span = float(t[-1] - t[0]) / max(1, len(t) - 1)
+        span = float(t[-1] - t[0]) / max(1, len(t) - 1) if step is None else step
         self._same = SAME * span if span > 0 else SAME
         self.t = t if beyond is None else np.append(t, t[-1] + 4.0 * self._same)
         self._end = float(t[-1]) if beyond is None else max(end, float(t[-1]))

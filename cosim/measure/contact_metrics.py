@@ -18,18 +18,18 @@ environment, whatever is passive between the ports never has E below minus what 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
-from math import nan, sqrt
+from math import inf, nan, sqrt
 from typing import Literal
 
 import numpy as np
 
 from cosim.base.errors import ScenarioError
 from cosim.base.units import time_text
-from cosim.measure.energy import observer
-from cosim.measure.manipulability import running_integral
+from cosim.measure.energy import net_power
 from cosim.measure.metric_result import MetricResult, length
+from cosim.record.piecewise import NotFinite, PairwiseSum, RunningIntegral, Stacked, pieces
 from cosim.record.signals import Array, Signals, stack
 
 Phase = Literal["rms_free", "rms_contact"]
@@ -58,25 +58,41 @@ class PhaseError:
     def evaluate(self, signals: Signals) -> MetricResult:
         """The root mean square over the phase; how long it lasts in the parts (`lasts_s`)."""
         place, label = f"metrics.{self.name}", self.label or self.name
-        x = stack(signals, self.of, place)
-        target = self._target(signals, x.x.shape[1], place)
-        touched = stack(signals, self.contact, place)
-        flaw = x.problem or touched.problem
-        if flaw:
-            return MetricResult(self.name, label, nan, x.unit, flaw)
-        square = length(x.x - target) ** 2
-        touches = (touched.x != 0.0).any(axis=1)
-        within = touches[1:] | touches[:-1]
-        if self.kind == "rms_free":
-            within = ~within
-        dt = np.diff(x.t)[within]
-        lasts = float(dt.sum())
+        unit = Stacked(signals, self.of, place).unit
+        try:
+            count = sum(len(dt) for dt, _ in self._intervals(signals, place))
+            times, sums = PairwiseSum(count), PairwiseSum(count)
+            for dt, square in self._intervals(signals, place):
+                times.add(dt)
+                sums.add(square * dt)
+        except NotFinite as why:
+            return MetricResult(self.name, label, nan, unit, str(why))
+        lasts = times.value
         if lasts <= 0:
-            return MetricResult(self.name, label, nan, x.unit, "the phase never occurs")
-        mean = float((0.5 * (square[1:] + square[:-1])[within] * dt).sum()) / lasts
+            return MetricResult(self.name, label, nan, unit, "the phase never occurs")
+        mean = sums.value / lasts
         return MetricResult(
-            self.name, label, sqrt(mean), x.unit, f"RMS over {time_text(lasts)}", {"lasts_s": lasts}
+            self.name, label, sqrt(mean), unit, f"RMS over {time_text(lasts)}", {"lasts_s": lasts}
         )
+
+    def _intervals(self, signals: Signals, place: str) -> Iterator[tuple[Array, Array]]:
+        """The lengths, s, of intervals of the phase, and the mean square in each, in pieces.
+
+        Raises NotFinite.
+        """
+        t = square = touches = np.empty(0)
+        for piece in pieces(signals, self.signals):
+            x, touched = stack(piece, self.of, place), stack(piece, self.contact, place)
+            if flaw := x.problem or touched.problem:
+                raise NotFinite(flaw)
+            new = length(x.x - self._target(piece, x.x.shape[1], place)) ** 2
+            t, square = np.concatenate((t, x.t)), np.concatenate((square, new))
+            touches = np.concatenate((touches, (touched.x != 0.0).any(axis=1)))
+            within = (touches[1:] != 0) | (touches[:-1] != 0)
+            if self.kind == "rms_free":
+                within = ~within
+            yield np.diff(t)[within], 0.5 * (square[1:] + square[:-1])[within]
+            t, square, touches = t[-1:], square[-1:], touches[-1:]
 
     def _target(self, signals: Signals, size: int, place: str) -> Array:
         """(n, m) or (1, m), m = `size`."""
@@ -120,24 +136,30 @@ class PortEnergy:
                 " two",
                 place,
             )
-        each = [stack(signals, (name,), place) for name in self.of]
-        flaw = next((s.problem for s in each if s.problem), "")
-        if flaw:
-            return MetricResult(self.name, label, nan, "J", flaw)
-        ends: Sequence[tuple[Array, Array]] = [
-            (each[i].x, each[i + 1].x) for i in range(0, len(each), 2)
-        ]
-        for force, rate in ends:
-            if force.shape != rate.shape:
-                raise ScenarioError("a force and its velocity differ in size", place)
-        t = each[0].t
-        E = observer(t, ends)
-        power = np.einsum("ij,ij->i", *ends[0])
-        put_in = float(running_integral(np.maximum(power, 0.0), t)[-1])
-        least = float(E.min())
-        parts = {"final": float(E[-1]), "put_in": put_in}
+        units = [Stacked(signals, (name,), place) for name in self.of]
+        try:
+            least, at, final, put_in = self._energies(signals, place)
+        except NotFinite as why:
+            return MetricResult(self.name, label, nan, "J", str(why))
+        parts = {"final": final, "put_in": put_in}
         if put_in > 0:
             parts["least_share"] = least / put_in
-        words = f"at {time_text(t[int(np.argmin(E))])}"
-        more = ((f"{label}, end", f"{E[-1]:.4g} J at {time_text(t[-1])}"),)
-        return MetricResult(self.name, label, least, "J", words, parts, more)
+        more = ((f"{label}, end", f"{final:.4g} J at {time_text(units[0].last)}"),)
+        return MetricResult(self.name, label, least, "J", f"at {time_text(at)}", parts, more)
+
+    def _energies(self, signals: Signals, place: str) -> tuple[float, float, float, float]:
+        """The least energy, its time, s, the last one, and what was put in, J. Raises NotFinite."""
+        least, at, final, put_in = inf, nan, RunningIntegral(), RunningIntegral()
+        for piece in pieces(signals, self.of):
+            each = [stack(piece, (name,), place) for name in self.of]
+            if flaw := next((s.problem for s in each if s.problem), ""):
+                raise NotFinite(flaw)
+            ends = [(each[i].x, each[i + 1].x) for i in range(0, len(each), 2)]
+            for force, rate in ends:
+                if force.shape != rate.shape:
+                    raise ScenarioError("a force and its velocity differ in size", place)
+            E = final.add(net_power(ends), each[0].t)
+            put_in.add(np.maximum(net_power(ends[:1]), 0.0), each[0].t)
+            if E.min() < least:
+                least, at = float(E.min()), float(each[0].t[int(np.argmin(E))])
+        return least, at, final.value, put_in.value

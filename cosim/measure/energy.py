@@ -53,9 +53,14 @@ def effort(t: Array, force: Array, window: float = 1.0) -> Effort:
 
 def observer(t: Array, ends: Sequence[tuple[Array, Array]]) -> Array:
     """E(t), (n,), J: the first of `ends`, (torque, velocity) each (n, m), less the others."""
+    return running_integral(net_power(ends), t)
+
+
+def net_power(ends: Sequence[tuple[Array, Array]]) -> Array:
+    """The power into the first of `ends`, as in :func:`observer`, less the others, (n,), W."""
     signs = [1.0, *(-1.0 for _ in ends[1:])]
     power = sum(
         sign * np.einsum("ij,ij->i", torque, rate)
         for sign, (torque, rate) in zip(signs, ends, strict=True)
     )
-    return running_integral(np.asarray(power), t)
+    return np.asarray(power)

@@ -27,16 +27,23 @@ def joint_limits(arms: Mapping[str, Arm]) -> Limits:
 
 def beyond(limits: Limits, run: Run) -> Iterator[str]:
     """A sentence for each recorded joint that left its limits (rad or m) in a run."""
-    t = run.t
     for signal, (low, high) in limits.items():
         if signal not in run.names or not len(run):
             continue
-        q = run.column(signal)
-        outside = np.flatnonzero((q < low) | (q > high))
-        if len(outside):
-            worst = outside[np.argmax(np.maximum(low - q, q - high)[outside])]
+        since, most, reached = -1.0, 0.0, 0.0
+        for piece in run.pieces([signal]):
+            q = piece.column(signal)
+            excess = np.maximum(low - q, q - high)
+            outside = np.flatnonzero(excess > 0)
+            if not len(outside):
+                continue
+            since = since if most else float(piece.t[outside[0]])
+            worst = outside[np.argmax(excess[outside])]
+            if excess[worst] > most:
+                most, reached = float(excess[worst]), float(q[worst])
+        if most:
             yield (
                 f"{signal} leaves its limits {low:.4g} to {high:.4g} {run.units[signal]} at"
-                f" {t[outside[0]]:.4g} s and reaches {q[worst]:.4g}: no stop acts (k_s = 0), a"
+                f" {since:.4g} s and reaches {reached:.4g}: no stop acts (k_s = 0), a"
                 " robot would not move there"
             )

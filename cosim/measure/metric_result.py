@@ -8,7 +8,6 @@ from math import isnan, sqrt
 
 import numpy as np
 
-from cosim.base.units import time_text
 from cosim.record.signals import Array
 
 #: Columns of the labels of a summary.
@@ -79,11 +78,6 @@ def root_mean_square(y: Array, t: Array) -> float:
     """sqrt(∫ y² dt / (t_n - t_0)), in the unit of `y`; y, t (n,), s."""
     duration = float(t[-1] - t[0])
     return sqrt(integral(y**2, t) / duration) if duration > 0 else float(abs(y[-1]))
-
-
-def interval_text(t: Array) -> str:
-    """``over 60 s``; t (n,) s."""
-    return f"over {time_text(float(t[-1] - t[0]))}"
 
 
 def times(unit: str, factor: str) -> str:

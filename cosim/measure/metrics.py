@@ -23,27 +23,20 @@ that is not finite) is NaN with a sentence; a metric that makes no sense raises 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from math import inf, isfinite, nan, sqrt
-from typing import TYPE_CHECKING, Literal, TypeAlias, cast, get_args
+from typing import TYPE_CHECKING, Literal, TypeAlias, cast, final, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cosim.base.errors import ScenarioError
 from cosim.base.names import listed
 from cosim.base.units import time_text
 from cosim.measure.metric_result import MetricResult as MetricResult
-from cosim.measure.metric_result import (
-    integral,
-    interval_text,
-    length,
-    root_mean_square,
-    times,
-    with_unit,
-)
-from cosim.record.signals import Array, Signals, Stack, stack
+from cosim.measure.metric_result import length, times, with_unit
+from cosim.record.piecewise import NotFinite, PairwiseSum, Stacked, Trapezoids
+from cosim.record.signals import Array, Signals, Stack
 
 if TYPE_CHECKING:
     from cosim.measure.contact_metrics import Phase, PhaseError, PortEnergy
@@ -92,30 +85,37 @@ class Error:
 
     def evaluate(self, signals: Signals) -> MetricResult:
         """E(t_n), with RMSE, maximum and settle time as further facts and in the parts."""
-        place = f"metrics.{self.name}"
-        whole = stack(signals, self.signals, place)
+        place, label = f"metrics.{self.name}", self.label or self.name
+        whole = Stacked(signals, self.signals, place)
         ends = np.cumsum([len(signals.entries(name)) for name in self.signals])
-        each = np.split(whole.x, ends[:-1], axis=1)  # (n, m) of each signal, the targets' last
-        targets = self._target(each, place)
-        if whole.problem:
-            return MetricResult(self.name, self.label or self.name, nan, whole.unit, whole.problem)
+        self._target([np.empty((0, n)) for n in np.diff(ends, prepend=0)], place)
         distance = _largest if self.norm == "max" else length
-        t = whole.t
-        pairs = zip(each[: len(self.of)], targets, strict=True)
-        E = np.max([distance(x - target) for x, target in pairs], axis=0)
-        worst, rmse = int(np.argmax(E)), root_mean_square(E, whole.t)
-        parts = {"final": E[-1], "rmse": rmse, "max": E[worst], "max_at_s": t[worst]}
-        label, unit = self.label or self.name, whole.unit
-        peak = f"{with_unit(E[worst], unit)} at {time_text(t[worst])}"
+        square, settled, peak, at = Trapezoids(whole.rows), _Settling(self.within or inf), -inf, nan
+        E, t, unit = np.empty(0), np.empty(0), whole.unit
+        try:
+            for rows in whole:
+                each = np.split(rows.x, ends[:-1], axis=1)  # (n, m) of each, the targets' last
+                pairs = zip(each[: len(self.of)], self._target(each, place), strict=True)
+                E, t = np.max([distance(x - target) for x, target in pairs], axis=0), rows.t
+                square.add(E**2, t)
+                settled.add(E, t)
+                worst = int(np.argmax(E))
+                if E[worst] > peak:
+                    peak, at = float(E[worst]), float(t[worst])
+        except NotFinite as why:
+            return MetricResult(self.name, label, nan, unit, str(why))
+        duration = whole.last - whole.first
+        rmse = sqrt(square.value / duration) if duration > 0 else float(abs(E[-1]))
+        parts = {"final": float(E[-1]), "rmse": rmse, "max": peak, "max_at_s": at}
         more = [
-            (f"{label}, RMS", f"{with_unit(rmse, unit)} {interval_text(t)}"),
-            (f"{label}, peak", peak),
+            (f"{label}, RMS", f"{with_unit(rmse, unit)} over {time_text(duration)}"),
+            (f"{label}, peak", f"{with_unit(peak, unit)} at {time_text(at)}"),
         ]
         if self.within is not None:
-            parts["settle_s"] = settle = settle_time(E, t, self.within)
-            more.append(("settled", _settled(settle - t[0], label, E[-1], self.within, unit)))
-        parts = {key: float(value) for key, value in parts.items()}
-        words = f"at the end ({time_text(t[-1])})"
+            parts["settle_s"] = settled.time
+            words = _settled(settled.time - whole.first, label, E[-1], self.within, unit)
+            more.append(("settled", words))
+        words = f"at the end ({time_text(whole.last)})"
         return MetricResult(self.name, label, parts["final"], unit, words, parts, tuple(more))
 
     def _target(self, each: Sequence[Array], place: str) -> list[Array]:
@@ -161,11 +161,12 @@ class Measure:
 
     def evaluate(self, signals: Signals) -> MetricResult:
         """The number, over all that was recorded."""
-        s = stack(signals, self.of, f"metrics.{self.name}")
+        s = Stacked(signals, self.of, f"metrics.{self.name}")
         unit = times(s.unit, {"norm": "√s", "integral_abs": "s"}.get(self.kind, ""))
-        if s.problem:
-            return MetricResult(self.name, self.label or self.name, nan, unit, s.problem)
-        value, words, parts = _MEASURES[self.kind](s, self.window)
+        try:
+            value, words, parts = _MEASURES[self.kind](s, self.window)
+        except NotFinite as why:
+            return MetricResult(self.name, self.label or self.name, nan, unit, str(why))
         if self.kind in _WORDS:
             words = f"({_WORDS[self.kind]} of {listed(self.of)} {words})"
         parts = {key: float(part) for key, part in parts.items()}
@@ -252,78 +253,153 @@ def settle_time(E: Array, t: Array, within: float) -> float:
 
     `E`, `t`: (n,). NaN counts as outside.
     """
-    outside = np.flatnonzero(~(within > E))
-    if not len(outside):
-        return float(t[0]) if len(t) else nan
-    first = int(outside[-1]) + 1
-    return float(t[first]) if first < len(t) else inf
+    found = _Settling(within)
+    found.add(E, t)
+    return found.time
 
 
-# ---- measures: stack and window to value, words, parts ------------------------------------------
+@final
+class _Settling:
+    """:func:`settle_time` of rows that come in pieces; `time`, s, of those so far."""
+
+    def __init__(self, within: float) -> None:
+        self._within, self._settles, self.time = within, True, nan
+
+    def add(self, E: Array, t: Array) -> None:
+        """Take the next rows, (n,)."""
+        if self._settles and len(t):
+            self.time, self._settles = float(t[0]), False
+        outside = np.flatnonzero(~(self._within > E))
+        if len(outside):
+            first = int(outside[-1]) + 1
+            self._settles = first == len(t)
+            self.time = inf if self._settles else float(t[first])
+
+
+# ---- measures: rows and window to value, words, parts -------------------------------------------
 
 _Measured = tuple[float, str, Mapping[str, float]]
 
 
-def _norm(s: Stack, _: float) -> _Measured:
-    return sqrt(integral(length(s.x) ** 2, s.t)), interval_text(s.t), {}
+def _over(s: Stacked) -> str:
+    return f"over {time_text(s.last - s.first)}"
 
 
-def _integral_abs(s: Stack, _: float) -> _Measured:
-    return integral(length(s.x), s.t), interval_text(s.t), {}
+def _norm(s: Stacked, _: float) -> _Measured:
+    found = Trapezoids(s.rows)
+    for rows in s:
+        found.add(length(rows.x) ** 2, rows.t)
+    return sqrt(found.value), _over(s), {}
 
 
-def _rms(s: Stack, _: float) -> _Measured:
-    return root_mean_square(length(s.x), s.t), interval_text(s.t), {}
+def _integral_abs(s: Stacked, _: float) -> _Measured:
+    found = Trapezoids(s.rows)
+    for rows in s:
+        found.add(length(rows.x), rows.t)
+    return found.value, _over(s), {}
 
 
-def _tail_mean(s: Stack, window: float) -> _Measured:
-    tail, words = _tail(s, window)
-    return float(length(s.x[tail]).mean()), words, {}
+def _rms(s: Stacked, _: float) -> _Measured:
+    found, last = Trapezoids(s.rows), 0.0
+    for rows in s:
+        size = length(rows.x)
+        found.add(size**2, rows.t)
+        last = float(abs(size[-1]))
+    duration = s.last - s.first
+    return (sqrt(found.value / duration) if duration > 0 else last), _over(s), {}
 
 
-def _tail(s: Stack, window: float) -> tuple[NDArray[np.bool_], str]:
-    """A mask (n,) of the rows in the last `window` seconds, and words for it."""
+def _tail_mean(s: Stacked, window: float) -> _Measured:
+    since, words = _tail(s, window)
+    count = sum(int((rows.t >= since).sum()) for rows in _checked(s, since))
+    found = PairwiseSum(count)
+    for rows in s.since(since):
+        found.add(length(rows.x[rows.t >= since]))
+    return found.value / count, words, {}
+
+
+def _checked(s: Stacked, since: float) -> Iterator[Stack]:
+    """The rows from a time on, after all were read: whatever is not finite is found."""
+    for rows in s:
+        if rows.t[-1] >= since:
+            yield rows
+
+
+def _tail(s: Stacked, window: float) -> tuple[float, str]:
+    """The time from which the last `window` seconds reach, s, and words for it."""
     words = f"over the last {time_text(window)}"
-    if s.t[-1] - s.t[0] < window * (1 - 1e-9):
-        words = f"{interval_text(s.t)}, which is all there is"
-    return s.t >= s.t[-1] - window * (1 + 1e-9), words
+    if s.last - s.first < window * (1 - 1e-9):
+        words = f"{_over(s)}, which is all there is"
+    return s.last - window * (1 + 1e-9), words
 
 
-def _vibration(s: Stack, window: float) -> _Measured:
-    tail, words = _tail(s, window)
-    x, t = s.x[tail], s.t[tail]
-    swing = np.ptp(x, axis=0)
+def _vibration(s: Stacked, window: float) -> _Measured:
+    since, words = _tail(s, window)
+    least, most = np.full(len(s.names), inf), np.full(len(s.names), -inf)
+    for rows in _checked(s, since):
+        x = rows.x[rows.t >= since]
+        least, most = np.minimum(least, x.min(axis=0)), np.maximum(most, x.max(axis=0))
+    swing = most - least
     entry = int(np.argmax(swing))
-    frequency = _frequency(x[:, entry] - 0.5 * (x[:, entry].max() + x[:, entry].min()), t)
+    middle, crossings = 0.5 * (most[entry] + least[entry]), _Crossings()
+    for rows in s.since(since):
+        tail = rows.t >= since
+        crossings.add(rows.x[tail, entry] - middle, rows.t[tail])
+    frequency = crossings.frequency
     words = f"at {frequency:.4g} Hz {words} ({s.names[entry]})"
     return 0.5 * float(swing[entry]), words, {"frequency_hz": frequency}
 
 
-def _frequency(x: Array, t: Array) -> float:
-    """Hz, of `x` (n,) by the times `t` (n,) at which it crosses 0; 0 with less than a period."""
-    before = np.flatnonzero((x[:-1] < 0.0) != (x[1:] < 0.0))
-    if len(before) < 3:
-        return 0.0
-    ends = before[[0, -1]]
-    first, last = t[ends] - x[ends] * (t[ends + 1] - t[ends]) / (x[ends + 1] - x[ends])
-    return float(0.5 * (len(before) - 1) / (last - first))
+@final
+class _Crossings:
+    """The times at which rows that come in pieces cross 0."""
+
+    def __init__(self) -> None:
+        self._count, self._first, self._last = 0, nan, nan
+        self._x = self._t = np.empty(0)
+
+    def add(self, x: Array, t: Array) -> None:
+        """Take the next rows: `x` in its unit, `t`, s, (n,)."""
+        x, t = np.concatenate((self._x, x)), np.concatenate((self._t, t))
+        before = np.flatnonzero((x[:-1] < 0.0) != (x[1:] < 0.0))
+        if len(before):
+            ends = before[[0, -1]]
+            first, last = t[ends] - x[ends] * (t[ends + 1] - t[ends]) / (x[ends + 1] - x[ends])
+            self._first, self._last = first if not self._count else self._first, last
+            self._count += len(before)
+        self._x, self._t = x[-1:], t[-1:]
+
+    @property
+    def frequency(self) -> float:
+        """Hz; 0 with less than a period."""
+        if self._count < 3:
+            return 0.0
+        return float(0.5 * (self._count - 1) / (self._last - self._first))
 
 
-def _peak(s: Stack, _: float) -> _Measured:
-    row, entry = divmod(int(np.argmax(np.abs(s.x))), s.x.shape[1])
-    words = f"at {time_text(s.t[row])} ({s.names[entry]})"
-    return abs(float(s.x[row, entry])), words, {"at_s": s.t[row]}
+def _peak(s: Stacked, _: float) -> _Measured:
+    peak, at, entry = -inf, nan, 0
+    for rows in s:
+        size = np.abs(rows.x)
+        place = int(np.argmax(size))
+        if size.flat[place] > peak:
+            row, entry = divmod(place, size.shape[1])
+            peak, at = float(size[row, entry]), float(rows.t[row])
+    return peak, f"at {time_text(at)} ({s.names[entry]})", {"at_s": at}
 
 
-def _final(s: Stack, _: float) -> _Measured:
-    last = s.x[-1]
+def _final(s: Stacked, _: float) -> _Measured:
+    x = np.zeros((1, len(s.names)))
+    for rows in s:
+        x = rows.x[-1:]
+    last = x[0]
     parts = dict(zip(s.names, last.tolist(), strict=True))
     if len(last) == 1:
-        return float(last[0]), f"at the end ({time_text(s.t[-1])})", parts
+        return float(last[0]), f"at the end ({time_text(s.last)})", parts
     entries = with_unit(0.0, s.unit).removeprefix("0")
     entries = f"({', '.join(f'{x:.4g}' for x in last)}){entries}"
-    words = f"at the end ({time_text(s.t[-1])}), length of {entries}"
-    return float(length(s.x[-1:])[0]), words, parts
+    words = f"at the end ({time_text(s.last)}), length of {entries}"
+    return float(length(x)[0]), words, parts
 
 
 #: Sums and means over time in words, for the signals they are of.
@@ -333,7 +409,7 @@ _WORDS: Mapping[Kind, str] = {
     "rms": "RMS",
     "tail_mean": "mean magnitude",
 }
-_MEASURES: Mapping[Kind, Callable[[Stack, float], _Measured]] = {
+_MEASURES: Mapping[Kind, Callable[[Stacked, float], _Measured]] = {
     "norm": _norm,
     "integral_abs": _integral_abs,
     "rms": _rms,

@@ -22,13 +22,15 @@ from cosim.formulas.syntax import Connective, Formula, Inequality, Temporal, com
 from cosim.formulas.terms import Binder, Known, Lookup, Term, shown_unit
 from cosim.formulas.tokens import FormulaError
 from cosim.measure import declared_metrics
+from cosim.measure.deciding_rows import deciding_rows
 from cosim.measure.declared_metrics import Preview
 from cosim.measure.metric_result import with_unit
 from cosim.measure.metrics import Metric
 from cosim.measure.robustness import Robustness, Verdict, stopped, undecided
 from cosim.record import Run, seal, write_metadata
 from cosim.record.folder import METADATA, read_metadata
-from cosim.record.signals import Array, Signals
+from cosim.record.piecewise import extent
+from cosim.record.signals import Signals
 from cosim.scenario.spec import Scenario
 
 #: Rows that may be missing at the end of a run: that of its last time, which some runs do not have.
@@ -73,20 +75,18 @@ class Requirement:
         before, the result is inconclusive if what is missing could change the verdict. Raises
         ScenarioError for signals that are not there.
         """
-        t = np.asarray(signals.t, dtype=np.float64)
-        if not len(t):
+        count, begin, last = extent(signals)
+        if not count:
             return self._undecided("nothing was recorded")
-        covered, end = _covered(t, end)
+        step = (last - begin) / max(1, count - 1)
+        covered, end = _covered(last, end, step)
         if self.metrics:
             return self._of_metrics(signals, covered, end)
-
-        def lookup(name: str) -> Array:
-            return np.asarray(signals.array(name), dtype=np.float64).T
-
-        trace = RecordedTrace(t, lookup, end)
+        t, lookup = deciding_rows(self.formula, self.names, signals, step)
+        trace = RecordedTrace(t, lookup, end, step=step)
         high = low = trace.at(self.formula, 0)
-        if covered < end or t[0] + self.formula.tail > covered + 1e-9 * (covered - t[0]):
-            trace, other = RecordedTrace(t, lookup, end, 1), RecordedTrace(t, lookup, end, -1)
+        if covered < end or begin + self.formula.tail > covered + 1e-9 * (covered - begin):
+            trace, other = (RecordedTrace(t, lookup, end, x, step) for x in (1, -1))
             high, low = trace.at(self.formula, 0), other.at(self.formula, 0)
             if high == inf:
                 trace = other
@@ -167,12 +167,10 @@ def _at_best(name: str, value: float, end: float) -> float:
     return end if value == inf and name.endswith(SETTLES) else value
 
 
-def _covered(t: Array, end: float | None) -> tuple[float, float]:
-    """The time until which a run is known, and its end, s."""
-    last = float(t[-1])
+def _covered(last: float, end: float | None, step: float) -> tuple[float, float]:
+    """The time until which a run is known, and its end, s; `step`: between its rows, s."""
     if end is None or end <= last:
         return last, last
-    step = (last - float(t[0])) / max(1, len(t) - 1)
     return (end, last) if end - last <= MISSING * step else (last, end)
 
 
@@ -301,7 +299,7 @@ def of_run(scenario: Scenario, run: Run, failed_at: float | None = None) -> tupl
     ticks, step = facts.get("ticks"), facts.get("step")
     end = facts.get("start", 0.0) + ticks * step if ticks and step else None
     error = str(facts.get("error") or "")
-    last = float(run.t[-1]) if len(run) else nan
+    last = extent(run)[2]
     if failed_at is None:
         failed_at = facts.get("failed_at", last if error else None)
     preview = Preview(units)

@@ -17,10 +17,11 @@ def digest(run: Run) -> str:
     """
     found = sha256()
     for name in ("t", *run.names):
-        values = np.ascontiguousarray(run.column(name), "<f8")
-        missing = np.isnan(values)
-        if missing.any():
-            values = np.where(missing, np.nan, values)
         found.update(f"{name}\0".encode())
-        found.update(values.data)
+        for piece in run.pieces([name]):
+            values = np.ascontiguousarray(piece.column(name), "<f8")
+            missing = np.isnan(values)
+            if missing.any():
+                values = np.where(missing, np.nan, values)
+            found.update(values.data)
     return found.hexdigest()

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from itertools import islice
+from math import inf
 from pathlib import Path
 from typing import Any
 from warnings import warn
@@ -21,6 +23,8 @@ Array = NDArray[np.float64]
 
 #: Bytes of the columns that are read together with one that is asked for.
 AHEAD = 1 << 20
+#: Values of a run that is read as a whole, and of a piece of one with more.
+WHOLE, PIECE = 1 << 23, 1 << 20
 
 _ENTRY = re.compile(r"(.+?)((?:\[[\d, ]+\])+)$")  # master.q[0], m.xi_in[1,0], m.xi_in[1][0]
 
@@ -87,7 +91,7 @@ class Run:
 
         run = cls(path, in_memory(path.parent))
         what = "is still active" if is_recording(path.parent) else "was interrupted"
-        until = f"is recorded until t = {run.t[-1]:.6g} s" if len(run) else "contains no rows"
+        until = f"is recorded until t = {run.span[1]:.6g} s" if len(run) else "contains no rows"
         warn(f"{path.parent}: the run {what}; it {until}", CutShort, stacklevel=3)
         return run
 
@@ -126,6 +130,48 @@ class Run:
         stacked = np.stack([self._cache[name] for name in names], axis=1)
         stacked.flags.writeable = False
         return stacked
+
+    def pieces(self, prefixes: Sequence[str], since: float = -inf) -> Iterator[Run | RunPiece]:
+        """The rows in order, in pieces of which each has `t` and these signals or entries.
+
+        A small run is one piece, the run itself. Pieces that end before the time `since`, s, are
+        left out. Memory does not depend on the number of rows.
+        """
+        names = list(dict.fromkeys(name for prefix in prefixes for name in self.entries(prefix)))
+        if len(self) * len(self.units) <= WHOLE:
+            self._load(["t", *names])
+            yield self
+            return
+        most, at, groups = PIECE // (1 + len(names)), 0, list[int]()
+        for group in range(self._file.num_row_groups):
+            rows = self._file.metadata.row_group(group).num_rows
+            if groups and at + rows > most:
+                yield from self._piece(groups, names, since)
+                at, groups = 0, []
+            at, groups = at + rows, [*groups, group]
+        yield from self._piece(groups, names, since)
+
+    def _piece(self, groups: list[int], names: list[str], since: float) -> Iterator[RunPiece]:
+        if since > -inf and since > self._read(groups[-1:], ["t"])["t"][-1]:
+            return
+        columns = self._read(groups, list(dict.fromkeys(["t", *names])))
+        yield RunPiece(self, columns["t"], columns)
+
+    def _read(self, groups: list[int], names: list[str]) -> dict[str, Array]:
+        """Columns of row groups. Raises ScenarioError."""
+        try:
+            table = self._file.read_row_groups(groups, columns=names, use_threads=False)
+        except (OSError, ValueError) as error:
+            raise ScenarioError(f"cannot be read: {reason(error)}", str(self.path)) from error
+        return {name: numpy(table.column(name), np.float64) for name in names}
+
+    @property
+    def span(self) -> tuple[float, float]:
+        """Times of the first and the last row, s; there must be one."""
+        if "t" in self._cache or len(self) * len(self.units) <= WHOLE:
+            return float(self.t[0]), float(self.t[-1])
+        last = self._file.num_row_groups - 1
+        return float(self._read([0], ["t"])["t"][0]), float(self._read([last], ["t"])["t"][-1])
 
     def entries(self, prefix: str) -> tuple[str, ...]:
         """Names of the scalars that :meth:`array` stacks."""
@@ -229,6 +275,31 @@ class Run:
             for i in range(self._file.num_row_groups):
                 file.write_table(self._file.read_row_group(i, columns=chosen).select(chosen))
         return path
+
+
+@dataclass(frozen=True, slots=True)
+class RunPiece:
+    """Some rows of a run: `t` (n,), s, and the columns that were asked for, (n,) each."""
+
+    run: Run
+    t: Array
+    columns: Mapping[str, Array]
+
+    def column(self, name: str) -> Array:
+        """One of the columns, (n,), in its unit."""
+        return self.columns[name]
+
+    def array(self, prefix: str) -> Array:
+        """Entries of a signal, (n, m)."""
+        return np.stack([self.columns[name] for name in self.entries(prefix)], axis=1)
+
+    def entries(self, prefix: str) -> tuple[str, ...]:
+        """Names of those entries."""
+        return self.run.entries(prefix)
+
+    def unit(self, prefix: str) -> str:
+        """Unit of a signal. Raises ScenarioError if its entries differ in it."""
+        return self.run.unit(prefix)
 
 
 def _text(data: bytes, path: Path) -> str:

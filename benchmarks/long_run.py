@@ -1,0 +1,132 @@
+"""Memory and time of the commands that read a recording, for runs of growing length.
+
+    python benchmarks/long_run.py [--rows 1e6 1e7 1e8] [--commands run report ...] [--json FILE]
+
+A mass that comes to rest is recorded at every tick, in two signals.
+Each command is a process of its own, of which the peak of resident memory and the wall time are
+measured. The recording of 1e8 rows takes 2 GB, beside the current folder; it is deleted
+afterwards.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import subprocess
+import sys
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+sys.path.append(str(Path(__file__).resolve().parents[1]))
+
+from benchmarks import tables
+from cosim.base.clock import stopwatch
+
+COMMAND = str(Path(sys.executable).with_name("cosim"))
+GOAL = 300  # MB of resident memory
+SCENARIO = """
+title = "A mass that comes to rest, recorded at every tick"
+[run]
+step = "1 ms"
+stop = "{stop} s"
+[components.mass]
+model = "fmus.models.pointmass"
+start = {{ dx = 1.0 }}
+parameters = {{ b = 0.01 }}
+[metrics]
+rest = {{ kind = "error", of = ["mass.dx"], target = [0.0], within = 0.05 }}
+way = {{ kind = "norm", of = ["mass.x"] }}
+late = {{ kind = "tail_mean", of = ["mass.dx"], window = "10 s" }}
+swing = {{ kind = "vibration", of = ["mass.x"], window = "10 s" }}
+peak = {{ kind = "peak", of = ["mass.dx"] }}
+[require.near]
+always = "abs(mass.x) <= 200 m"
+[figures.motion]
+[[figures.motion.panels]]
+y = ["mass.x", "mass.dx"]
+"""
+#: Words of each command; `run` is the first, and `other` a second run.
+CALLS = {
+    "run": ["run", "{scenario}", "--out", "{run}", "--no-live"],
+    "report": ["report", "{run}"],
+    "png": ["report", "{run}", "--png"],
+    "info": ["info", "{run}"],
+    "diff": ["diff", "{run}", "{run}"],
+    "analyze": ["analyze", "{run}", "--no-tests"],
+    "csv": ["export", "{run}", "--to", "{folder}/run.csv"],
+    "parquet": ["export", "{run}", "--to", "{folder}/copy.parquet"],
+    "mcap": ["export", "{run}", "--to", "{folder}/run.mcap"],
+}
+
+
+def measured(words: list[str]) -> dict[str, Any]:
+    """Wall time, s, and peak of resident memory, MB, of a command."""
+    watch = stopwatch()
+    process = subprocess.Popen([COMMAND, *words], stdout=subprocess.DEVNULL)
+    peak = 0
+    while process.poll() is None:
+        peak = max(peak, _peak(process.pid))
+        try:
+            process.wait(0.05)
+        except subprocess.TimeoutExpired:
+            continue
+    return {"s": watch(), "mb": peak / 1000, "exit": process.returncode}
+
+
+def _peak(pid: int) -> int:
+    """The largest peak of a process and its children, kB; 0 when they are gone."""
+    found = 0
+    for each in (pid, *_children(pid)):
+        try:
+            text = Path(f"/proc/{each}/status").read_text(encoding="ascii")
+        except OSError:
+            continue
+        lines = [line for line in text.splitlines() if line.startswith("VmHWM:")]
+        found = max([found, *(int(line.split()[1]) for line in lines)])
+    return found
+
+
+def _children(pid: int) -> list[int]:
+    try:
+        text = Path(f"/proc/{pid}/task/{pid}/children").read_text(encoding="ascii")
+    except OSError:
+        return []
+    return [int(child) for child in text.split()]
+
+
+def rows(count: int, commands: list[str]) -> list[dict[str, Any]]:
+    """A row for each command on a recording of `count` rows."""
+    found = []
+    with TemporaryDirectory(prefix="long-run-", dir=Path.cwd()) as folder:
+        scenario = Path(folder) / "long.toml"
+        scenario.write_text(SCENARIO.format(stop=(count - 1) / 1000), encoding="utf-8")
+        names = {"scenario": str(scenario), "run": f"{folder}/run", "folder": folder}
+        for command in dict.fromkeys(["run", *commands]):
+            row = measured([word.format(**names) for word in CALLS[command]])
+            for kind in ("run.csv", "copy.parquet", "run.mcap"):
+                (Path(folder) / kind).unlink(missing_ok=True)
+            print(f"{count:>10} {command:<8} {row['mb']:6.0f} MB {row['s']:7.1f} s {row['exit']}",
+                  file=sys.stderr)  # fmt: skip
+            found.append({"rows": count, "command": command, **row})
+    return found
+
+
+def main() -> None:
+    """Measure and print a table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--rows", type=float, nargs="+", default=[1e6, 1e7, 1e8])
+    parser.add_argument("--commands", nargs="+", choices=sorted(CALLS), default=list(CALLS))
+    parser.add_argument("--json", type=Path)
+    given = parser.parse_args()
+    found = [row for count in given.rows for row in rows(int(count), given.commands)]
+    if given.json:
+        data = {"machine": tables.machine(), "goal_mb": GOAL, "rows": found}
+        given.json.write_text(json.dumps(data, indent=2) + "\n", encoding="utf-8")
+    head = ["rows", "command", "peak, MB", "time, s"]
+    lines = [(f"{r['rows']:.0e}", r["command"], f"{r['mb']:.0f}", f"{r['s']:.1f}") for r in found]
+    print(tables.grid(head, lines))
+
+
+if __name__ == "__main__":
+    main()

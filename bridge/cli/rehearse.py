@@ -52,6 +52,14 @@ class RehearsalOptions(OutputOptions):
             "lockstep (as fast as samples arrive; Zenoh only)."
         ),
     ] = "wall"
+    hosts: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Hosts to start the nodes on: by ssh, srun or in network namespaces, in lock-step "
+            "(see docs/scale.md).",
+        ),
+    ] = None
     faults: Annotated[
         Path | None,
         typer.Option(metavar="SCRIPT", help="Fault script: faults to inject (see docs/faults.md)."),
@@ -99,7 +107,7 @@ def rehearse(
     changes = [*deploy.set_]
     changes += [f"run.seed={options.seed}"] if options.seed is not None else []
     changes += [] if options.latency else ["deploy.latency=false"]
-    changes += clock_settings(deployments.load(path), options.clock)
+    changes += clock_settings(deployments.load(path), _clock(hardware, options))
     changes += deploy.settings(deployments.load(path))
     system = load_system(scenario, str(path), changes)
     refuse_in_simulated_time(
@@ -124,6 +132,23 @@ def rehearse(
         images=images(system, options.firmware),
     )
     _run(system, settings, options, found)
+
+
+def _clock(hardware: HardwareOptions, options: RehearsalOptions) -> str:
+    """The clock; with hosts lock-step. Raises ScenarioError for what hosts cannot have."""
+    from cosim.base.errors import ScenarioError
+
+    if options.hosts is None:
+        return options.clock
+    given = {
+        "--nodes": options.nodes, "--outside": options.outside, "--faults": options.faults,
+        "--firmware": options.firmware, "--hardware": hardware.hardware,
+        "--clock simulated": options.clock == "simulated",
+    }  # fmt: skip
+    for option, said in given.items():
+        if said:
+            raise ScenarioError(f"found {option} with --hosts, expected it without: lock-step only")
+    return "lockstep"
 
 
 def _selected_nodes(system: System, nodes: str | None) -> tuple[str, ...]:
@@ -187,6 +212,13 @@ def _run(
     if script is not None:
         settings = replace(settings, events=injector.events(script, system, images=settings.images))
     folder = options.folder(f"{system.scenario.name}-{system.deployment.name}")
+    started, placed = None, None
+    if options.hosts is not None:
+        from bridge.rehearsal import host_file
+        from bridge.rehearsal.remote import on_hosts
+
+        started, placed = on_hosts(system, host_file.load(options.hosts), settings.changes, folder)
+        settings = replace(settings, starter=started, warm_up=0.0)
     facts = {
         "settings": list(settings.changes), "faults": settings.script, "real": settings.real,
         "command": this_command(), "findings": found,
@@ -195,7 +227,7 @@ def _run(
         if options.force:
             clear(folder)
         claim_folder(folder, force=options.force)
-        options.say(header(system))
+        options.say("\n".join([header(system), *(placed.lines() if placed else ())]))
         outcome, interrupted = _rehearsed(system, settings, folder, facts, script, options)
         verdict = _say(system, outcome, options)
         if options.json is not None:
@@ -293,6 +325,8 @@ def rewrite_report(folder: Path) -> Path:
 
 def header(system: System) -> str:
     """The line that says what is about to run."""
+    from bridge.node.lockstep import is_lockstep
+
     d = system.deployment
     nodes = ", ".join(f"{n} ({1 / p.h:g} Hz)" for n, p in system.nodes.items())
     buses = ", ".join(
@@ -301,6 +335,7 @@ def header(system: System) -> str:
     )
     length = system.plan.ticks * system.plan.h
     clock = "in simulated time" if d.clock == "simulated" else "on the wall clock"
+    clock = "in lock-step" if is_lockstep(system) else clock
     return f"{system.scenario.title}\n{d.title}: {nodes}; {buses}; {length:g} s {clock}"
 
 

@@ -12,6 +12,7 @@ from typing import Annotated, Any, Literal, TypeVar, get_args
 
 import msgspec
 
+from bridge.deployment.counted import MOST, MOST_ON_CAN, expand_counted
 from bridge.deployment.motors import expand
 from bridge.deployment.signal_spec import SignalSpec
 from bridge.drives.model import DriveSpec
@@ -98,7 +99,7 @@ class NodeSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=
     0 at a stop; `priority`, `cpu`: see :mod:`bridge.realtime.requests`. All times are in s.
     """
 
-    number: Annotated[int, msgspec.Meta(ge=1, le=31)]
+    number: Annotated[int, msgspec.Meta(ge=1, le=MOST)]
     components: tuple[str, ...] = ()
     step: Number | None = None
     phase: Number = 0.0
@@ -226,6 +227,7 @@ def load(path: str | Path, settings: Sequence[str] = ()) -> Deployment:
     for setting in settings:
         change(document, setting)
     expand(document, path)
+    expand_counted(document, path)
     for key in document:
         if key not in _TABLES:
             known = ", ".join((*_TABLES, "motors"))
@@ -261,7 +263,11 @@ def _check(d: Deployment) -> None:
     """Check that names exist and that numbers differ. Raises ScenarioError."""
     numbers: dict[int, str] = {}
     homes: dict[str, str] = {}
+    can = [name for name, bus in d.buses.items() if bus.kind == "can"]
     for name, node in d.nodes.items():
+        if can and node.number > MOST_ON_CAN:
+            text = f"found {node.number}; expected 1 to {MOST_ON_CAN}, because {can[0]} is CAN"
+            raise ScenarioError(text, d.place("nodes", name, "number"))
         if node.number in numbers:
             text = f"number {node.number} is {numbers[node.number]}'s already"
             raise ScenarioError(text, d.place("nodes", name, "number"))

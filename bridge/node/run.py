@@ -308,9 +308,15 @@ def _counts(receiver: Receiver) -> dict[str, int]:
 # ---- as a process ---------------------------------------------------------------------------
 
 
-def run_started(start: NodeStart, say: Say, listen: Callable[[Control], None]) -> Statement:
-    """Like :func:`run_node`, with the settings of a supervisor. Raises CosimError."""
-    system = load_system(start.scenario, str(start.deployment), start.settings)
+def run_started(
+    start: NodeStart, say: Say, listen: Callable[[Control], None], system: System | None = None
+) -> Statement:
+    """Like :func:`run_node`, with the settings of a supervisor; `system`: if it was read already.
+
+    Raises CosimError.
+    """
+    if system is None:
+        system = load_system(start.scenario, str(start.deployment), start.settings)
     options = NodeOptions(
         life=start.life,
         folder=start.folder.absolute(),  # an FMU may change the working directory

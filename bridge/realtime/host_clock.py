@@ -59,6 +59,11 @@ class HostClock:
         a, b, c_, d = (float(int.from_bytes(digest[i : i + 4], "big")) for i in range(0, 16, 4))
         return a, b, c_, d
 
+    @property
+    def identity_text(self) -> str:
+        """`identity` as 32 hexadecimal digits."""
+        return "".join(f"{int(word):08x}" for word in self.identity)
+
     def describe(self) -> str:
         """For reports."""
         if not self.kept:

@@ -6,13 +6,25 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 from bridge.faults.script import FaultEvent
-from bridge.node.handle import NodeHandle, SlotImage
+from bridge.node.handle import NodeHandle, NodeStart, SlotImage
 from bridge.records.records import Note
 
 OnHost = Callable[[str], AbstractContextManager[None]]
+
+
+class NodeStarter(Protocol):
+    """Other hosts, on which it starts nodes; entered with a rehearsal, and left at its end."""
+
+    def __enter__(self) -> object: ...
+
+    def __exit__(self, *raised: object) -> None: ...
+
+    def start_node(self, start: NodeStart) -> NodeHandle:
+        """Start a life of a node on its host."""
+        ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,6 +71,7 @@ class Settings:
     nodes: tuple[str, ...] = ()  # those started here; empty: all
     outside: Mapping[str, str] = field(default_factory=dict)  # commands of other nodes' programs
     on_host: OnHost = lambda node: nullcontext()  # the host a node's process is started on
+    starter: NodeStarter | None = None  # of all nodes; None: processes of this host
     say: Callable[[str], None] = lambda text: None
     images: Mapping[str, SlotImage] = field(default_factory=dict)
 

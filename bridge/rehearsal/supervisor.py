@@ -84,6 +84,8 @@ class Rehearsal:
 
     def __enter__(self) -> Rehearsal:
         self._addresses = self._stack.enter_context(served(self.system, self._lags))
+        if self.settings.starter is not None:
+            self._stack.enter_context(self.settings.starter)
         return self
 
     def _start_outside(self) -> None:
@@ -118,8 +120,12 @@ class Rehearsal:
             script=s.script,
             image=s.images.get(name),
         )
-        with s.on_host(name):
-            process = self._kind(start)
+        process: NodeHandle
+        if s.starter is not None:
+            process = s.starter.start_node(start)
+        else:
+            with s.on_host(name):
+                process = self._kind(start)
         self._stack.callback(process.end)
         self.ended.lives.append(process)
         self.current[name] = process

@@ -2,7 +2,8 @@
 
 It serves nodes in client mode if no zenohd is available. It prints ``ready`` on standard output,
 and ends when its standard input is closed or on SIGTERM. With ``--insecure`` it may listen without
-encryption beyond this machine; ``--keys FOLDER`` replaces ``{keys}`` in the file.
+encryption beyond this machine; ``--keys FOLDER`` replaces ``{keys}`` in the file, and ``--connect
+ENDPOINT`` joins it to another router; repeatable.
 """
 
 from __future__ import annotations
@@ -24,15 +25,17 @@ def main(arguments: Sequence[str]) -> int:
     parser = argparse.ArgumentParser(prog="bridge.zenoh.router")
     parser.add_argument("file", type=Path)
     parser.add_argument("listen", nargs="+")
+    parser.add_argument("--connect", action="append", default=[], metavar="ENDPOINT")
     parser.add_argument("--insecure", action="store_true")
     parser.add_argument("--keys", type=Path, default=Path("keys"))
     given = parser.parse_args(arguments)
     try:
-        for endpoint in given.listen:
-            check_endpoint(endpoint, "listen", insecure=given.insecure)
+        for endpoint in (*given.listen, *given.connect):
+            check_endpoint(endpoint, "router", insecure=given.insecure)
         options = ZenohOptions(
             "router",
             tuple(given.listen),
+            tuple(given.connect),
             config=given.file,
             keys=given.keys,
             insecure=given.insecure,

@@ -19,6 +19,7 @@ from cosim.record import Run
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 TELEOPERATION = CONFIGS / "teleoperation.toml"
+MANY = CONFIGS / "many.toml"
 NETWORK = CONFIGS / "network.toml"
 OPENARM = CONFIGS / "openarm.toml"
 SIX_AXIS = CONFIGS / "six_axis.toml"
@@ -71,7 +72,7 @@ def system_of(
 
 def scenario_of(name: str) -> Path:
     """The scenario of a deployment of configs/deploy: its name begins with the scenario's."""
-    known = (NETWORK, OPENARM, SIX_AXIS_POSITION, SIX_AXIS)
+    known = (MANY, NETWORK, OPENARM, SIX_AXIS_POSITION, SIX_AXIS)
     others = (path for path in known if name.startswith(path.stem))
     return next(others, TELEOPERATION)
 

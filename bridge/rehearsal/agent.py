@@ -1,0 +1,363 @@
+"""The nodes of one host: ``python -m bridge.rehearsal.agent``, started there by a rehearsal.
+
+Lines of JSON come in. The first is a :class:`HostTask`; then ``{"start": NodeStart}``, ``{"to":
+LIFE, "command": …}``, ``{"to": LIFE, "signal": N}`` and ``{"collect": true}``. The ``kind`` of a
+line that goes out is ``hello``, ``router``, ``loaded``, ``node`` (an event of a life), ``ended``
+(of a life), ``file`` (a part of one), ``collected`` or ``failed``.
+
+The scenario is read once, and each node is a copy of this process. When the lines end, or the
+router of this host does, all nodes are killed: a lost connection leaves nothing behind.
+"""
+
+from __future__ import annotations
+
+import base64
+import ctypes as c
+import hashlib
+import json
+import os
+import selectors
+import signal
+import subprocess
+import sys
+import zlib
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, Self, final
+
+from bridge.deployment.system import System, load_system
+from bridge.node.control import listen_to
+from bridge.node.handle import NodeStart
+from bridge.node.run import done, run_started
+from bridge.realtime.host_clock import host_clock
+from cosim.base.errors import CosimError
+from cosim.base.python import add_working_directory, python_call
+
+#: Bytes of a file in one line, before compression.
+PART = 1 << 20
+#: ``PR_SET_PDEATHSIG``: the signal that a process gets when its parent has died.
+_PDEATHSIG = 1
+_READ = 1 << 16
+
+
+@dataclass(frozen=True, slots=True)
+class HostTask:
+    """The task of a host: `settings` are those of the run and this host's own.
+
+    `folder`: for its journals; "": its own, and they are sent at the end. `listen`, `connect`:
+    endpoints of its Zenoh router; `router`: its configuration file, "": the usual one; `client`:
+    the endpoint of it for the nodes; `buses`: those of Zenoh.
+    """
+
+    scenario: str
+    deployment: str
+    settings: tuple[str, ...]
+    folder: str
+    listen: tuple[str, ...]
+    connect: tuple[str, ...]
+    client: str
+    buses: tuple[str, ...]
+    router: str = ""
+    insecure: bool = False
+
+    def text(self) -> str:
+        """The task as JSON."""
+        return json.dumps(asdict(self))
+
+    @classmethod
+    def parse(cls, text: str) -> Self:
+        """The task that :meth:`text` wrote."""
+        said = json.loads(text)
+        found: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in said.items()}
+        return cls(**found)
+
+
+def digest_of(scenario: Path, deployment: Path) -> str:
+    """A digest of both files. Raises OSError."""
+    found = hashlib.sha256()
+    for path in (scenario, deployment):
+        found.update(hashlib.sha256(path.read_bytes()).digest())
+    return found.hexdigest()
+
+
+#: Configuration of a node behind the router of its host: a busy host stops it for seconds.
+CLIENT: Mapping[str, Any] = {
+    "mode": "client",
+    "scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": False}, "delay": 50},
+    "transport": {
+        "unicast": {"open_timeout": 20000, "accept_timeout": 20000},
+        "link": {"tx": {"lease": 30000, "keep_alive": 4, "queue": {"size": {"real_time": 16}}}},
+    },
+}
+#: The same for the router: one of many hosts accepts all its nodes at once.
+ROUTER: Mapping[str, Any] = {
+    **CLIENT,
+    "mode": "router",
+    "transport": {
+        "unicast": {"open_timeout": 20000, "accept_timeout": 20000, "accept_pending": 10000},
+        "link": CLIENT["transport"]["link"],
+    },
+}
+
+
+@final
+class Agent:
+    """The nodes and the router of one host; `say` sends a line."""
+
+    def __init__(self, task: HostTask, folder: Path) -> None:
+        self.task, self.scratch = task, folder
+        self.nodes = Path(task.folder) if task.folder else folder / "nodes"
+        self._select = selectors.DefaultSelector()
+        self._lives: dict[str, _Life] = {}
+        self._router: subprocess.Popen[bytes] | None = None
+        self._system: System | None = None
+        self._rest = b""
+        self._over = False
+
+    def say(self, kind: str, **facts: Any) -> None:
+        """Send a line; who started this may be gone."""
+        with suppress(BrokenPipeError):
+            sys.stdout.write(json.dumps({"kind": kind, **facts}) + "\n")
+            sys.stdout.flush()
+
+    def run(self) -> int:
+        """Work until the lines end. Returns the exit code."""
+        clock = host_clock()
+        self.say(
+            "hello",
+            host=clock.identity_text,
+            name=os.uname().nodename,
+            digest=digest_of(Path(self.task.scenario), Path(self.task.deployment)),
+        )
+        self.nodes.mkdir(parents=True, exist_ok=True)
+        self._start_router()
+        self._system = load_system(self.task.scenario, self.task.deployment, self._settings())
+        self.say("loaded")
+        self._select.register(sys.stdin.fileno(), selectors.EVENT_READ, None)
+        while not self._over:
+            for key, _ in self._select.select():
+                if key.data is None:
+                    self._commands()
+                elif key.data == "router":
+                    self._router_ended()
+                else:
+                    self._heard(key.data)
+        return 0
+
+    def close(self) -> None:
+        """Kill the nodes and end the router."""
+        for life in self._lives.values():
+            life.kill(signal.SIGKILL)
+        for life in self._lives.values():
+            life.reap()
+        if self._router is not None:
+            self._router.kill()
+            self._router.wait()
+
+    def _settings(self) -> list[str]:
+        path = self.scratch / "client.json5"
+        path.write_text(json.dumps(CLIENT), encoding="utf-8")
+        found = list(self.task.settings)
+        for bus in self.task.buses:
+            at = f"deploy.buses.{bus}"
+            found += [
+                f"{at}.zenoh='{path}'", f"{at}.options.listen={{}}",
+                f'{at}.options.connect="{self.task.client}"',
+            ]  # fmt: skip
+        return found
+
+    def _start_router(self) -> None:
+        """Start the router and wait until it listens. Raises CosimError."""
+        task, path = self.task, self.scratch / "router.json5"
+        path.write_text(json.dumps(ROUTER), encoding="utf-8")
+        words = [task.router or str(path), *task.listen]
+        words += [f"--connect={endpoint}" for endpoint in task.connect]
+        words += ["--insecure"] if task.insecure else []
+        self._router = subprocess.Popen(
+            python_call("bridge.zenoh.router", *words),
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+            stderr=(self.scratch / "router.err").open("wb"), start_new_session=True,
+        )  # fmt: skip
+        self.say("router", pid=self._router.pid)
+        assert self._router.stdout is not None
+        if self._router.stdout.readline() != b"ready\n":
+            raise CosimError(self._router_text())
+        self._select.register(self._router.stdout.fileno(), selectors.EVENT_READ, "router")
+
+    def _router_text(self) -> str:
+        assert self._router is not None
+        code = self._router.wait()
+        said = (self.scratch / "router.err").read_text("utf-8", "replace").strip()
+        return f"its Zenoh router has ended: {ending(code)}{f': {said}' if said else ''}"
+
+    def _router_ended(self) -> None:
+        raise CosimError(self._router_text())
+
+    # ---- lines -------------------------------------------------------------------------------
+
+    def _commands(self) -> None:
+        data = os.read(sys.stdin.fileno(), _READ)
+        if not data:
+            self._over = True
+        *lines, self._rest = (self._rest + data).split(b"\n")
+        for line in lines:
+            self._obey(json.loads(line))
+
+    def _obey(self, said: Mapping[str, Any]) -> None:
+        if "start" in said:
+            self._start(NodeStart.parse(said["start"]))
+        elif "collect" in said:
+            self._collect()
+        elif (life := self._lives.get(said["to"])) is not None:
+            if "signal" in said:
+                life.kill(said["signal"])
+            else:
+                command = {k: v for k, v in said.items() if k != "to"}
+                life.tell(json.dumps(command).encode() + b"\n")
+
+    def _start(self, start: NodeStart) -> None:
+        """A copy of this process becomes a life of a node."""
+        commands, events = os.pipe(), os.pipe()
+        pid = os.fork()
+        if pid == 0:
+            os._exit(self._become(start, commands[0], events[1]))
+        os.close(commands[0])
+        os.close(events[1])
+        name = str(start.life)
+        errors = self.nodes / start.life.file("err")
+        life = self._lives[name] = _Life(name, pid, commands[1], events[0], errors)
+        self._select.register(events[0], selectors.EVENT_READ, life)
+        self.say("node", life=name, pid=pid)
+
+    def _become(self, start: NodeStart, commands: int, events: int) -> int:
+        """The life of a node in this process, which is a copy. Returns its exit code."""
+        code = 1
+        try:
+            errors = os.open(self.nodes / start.life.file("err"), os.O_WRONLY | os.O_CREAT)
+            for number, descriptor in enumerate((commands, events, errors)):
+                os.dup2(descriptor, number)
+            os.closerange(3, 3 + max(_descriptors(), default=0))
+            c.CDLL(None).prctl(_PDEATHSIG, signal.SIGKILL)
+            lines = os.fdopen(0, "r", encoding="utf-8", closefd=False)
+            code = _life(start, self.nodes, self._system, lines)
+        except BaseException as error:
+            os.write(2, f"{type(error).__name__}: {error}\n".encode())
+        return code
+
+    def _heard(self, life: _Life) -> None:
+        for event in life.read():
+            self.say("node", life=life.name, event=event)
+        if life.code is not None:
+            self._select.unregister(life.events)
+            life.close()
+            self.say("ended", life=life.name, code=life.code, error=life.last_error())
+
+    def _collect(self) -> None:
+        """Send the files of all nodes, unless they are where they belong."""
+        for path in sorted(self.nodes.iterdir()) if not self.task.folder else ():
+            with path.open("rb") as file:
+                part = file.read(PART)
+                while True:
+                    data = base64.b64encode(zlib.compress(part, 1)).decode()
+                    self.say("file", name=path.name, data=data)
+                    if not (part := file.read(PART)):
+                        break
+        self.say("collected")
+
+
+def _descriptors() -> list[int]:
+    return [int(name) for name in os.listdir("/proc/self/fd")]
+
+
+def _life(start: NodeStart, folder: Path, system: System | None, lines: Any) -> int:
+    from dataclasses import replace
+
+    def say(event: Mapping[str, Any]) -> None:
+        with suppress(BrokenPipeError):
+            os.write(1, (json.dumps(event) + "\n").encode())
+
+    try:
+        report = run_started(replace(start, folder=folder), say, listen_to(lines), system)
+    except CosimError as error:
+        say({"event": "failed", "error": str(error), "exit_code": error.exit_code})
+        return error.exit_code
+    say(done(report))
+    return 0
+
+
+@final
+class _Life:
+    """One life of a node as the process from which it was copied sees it."""
+
+    def __init__(self, name: str, pid: int, commands: int, events: int, errors: Path) -> None:
+        self.name, self.pid, self.events = name, pid, events
+        self._commands, self._errors, self._rest = commands, errors, b""
+        self.code: int | None = None
+
+    def tell(self, line: bytes) -> None:
+        with suppress(BrokenPipeError, OSError):
+            os.write(self._commands, line)
+
+    def kill(self, number: int) -> None:
+        if self.code is None:
+            os.kill(self.pid, number)
+
+    def read(self) -> Sequence[Mapping[str, Any]]:
+        """Its new events; at their end its code is known."""
+        data = os.read(self.events, _READ)
+        if not data:
+            self.reap()
+        *lines, self._rest = (self._rest + data).split(b"\n")
+        found = []
+        for line in lines:
+            with suppress(ValueError):  # a component may print something
+                found.append(json.loads(line))
+        return found
+
+    def reap(self) -> None:
+        """Wait for its end."""
+        if self.code is None:
+            _, status = os.waitpid(self.pid, 0)
+            self.code = os.waitstatus_to_exitcode(status)
+
+    def close(self) -> None:
+        for descriptor in (self._commands, self.events):
+            os.close(descriptor)
+
+    def last_error(self) -> str:
+        text = ""
+        with suppress(OSError):
+            text = self._errors.read_text("utf-8", "replace").strip()
+        return text.splitlines()[-1] if text else ""
+
+
+def ending(code: int) -> str:
+    """The end of a process in words."""
+    return f"killed by {signal.Signals(-code).name}" if code < 0 else f"exit code {code}"
+
+
+def main() -> int:
+    """Serve until standard input ends. Returns the exit code."""
+    data = b""
+    while not data.endswith(b"\n"):  # nothing of the lines behind it is taken
+        one = os.read(sys.stdin.fileno(), 1)
+        if not one:
+            return 0
+        data += one
+    with TemporaryDirectory(prefix="cosim-") as folder:
+        agent = Agent(HostTask.parse(data.decode()), Path(folder))
+        try:
+            return agent.run()
+        except (CosimError, OSError) as error:
+            agent.say("failed", error=str(error))
+            return 1
+        finally:
+            agent.close()
+
+
+if __name__ == "__main__":
+    add_working_directory()
+    sys.exit(main())

@@ -1,0 +1,288 @@
+"""Nodes on other hosts: one connection to each, over which its nodes are started and watched.
+
+The program at the other end is :mod:`bridge.rehearsal.agent`. The end of a connection is the end of
+all nodes of its host.
+"""
+
+from __future__ import annotations
+
+import base64
+import json
+import queue
+import signal
+import subprocess
+import threading
+import zlib
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack, suppress
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, Self, final
+
+from bridge.deployment.system import System
+from bridge.node.handle import NodeHandle, NodeStart
+from bridge.rehearsal.agent import HostTask, digest_of, ending
+from bridge.rehearsal.host_file import HostCall, HostFile, Site, fixed
+from bridge.rehearsal.placement import HostPlacement, place, predict, ways
+from cosim.base.clock import sleep, stopwatch
+from cosim.base.errors import RunError
+from cosim.record.folder import NODES
+
+#: s between two looks.
+LOOK = 0.02
+#: s for the end of a host's program, and for the files of its nodes.
+CLOSING, COLLECTING = 5.0, 300.0
+
+
+@final
+class HostConnection:
+    """The connection to a host's program; `task`: what it has to do, `folder`: where files go."""
+
+    def __init__(self, name: str, call: HostCall, task: HostTask, folder: Path) -> None:
+        self.name, self.task, self._folder = name, task, folder
+        self.lives: dict[str, RemoteNode] = {}
+        self.hello: Mapping[str, Any] | None = None
+        self.router = 0
+        self.loaded = self.collected = False
+        self.failed = ""
+        self._ending: Callable[[], float] | None = None
+        self._errors = folder / f"{name}.host.err"
+        with self._errors.open("wb") as errors, call.where():
+            self._popen = subprocess.Popen(
+                call.words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=errors,
+                text=True, start_new_session=True,
+            )  # fmt: skip
+        self.send_line(task.text())
+        self._thread = threading.Thread(target=self._read, name=f"host {name}", daemon=True)
+        self._thread.start()
+
+    def send_line(self, line: str) -> None:
+        """Send a line; a connection that has ended ignores it."""
+        assert self._popen.stdin is not None
+        with suppress(BrokenPipeError, ValueError):
+            self._popen.stdin.write(line + "\n")
+            self._popen.stdin.flush()
+
+    def send(self, **said: Any) -> None:
+        """Send a line of JSON."""
+        self.send_line(json.dumps(said))
+
+    def start_node(self, start: NodeStart) -> RemoteNode:
+        """Start a life of a node there."""
+        found = self.lives[str(start.life)] = RemoteNode(start, self)
+        self.send(start=start.text())
+        return found
+
+    def _read(self) -> None:
+        assert self._popen.stdout is not None
+        for line in self._popen.stdout:
+            with suppress(ValueError):  # a login shell may print something
+                self._heard(json.loads(line))
+        code = self._popen.wait()
+        if not self.failed:
+            said = self._errors.read_text("utf-8", "replace").strip()
+            last = f": {said.splitlines()[-1]}" if said else ""
+            self.failed = f"the connection has ended ({ending(code)}{last})"
+        for life in self.lives.values():
+            life.events.put({"code": -signal.SIGKILL, "error": f"host {self.name}: {self.failed}"})
+
+    def _heard(self, said: Mapping[str, Any]) -> None:
+        match said["kind"]:
+            case "hello":
+                self.hello = said
+            case "router":
+                self.router = int(said["pid"])
+            case "loaded":
+                self.loaded = True
+            case "node" | "ended":
+                self.lives[said["life"]].events.put(said)
+            case "file":
+                with (self._folder / Path(said["name"]).name).open("ab") as file:
+                    file.write(zlib.decompress(base64.b64decode(said["data"])))
+            case "collected":
+                self.collected = True
+            case "failed":
+                self.failed = str(said["error"])
+
+    def left(self, seconds: float) -> float:
+        """The rest of `seconds` since the first call, s: all nodes end at once."""
+        self._ending = self._ending or stopwatch()
+        return max(0.0, seconds - self._ending())
+
+    def check(self) -> None:
+        """Raise RunError if the host cannot take part."""
+        if self.failed:
+            raise RunError(f"host {self.name}: {self.failed}")
+        if self.hello is not None and not self.task.folder:
+            ours = digest_of(Path(self.task.scenario), Path(self.task.deployment))
+            if self.hello["digest"] != ours:
+                raise RunError(
+                    f"host {self.name}: found another {self.task.scenario} or "
+                    f"{self.task.deployment} there; expected the same bytes on all hosts"
+                )
+
+    def close(self) -> None:
+        """Collect the files, and end the program with all that it runs."""
+        if not self.failed and not self.task.folder:
+            self.send(collect=True)
+            elapsed = stopwatch()
+            while not (self.collected or self.failed) and elapsed() < COLLECTING:
+                sleep(LOOK)
+        assert self._popen.stdin is not None
+        with suppress(BrokenPipeError, ValueError):
+            self._popen.stdin.close()
+        try:
+            self._popen.wait(CLOSING)
+        except subprocess.TimeoutExpired:
+            self._popen.kill()
+        self._thread.join(CLOSING)
+
+
+@final
+class RemoteNode(NodeHandle):
+    """One life of a node on another host."""
+
+    def __init__(self, start: NodeStart, host: HostConnection) -> None:
+        super().__init__(start)
+        self.events: queue.SimpleQueue[Mapping[str, Any]] = queue.SimpleQueue()
+        self._host, self._pid, self._error = host, 0, ""
+        self._code: int | None = None
+
+    def poll(self) -> None:
+        """Take in the events that have come."""
+        while not self.events.empty():
+            said = self.events.get()
+            self._pid = said.get("pid", self._pid)
+            if "event" in said:
+                self.keep_event(said["event"])
+            if "code" in said and self._code is None:
+                self._code, self._error = int(said["code"]), str(said["error"])
+
+    def send_command(self, command: str, **values: int) -> None:
+        """Send a command; a node that has ended ignores it."""
+        self._host.send(to=str(self.start.life), command=command, **values)
+
+    def send_signal(self, number: signal.Signals) -> None:
+        """SIGKILL, SIGSTOP and so on, to this life only."""
+        if self.code is None:
+            self._host.send(to=str(self.start.life), signal=int(number))
+
+    @property
+    def pid(self) -> int:
+        """The number of the process on its host; 0: not known yet."""
+        self.poll()
+        return self._pid
+
+    @property
+    def code(self) -> int | None:
+        """Its exit code; None while it runs."""
+        self.poll()
+        return self._code
+
+    def wait(self, seconds: float) -> int | None:
+        """Its exit code, or None if it has not ended after so many seconds."""
+        elapsed = stopwatch()
+        while self.code is None and elapsed() < seconds:
+            sleep(LOOK)
+        return self.code
+
+    def end(self, seconds: float = 3.0) -> None:
+        """End it, up to `seconds` (s) after the first of its host: all were told to quit before."""
+        if self.wait(self._host.left(seconds)) is None:
+            self.send_signal(signal.SIGKILL)
+            self.wait(seconds)
+
+    def reason(self) -> str:
+        """The reason why it ended too early."""
+        if self.failed:
+            return str(self.failed["error"])
+        if self._error.startswith("host "):
+            return self._error
+        text = ending(self._code or 0)
+        return f"{text} on host {self._host.name}{f': {self._error}' if self._error else ''}"
+
+
+@final
+class RemoteHosts:
+    """The hosts of a rehearsal, by name; a context manager: at its end nothing runs on them.
+
+    `nodes`: the host of each; `changes`: settings of the run; `folder`: for the journals.
+    """
+
+    def __init__(
+        self,
+        system: System,
+        file: HostFile,
+        nodes: Mapping[str, str],
+        changes: Sequence[str],
+        folder: Path,
+    ) -> None:
+        self._system, self._file, self._nodes = system, file, nodes
+        self._changes, self._folder = tuple(changes), folder
+        self.connections: dict[str, HostConnection] = {}
+        self._stack = ExitStack()
+
+    def __enter__(self) -> Self:
+        with ExitStack() as stack:
+            scratch = Path(stack.enter_context(TemporaryDirectory(prefix="cosim-")))
+            site = stack.enter_context(Site(self._file, scratch / "packets"))
+            for name in self._file.hosts:
+                task = site.task(name, self._system, self._changes, self._folder)
+                found = HostConnection(name, site.call(name), task, self._folder)
+                stack.callback(found.close)
+                self.connections[name] = found
+            self._wait()
+            self._stack = stack.pop_all()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._stack.close()
+
+    def _wait(self) -> None:
+        """Until all hosts have read the scenario. Raises RunError that names the missing ones."""
+        patience, elapsed = self._system.deployment.patience, stopwatch()
+        while not all(found.loaded for found in self.connections.values()):
+            for found in self.connections.values():
+                found.check()
+            if elapsed() > patience:
+                absent = [n for n, found in self.connections.items() if not found.loaded]
+                raise RunError(
+                    f"host {', '.join(absent)}: not there after {patience:g} s (patience)"
+                )
+            sleep(LOOK)
+        for found in self.connections.values():
+            found.check()
+
+    def start_node(self, start: NodeStart) -> NodeHandle:
+        """Start a life of a node on its host."""
+        return self.connections[self._nodes[start.life.node]].start_node(start)
+
+    def facts(self) -> dict[str, Any]:
+        """For ``run.json``: the nodes of each host, and which host it is."""
+        return {
+            name: {
+                "identity": found.hello["host"] if found.hello else "",
+                "name": found.hello["name"] if found.hello else "",
+                "nodes": [node for node, host in self._nodes.items() if host == name],
+            }
+            for name, found in self.connections.items()
+        }
+
+
+def on_hosts(
+    system: System, file: HostFile, changes: Sequence[str], folder: Path
+) -> tuple[RemoteHosts, HostPlacement]:
+    """The hosts of a file with the nodes of a deployment on them. Raises ScenarioError.
+
+    `changes`: settings of the run; `folder`: the run folder.
+    """
+    d, between = system.deployment, ways(system)
+    cores = {name: host.cores for name, host in file.hosts.items()}
+    placed = place(tuple(system.nodes), between, cores, fixed(file, system.nodes))
+    waits = [
+        f"deploy.buses.{name}.options.wait={d.patience:g}"
+        for name, bus in d.buses.items()
+        if "wait" not in bus.options
+    ]
+    hosts = RemoteHosts(system, file, placed, [*changes, *waits], folder / NODES)
+    return hosts, predict(system, between, placed, cores, file.latency)

@@ -1,0 +1,128 @@
+"""Nodes on hosts of a file: the result is the twin's; who is missing is named; nothing is left."""
+
+from __future__ import annotations
+
+import socket
+from pathlib import Path
+
+import pytest
+
+from bridge.deployment.system import load_system
+from bridge.rehearsal import host_file
+from bridge.rehearsal.remote import RemoteHosts, on_hosts
+from bridge.rehearsal.settings import Settings
+from bridge.rehearsal.supervisor import NODES, Rehearsal
+from bridge.replay import replay, twin
+from cosim.base.errors import RunError, ScenarioError
+from tests.bridge.deployments import CONFIGS
+
+SCENARIO, DEPLOYMENT = CONFIGS / "many.toml", CONFIGS / "deploy/many.toml"
+
+
+def robots(n: int, stop: float) -> tuple[str, ...]:
+    return (
+        f"graphs.net.n={n}", f"deploy.nodes.node.count={n}", f"deploy.messages.xi.count={n}",
+        f"run.stop={stop}",
+    )  # fmt: skip
+
+
+def free_port() -> int:
+    with socket.socket() as s:
+        s.bind(("127.0.0.1", 0))
+        return int(s.getsockname()[1])
+
+
+def two_local(folder: Path) -> Path:
+    """A file with two hosts that are this one, each with a router."""
+    path = folder / "hosts.toml"
+    ports = free_port(), free_port()
+    path.write_text("".join(f"[hosts.h{i}]\nport = {port}\n" for i, port in enumerate(ports)))
+    return path
+
+
+def started(file: Path, folder: Path, changes: tuple[str, ...]) -> tuple[Rehearsal, RemoteHosts]:
+    system = load_system(SCENARIO, str(DEPLOYMENT), changes)
+    hosts, _ = on_hosts(system, host_file.load(file), changes, folder)
+    settings = Settings(SCENARIO, DEPLOYMENT, changes, warm_up=0.0, starter=hosts)
+    return Rehearsal(system, settings, folder), hosts
+
+
+def is_the_twin(changes: tuple[str, ...], folder: Path) -> None:
+    (folder / "alone").mkdir()
+    twin.simulate(load_system(SCENARIO, str(DEPLOYMENT), changes), folder / "alone")
+    expected, found = replay.load(folder / "alone"), replay.load(folder / NODES)
+    assert set(expected) == set(found)
+    for node, rows in expected.items():
+        assert rows.tobytes() == found[node].tobytes(), node
+
+
+def test_nodes_on_two_hosts_are_the_twin(tmp_path: Path) -> None:
+    changes = robots(6, 0.3)
+    running, hosts = started(two_local(tmp_path), tmp_path / "run", changes)
+    with running:
+        assert running.run().notes == []
+    is_the_twin(changes, tmp_path / "run")
+    facts = hosts.facts()
+    assert sorted(len(host["nodes"]) for host in facts.values()) == [3, 3]
+    assert len({host["identity"] for host in facts.values()}) == 1  # one machine
+
+
+@pytest.mark.parametrize("what", ["node", "router", "host"])
+def test_who_is_killed_at_the_start_is_named(
+    what: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    running, hosts = started(two_local(tmp_path), tmp_path / "run", robots(6, 100.0))
+    ready = running._all_ready
+
+    def kill() -> None:
+        import os
+        import signal
+
+        connection = hosts.connections["h1"]
+        match what:
+            case "node":
+                running.kill("node2")
+            case "router":
+                os.kill(connection.router, signal.SIGKILL)
+            case "host":
+                connection._popen.kill()
+        ready()
+        running._watch(lambda t, end: None)
+
+    monkeypatch.setattr(running, "_all_ready", kill)
+    named = {
+        "node": "node node2: killed by SIGKILL on host h",
+        "router": "host h1: its Zenoh router has ended: killed by SIGKILL",
+        "host": r"host h1: the connection has ended \(killed by SIGKILL",
+    }
+    with pytest.raises(RunError, match=named[what]), running:
+        running.run()
+
+
+BAD: list[tuple[str, str]] = [
+    ("", r"no \[hosts.NAME\] table"),
+    ("latency = 1\n", r"no \[hosts.NAME\] table"),
+    ('speed = 1\n[hosts.a]\n', "unknown key 'speed'; expected one of hosts, latency"),
+    ('[hosts.a]\nstart = "ssh"\n', "hosts.a: ssh without `to`"),
+    ('[hosts.a]\nstart = "rsh"\n', "hosts.a.start"),
+    ('[hosts.a]\nfolder = "/x"\n', "hosts.a.folder: found folder with local"),
+    ('[hosts.a]\n[hosts.b]\n', "hosts.b.port: found the address and the port of a"),
+    ('[hosts.a]\n[hosts.b]\nstart = "ssh"\nto = "192.0.2.1"\n',
+     "hosts.a.address: 127.0.0.1 is not reached from b"),
+    ('[hosts.a]\naddress="192.0.2.2"\n[hosts.b]\nstart = "ssh"\nto = "192.0.2.1"\n',
+     "without encryption"),
+    ('[hosts.a]\nstart = "namespace"\n[hosts.b]\n', "hosts.b: found local"),
+    ('[hosts.a]\nnodes = ["robot9"]\n', "hosts.a.nodes: no node 'robot9'; there are: node1"),
+    ('[hosts.a]\nnodes = ["node1"]\n[hosts.b]\nport = 1\nnodes = ["node1"]\n',
+     "node1 is on a already"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("text", "sentence"), BAD)
+def test_what_is_wrong_in_a_file_is_said_with_its_place(
+    text: str, sentence: str, tmp_path: Path
+) -> None:
+    path = tmp_path / "hosts.toml"
+    path.write_text(text)
+    with pytest.raises(ScenarioError, match=sentence):
+        host_file.fixed(host_file.load(path), ("node1", "node2"))

@@ -15,7 +15,7 @@ verdict, because they integrate every difference.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from math import inf
 from pathlib import Path
@@ -24,6 +24,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from bridge.replay.aligned import CLOSE, Changes, CommonTime, common_time, rows_within, together
 from bridge.replay.run_facts import is_compared, period, quanta, stored_scenario
 from cosim.base.errors import CosimError, ScenarioError
 from cosim.base.names import signal_of, unknown
@@ -32,11 +33,10 @@ from cosim.measure.metrics import evaluate
 from cosim.measure.requirements import of_run
 from cosim.measure.robustness import Robustness
 from cosim.record import Run
+from cosim.record.piecewise import PairwiseSum
 
 Array = NDArray[np.float64]
 Verdict = Literal["identical", "equal", "different"]
-#: Times of rows that are closer than this are one, s.
-CLOSE = 1e-9
 
 
 @dataclass(frozen=True, slots=True)
@@ -205,19 +205,19 @@ def compare_runs(
         both = {signal_of(name) for name in first.names if name in second.units}
         text = unknown(", ".join(signals) or "*", both, "signal of both runs")
         raise ScenarioError(text, f"{a}, {b}")
-    rows, remarks = _rows(first, second), list[str]()
+    common, remarks = common_time(first, second), list[str]()
     T = max(period(first, remarks), period(second, remarks))
     steps = quanta(first, remarks) | quanta(second, remarks)
-    t, (spans, same) = first.t[rows[0]], _spans(first, second, T)
+    spans, same = _spans(first, second, max(T, common.step))
     found = [
         replace(
-            _difference(first, second, name, rows, t, T, steps.get(name, 0.0), tolerance),
-            judged=tolerance is not None or all(judge(name) for judge in judges),
+            difference,
+            judged=tolerance is not None or all(judge(difference.name) for judge in judges),
         )
-        for name in names
+        for difference in _differences(first, second, common, names, T, steps, tolerance)
     ]
     return RunDifference(
-        a, b, len(t), float(t[-1]), spans, same or not whole, T, tolerance,
+        a, b, common.rows, common.last, spans, same or not whole, T, tolerance,
         tuple(sorted(found, key=lambda s: (not s.judged, -_share(s), -s.largest, s.name))),
         _metrics(first, second), _requirements(first, second),
         (_missing_signals(first, second), _missing_signals(second, first)),
@@ -249,32 +249,17 @@ def _share(s: SignalDifference) -> float:
 # ---- rows ---------------------------------------------------------------------------------------
 
 
-def _rows(a: Run, b: Run) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Rows of a and b that belong together, on the coarser of the two. Raises ScenarioError."""
-    ta, tb = a.t, b.t
-    if not len(ta) or not len(tb):
-        raise ScenarioError("a run without rows", f"{a.path}, {b.path}")
-    begin, end = max(ta[0], tb[0]) - CLOSE, min(ta[-1], tb[-1]) + CLOSE
-    inside = [t[(t >= begin) & (t <= end)] for t in (ta, tb)]
-    grid = min(inside, key=len)
-    if not len(grid):
-        raise ScenarioError("the runs have no time in common", f"{a.path}, {b.path}")
-    held = [np.searchsorted(t, grid + CLOSE, side="right") - 1 for t in (ta, tb)]
-    return held[0], held[1]
-
-
 def _spans(
-    a: Run, b: Run, period: float
+    a: Run, b: Run, step: float
 ) -> tuple[tuple[tuple[float, float], tuple[float, float]], bool]:
-    """Times of the first and last rows, s; whether they agree to a step of the coarser run.
+    """Times of the first and last rows, s; whether they agree to a step (s) of the coarser run.
 
     A run that was recorded more coarsely may end up to a step before the other, and a twin, which
-    has no row at its end, up to a period (s).
+    has no row at its end, up to a period.
     """
-    spans = [(float(run.t[0]), float(run.t[-1])) for run in (a, b)]
-    step = max(period, *(float(np.diff(run.t).max(initial=0.0)) for run in (a, b)))
+    spans = a.span, b.span
     apart = max(abs(x - y) for x, y in zip(*spans, strict=True))
-    return (spans[0], spans[1]), apart < step + CLOSE
+    return spans, apart < step + CLOSE
 
 
 def _spanned(name: str, span: tuple[float, float]) -> str:
@@ -283,45 +268,76 @@ def _spanned(name: str, span: tuple[float, float]) -> str:
     return f"{name} is {last:g} s long" if first == 0 else f"{name} is from {first:g} to {last:g} s"
 
 
-def _difference(
+def _differences(
     a: Run,
     b: Run,
-    name: str,
-    rows: tuple[NDArray[np.int64], NDArray[np.int64]],
-    t: Array,
+    common: CommonTime,
+    names: Sequence[str],
     period: float,
-    quantum: float,
+    steps: Mapping[str, float],
     tolerance: float | None,
-) -> SignalDifference:
-    x, y = a.column(name)[rows[0]], b.column(name)[rows[1]]
-    d = np.abs(y - x)
-    d[(x == y) | (np.isnan(x) & np.isnan(y))] = 0.0
-    d[np.isnan(d)] = inf
-    worst = int(np.argmax(d))
-    rms, most = (
-        (tolerance, tolerance) if tolerance is not None else within_a_period(t, (x, y), period)
-    )
-    extra = quantum if tolerance is None else 0.0
-    return SignalDifference(
-        name, a.units[name], _rms(d), float(d[worst]), float(t[worst]), rms + extra, most + extra
-    )
+) -> Iterator[SignalDifference]:
+    """The difference in each signal; `steps`: of their quantization, `period`: of the bounds, s."""
+    within = rows_within(common.rows, common.last - common.first, period)
+    apart = {name: _Apart(common.rows, within) for name in names}
+    for t, x, y in together(a, b, common, names):
+        for name, one in apart.items():
+            one.add(t, x[name], y[name])
+    again = {name: one.again() for name, one in apart.items() if not one.complete}
+    for _, x, y in together(a, b, common, [*again]) if again else ():
+        for name, changes in again.items():
+            changes[0].add(x[name])
+            changes[1].add(y[name])
+    for name, one in apart.items():
+        changes = again.get(name, one.changes)
+        rms, most = max(c.rms for c in changes), max(c.largest for c in changes)
+        if tolerance is not None:
+            rms = most = tolerance
+        extra = steps.get(name, 0.0) if tolerance is None else 0.0
+        yield SignalDifference(
+            name, a.units[name], one.rms, one.largest, one.at, rms + extra, most + extra
+        )
 
 
-def _rms(d: Array) -> float:
-    return float(np.sqrt(np.mean(d * d))) if np.isfinite(d).all() else inf
+class _Apart:
+    """The difference of two columns of `count` rows that come in pieces.
 
+    `largest`, in their unit, `at` a time, s; `changes` of each of the two within some rows.
+    """
 
-def within_a_period(t: Array, signals: Iterable[Array], period: float) -> tuple[float, float]:
-    """RMS and maximum of what signals (n,) at the times `t` (n,) change by within a period, s."""
-    if len(t) < 2:
-        return 0.0, 0.0
-    n = max(1, round(period * (len(t) - 1) / (t[-1] - t[0])))
-    changes = [np.abs(x[n:] - x[:-n]) for x in signals]
-    changes = [v[np.isfinite(v)] for v in changes]
-    changes = [v for v in changes if v.size]
-    if not changes:
-        return 0.0, 0.0
-    return max(_rms(v) for v in changes), max(float(v.max()) for v in changes)
+    def __init__(self, count: int, within: int) -> None:
+        self._count, self._within = count, within
+        self._squares, self._finite = PairwiseSum(count), True
+        self.largest, self.at = -inf, 0.0
+        self.changes = Changes(count, within), Changes(count, within)
+
+    def add(self, t: Array, x: Array, y: Array) -> None:
+        """Take the next rows, (n,)."""
+        d = np.abs(y - x)
+        d[(x == y) | (np.isnan(x) & np.isnan(y))] = 0.0
+        d[np.isnan(d)] = inf
+        worst = int(np.argmax(d))
+        if d[worst] > self.largest:
+            self.largest, self.at = float(d[worst]), float(t[worst])
+        self._finite = self._finite and bool(np.isfinite(d).all())
+        self._squares.add(d * d)
+        self.changes[0].add(x)
+        self.changes[1].add(y)
+
+    @property
+    def complete(self) -> bool:
+        """True if the changes of both have their RMS."""
+        return all(change.complete for change in self.changes)
+
+    def again(self) -> tuple[Changes, Changes]:
+        """The changes for another pass over both columns."""
+        first, second = (Changes(self._count, self._within, c.finite) for c in self.changes)
+        return first, second
+
+    @property
+    def rms(self) -> float:
+        """RMS of the difference, in its unit."""
+        return float(np.sqrt(self._squares.value / self._count)) if self._finite else inf
 
 
 def _metrics(a: Run, b: Run) -> tuple[MetricDifference, ...]:

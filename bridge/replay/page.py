@@ -9,7 +9,9 @@ from xml.etree import ElementTree
 from bridge.replay.diff import RunDifference, SignalDifference
 from cosim.base.errors import RunError
 from cosim.record import Run
+from cosim.record.piecewise import first_step
 from cosim.reporting.html import Badge, PageData, PlottedPanel, cards, table, write_page
+from cosim.reporting.thinning import thinned
 
 #: Diagrams of the page: the signals that differ most.
 PANELS = 6
@@ -29,8 +31,8 @@ def write_diff_page(found: RunDifference, path: Path) -> Path:
         series = []
         for label, run in runs.items():
             name = f"{label}: {signal.name}"
-            step = float(run.t[1] - run.t[0]) if len(run) > 1 else 1.0
-            data.add(name, signal.unit, run.column(signal.name), step, POINTS)
+            kept = thinned(run, [signal.name], POINTS)[signal.name]
+            data.add_thinned(name, signal.unit, kept, first_step(run, 1.0))
             series.append((name, label))
         data.panels.append(PlottedPanel(signal.name, signal.unit, tuple(series)))
     if found.signals:

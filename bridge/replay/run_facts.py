@@ -12,6 +12,7 @@ from bridge.deployment.spec import Deployment
 from cosim.base.errors import CosimError, ScenarioError
 from cosim.base.names import signal_of
 from cosim.record import Run
+from cosim.record.piecewise import first_step
 from cosim.scenario.spec import Scenario, build
 
 
@@ -26,7 +27,7 @@ def stored_scenario(run: Run) -> Scenario:
 
 def period(run: Run, remarks: list[str]) -> float:
     """The slowest period of a component, s; without a scenario, that of the rows."""
-    step = float(run.t[1] - run.t[0]) if len(run) > 1 else 0.0
+    step = first_step(run, 0.0)
     try:
         scenario = stored_scenario(run)
         periods = [

@@ -31,6 +31,7 @@ from bridge.records.node_lives import Life
 from bridge.records.records import note_of
 from bridge.rehearsal.supervisor import STARTED, RehearsalRecord
 from bridge.replay import replay, twin
+from bridge.replay.aligned import row_by_row
 from bridge.results import detection, report, timeline, verdict
 from bridge.results.detection_links import RecordedNetwork
 from bridge.results.drive_answers import unanswered
@@ -56,6 +57,7 @@ from cosim.record.folder import (
     journals,
     read_metadata,
 )
+from cosim.record.piecewise import PairwiseSum
 
 TWIN = "twin"
 #: Entries of ``run.json`` that every run has: the command that was typed, what the check found.
@@ -233,14 +235,21 @@ def positions_rms(system: System, a: Path, b: Path) -> dict[str, float]:
     """
     first, second = Run.open(a), Run.open(b)
     n = min(len(first), len(second))
+    units = {
+        name: slot.unit_of(i)
+        for step in system.plan.components
+        for slot in (step.outputs if step.kind == "continuous" else ())
+        for i, name in enumerate(slot.scalars())
+        if name in first.units and name in second.units
+    }
+    names = [name for name, unit in units.items() if unit in ("rad", "m")]
+    sums = {name: PairwiseSum(n) for name in names}
+    for rows in row_by_row(first, second, names):
+        for name, (x, y) in rows.items():
+            sums[name].add((x - y) ** 2)
     squares: dict[str, list[float]] = {"rad": [], "m": []}
-    for step in system.plan.components:
-        for slot in step.outputs if step.kind == "continuous" else ():
-            for i, name in enumerate(slot.scalars()):
-                unit = slot.unit_of(i)
-                if unit in squares and name in first.units and name in second.units:
-                    apart = first.column(name)[:n] - second.column(name)[:n]
-                    squares[unit].append(float(np.mean(apart**2)))
+    for name, found in sums.items() if n else ():
+        squares[units[name]].append(found.value / n)
     return {unit: float(np.sqrt(np.mean(found))) for unit, found in squares.items() if found}
 
 

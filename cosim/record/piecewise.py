@@ -7,6 +7,7 @@ from math import inf
 from typing import final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cosim.base.errors import CosimError, ScenarioError
 from cosim.base.units import parse
@@ -170,3 +171,74 @@ def extent(signals: Signals) -> tuple[int, float, float]:
         return len(signals), *(signals.span if len(signals) else (np.nan, np.nan))
     t = np.asarray(signals.t, dtype=np.float64)
     return len(t), *((float(t[0]), float(t[-1])) if len(t) else (np.nan, np.nan))
+
+
+def at_times(run: Run, names: Sequence[str], t: Array) -> dict[str, Array]:
+    """Scalars at the times `t` (m,), s, ascending, between rows on a line, by name: (m,) each.
+
+    Before the first row and after the last one they have the values there.
+    """
+    found = {name: np.empty(len(t)) for name in names}
+    before: dict[str, Array] = dict.fromkeys(["t", *names], np.empty(0))
+    done = 0
+    for piece in run.pieces(names) if names else ():
+        at = np.concatenate((before["t"], piece.t))
+        ready = int(np.searchsorted(t, at[-1], side="right"))
+        for name, values in found.items():
+            x = np.concatenate((before[name], piece.column(name)))
+            values[done:ready] = np.interp(t[done:ready], at, x)
+            values[ready:] = x[-1]
+            before[name] = x[-1:].copy()
+        before["t"], done = at[-1:].copy(), max(done, ready)
+    return found
+
+
+def first_step(run: Run, default: float) -> float:
+    """The time between the first two rows, s, or `default`, where there is none."""
+    first = next(run.pieces(())).t[:2]
+    return float(first[1] - first[0]) if len(first) > 1 else default
+
+
+@final
+class RunRows:
+    """Some rows of a run, chosen by their numbers, as signals.
+
+    `t` (n,), s, and the scalars `names`, in their units.
+    """
+
+    def __init__(self, run: Run, names: Sequence[str], rows: NDArray[np.intp]) -> None:
+        self._run, at = run, 0
+        found: dict[str, list[Array]] = {name: [] for name in ("t", *names)}
+        for piece in run.pieces(names):
+            chosen = rows[slice(*np.searchsorted(rows, (at, at + len(piece.t))))] - at
+            for name, values in found.items():
+                values.append((piece.t if name == "t" else piece.column(name))[chosen])
+            at += len(piece.t)
+        self._columns = {name: np.concatenate(values) for name, values in found.items()}
+
+    @property
+    def t(self) -> Array:
+        """Time of each row, (n,), s."""
+        return self._columns["t"]
+
+    def array(self, prefix: str) -> Array:
+        """Entries of a signal, (n, m)."""
+        return np.stack([self._columns[name] for name in self.entries(prefix)], axis=1)
+
+    def entries(self, prefix: str) -> tuple[str, ...]:
+        """Names of those entries."""
+        return self._run.entries(prefix)
+
+    def unit(self, prefix: str) -> str:
+        """Unit of a signal. Raises ScenarioError if its entries differ in it."""
+        return self._run.unit(prefix)
+
+
+def rows_at(run: Run, t: Array) -> NDArray[np.intp]:
+    """The first rows from the times `t` (m,), s, ascending, on, each once; those that there are."""
+    found, at, done = list[NDArray[np.intp]](), 0, 0
+    for piece in run.pieces(()):
+        ready = int(np.searchsorted(t, piece.t[-1], side="right"))
+        found.append(at + np.searchsorted(piece.t, t[done:ready]))
+        at, done = at + len(piece.t), max(done, ready)
+    return np.unique(np.concatenate(found))

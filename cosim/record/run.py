@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 #: Bytes of the columns that are read together with one that is asked for.
 AHEAD = 1 << 20
 #: Values of a run that is read as a whole, and of a piece of one with more.
-WHOLE, PIECE = 1 << 23, 1 << 20
+WHOLE, PIECE = 1 << 22, 1 << 20
 
 _ENTRY = re.compile(r"(.+?)((?:\[[\d, ]+\])+)$")  # master.q[0], m.xi_in[1,0], m.xi_in[1][0]
 
@@ -138,7 +138,7 @@ class Run:
         left out. Memory does not depend on the number of rows.
         """
         names = list(dict.fromkeys(name for prefix in prefixes for name in self.entries(prefix)))
-        if len(self) * len(self.units) <= WHOLE:
+        if not self.is_long:
             self._load(["t", *names])
             yield self
             return
@@ -166,9 +166,14 @@ class Run:
         return {name: numpy(table.column(name), np.float64) for name in names}
 
     @property
+    def is_long(self) -> bool:
+        """True if the run is read in pieces."""
+        return len(self) * len(self.units) > WHOLE
+
+    @property
     def span(self) -> tuple[float, float]:
         """Times of the first and the last row, s; there must be one."""
-        if "t" in self._cache or len(self) * len(self.units) <= WHOLE:
+        if not self.is_long:
             return float(self.t[0]), float(self.t[-1])
         last = self._file.num_row_groups - 1
         return float(self._read([0], ["t"])["t"][0]), float(self._read([last], ["t"])["t"][-1])

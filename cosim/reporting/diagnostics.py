@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from html import escape
+from math import inf, nan
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 from cosim.base.units import engineering, engineering_range, prefixed, readable
 from cosim.measure.joint_limits import beyond
 from cosim.record import Run
+from cosim.record.piecewise import PairwiseSum
 from cosim.reporting import many
 from cosim.reporting.html import folded, table
 
@@ -51,23 +53,63 @@ def controllers(run: Run, facts: Mapping[str, Any]) -> str:
         return ""
     head = ["signal", "unit", "start", "end", "least", "greatest", "RMS",
             f"change in the last {TAIL:.0%}", "time at its greatest magnitude"]  # fmt: skip
-    rows = [(name, *_numbers(run.column(name), run.units[name])) for name in names[: many.ROWS]]
+    rows = _controller_rows(run, names[: many.ROWS])
     below = many.further(len(names), many.ROWS, "signals")
     whole = folded("Controllers", table(head, rows, len(head) - 2) + below)
     return f'<div class="screen">{whole}</div>'
 
 
-def _numbers(x: Array, unit: str) -> Iterator[str]:
-    """The printed unit of a signal (n,) and its numbers in it."""
-    tail = x[int(len(x) * (1 - TAIL)) :]
-    rms = float(np.sqrt(np.mean(x**2)))
-    magnitude = np.abs(x)
-    scale, shown = prefixed(float(magnitude.max()), unit)
-    yield shown
-    for value in (x[0], x[-1], np.min(x), np.max(x), rms, np.ptp(tail)):
-        yield readable(scale * value)
-    changes = bool(np.ptp(x) > 0)
-    yield f"{100 * np.mean(magnitude == magnitude.max()):.3g} %" if changes else "–"
+def _controller_rows(run: Run, names: Sequence[str]) -> list[tuple[str, ...]]:
+    """The name, the printed unit and the numbers of each of these signals."""
+    ranges = {name: _SignalRange(len(run)) for name in names}
+    for piece in run.pieces(names):
+        for name, found in ranges.items():
+            found.add(piece.column(name))
+    counts = dict.fromkeys(names, 0)
+    for piece in run.pieces(names):
+        for name, found in ranges.items():
+            counts[name] += int((np.abs(piece.column(name)) == found.magnitude).sum())
+    return [(name, *x.texts(run.units[name], counts[name])) for name, x in ranges.items()]
+
+
+class _SignalRange:
+    """Extremes and RMS of a signal of `count` rows that come in pieces, in its unit."""
+
+    def __init__(self, count: int) -> None:
+        self._count, self._tail, self._at = count, int(count * (1 - TAIL)), 0
+        self._squares = PairwiseSum(count)
+        self._ends = (nan, nan)
+        self._whole, self._late = (inf, -inf), (inf, -inf)  # least and greatest
+
+    def add(self, x: Array) -> None:
+        """Take the next rows, (n,)."""
+        self._squares.add(x**2)
+        self._ends = (self._ends[0] if self._at else float(x[0])), float(x[-1])
+        self._whole = _wider(self._whole, x)
+        self._late = _wider(self._late, x[max(0, self._tail - self._at) :])
+        self._at += len(x)
+
+    @property
+    def magnitude(self) -> float:
+        """The greatest magnitude; NaN where one is."""
+        return float(np.maximum(-self._whole[0], self._whole[1]))
+
+    def texts(self, unit: str, at_greatest: int) -> Iterator[str]:
+        """The printed unit of the signal and its numbers in it."""
+        rms = float(np.sqrt(self._squares.value / self._count))
+        scale, shown = prefixed(self.magnitude, unit)
+        yield shown
+        for value in (*self._ends, *self._whole, rms, self._late[1] - self._late[0]):
+            yield readable(scale * value)
+        changes = self._whole[1] - self._whole[0] > 0
+        yield f"{100 * (at_greatest / self._count):.3g} %" if changes else "–"
+
+
+def _wider(known: tuple[float, float], x: Array) -> tuple[float, float]:
+    """The least and the greatest of both; NaN where one is."""
+    if not len(x):
+        return known
+    return float(np.minimum(known[0], x.min())), float(np.maximum(known[1], x.max()))
 
 
 def configured_delay(law: Mapping[str, Any]) -> str:

@@ -23,7 +23,7 @@ from cosim.base.units import printed_unit
 from cosim.record.signals import Array, Signals
 from cosim.reporting import many
 from cosim.reporting.html import TimedEvent
-from cosim.reporting.thinning import thin
+from cosim.reporting.thinning import drawable, thin
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -124,12 +124,22 @@ def draw(spec: Figure, run: Signals, path: str | Path) -> Path:
     """
     if not spec.panels:
         raise ScenarioError("a figure needs at least one panel", f"figure {spec.title!r}")
+    named = [name for panel in spec.panels for name in (*panel.y, *panel.reference)]
+    scalars = [x for n in named if isinstance(n, str) and _has(run, n) for x in run.entries(n)]
+    run = drawable(run, list(dict.fromkeys(scalars)))
     content = [
         _lines(panel, run, f"figure {spec.title!r}, panel {i + 1}")
         for i, panel in enumerate(spec.panels)
     ]
     form = pdf if Path(path).suffix == ".pdf" else png
     return draw_styled(lambda: form(_render(spec, run, content)), path)
+
+
+def _has(run: Signals, name: str) -> bool:
+    try:
+        return bool(run.entries(name))
+    except CosimError:  # the panel that names it says so
+        return False
 
 
 def draw_styled(render: Callable[[], bytes], path: str | Path) -> Path:

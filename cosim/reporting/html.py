@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from cosim.base.errors import RunError
 from cosim.base.files import write_file
 from cosim.base.units import engineering, prefixed, readable
-from cosim.reporting.thinning import thin
+from cosim.reporting.thinning import Thinned
 
 Array = NDArray[np.float64]
 #: The words of a verdict, everywhere the same; "finished": nothing was to be judged. The last three
@@ -124,10 +124,17 @@ class PageData:
 
     def add(self, name: str, unit: str, values: Array, dt: float, most: int) -> None:
         """Add a signal (n,) with a value every `dt` s: at most `most` of them, every extreme."""
-        rows = thin(values, max(4, most))
+        kept = Thinned(len(values), max(4, most))
+        kept.add(values)
+        self.add_thinned(name, unit, kept, dt)
+
+    def add_thinned(self, name: str, unit: str, kept: Thinned, dt: float) -> None:
+        """Add a signal with a sample every `dt` s, of which some are kept."""
+        self.greatest[name] = kept.greatest
+        scale, shown = prefixed(kept.greatest, unit)
         self.signals[name] = {
-            **self._shown(name, unit, values), "dt": dt, "i": packed(rows, "<u4"),
-            "y": packed(values[rows], "<f4"),
+            "unit": shown, "scale": scale, "dt": dt, "i": packed(kept.rows, "<u4"),
+            "y": packed(kept.y, "<f4"),
         }  # fmt: skip
 
     def add_curve(self, name: str, label: str, unit: str, t: NDArray[Any], y: NDArray[Any]) -> None:

@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 from cosim.base.errors import RunError, ScenarioError
 from cosim.base.extras import require
 from cosim.record import Run
+from cosim.record.piecewise import RunRows, rows_at
+from cosim.record.signals import Signals
 from cosim.reporting.arms import DrawnArm, first_arms, in_workspace, points
 from cosim.reporting.figures import COLOURS
 
@@ -39,25 +41,28 @@ def write_gif(run: Run, path: Path) -> Path:
     found, note = first_arms(run)
     if not found:
         raise ScenarioError("no arm of this run can be drawn", str(run.path))
-    period = max(1.0 / RATE, float(run.t[-1] - run.t[0]) / MOST)
-    rows = np.unique(np.searchsorted(run.t, np.arange(run.t[0], run.t[-1] + 1e-9, period)))
+    begin, end = run.span
+    period = max(1.0 / RATE, (end - begin) / MOST)
+    rows = rows_at(run, np.arange(begin, end + 1e-9, period))
+    names = [x for arm in found for x in run.entries(f"{arm.name}.{arm.drawing.position}")]
+    shown = RunRows(run, names, rows)
     flat = all(arm.drawing.planar for arm in found)
-    tracks = [_track(run, arm, rows, flat=flat) for arm in found]
+    tracks = [_track(shown, arm, flat=flat) for arm in found]
     places, scale = _layout(tracks, [arm.workspace for arm in found], flat=flat)
-    names = _name_places([arm.name for arm in found])
-    height = SIZE + names[-1][1] + 2 * LINE + 4
+    labels = _name_places([arm.name for arm in found])
+    height = SIZE + labels[-1][1] + 2 * LINE + 4
     pictures = []
-    for i, k in enumerate(rows):
+    for i, t in enumerate(shown.t):
         picture = Image.new("RGB", (SIZE, height), "white")
         pen = ImageDraw.Draw(picture)
-        pen.text((8, height - LINE - 4), f"{run.t[k]:.2f} s  {note}", fill="#555555")
+        pen.text((8, height - LINE - 4), f"{t:.2f} s  {note}", fill="#555555")
         for j, (arm, track) in enumerate(zip(found, tracks, strict=True)):
             colour = COLOURS[j % len(COLOURS)]
             line = [tuple(p) for p in pixels(track[i] - places[j], scale)]
             pen.line(line, fill=colour, width=5 if j % 2 == 0 else 3, joint="curve")
             for x, y in line[:-1]:
                 pen.ellipse((x - 4, y - 4, x + 4, y + 4), fill="white", outline=colour, width=2)
-            pen.text((8 + names[j][0], SIZE + names[j][1]), arm.name, fill=colour)
+            pen.text((8 + labels[j][0], SIZE + labels[j][1]), arm.name, fill=colour)
         pictures.append(picture.quantize(32))
     try:
         pictures[0].save(
@@ -87,10 +92,10 @@ def pixels(seen: Array, scale: float) -> Array:
     return SIZE / 2 + np.array([1.0, -1.0]) * seen * scale
 
 
-def _track(run: Run, arm: DrawnArm, rows: NDArray[np.intp], *, flat: bool) -> Array:
-    """The points of an arm as seen at some rows, (rows, points, 2) m."""
+def _track(run: Signals, arm: DrawnArm, *, flat: bool) -> Array:
+    """The points of an arm as seen at each row, (rows, points, 2) m."""
     q = run.array(f"{arm.name}.{arm.drawing.position}")
-    where = [in_workspace(arm.base, points(arm.drawing, q[k])) for k in rows]
+    where = [in_workspace(arm.base, points(arm.drawing, row)) for row in q]
     return np.stack([_seen(x, flat=flat) for x in where])
 
 

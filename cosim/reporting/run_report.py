@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from heapq import nsmallest
 from itertools import islice
-from math import isfinite, nan
+from math import inf, isfinite, nan
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +22,7 @@ from cosim.measure.metrics import Error, Metric, evaluate
 from cosim.measure.robustness import Robustness, worst
 from cosim.record import Run
 from cosim.record.folder import REPORT
+from cosim.record.piecewise import at_times, first_step
 from cosim.reporting import many
 from cosim.reporting.arms import DrawnArm, arm_signals, curve_colours, first_arms, owners
 from cosim.reporting.diagnostics import configured_delay, controllers, findings, limits, transit
@@ -45,6 +46,7 @@ from cosim.reporting.labels import in_order_of_weight, metric_card, metric_title
 from cosim.reporting.macro_steps import macro_section
 from cosim.reporting.marks import failure, marks
 from cosim.reporting.recorded import recorded_scenario, repeating_command
+from cosim.reporting.thinning import Thinned
 from cosim.scenario.spec import FigureSpec, PanelSpec, Scenario
 
 #: Points of a signal in a declared diagram, and of one that can be chosen.
@@ -169,8 +171,8 @@ def _data(
     if not len(run):
         return PageData(0.0)
     every = facts.get("scenario", {}).get("run", {}).get("record", {}).get("every", 1)
-    begin, end = float(run.t[0]), float(run.t[-1])
-    dt = float(facts.get("step") or (run.t[1] - begin if len(run) > 1 else 1.0)) * every
+    begin, end = run.span
+    dt = float(facts.get("step") or first_step(run, 1.0)) * every
     data = PageData(end, events=marks(facts), start=begin, begin=begin)
     arms, data.arms_note = first_arms(run)
     panels = _panels(run, scenario, metrics, data, dt)
@@ -178,10 +180,16 @@ def _data(
     shown = {name for panel in data.panels for name, _ in panel.series}
     names = _in_order(run.names)
     choosable = set(names[: many.SIGNALS])
-    for name in names:
-        if name in shown or name in choosable:
-            most = SHOWN if name in shown else CHOSEN
-            data.add(name, run.units[name], run.column(name), dt, most)
+    kept = {
+        name: Thinned(len(run), SHOWN if name in shown else CHOSEN)
+        for name in names
+        if name in shown or name in choosable
+    }
+    for piece in run.pieces([*kept]):
+        for name, samples in kept.items():
+            samples.add(piece.column(name))
+    for name, samples in kept.items():
+        data.add_thinned(name, run.units[name], samples, dt)
     data.frame = max(1.0 / RATE, (end - begin) / FRAMES)
     data.arms += list(_arms(run, arms, frame_times(data)))
     return data
@@ -229,7 +237,7 @@ def undeclared(run: Run, metrics: Sequence[Metric]) -> Iterator[PlottedPanel]:
     Signals that a metric compares are drawn over each other, the entries that move most first.
     """
     names = _in_order(run.names)
-    moved = {name: float(np.ptp(run.column(name))) if len(run) else 0.0 for name in names}
+    moved = _moved(run, names)
     signals = dict.fromkeys(signal_of(name) for name in names)
     pairs = [m for m in metrics if isinstance(m, Error) and isinstance(m.target, str)]
     for metric in pairs:
@@ -250,6 +258,18 @@ def undeclared(run: Run, metrics: Sequence[Metric]) -> Iterator[PlottedPanel]:
             yield _panel(run, signal, run.entries(signal))
     for signal in still:
         yield _panel(run, signal, run.entries(signal))
+
+
+def _moved(run: Run, names: Sequence[str]) -> dict[str, float]:
+    """The greatest less the least value of each scalar."""
+    least, most = np.full(len(names), inf), np.full(len(names), -inf)
+    for piece in run.pieces(names) if len(run) else ():
+        columns = [piece.column(name) for name in names]
+        least = np.minimum(least, [x.min() for x in columns])
+        most = np.maximum(most, [x.max() for x in columns])
+    return dict(
+        zip(names, (most - least).tolist() if len(run) else [0.0] * len(names), strict=True)
+    )
 
 
 def _panel(run: Run, title: str, names: Sequence[str]) -> PlottedPanel:
@@ -279,11 +299,15 @@ def _quantiles(
     run: Run, spec: PanelSpec, names: Sequence[str], data: PageData, dt: float
 ) -> Iterator[tuple[str, str]]:
     """Signals of a diagram with many lines: quantiles over them; the names are theirs."""
-    values = np.column_stack([run.column(name) for name in names])
     about = spec.title or names[0].partition(".")[2]
-    for label, line in many.quantile_lines(values):
+    kept = {label: Thinned(len(run), SHOWN) for label, _ in many.QUANTILES}
+    for piece in run.pieces(names):
+        values = np.column_stack([piece.column(name) for name in names])
+        for label, line in many.quantile_lines(values):
+            kept[label].add(line)
+    for label, samples in kept.items():
         name = f"{label} of {len(names)}: {about}"
-        data.add(name, run.units[names[0]], line, dt, SHOWN)
+        data.add_thinned(name, run.units[names[0]], samples, dt)
         yield name, label
 
 
@@ -297,13 +321,12 @@ def frame_times(data: PageData) -> Array:
 
 def _arms(run: Run, arms: Sequence[DrawnArm], t: Array) -> Iterator[dict[str, Any]]:
     """Arms as the page draws them, at the times `t` (n,), s."""
-    for arm in arms:
-        columns = {key: _frames(run, names, t) for key, names in arm_signals(run, arm).items()}
+    signals = [arm_signals(run, arm) for arm in arms]
+    names = dict.fromkeys(name for each in signals for found in each.values() for name in found)
+    frames = at_times(run, [*names], t)
+    for arm, each in zip(arms, signals, strict=True):
+        columns = {key: [packed(frames[n], "<f4") for n in found] for key, found in each.items()}
         yield {**arm.data(), **columns}
-
-
-def _frames(run: Run, names: Sequence[str], t: Array) -> list[str]:
-    return [packed(np.interp(t, run.t, run.column(n)), "<f4") for n in names]
 
 
 # ---- links ------------------------------------------------------------------------------------

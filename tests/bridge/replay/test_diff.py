@@ -13,12 +13,14 @@ from hypothesis import strategies as st
 from typer.testing import CliRunner
 
 from bridge.cli.diff import diff, lines
-from bridge.replay.diff import compare_runs, within_a_period
+from bridge.replay import aligned
+from bridge.replay.aligned import Changes, rows_within
+from bridge.replay.diff import compare_runs
 from bridge.replay.page import write_diff_page, write_junit
 from bridge.results.outcome import run_twin
 from cosim.base.errors import ScenarioError
 from cosim.cli.options import flat
-from cosim.record import Column, Recorder, Run, write_metadata
+from cosim.record import Column, Recorder, Run, groups, run, write_metadata
 from tests.bridge.deployments import SHORT, TELEOPERATION, named, offline
 
 app = typer.Typer()
@@ -134,20 +136,55 @@ def test_a_run_without_rows_is_named_whichever_it_is(empty, tmp_path):
         compare_runs(*paths)
 
 
+def within_a_period(t, period):
+    """RMS and maximum of what a ramp changes by within a period."""
+    found = Changes(len(t), rows_within(len(t), t[-1] - t[0], period))
+    found.add(t)
+    return found.rms, found.largest
+
+
 @pytest.mark.parametrize(("step", "rows"), [(0.1, 5), (0.2, 2), (1.0, 1)])
 def test_a_ramp_changes_within_a_period_by_the_rows_in_it(step, rows):
     """On a ramp of 1/s, a period of 0.5 s has this many whole rows, and at least one."""
     t = step * np.arange(50)
-    assert within_a_period(t, (t,), 0.5) == pytest.approx((rows * step, rows * step))
-    assert within_a_period(t[:1], (t[:1],), 0.5) == (0.0, 0.0)
+    assert within_a_period(t, 0.5) == pytest.approx((rows * step, rows * step))
+    assert within_a_period(t[:1], 0.5) == (0.0, 0.0)
 
 
 @pytest.mark.parametrize("count", [3, 4])
 def test_a_period_of_a_few_rows_that_begin_late_has_the_same_rows(count):
     """On a ramp of 1/s in steps of 0.1 s, a period of 0.2 s has two rows."""
     t = 10 + 0.1 * np.arange(count)
-    assert within_a_period(t, (t,), 0.2) == pytest.approx((0.2, 0.2))
-    assert within_a_period(t[:2], (t[:2],), 0.1) == pytest.approx((0.1, 0.1))
+    assert within_a_period(t, 0.2) == pytest.approx((0.2, 0.2))
+    assert within_a_period(t[:2], 0.1) == pytest.approx((0.1, 0.1))
+
+
+@pytest.mark.parametrize("every", [1, 3])
+@pytest.mark.parametrize("values", [1, 7000])
+def test_a_comparison_does_not_depend_on_pieces(tmp_path, monkeypatch, values, every):
+    """Of two runs of which one begins as the other, also recorded more coarsely; with a gap."""
+    random = np.random.default_rng(3)
+    x = np.cumsum(random.normal(size=(2, 5000)), axis=1)
+    gaps = x[0].copy()
+    gaps[[7, 2000, 4000]] = np.nan
+    monkeypatch.setattr(groups, "_GROUP_MOST", 1024)
+    a = made(tmp_path / "a", {"x": x[0], "y": x[1], "z": gaps})
+    b = made(tmp_path / "b", {"x": x[0] + x[1] / 9, "y": x[1], "z": gaps + 1}, every=every)
+    expected = compare_runs(a, b)
+    monkeypatch.setattr(run, "WHOLE", 0)
+    monkeypatch.setattr(run, "PIECE", values)
+    monkeypatch.setattr(aligned, "VALUES", values)
+    assert compare_runs(a, b) == expected
+    monkeypatch.undo()
+    rows = np.unique([*range(0, 5000, every), 4999])  # the last one is always there
+    n = rows_within(len(rows), 499.9, 0.1 * every)
+    d, z = x[1][rows] / 9, gaps[rows]
+    found = {s.name: s for s in expected.signals}
+    assert found["x"].largest == pytest.approx(np.abs(d).max())
+    assert found["x"].rms == pytest.approx(np.sqrt(np.mean(d * d)))
+    changes = np.abs(z[n:] - z[:-n])
+    changes = changes[np.isfinite(changes)]
+    assert found["z"].bound_rms == pytest.approx(np.sqrt(np.mean(changes**2)), rel=1e-6)
 
 
 def test_numbers_that_are_none_are_equal_to_each_other_only(tmp_path):

@@ -108,9 +108,14 @@ def test_controllers_have_a_row_for_each_recorded_signal(page: tuple[Run, str]) 
 
 
 def test_a_signal_that_a_limit_cuts_off_is_seen_at_it() -> None:
-    *_, share = diagnostics._numbers(np.clip(np.linspace(-1.0, 1.0, 201), -0.25, 0.25), "N")
-    assert share == f"{100 * 152 / 201:.3g} %"
-    assert [*diagnostics._numbers(np.zeros(5), "N")][-1] == "–"
+    x = np.clip(np.linspace(-1.0, 1.0, 201), -0.25, 0.25)
+    cut, still = diagnostics._SignalRange(201), diagnostics._SignalRange(5)
+    for part in (x[:70], x[70:]):
+        cut.add(part)
+    still.add(np.zeros(5))
+    at_greatest = int((np.abs(x) == cut.magnitude).sum())
+    assert [*cut.texts("N", at_greatest)][-1] == f"{100 * 152 / 201:.3g} %"
+    assert [*still.texts("N", 5)][-1] == "–"
 
 
 def test_delays_of_used_samples_stand_beside_the_configured_law(page: tuple[Run, str]) -> None:

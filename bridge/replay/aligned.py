@@ -75,7 +75,7 @@ def _inside(run: Run, begin: float, end: float) -> tuple[int, float, float, floa
 
 
 @final
-class _Held:
+class _RunAtTimes:
     """A run at ascending times: the values of its last row until each."""
 
     def __init__(self, run: Run, names: Sequence[str]) -> None:
@@ -105,7 +105,10 @@ Together = tuple[Array, dict[str, Array], dict[str, Array]]
 
 def together(a: Run, b: Run, common: CommonTime, names: Sequence[str]) -> Iterator[Together]:
     """Times (n,), s, and the columns of both runs at these, in pieces."""
-    held, most = (_Held(a, names), _Held(b, names)), max(1, VALUES // (1 + 2 * len(names)))
+    held, most = (
+        (_RunAtTimes(a, names), _RunAtTimes(b, names)),
+        max(1, VALUES // (1 + 2 * len(names))),
+    )
     for piece in common.grid.pieces(()):
         t = piece.t[(piece.t >= common.begin) & (piece.t <= common.end)]
         for at in range(0, len(t), most):
@@ -133,7 +136,7 @@ class Changes:
         self.finite, self.largest = 0, 0.0
 
     def add(self, x: Array) -> None:
-        """Take the next rows, (n,)."""
+        """Take the next rows, (n,), in the unit of the signal."""
         x = np.concatenate((self._before, x))
         if len(x) > self._rows:
             changes = np.abs(x[self._rows :] - x[: -self._rows])
@@ -155,7 +158,10 @@ class Changes:
 
 
 def row_by_row(a: Run, b: Run, names: Sequence[str]) -> Iterator[dict[str, tuple[Array, Array]]]:
-    """The columns of two runs by the number of the row, as far as both go, in pieces."""
+    """The columns (n,) of two runs by the number of the row, in their units, in pieces.
+
+    As many rows as both have.
+    """
     left, right = (_columns(run, names) for run in (a, b))
     x, y = next(left, None), next(right, None)
     while x is not None and y is not None:

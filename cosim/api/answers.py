@@ -50,7 +50,7 @@ def settles(run: Run, signal: str, to: Target, band: Number, within: Number) -> 
     found = Error("settles", (signal,), _target(run, signal, to), width).evaluate(run)
     if not isfinite(found.value):
         return Answer(False, f"{signal}: {found.detail}")
-    at = found.parts["settle_s"] - float(run.t[0])
+    at = found.parts["settle_s"] - run.span[0]
     about = f"{_with_unit(width, unit)} of {_name(to)}"
     if not isfinite(at):
         last = _with_unit(found.value, unit)

@@ -51,7 +51,7 @@ class RunResult:
         return len(self._run)
 
     def __repr__(self) -> str:
-        until = f"{self.t[-1]:g} s" if len(self) else "nothing"
+        until = f"{self._run.span[1]:g} s" if len(self) else "nothing"
         return f"<run {self.title!r}: {len(self)} rows to {until}, {self.status}>"
 
     @property
@@ -257,7 +257,7 @@ class RunResult:
             for m in self._metrics_or_none()
             for label, text in m.facts
         ]
-        until = f"{self.t[-1]:g} s" if len(self) else "nothing recorded"
+        until = f"{self._run.span[1]:g} s" if len(self) else "nothing recorded"
         return (
             f"<div><b>{escape(self.title)}</b> &nbsp; {escape(self.status)}, {until}, "
             f"{len(self)} rows, {len(self.signals)} signals<br><code>{escape(str(self.folder))}"

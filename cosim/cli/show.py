@@ -187,7 +187,7 @@ def recorded_run(folder: Path, *, check: bool) -> list[tuple[str, str]]:
     rows = [
         ("scenario", str(facts.get("scenario", {}).get("title", "unknown"))),
         ("status", str(facts.get("status", "unknown"))),
-        ("recorded", f"{len(run)} rows to t = {run.t[-1] if len(run) else 0:.6g} s"),
+        ("recorded", f"{len(run)} rows to t = {run.span[1] if len(run) else 0:.6g} s"),
         ("signals", str(len(run.names))),
         ("link tables", str(len(run.link_tables))),
     ]

@@ -59,8 +59,9 @@ static int64_t matching(const receiver_t *r, uint32_t counter, int64_t shift, in
 
 /* By the time stamp, which is the nominal time of the sample in us: the number that counter and stamp
  * agree on. A stamp that is not a nominal time (of a foreign sender) gives the nearest number with that
- * counter. Where the counter was turned, and WINDOW frames in a row agree without that, it is turned
- * back: it had been turned for frames of another sender. *time: of the stamp, ns. */
+ * counter; where the counter, in its first turn, has not come so far by then, a number that is refused.
+ * Where the counter was turned, and WINDOW frames in a row agree without that, it is turned back: it had
+ * been turned for frames of another sender. *time: of the stamp, ns. */
 static int64_t stamped(receiver_t *r, const header_t *header, int64_t t, int64_t *time)
 {
     const int64_t span = (int64_t)1 << r->time_bits, us = divided(t, 1000);
@@ -75,7 +76,9 @@ static int64_t stamped(receiver_t *r, const header_t *header, int64_t t, int64_t
     }
     if (k >= 0) return k;
     *time = newest * 1000;
-    return below(r, header->counter, number_at(r, *time + r->period_ns / 2));
+    const int64_t sent = number_at(r, *time + r->period_ns / 2);
+    k = below(r, header->counter, sent);
+    return k > sent ? below(r, header->counter, latest(r, t) + turn(r)) : k;
 }
 
 /* Without a counter the arrival alone counts: a sample a period, and one that jitter brings sooner. After a

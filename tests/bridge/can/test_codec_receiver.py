@@ -112,6 +112,18 @@ def test_a_stamp_stays_true_when_the_counter_begins_anew():
     assert found[2:] == list(range(1012, 1310)) and r.resyncs == 1
 
 
+@pytest.mark.parametrize("profile", [E2EProfile.P05, E2EProfile.P04])
+def test_new_counters_with_an_old_stamp_are_never_believed(profile):
+    """Also in the first turn of the counter, in which the old ones were all smaller."""
+    r = receiver(PERIOD, profile, time_bits=32)
+    for k in range(100):
+        assert accept(r, k, k * PERIOD, k * 5000) == k
+    ahead = [
+        accept(r, k + (0, 2, 1, 3)[k % 4] & 255, k * PERIOD, 98 * 5000) for k in range(100, 400)
+    ]
+    assert max(ahead) < 0 and r.resyncs == 0 and r.sequence == 99
+
+
 @pytest.mark.parametrize("part", [-0.49, -0.2, 0.2, 0.49])
 def test_a_stamp_between_two_nominal_times_is_of_the_nearest_sample(part):
     """A foreign sender samples at times of its own."""

@@ -146,7 +146,8 @@ def _python(table: NodeTable, template: str) -> dict[str, str]:
         .replace('    """@law@"""', law_in_python(table))
         .replace("@node@", table.node)
     )
-    return {"participant.py": text, "table.json": as_json(table)}
+    life = _read("python/life.py.txt").replace("@node@", table.node)
+    return {"participant.py": text, "life.py": life, "table.json": as_json(table)}
 
 
 _PROGRAM = ("@folder@/participant",)

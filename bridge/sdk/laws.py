@@ -119,15 +119,15 @@ def _law(table: NodeTable, hold: str, head: Sequence[str], end: str, block: tupl
         "joints": law.joints,
     }
     lines = [line.format(**words) for line in head]
-    lines += [f"{block[0]}{statement}{end}" for statement in _statements(law, scaled=not end)]
+    lines += [f"{block[0]}{statement}{end}" for statement in _statements(law)]
     return "\n".join(f"    {line}" for line in (*lines, block[1])).rstrip()
 
 
-def _statements(law: FirstLaw, *, scaled: bool) -> list[str]:
-    """The law of a joint; `scaled`: torques by its own factor, since no core does it after it."""
+def _statements(law: FirstLaw) -> list[str]:
+    """The law of a joint; what sends its torques scales them."""
     if law.kind == "damping":
         _, dq, tau = law.first
-        return [f"out[{tau} + i] = -{DAMPING} * {'scale * ' if scaled else ''}in[{dq} + i]"]
+        return [f"out[{tau} + i] = -{DAMPING} * in[{dq} + i]"]
     tau, q, dq = law.first
     return [
         f"out[{dq} + i] += h / {INERTIA} * (scale * in[{tau} + i] - {FRICTION} * out[{dq} + i])",

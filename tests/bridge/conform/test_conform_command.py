@@ -70,12 +70,15 @@ def judged(path, *arguments):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("node", ["master_control", "master"])
-def test_our_own_node_on_simulated_buses(node, tmp_path):
+@pytest.mark.parametrize(
+    ("node", "buses"), [("master_control", ("left", "right")), ("master", ("left",))]
+)
+def test_our_own_node_on_simulated_buses(node, buses, tmp_path):
     stop = ("--set", 'run.stop="60 s"')
+    channels = [word for bus in buses for word in ("-c", f"{bus}={{{bus}}}")]
     found = judged(
         tmp_path / "verdicts.json", TELEOPERATION, "--node", node, "-i", "cosim", *stop, "--",
-        *NODE, "--node", node, "-i", "cosim", "-c", "left={left}", "-c", "right={right}", *stop,
+        *NODE, "--node", node, "-i", "cosim", *channels, *stop,
     )  # fmt: skip
     assert found["C-50"] != "not applicable"
 
@@ -88,12 +91,17 @@ def free_ports(count):
     return ports
 
 
-@pytest.mark.slow
-def test_our_own_node_over_zenoh(tmp_path):
+def over_zenoh():
+    """Options of a kit and of its participant: ports of this machine, and a time-out."""
     ends = zip(("master", "slave"), free_ports(2), strict=True)
     listen = ", ".join(f'{name} = "tcp/127.0.0.1:{port}"' for name, port in ends)
-    same = ("--deploy", "zenoh", "--set", 'run.stop="60 s"', "--set", 'deploy.silence="0.5 s"',
+    return ("--deploy", "zenoh", "--set", 'run.stop="60 s"', "--set", 'deploy.silence="0.5 s"',
             "--set", f"deploy.buses.net.options.listen={{ {listen} }}")  # fmt: skip
+
+
+@pytest.mark.slow
+def test_our_own_node_over_zenoh(tmp_path):
+    same = over_zenoh()
     found = judged(
         tmp_path / "verdicts.json", TELEOPERATION, "--node", "slave", *same, "--",
         *NODE, "--node", "slave", *same,
@@ -146,17 +154,29 @@ def test_participants_in_other_languages(language, compiler, tmp_path):
     assert found["C-50"] != "not applicable"
 
 
-#: The rules of the short participant in Python; its page has what it leaves out.
-PYTHON = "C-01,C-02,C-03,C-05,C-07,C-08,C-10,C-12,C-15,C-20,C-23,C-32,C-67"
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("node", "ends"), [("master_control", ("{left}", "{right}")), ("master", ("{left}",))]
+)
+def test_a_participant_in_python_on_simulated_buses(node, ends, tmp_path):
+    stop, folder = 'run.stop="60 s"', tmp_path / "participant"
+    write_participant(load_system(TELEOPERATION, "can", [stop]), node, "python", folder)
+    found = judged(
+        tmp_path / "verdicts.json", TELEOPERATION, "--node", node, "-i", "cosim",
+        "--without", "epoch-sent", "--set", stop, "--",
+        sys.executable, folder / "participant.py", "cosim", *ends,
+    )  # fmt: skip
+    assert found["C-50"] != "not applicable"
 
 
 @pytest.mark.slow
-def test_the_participant_in_python(tmp_path):
-    stop, folder = 'run.stop="60 s"', tmp_path / "participant"
-    system = load_system(TELEOPERATION, "can", [stop])
-    write_participant(system, "master_control", "python", folder)
-    judged(
-        tmp_path / "verdicts.json", TELEOPERATION, "--node", "master_control", "-i", "cosim",
-        "--set", stop, "--rules", PYTHON, "--",
-        sys.executable, folder / "participant.py", "cosim", "{left}", "{right}",
+def test_a_participant_in_python_over_zenoh(tmp_path):
+    same, folder = over_zenoh(), tmp_path / "participant"
+    system = load_system(TELEOPERATION, "zenoh", [x for x in same[2:] if x != "--set"])
+    write_participant(system, "slave", "python", folder)
+    found = judged(
+        tmp_path / "verdicts.json", TELEOPERATION, "--node", "slave", *same,
+        "--without", "epoch-sent", "--",
+        sys.executable, folder / "participant.py", "{net.listen}", "{net.connect}",
     )  # fmt: skip
+    assert found["C-50"] != "not applicable"

@@ -7,9 +7,11 @@ import re
 import subprocess
 import sys
 import time
+import types
 from pathlib import Path
 
 import cantools
+import numpy as np
 import pytest
 
 from bridge.deployment.system import load_system
@@ -56,28 +58,41 @@ def test_the_table_of_a_node_is_that_of_the_dbc_file(tmp_path):
 def test_a_participant_in_python_is_short_and_alone(tmp_path, deploy):
     system = load_system(TELEOPERATION, deploy, [SHORT])
     write_participant(system, "slave", "python", tmp_path / "p")
-    program = tmp_path / "p/participant.py"
-    assert lines(program) <= 60
-    assert max(map(len, program.read_text("utf-8").splitlines())) <= 100
-    assert not re.search(r"(import|from) (bridge|cosim|fmus)\b", program.read_text("utf-8"))
+    for name, most in (("participant.py", 100), ("life.py", 170)):
+        program = tmp_path / "p" / name
+        assert lines(program) <= most
+        assert max(map(len, program.read_text("utf-8").splitlines())) <= 100
+        assert not re.search(r"(import|from) (bridge|cosim|fmus)\b", program.read_text("utf-8"))
+
+
+def life_of(folder: Path) -> types.ModuleType:
+    """The module ``life`` of a participant in Python, which leaves the signals of tests alone."""
+    found = types.ModuleType("life")
+    found.__file__ = str(folder / "life.py")
+    text = (folder / "life.py").read_text("utf-8")
+    exec(text.replace("signal.signal(ends, self.end)", "pass"), found.__dict__)
+    return found
 
 
 def test_a_controller_in_python_has_no_torque_unless_it_is_active(tmp_path):
-    """Its scale is 0 in FAULT and at the end, and its last step is made with it."""
+    """Torques are limited and scaled: 1 ACTIVE, falling to 0 in the slots of the ramp, then 0."""
     system = load_system(TELEOPERATION, "can", [SHORT])
     write_participant(system, "master_control", "python", tmp_path / "p")
-    text = (tmp_path / "p/participant.py").read_text("utf-8")
-    table = json.loads((tmp_path / "p/table.json").read_text())
-    (sent,) = (m for m in table["sent"] if m["torque"][1])
-    inputs = {m["name"]: [0.5] * len(m["values"]) for m in table["received"]}
-    outputs = {m["name"]: [*m["start"]] for m in table["sent"]}
-    names: dict[str, object] = {"inputs": inputs, "outputs": outputs}
-    exec(text[text.index("def step(") : text.index("def sealed(")], names)
+    life = life_of(tmp_path / "p")
+    node, ramp = life.Node(8), life.T["ramp_slots"]
+    (sent,) = life.T["sent"]
     first, count = sent["torque"]
-    for scale, expected in ((1.0, -1.0), (0.0, 0.0)):
-        names["step"](0.005, scale)  # type: ignore[operator]
-        assert outputs[sent["name"]][first : first + count] == [expected] * count
-    assert text.index("step(0.0, 0.0)") < text.index("else FINISHED)")
+    node.outputs[sent["name"]][:] = [1e6] * len(sent["values"])
+    node.state, node.armed, node.begun, found = life.ACTIVE, True, 1, []
+    for k in range(ramp + 2):
+        node.raised |= life.ESTOP * (k == 1)
+        node.live(1)
+        ((_, _, _, values),) = node.samples()
+        assert values[first + count :] == [1e6] * (len(values) - first - count)
+        found.append((node.state, *values[first : first + count]))
+    falls = [(life.STOPPING, *[100.0 * (1 - (k + 1) / ramp)] * 2) for k in range(ramp - 1)]
+    expected = [(life.ACTIVE, 100.0, 100.0), *falls, (life.FAULT, 0.0, 0.0), (life.FAULT, 0.0, 0.0)]
+    assert np.allclose(found, expected) and not node.armed and node.reasons == life.ESTOP
 
 
 @needs_cc

@@ -41,7 +41,7 @@ def measure(robots: int, threads: int, rounds: int) -> dict[str, Any]:
     """One row, in this process."""
     from cosim.checks.preflight import check
     from cosim.engine.engine import Engine
-    from cosim.engine.simulate import simulate
+    from cosim.engine.simulate import Execution, simulate
     from cosim.loading.files import load
     from cosim.scenario.assemble import assemble
 
@@ -72,7 +72,7 @@ def measure(robots: int, threads: int, rounds: int) -> dict[str, Any]:
     whole = load(ROOT / "configs" / "many.toml",
                  (f"graphs.net.n={robots}", f"run.stop={WHOLE[robots > 1000]}"))  # fmt: skip
     with TemporaryDirectory() as folder:
-        outcome = simulate(whole, Path(folder) / "run", threads=threads)
+        outcome = simulate(whole, Path(folder) / "run", execution=Execution(threads))
     row["run"] = outcome.seconds / outcome.wall
     return row
 

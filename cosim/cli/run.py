@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import os
+import re
 import shlex
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -17,6 +19,7 @@ from cosim.cli.options import OutputOptions, RunSettings, write_json
 
 if TYPE_CHECKING:
     from cosim.base.errors import RunError
+    from cosim.checkpoint import CheckpointKeeper
     from cosim.engine.simulate import RunOutcome
     from cosim.record import Run
     from cosim.scenario.spec import Scenario
@@ -52,6 +55,16 @@ class RunOptions(OutputOptions):
     threads: Annotated[
         int, typer.Option(min=1, max=256, help="Threads that share many FMUs; same results.")
     ] = 1
+    checkpoint: Annotated[
+        str | None,
+        typer.Option(
+            metavar="TIME", help="Save the state at such intervals of wall time, e.g. 60s."
+        ),
+    ] = None
+    resume: Annotated[
+        Path | None,
+        typer.Option(metavar="RUN", help="Continue the run of this folder from its checkpoint."),
+    ] = None
     deploy: Annotated[
         str | None,
         typer.Option(
@@ -67,11 +80,12 @@ class RunOptions(OutputOptions):
 
 
 def run(
-    scenario: Annotated[
-        Path, typer.Argument(help="Scenario (.toml), system of another tool (.ssp), or FMU (.fmu).")
-    ],
     settings: RunSettings,
     options: RunOptions,
+    scenario: Annotated[
+        Path | None,
+        typer.Argument(help="Scenario (.toml), system of another tool (.ssp), or FMU (.fmu)."),
+    ] = None,
 ) -> None:
     """Run a scenario; write trajectories, metadata, link tables and a report to a folder."""
     from cosim.base.errors import ScenarioError
@@ -80,8 +94,15 @@ def run(
     from cosim.engine.simulate import columns
     from cosim.record import Run
 
+    keeper = None
+    if options.resume is not None:
+        scenario, settings, options, keeper = _resumed(scenario, settings, options)
+    if scenario is None:
+        raise ScenarioError("found no scenario; expected cosim run SCENARIO, or --resume RUN")
     if options.live:
         _check_live(options)
+    if options.checkpoint is not None and keeper is None:
+        keeper = _keeper(scenario, settings, options)
     if options.deploy is not None:
         if options.links is not None:
             raise ScenarioError("--links is for runs without nodes; expected no --deploy with it")
@@ -105,8 +126,10 @@ def run(
     found = print_warnings(
         loaded, plan, strict=options.strict, quiet=options.quiet, computed=options.strict
     )
-    further = {"command": this_command(), **found}
-    outcome = _simulated(loaded, plan, folder, further, options, report)
+    command = this_command() if keeper is None else keeper.command
+    outcome = _simulated(
+        loaded, plan, folder, {"command": command, **found}, options, report, keeper
+    )
     _print_notes(outcome, plan, options)
     _finish(loaded, Run.open(folder), outcome, found.get("limits", {}), options, report)
 
@@ -120,6 +143,81 @@ def _check_live(options: RunOptions) -> None:
     for name, found in given.items():
         if found:
             raise ScenarioError(f"found --live with {name}; expected one of them")
+
+
+def _keeper(scenario: Path, settings: RunSettings, options: RunOptions) -> CheckpointKeeper:
+    """The object that keeps the state of a run. Raises ScenarioError."""
+    from cosim.base.errors import ScenarioError
+    from cosim.checkpoint import CheckpointKeeper
+    from cosim.cli.summary import this_command
+
+    if options.deploy is not None:
+        raise ScenarioError("found --checkpoint with --deploy, whose nodes are not saved")
+    given = {
+        "command": this_command(), "place": os.getcwd(), "scenario": str(scenario),
+        "settings": settings.all, "threads": options.threads, "fmu_log": options.fmu_log,
+        "table": None if options.table is None else str(options.table),
+        "links": None if options.links is None else str(options.links),
+    }  # fmt: skip
+    return CheckpointKeeper(_seconds(options.checkpoint or ""), given)
+
+
+def _seconds(text: str) -> float:
+    """The interval of ``--checkpoint``, s; a number alone is in s. Raises ScenarioError."""
+    from cosim.base.errors import ScenarioError, UnitError
+    from cosim.base.units import quantity
+
+    spaced = re.sub(r"(?<=[0-9.])(?=[a-zµ])", " ", text.strip(), count=1)
+    try:
+        found = quantity(spaced if re.search("[a-zµ]", spaced) else f"{spaced} s", "s")
+    except UnitError:
+        found = -1.0
+    if found < 0.0:
+        raise ScenarioError(f"found {text!r}, expected a time such as 60s", "--checkpoint")
+    return found
+
+
+def _resumed(
+    scenario: Path | None, settings: RunSettings, options: RunOptions
+) -> tuple[Path, RunSettings, RunOptions, CheckpointKeeper]:
+    """The command that began the run of a folder, with what shows its result as given here.
+
+    Raises ScenarioError.
+    """
+    from cosim.base.errors import ScenarioError
+    from cosim.checkpoint import CheckpointKeeper, Resumption
+
+    assert options.resume is not None
+    usual = RunOptions()
+    kept = ("out", "force", "table", "links", "fmu_log", "threads", "deploy", "clock")
+    words = [f"--{name.replace('_', '-')}" for name in kept
+             if getattr(options, name) != getattr(usual, name)]  # fmt: skip
+    words += ["a scenario"] * (scenario is not None) + settings.all
+    if words:
+        raise ScenarioError(
+            f"found {', '.join(words)} with --resume; expected it alone, or with --checkpoint and "
+            "options of the output, since the run continues as it began"
+        )
+    found = Resumption.open(options.resume)
+    given = found.given
+    if os.getcwd() != given["place"]:
+        raise ScenarioError(
+            f"the run began in {given['place']}; expected --resume to be called there",
+            str(options.resume),
+        )
+    if found.note:
+        typer.echo(f"note: {found.note}; the checkpoint before it is used", err=True)
+    options.say(f"resumed at t = {found.time:.6g} s: {given['command']}")
+    table, links = (None if given[x] is None else Path(given[x]) for x in ("table", "links"))
+    begun = replace(
+        options, out=options.resume, table=table, links=links, threads=given["threads"],
+        fmu_log=given["fmu_log"],
+    )  # fmt: skip
+    interval = found.found.facts["interval"]
+    if options.checkpoint is not None:
+        interval = _seconds(options.checkpoint)
+    keeper = CheckpointKeeper(interval, given, found)
+    return Path(given["scenario"]), RunSettings(set_=given["settings"]), begun, keeper
 
 
 def _repeated(settings: RunSettings, options: RunOptions) -> Iterator[str]:
@@ -195,21 +293,25 @@ def _simulated(
     further: dict[str, Any],
     options: RunOptions,
     report: Callable[[Run], Path] | None,
+    keeper: CheckpointKeeper | None,
 ) -> RunOutcome:
     """The outcome of the run. Ends the command when it is interrupted."""
     from cosim.base.errors import Interrupted, RunError
     from cosim.base.interrupts import exit_code
     from cosim.cli.summary import progress_bar
-    from cosim.engine.simulate import simulate
+    from cosim.engine.simulate import Execution, simulate
 
+    execution = Execution(options.threads, keeper)
     try:
         with progress_bar(options.quiet) as progress:
             return simulate(
                 loaded, folder, progress, plan,
-                force=options.force, further=further, threads=options.threads,
+                force=options.force, further=further, execution=execution,
             )  # fmt: skip
     except Interrupted as stop:
         typer.echo(f"{stop}; recorded until then: {stop.saved}", err=True)
+        if keeper is not None:
+            typer.echo(f"to continue: cosim run --resume {shlex.quote(stop.saved)}", err=True)
         raise typer.Exit(exit_code()) from None
     except RunError as error:
         _picture_failure(error, loaded, options, report)

@@ -139,6 +139,11 @@ class Engine:
         """The plan as C runs it."""
         return self._bound
 
+    @property
+    def macros(self) -> c.Array[structs.MacroStruct] | None:
+        """Its groups with macro steps, if it has any."""
+        return None if self._macros is None else self._macros.macros
+
     def begin_again(self, plan: Plan, signals: Vector | None = None) -> None:
         """Stand at tick 0 of `plan` as a new engine would: see :mod:`cosim.engine.reuse`.
 
@@ -254,18 +259,37 @@ class Engine:
     def _next_tables(self, ticks: int) -> int:
         """Take the next rows where none are left; return for how many of `ticks` they last."""
         if self._drawn.end <= self.tick and self._tables:
-            self._drawn = drawn = self._tables.draw(self.tick, ticks)
-            if self.plan.links:
-                links = rows_of(self._bound.links)
-                links["table"], links["row"] = drawn.addresses, 0
-                links["rows"] = drawn.links.counts
-                if self._keep_tables and not drawn.filled:
-                    self._keep_tables(drawn.links)
-            for played, values in zip(self._bound.players, drawn.values, strict=True):
-                played.values, played.row, played.rows = values.ctypes.data, 0, len(values)
-            if self._team:
-                self._team.allow(drawn.links, self.tick)
+            self._take(self._tables.draw(self.tick, ticks))
         return min(ticks, self._drawn.end - self.tick)
+
+    def _take(self, drawn: DrawnRows) -> None:
+        """Let the links and players use these rows, from their first on."""
+        self._drawn = drawn
+        if self.plan.links:
+            links = rows_of(self._bound.links)
+            links["table"], links["row"] = drawn.addresses, 0
+            links["rows"] = drawn.links.counts
+            if self._keep_tables and not drawn.filled:
+                self._keep_tables(drawn.links)
+        for played, values in zip(self._bound.players, drawn.values, strict=True):
+            played.values, played.row, played.rows = values.ctypes.data, 0, len(values)
+        if self._team:
+            self._team.allow(drawn.links, drawn.start)
+
+    @property
+    def drawn(self) -> tuple[int, int]:
+        """The ticks from which on, and before which, rows of tables have been drawn last."""
+        return self._drawn.start, self._drawn.end
+
+    def draw_again(self, start: int, end: int) -> None:
+        """Draw tables up to tick `end` as an earlier run did, whose :attr:`drawn` is given.
+
+        The engine is at tick 0 and stays there; what is kept of the state of links and players is
+        to be restored afterwards. Raises RunError.
+        """
+        if self._tables and end > 0:
+            for drawn in self._tables.draw_again(start, end):
+                self._take(drawn)
 
     def _keep_filled_tables(self) -> None:
         """Keep the rows that the run has filled in, as far as it came."""
@@ -354,7 +378,7 @@ class Engine:
 
 def _no_rows(end: int) -> DrawnRows:
     nothing = np.empty(0, np.int64)
-    return DrawnRows(end, LinkRows(np.empty(0, np.int32), nothing), nothing, {}, ())
+    return DrawnRows(end, end, LinkRows(np.empty(0, np.int32), nothing), nothing, {}, ())
 
 
 class SignalViews(Sequence[Views]):

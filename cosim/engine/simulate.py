@@ -9,7 +9,7 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -47,6 +47,46 @@ CHUNK_TICKS, CHUNK_VALUES = 8192, 1 << 18
 #: Ticks that are kept when a run fails: of everything, or of what is recorded if there are more
 #: signals than this, since copying them all would cost as much as the run.
 FLIGHT_RECORDER, EVERYTHING = 1000, 8192
+
+
+class Keeper(Protocol):
+    """Keeps the state of a run at some ticks, so that it can be resumed (``cosim.checkpoint``)."""
+
+    def check(self, engine: Engine, facts: Mapping[str, Any]) -> None:
+        """Raise ScenarioError if the run cannot be kept, or is not the one that is resumed.
+
+        Nothing has been written yet. `facts`: the entries of ``run.json``.
+        """
+
+    def prepare(self, folder: Path) -> bool:
+        """Make the folder ready, which no other run uses; true: it has the run that is resumed.
+
+        Raises RunError.
+        """
+
+    def begin(self, engine: Engine, recorder: Recorder) -> None:
+        """Bring the run to the tick at which it is resumed, if it is; keep the state.
+
+        Raises RunError, ScenarioError.
+        """
+
+    def keep(self, engine: Engine, recorder: Recorder, *, now: bool) -> None:
+        """Keep the state between two chunks, if it is time or with `now`. Raises RunError."""
+
+    @property
+    def before(self) -> float:
+        """The wall time of earlier parts of the run, s."""
+
+    def end(self) -> None:
+        """Forget what was kept, after the folder is complete. Raises RunError."""
+
+
+@dataclass(frozen=True, slots=True)
+class Execution:
+    """The way to run: by how many `threads`, with the same results, and what keeps its state."""
+
+    threads: int = 1
+    keeper: Keeper | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,14 +165,14 @@ def simulate(
     *,
     force: bool = False,
     further: Mapping[str, Any] | None = None,
-    threads: int = 1,
+    execution: Execution = Execution(),
 ) -> RunOutcome:
     """Run a scenario from start to stop, recording into `folder` (see :func:`claim_folder`).
 
     The folder is made once all components have started: what cannot start leaves nothing behind.
     From then on it can be read at any moment, also after the process was killed. `progress` is
-    called with (ticks done, ticks in all) between chunks; `further`: more entries of ``run.json``;
-    `threads`: how many compute, with the same results. Raises CosimError; a RunError leaves in the
+    called with (ticks done, ticks in all) between chunks; `further`: more entries of ``run.json``.
+    Raises CosimError; a RunError leaves in the
     folder what was recorded, and the last ticks of every signal (of those recorded, if there are
     more than :data:`EVERYTHING`). Ctrl-C (and the engine's `stop`) becomes Interrupted, and leaves
     what was recorded.
@@ -168,13 +208,17 @@ def simulate(
 
     with ExitStack() as stack:
         engine = stack.enter_context(
-            Engine(plan, keep, threads=threads, columns=taken, every=every)
+            Engine(plan, keep, threads=execution.threads, columns=taken, every=every)
         )
         engine.initialize()
+        facts = {**metadata(scenario, plan), **(further or {})}
+        keeper = execution.keeper
+        if keeper is not None:
+            keeper.check(engine, facts)
         stack.enter_context(stop_on_signal(engine.stop))  # what is opened from here on is closed
         stack.enter_context(held_folder(folder))
-        claim_folder(folder, force=force)
-        facts = {**metadata(scenario, plan), **(further or {})}
+        resumed = keeper is not None and keeper.prepare(folder)
+        claim_folder(folder, force=force or resumed, resumed=resumed)
         events = None
         if scenario.run.record.events:
             from cosim.engine.event_times import EventTimes  # few runs ask for it
@@ -192,7 +236,9 @@ def simulate(
         stack.enter_context(recorder)
         watch = stopwatch()
         try:
-            _loop(engine, plan, recorder, rows, taken, sparse=every > 1, progress=progress)
+            if keeper is not None:
+                keeper.begin(engine, recorder)
+            _loop(engine, recorder, rows, taken, keeper, sparse=every > 1, progress=progress)
         except BaseException as error:
             _save_failure(error, recorder, everything, folder)
             if isinstance(error, RunError | Interrupted):
@@ -202,6 +248,8 @@ def simulate(
         recorder.close()
         aside.result()
         wall = watch()
+        if keeper is not None:
+            wall += keeper.before
         late, shared = engine.late_clock_ticks(), engine.shares
         facts |= {} if events is None else {"events": events.counts()}
         facts |= _macro_facts(engine) | {
@@ -211,6 +259,8 @@ def simulate(
             "late_clocks": late,
             "ended": None if engine.ended is None else asdict(engine.ended),
         }
+    if keeper is not None:
+        keeper.end()
     statistics = dict(zip([x.name for x in plan.links], ages.results(), strict=True))
     return RunOutcome(
         called, plan, engine.tick, plan.time(engine.tick), wall, statistics, late, engine.ended,
@@ -256,14 +306,15 @@ def _hand_over(takers: Sequence[Callable[[LinkRows], None]], found: LinkRows) ->
 
 def _loop(
     engine: Engine,
-    plan: Plan,
     recorder: Recorder,
     rows: int,
     taken: Sequence[int] | None,
+    keeper: Keeper | None,
     *,
     sparse: bool,
     progress: Callable[[int, int], None],
 ) -> None:
+    plan = engine.plan
     while True:
         first = engine.tick
         ticks = min(rows - 1, plan.ticks - first)
@@ -282,7 +333,10 @@ def _loop(
                 buffer[n] = engine.signals if taken is None else engine.signals[taken]
                 n += 1
             recorder.submit(buffer, first, n, last=last)
-        if engine.tick < first + ticks and not done:
+        stopped = engine.tick < first + ticks and not done
+        if keeper is not None and not done:
+            keeper.keep(engine, recorder, now=stopped)
+        if stopped:
             raise Interrupted(plan.time(engine.tick), str(recorder.path.parent))
         progress(engine.tick, plan.ticks)
         if done:

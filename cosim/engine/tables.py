@@ -6,7 +6,7 @@ many links a thread draws the next stretch while the engine runs, which has no p
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from threading import Thread
 from typing import Any, Generic, TypeVar
@@ -80,11 +80,13 @@ class LinkRows:
 
 @dataclass(frozen=True, slots=True)
 class DrawnRows:
-    """Rows of links, up to tick `end`, and where C finds them, (links,); values of players.
+    """Rows of links from tick `start` up to `end`, and where C finds them, (links,); values of
+    players.
 
     `filled`: those that the run fills in, by the number of the link.
     """
 
+    start: int
     end: int
     links: LinkRows
     addresses: NDArray[np.int64]
@@ -134,6 +136,17 @@ class RowTables:
         self._draw_ahead(found.end)
         return found
 
+    def draw_again(self, start: int, end: int) -> Iterator[DrawnRows]:
+        """The rows of an earlier run from tick 0 to `start`, in pieces, and the stretch that it
+        drew from there to `end`.
+
+        To be used up before the next :meth:`draw`, and before any other. Raises RunError.
+        """
+        for tick in range(0, start, self._stretch):
+            yield self._drawn(tick, min(self._stretch, start - tick))
+        yield self._drawn(start, end - start)
+        self._draw_ahead(end)
+
     def _length(self, tick: int, ticks: int) -> int:
         return max(ticks, min(self._stretch, self._plan.ticks - tick))
 
@@ -159,7 +172,9 @@ class RowTables:
         for player, played in zip(self._plan.players, self._played, strict=True):
             period = self._plan.component(player.target.component).period
             values.append(np.ascontiguousarray(played.rows(_hits(period, tick, ticks)), np.float64))
-        return DrawnRows(tick + ticks, LinkRows(rows, counts), addresses, filled, tuple(values))
+        return DrawnRows(
+            tick, tick + ticks, LinkRows(rows, counts), addresses, filled, tuple(values)
+        )
 
     def close(self) -> None:
         """Wait for what is being drawn."""

@@ -14,11 +14,13 @@ from cosim.native import shared
 class CommonInstance:
     """Status, state, end and addresses of an instance.
 
-    `STATE` and `HOT` are names of functions, without prefix; `HOT`: those that set reals, step and
-    get reals. `ENUMERATION`: the type by whose functions enumerations are passed.
+    `STATE`, `READ` and `HOT` are names of functions without prefix, or parts of them. `HOT`: those
+    that set reals, step and get reals. `ENUMERATION`: the type by whose functions enumerations are
+    passed.
     """
 
     STATE: ClassVar[str]
+    READ: ClassVar[str]
     HOT: ClassVar[tuple[str, str, str]]
     ENUMERATION: ClassVar[str]
     _calls: Calls
@@ -75,6 +77,35 @@ class CommonInstance:
     def set_state(self, state: int) -> None:
         """``fmi2SetFMUstate``, ``fmi3SetFMUState``."""
         self._calls.checked(f"Set{self.STATE}", c.c_void_p, c.c_void_p)(self.handle, state)
+
+    def serialized(self) -> bytes:
+        """The state as bytes: ``fmi2SerializeFMUstate``, ``fmi3SerializeFMUState``."""
+        state, size = c.c_void_p(self.get_state()), c.c_size_t()
+        try:
+            types = (c.c_void_p,) * 3
+            self._calls.checked(f"Serialized{self.STATE}Size", *types)(
+                self.handle, state, c.byref(size)
+            )
+            data = c.create_string_buffer(max(1, size.value))
+            write = self._calls.checked(f"Serialize{self.STATE}", *types, c.c_size_t)
+            write(self.handle, state, data, size.value)
+        finally:
+            self.free_state(state.value or 0)
+        return data.raw[: size.value]
+
+    def set_serialized(self, data: bytes) -> None:
+        """Go to a state that was serialized: ``fmi2DeSerializeFMUstate``,
+        ``fmi3DeserializeFMUState``.
+        """
+        state = c.c_void_p()
+        types = c.c_void_p, c.c_char_p, c.c_size_t, c.c_void_p
+        self._calls.checked(f"{self.READ}{self.STATE}", *types)(
+            self.handle, data, len(data), c.byref(state)
+        )
+        try:
+            self.set_state(state.value or 0)
+        finally:
+            self.free_state(state.value or 0)
 
     def free_state(self, state: int) -> None:
         """``fmi2FreeFMUstate``, ``fmi3FreeFMUState``."""

@@ -16,6 +16,7 @@ from cosim.fmi.driver import FmuDriver
 from cosim.fmi.file.ports import REAL
 from cosim.fmi.file.values import NumberedTexts
 from cosim.fmi.library import FATAL, OK, WARNING
+from cosim.native.fmu_log import Log
 
 
 def stepped_fmu(component: Component) -> FmuComponent | None:
@@ -198,6 +199,26 @@ def reason_not_rolled_back(component: Component) -> str:
     return _reason_fixed(fmu)
 
 
+def reason_not_serialized(component: Component) -> str:
+    """The reason why the state cannot be written into a file, and what would help; "": it can."""
+    if isinstance(component, FmuDriver):
+        return "is on a simulated bus, whose frames are not saved; expected no bus"
+    fmu = stepped_fmu(component)
+    if fmu is None:
+        missing = [m for m in ("get_state", "set_state") if m not in dir(component)]
+        return f"has no {' and no '.join(missing)}; expected these two methods" if missing else ""
+    if fmu.options.isolate or fmu.options.wasm:
+        return "is isolated; expected isolate = false"
+    if fmu.sandboxed:
+        return "is run in WebAssembly; expected a binary for here"
+    flag = "canSerializeFMUstate" if fmu.description.fmi == "2.0" else "canSerializeFMUState"
+    if not fmu.description.flags.get(flag):
+        return f"does not declare {flag}; expected an FMU exported with it"
+    if fmu.options.solver == "cvode" and fmu.description.states is not None:
+        return "is integrated by CVODE, whose memory is not saved; expected another solver"
+    return ""
+
+
 def _reason_fixed(fmu: FmuComponent) -> str:
     """The ability an FMU lacks: to save its state, or to step as long as it is told."""
     flags, two = fmu.description.flags, fmu.description.fmi == "2.0"
@@ -323,6 +344,37 @@ def free_state(component: Component, state: object) -> None:
     if fmu is not None:
         assert isinstance(state, int)
         fmu.instance.free_state(state)
+
+
+def serialized(component: Component) -> tuple[bytes, Mapping[str, list[str]]]:
+    """The state of an FMU, and texts of its clocks as they were at their last ticks.
+
+    Raises FmuError.
+    """
+    fmu = stepped_fmu(component)
+    assert fmu is not None
+    return fmu.instance.serialized(), fmu.instance.clocked_texts()
+
+
+def set_serialized(component: Component, state: bytes, ticked: Mapping[str, list[str]]) -> None:
+    """Continue an FMU from what :func:`serialized` gave for another instance. Raises FmuError."""
+    fmu = stepped_fmu(component)
+    assert fmu is not None
+    fmu.instance.set_serialized(state)
+    found = fmu.instance.clocked_texts()
+    assert isinstance(found, dict)
+    found.update(ticked)
+
+
+def logged(component: Component) -> Log | None:
+    """The log of an FMU whose logging is on, else None."""
+    fmu = stepped_fmu(component)
+    return fmu.instance.log if fmu is not None and fmu.options.log else None
+
+
+def numbered_texts(components: Iterable[Component]) -> NumberedTexts | None:
+    """The texts that signals carry; None: there are no FMUs."""
+    return next((fmu.numbered for fmu in map(stepped_fmu, components) if fmu is not None), None)
 
 
 def texts(component: Component) -> Mapping[str, list[str]]:

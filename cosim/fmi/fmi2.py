@@ -72,7 +72,7 @@ class Instance2(CommonInstance):
     TYPES: ClassVar[Mapping[str, Any]] = {
         "Real": c.c_double, "Integer": c.c_int, "Boolean": c.c_int, "Enumeration": c.c_int,
     }  # fmt: skip
-    STATE = "FMUstate"
+    STATE, READ = "FMUstate", "DeSerialize"
     HOT = ("SetReal", "DoStep", "GetReal")
     next_ticks: Mapping[int, NextTick] = {}
 

@@ -43,7 +43,7 @@ TYPES: Mapping[str, Any] = {
 class Instance3(CommonInstance):
     """An instance of an FMI 3.0 FMU, for any of the three interfaces."""
 
-    STATE = "FMUState"
+    STATE, READ = "FMUState", "Deserialize"
     HOT = ("SetFloat64", "DoStep", "GetFloat64")
     ENUMERATION = "Int64"
 

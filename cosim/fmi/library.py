@@ -138,6 +138,12 @@ class Instance(Protocol):
     def free_state(self, state: int) -> None:
         """Give a saved state back."""
 
+    def serialized(self) -> bytes:
+        """The state as bytes, for :meth:`set_serialized` of another instance."""
+
+    def set_serialized(self, data: bytes) -> None:
+        """Go to a state that was serialized."""
+
     def directional(
         self, unknowns: Sequence[int], knowns: Sequence[int], seed: Sequence[float], count: int
     ) -> list[float]:

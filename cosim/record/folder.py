@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import sys
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
@@ -29,6 +30,8 @@ REPORT, CSV = "report.html", "trajectories.csv"
 FMU_LOG, FIGURES = ".fmu.log", (".png", ".pdf")
 #: Times of the events of FMUs.
 EVENTS = "events.csv"
+#: The checkpoints of a run that is not finished.
+CHECKPOINTS = ".checkpoints"
 #: Suffix of a link's table while a run goes on.
 ROWS = ".rows"
 #: What ``status`` of ``run.json`` may be. A folder that is "running" and whose run is not there any
@@ -38,12 +41,13 @@ _SINGLE = (TRAJECTORIES, PART, LIVE, METADATA, LAST, SUMS, TABLES, TABLE_ROWS)
 _MADE = (REPORT, CSV, EVENTS)
 
 
-def claim_folder(folder: str | Path, *, force: bool = False) -> Path:
+def claim_folder(folder: str | Path, *, force: bool = False, resumed: bool = False) -> Path:
     """Create `folder` for a run, or use an existing empty one.
 
     With `force`, the files of an earlier run in it are deleted, also what was made of it, but only
-    those that this package writes. Raises ScenarioError for a folder that is not empty without
-    `force`, that contains other files than a run, or that cannot be created.
+    those that this package writes; the checkpoints of a run that is `resumed` remain. Raises
+    ScenarioError for a folder that is not empty without `force`, that contains other files than a
+    run, or that cannot be created.
     """
     folder = Path(folder)
     try:
@@ -55,13 +59,15 @@ def claim_folder(folder: str | Path, *, force: bool = False) -> Path:
                 "choose another one, or replace an earlier run with --force",
                 str(folder),
             )
-        if present and not {*_SINGLE, LINKS} & set(present):
+        if present and not {*_SINGLE, LINKS, CHECKPOINTS} & set(present):
             raise ScenarioError(
                 f"the folder contains {_some(present)} but no earlier run; nothing is overwritten",
                 str(folder),
             )
         for path in _own_files(folder):
             path.unlink()
+        if not resumed:
+            shutil.rmtree(folder / CHECKPOINTS, ignore_errors=True)
     except OSError as error:
         raise ScenarioError(f"cannot use this folder: {reason(error)}", str(folder)) from error
     return folder
@@ -130,18 +136,25 @@ def write_metadata(
     arrays and paths in addition to JSON's own types. Raises RunError naming the place of a value
     that JSON cannot represent, or the path if writing fails.
     """
-    from msgspec import json, to_builtins
+    from msgspec import json
 
     path = Path(folder) / METADATA
+    data = json_data(mapping)
+    write_file(path, (json.format(data, indent=2) if indented else data) + b"\n")
+    return path
+
+
+def json_data(mapping: Mapping[str, Any]) -> bytes:
+    """The content of ``run.json``, without indentation; see :func:`write_metadata`."""
+    from msgspec import json, to_builtins
+
     if not _is_plain(mapping):  # msgspec also writes sets, bytes and more, which have another form
         _check_plain(mapping, METADATA)
     try:
-        data = json.encode(mapping, enc_hook=_plain, order="sorted")
+        return json.encode(mapping, enc_hook=_plain, order="sorted")
     except (TypeError, ValueError, RecursionError):  # keys that are numbers
         texts = to_builtins(mapping, enc_hook=_plain, str_keys=True)
-        data = json.encode(texts, enc_hook=_plain, order="sorted")
-    write_file(path, (json.format(data, indent=2) if indented else data) + b"\n")
-    return path
+        return json.encode(texts, enc_hook=_plain, order="sorted")
 
 
 def read_metadata(folder: str | Path) -> dict[str, Any]:

@@ -13,8 +13,11 @@ longer than a short run; ``numpy.ma`` takes 10 ms.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import os
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -58,6 +61,16 @@ def batch(values: NDArray[np.float64], fields: Any) -> Any:
     return pa.RecordBatch.from_arrays([arrow(column) for column in values], schema=fields)
 
 
+@dataclass(frozen=True, slots=True)
+class RecordedRows:
+    """A recording at one moment: `written` rows are in full row groups of its file; `rest`
+    (columns + 1, k): those after them, row 0 is t.
+    """
+
+    written: int
+    rest: Rows
+
+
 class GroupWriter:
     """One Parquet file: ``t`` and the columns, every `every`-th tick and the last one.
 
@@ -92,8 +105,28 @@ class GroupWriter:
             self._counts = live.counts
         self._pending: tuple[int, Rows] | None = None  # last tick so far, if not on the grid
         self._schema = schema(columns, h, every, metadata or {})
+        self._path = path
         self._file: Any = pa.OSFile(str(path), "wb")
         self._writer: Any = pq.ParquetWriter(self._file, self._schema, **SETTINGS)
+
+    @property
+    def recorded(self) -> RecordedRows:
+        """The rows so far: those in the file, which is brought to the disk, and the others."""
+        with open(self._path, "rb") as file:
+            os.fsync(file.fileno())
+        written, filled = (int(n) for n in self._counts)
+        return RecordedRows(written, self._group[:, :filled].copy())
+
+    def take(self, groups: Iterable[Rows], rest: Rows) -> None:
+        """Begin with rows of an earlier recording: full row groups (columns + 1, rows), and the
+        `rest` (columns + 1, k); row 0 is t.
+        """
+        for group in chain(groups, (rest,)):
+            n = group.shape[1]
+            self._group[:, :n] = group
+            self._counts[1] = n
+            if n == self._rows:
+                self._flush()
 
     def add(self, rows: Rows, k0: int, *, last: bool = False) -> None:
         """Take `rows` (n, n_signals), signals at ticks k0 … k0+n-1; `last`: there are no more."""

@@ -14,7 +14,7 @@ import os
 import queue
 import threading
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from math import ceil, isfinite
 from pathlib import Path
 
@@ -23,7 +23,7 @@ import numpy as np
 from cosim.base.errors import RunError, ScenarioError
 from cosim.base.files import Closing
 from cosim.record.folder import LIVE, PART, TRAJECTORIES, reason
-from cosim.record.groups import GroupWriter, group_rows
+from cosim.record.groups import GroupWriter, RecordedRows, group_rows
 from cosim.record.live import Column, Live, RecordLayout, Rows
 
 __all__ = ["Column", "Recorder"]
@@ -173,6 +173,32 @@ class Recorder(Closing):
         self._held.append((buffer, k0, n))
         self._raise_failure()
         self._full.put((buffer, k0, n, last))
+
+    def settle(self) -> RecordedRows:
+        """Wait until all rows that were submitted are in the file or in the row group; the rows.
+
+        Raises RunError.
+        """
+        waiting = self._buffers - len(self._out)
+        for rows in [self._free.get() for _ in range(waiting)]:
+            self._free.put(rows)
+        self._raise_failure()
+        try:
+            return self._writer.recorded
+        except OSError as error:
+            raise RunError(f"cannot write {self.path}: {reason(error)}") from error
+
+    def resume(self, groups: Iterable[Rows], rest: Rows, k0: int) -> None:
+        """Begin with the rows of an earlier recording (:meth:`settle`), before the first buffer:
+        its full row groups and the rest; the next tick is `k0`.
+
+        Raises RunError, ScenarioError for row groups that cannot be read.
+        """
+        try:
+            self._writer.take(groups, rest)
+        except OSError as error:
+            raise RunError(f"cannot write {self.path}: {reason(error)}") from error
+        self._next = k0
 
     def close(self) -> None:
         """Write the rest and the footer. Later calls do nothing. Raises RunError."""

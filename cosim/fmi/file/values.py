@@ -203,6 +203,15 @@ class NumberedTexts:
             self._texts.append(text)
         return float(found)
 
+    def all(self) -> list[str]:
+        """All texts, in the order of their numbers."""
+        return list(self._texts)
+
+    def take(self, texts: Sequence[str]) -> None:
+        """Know these `texts` by their places, and no others."""
+        self._texts = list(texts)
+        self._numbers = {text: i for i, text in enumerate(texts)}
+
     def text(self, number: float) -> str:
         """The text of a number (without a unit)."""
         return self._texts[int(number)]

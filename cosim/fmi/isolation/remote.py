@@ -297,6 +297,14 @@ class RemoteInstance:
         """Give a state saved there back."""
         self._call("free_state", state)
 
+    def serialized(self) -> bytes:
+        """The state as bytes: it is not asked of another process. Raises FmuError."""
+        raise FmuError(f"{self._name}: its state is in another process")
+
+    def set_serialized(self, data: bytes) -> None:
+        """Go to a state that was serialized: another process is not told. Raises FmuError."""
+        raise FmuError(f"{self._name}: its state is in another process")
+
     def bind(self, here: StepLayout, there: StepLayout, stop: int) -> structs.UnitStruct:
         """The engine's unit for it. `here`, `there`: where its signals are in each process; there,
         its inputs come first, slopes last. `stop`: address of what tells the engine to stop.

@@ -12,7 +12,7 @@ from cosim.base.errors import Interrupted, RunError
 from cosim.engine import binding
 from cosim.engine import simulate as simulation
 from cosim.engine.engine import Engine
-from cosim.engine.simulate import simulate
+from cosim.engine.simulate import Execution, simulate
 from cosim.loading.files import load
 from cosim.record import Recorder, Run
 from cosim.record.folder import LAST, LIVE, METADATA, PART
@@ -42,7 +42,9 @@ def test_what_is_recorded_is_the_same(
     simulate(scenario, tmp_path / "all")
     monkeypatch.setattr(simulation, "EVERYTHING", 10)
     monkeypatch.setattr(binding, "LEAST", 2)
-    assert simulate(scenario, tmp_path / "some", threads=threads).shared == (threads > 1)
+    assert simulate(scenario, tmp_path / "some", execution=Execution(threads)).shared == (
+        threads > 1
+    )
     assert (tmp_path / "some" / NAMES).read_bytes() == (tmp_path / "all" / NAMES).read_bytes()
 
 

@@ -16,7 +16,7 @@ from cosim.base.errors import RunError
 from cosim.engine import binding, threads
 from cosim.engine.arrays import rows_of, stretches
 from cosim.engine.engine import Engine
-from cosim.engine.simulate import simulate
+from cosim.engine.simulate import Execution, simulate
 from cosim.loading.files import load, read_document
 from cosim.native import structs
 from cosim.native.enums import Code
@@ -295,7 +295,7 @@ def replace_start(spec: object, start: dict[str, float]) -> object:
 
 def test_a_run_with_threads_is_the_same_run(tmp_path) -> None:  # type: ignore[no-untyped-def]
     made = load(CONFIGS / "many.toml", ("graphs.net.n=12", "run.stop=2"))
-    outcomes = [simulate(made, tmp_path / str(n), threads=n) for n in (1, 2)]
+    outcomes = [simulate(made, tmp_path / str(n), execution=Execution(n)) for n in (1, 2)]
     assert [outcome.shared for outcome in outcomes] == [False, True]
     one, two = ((tmp_path / str(t) / "trajectories.parquet").read_bytes() for t in (1, 2))
     assert one == two
@@ -314,6 +314,7 @@ def test_the_command_says_when_there_is_nothing_to_share(
         (str(CONFIGS / "many.toml"), ["run.stop=1", "graphs.net.n=40"], ""),
     ):
         settings = RunSettings(set_=changes)
-        run(Path(path), settings, RunOptions(out=tmp_path / Path(path).stem, plot=False, threads=2))
+        options = RunOptions(out=tmp_path / Path(path).stem, plot=False, threads=2)
+        run(settings, options, Path(path))
         err = capsys.readouterr().err
         assert (said in err) if said else ("could share" not in err)

@@ -98,9 +98,6 @@ UNUSED(GetBoolean)
 UNUSED(GetString)
 UNUSED(SetBoolean)
 UNUSED(SetString)
-UNUSED(SerializedFMUstateSize)
-UNUSED(SerializeFMUstate)
-UNUSED(DeSerializeFMUstate)
 
 /* Saved states; the time of one must not be before what the importer has promised. */
 FMI int fmi2GetFMUstate(fmu_t *m, fmu_t **state)
@@ -127,4 +124,21 @@ FMI int fmi2FreeFMUstate(fmu_t *m, fmu_t **state)
     free(*state);
     *state = NULL;
     return called(m, "FreeFMUstate", MADE | STARTING | IN_EVENT | CONTINUOUS | OVER);
+}
+FMI int fmi2SerializedFMUstateSize(fmu_t *m, const fmu_t *state, size_t *size)
+{
+    *size = sizeof *state;
+    return called(m, "SerializedFMUstateSize", MADE | STARTING | IN_EVENT | CONTINUOUS);
+}
+FMI int fmi2SerializeFMUstate(fmu_t *m, const fmu_t *state, char *bytes, size_t size)
+{
+    memcpy(bytes, state, size);
+    return called(m, "SerializeFMUstate", MADE | STARTING | IN_EVENT | CONTINUOUS);
+}
+FMI int fmi2DeSerializeFMUstate(fmu_t *m, const char *bytes, size_t size, fmu_t **state)
+{
+    *state = malloc(sizeof **state);
+    memcpy(*state, bytes, size);
+    m->saved++;
+    return called(m, "DeSerializeFMUstate", MADE | STARTING | IN_EVENT | CONTINUOUS);
 }

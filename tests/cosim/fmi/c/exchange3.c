@@ -119,3 +119,20 @@ FMI int fmi3FreeFMUState(fmu_t *m, fmu_t **state)
     *state = NULL;
     return called(m, "FreeFMUState", MADE | STARTING | IN_EVENT | CONTINUOUS | OVER);
 }
+FMI int fmi3SerializedFMUStateSize(fmu_t *m, const fmu_t *state, size_t *size)
+{
+    *size = sizeof *state;
+    return called(m, "SerializedFMUStateSize", MADE | STARTING | IN_EVENT | CONTINUOUS);
+}
+FMI int fmi3SerializeFMUState(fmu_t *m, const fmu_t *state, char *bytes, size_t size)
+{
+    memcpy(bytes, state, size);
+    return called(m, "SerializeFMUState", MADE | STARTING | IN_EVENT | CONTINUOUS);
+}
+FMI int fmi3DeserializeFMUState(fmu_t *m, const char *bytes, size_t size, fmu_t **state)
+{
+    *state = malloc(sizeof **state);
+    memcpy(*state, bytes, size);
+    m->saved++;
+    return called(m, "DeserializeFMUState", MADE | STARTING | IN_EVENT | CONTINUOUS);
+}

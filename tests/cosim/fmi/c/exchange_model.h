@@ -24,6 +24,7 @@
 #include <stdint.h>
 #include <stdio.h>
 #include <stdlib.h>
+#include <string.h>
 
 #define FMI __attribute__((visibility("default")))
 enum { BALL, GROWS, POL, STICKS, COUNTS, WRAPS, FAILS, LEAVES, SHRINKS, WALLS, FADES, SWITCHES, PASSES };

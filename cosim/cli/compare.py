@@ -9,7 +9,16 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from cosim.cli.options import PROCESSORS, Jobs, Plot, Png, ResultOptions, Strict
+from cosim.cli.options import (
+    PROCESSORS,
+    Folders,
+    Jobs,
+    PartOptions,
+    Plot,
+    Png,
+    ResultOptions,
+    Strict,
+)
 
 if TYPE_CHECKING:
     from cosim.comparison.comparison import Comparison
@@ -78,26 +87,36 @@ def compare(
     scenario: Annotated[Path, typer.Argument(help="Scenario file (.toml or .ssp).")],
     selection: Selection,
     options: ComparisonOptions,
+    parts: PartOptions,
     result: ResultOptions,
+    folders: Folders = None,
 ) -> None:
     """Compare controllers: run each with every operator and link law, and print one table."""
+    from functools import partial
+
     from cosim.base.clock import stamp, stopwatch
     from cosim.base.errors import ScenarioError
     from cosim.cli.check import report_unconnected_inputs
     from cosim.cli.summary import this_command
     from cosim.cli.sweep import watched
-    from cosim.comparison import live_part, report
+    from cosim.comparison import divided, live_part, report
     from cosim.comparison.comparison import compare as compare_all
+    from cosim.comparison.comparison import tasks
     from cosim.comparison.documents import check, read_base
     from cosim.comparison.kept import KeptResults
     from cosim.comparison.requirement_columns import with_requirements
     from cosim.comparison.variants_file import of_laws, read, variants_path
     from cosim.engine.simulate import versions
-    from cosim.record import held_folder
+    from cosim.record import held_folder, seal
+    from cosim.study.parts import folder_of, refuse_other_part
     from cosim.study.runner import fingerprint_of
+    from cosim.study.store import read_state
 
+    part = parts.asked("cosim compare", folders or [])
     if options.live and not options.plot:
         raise ScenarioError("found --live with --no-plot; expected one of them")
+    if options.keep and parts.merge:
+        raise ScenarioError("found --keep with --merge; expected --keep with each part")
     laws, settings = of_laws(selection.set_)
     known = read(selection.variants or variants_path(scenario), laws)
     if options.list_:
@@ -108,25 +127,39 @@ def compare(
     chosen = known.select(
         _names(selection.controllers), _names(selection.operators), _names(selection.links)
     )
-    folder = options.out or Path("runs") / f"compare-{scenario.stem}-{stamp()}"
+    name = f"compare-{scenario.stem}"
+    folder = options.out or Path("runs") / f"{name}-{stamp()}"
+    if part and options.out is None:
+        folder = folder_of(part, Path("runs") / name)
     plans = check(base, known, chosen)  # before there is a folder
     report_unconnected_inputs(plans, strict=options.strict, quiet=result.quiet)
-    made = live_part.live_cases(base, known, chosen) if options.live else None
+    made = live_part.live_cases(base, known, chosen) if options.live and not part else None
     watch, same = stopwatch(), fingerprint_of(repr(versions()).encode(), plans)
     runs, seeds = folder / report.RUNS if options.keep else None, selection.seeds
     title, count = _title(known, chosen, scenario, seeds), range(base.seed, base.seed + seeds)
+    listed = partial(tasks, base, known, chosen, count)
+    ready = divided.merged(listed, same, folders or []) if parts.merge else None
     with held_folder(folder):
+        if options.resume:
+            refuse_other_part(folder, read_state(folder), part)
         report.claim(folder, force=options.force, resume=options.resume)
         with (
             watched(result.quiet, folder, title, "runs") as observer,
-            KeptResults(folder, same, runs) as kept,
+            ready or KeptResults(folder, same, runs) as kept,
         ):
+            if part:
+                n = divided.run_part(listed, part, folder, kept, options.jobs, observer)
+                seal(folder, anew=True)
+                result.save("compare", {"folder": str(folder), "part": str(part), "runs": n})
+                result.say(f"{part}: {n} runs in {watch():.1f} s; {folder}")
+                return
             found = compare_all(
                 base, known, chosen, count, jobs=options.jobs, kept=kept, observer=observer
             )
-        part = "" if made is None else live_part.section(found, made, _again(scenario, selection))
-        paths = _written(found, folder, options, part)
-    result.save("compare", report.as_data(found, this_command()))
+        command = this_command(folders or [])
+        live = "" if made is None else live_part.section(found, made, _again(scenario, selection))
+        paths = _written(found, folder, options, live, command)
+    result.save("compare", report.as_data(found, command))
     result.say("\n".join(report.text(found)))
     result.say(f"{len(found.outcomes)} runs in {watch():.1f} s; {', '.join(map(str, paths))}")
 
@@ -142,26 +175,27 @@ def _again(scenario: Path, given: Selection) -> str:
     return shlex.join(["cosim", "compare", str(scenario), *words, "--live"])
 
 
-def _written(found: Comparison, folder: Path, wanted: ComparisonOptions, live: str) -> list[Path]:
+def _written(
+    found: Comparison, folder: Path, wanted: ComparisonOptions, live: str, command: str
+) -> list[Path]:
     """Write the results into the folder; the path of each, the page first.
 
-    `live`: the part of the page that computes runs, or "".
+    `live`: the part of the page that computes runs, or ""; `command`: that makes the same.
     """
-    from cosim.cli.summary import this_command
     from cosim.comparison import page, report
     from cosim.record import seal
 
-    paths = list(report.write(found, folder, this_command()))
+    paths = list(report.write(found, folder, command))
     if wanted.png:
         from cosim.comparison import figure
 
         paths.insert(0, figure.draw(found, folder / report.FIGURE))
     if wanted.plot:
         try:
-            paths.insert(0, page.write(found, folder, this_command(), live))
+            paths.insert(0, page.write(found, folder, command, live))
         except page.PageSizeError as error:
             typer.echo(f"warning: {error}", err=True)
-            paths.insert(0, page.write(found, folder, this_command()))
+            paths.insert(0, page.write(found, folder, command))
     seal(folder, anew=True)
     return paths
 

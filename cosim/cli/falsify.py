@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from cosim.cli.options import PROCESSORS, Jobs, ResultOptions
+from cosim.cli.options import PROCESSORS, Folders, Jobs, PartOptions, ResultOptions
 
 if TYPE_CHECKING:
     from cosim.falsify.execute import Falsification, Watcher
@@ -44,8 +44,8 @@ class FalsifyOptions:
         bool, typer.Option("--force", help="Begin again, instead of continuing in the folder.")
     ] = False
 
-    def budget(self) -> Budget:
-        """The end of the search. Raises ScenarioError."""
+    def budget(self, *, divided: bool = False) -> Budget:
+        """The end of the search, `divided` into parts or not. Raises ScenarioError."""
         from cosim.base.clock import stopwatch
         from cosim.base.convert import number
         from cosim.base.errors import ScenarioError
@@ -53,6 +53,11 @@ class FalsifyOptions:
 
         if not self.time:
             return Budget(self.runs or RUNS, seed=self.seed)
+        if divided:
+            raise ScenarioError(
+                "found --time with parts, whose candidates do not depend on time; expected --runs",
+                "cosim falsify",
+            )
         seconds, watch = number(_spaced(self.time), "s", "--time"), stopwatch()
         if not seconds > 0:
             raise ScenarioError(f"found {self.time}; expected a time of more than 0", "--time")
@@ -72,7 +77,9 @@ def _spaced(text: str) -> str:
 def falsify(
     scenario: Annotated[Path, typer.Argument(help="Scenario (.toml) with requirements.")],
     options: FalsifyOptions,
+    parts: PartOptions,
     result: ResultOptions,
+    folders: Folders = None,
 ) -> None:
     """Search the smallest network that breaks a requirement; exit code 1: found, 0: none found.
 
@@ -84,22 +91,37 @@ def falsify(
 
     from cosim.base.interrupts import exit_code
     from cosim.base.processes import processes
+    from cosim.falsify.execute import SearchExtent
     from cosim.falsify.execute import falsify as search
+    from cosim.record import seal
+    from cosim.study.parts import folder_of
 
-    folder = options.out or Path("runs") / f"{scenario.stem}-falsified"
-    budget = options.budget()
+    part = parts.asked("cosim falsify", folders or [])
+    folder = Path("runs") / f"{scenario.stem}-falsified"
+    folder = options.out or (folder_of(part, folder) if part else folder)
+    budget = options.budget(divided=bool(part or parts.merge))
+    extent = SearchExtent(options.force, part, tuple(folders or ()))
     with _watched(result.quiet) as (watcher, states):
         try:
             state = search(
                 scenario, options.set_, folder, partial(processes, options.jobs), budget,
-                watcher, force=options.force,
+                watcher, extent,
             )  # fmt: skip
         except KeyboardInterrupt:
-            if states:
-                _finish(states[0], scenario, folder, options, result)
+            if states and not part:
+                _finish(states[0], scenario, folder, options, result, folders or [])
             typer.echo(f"interrupted; the same command continues in {folder}", err=True)
             raise typer.Exit(exit_code()) from None
-    _finish(state, scenario, folder, options, result)
+    if part:
+        seal(folder, anew=True)
+        found = "no candidate" if state.found is None else f"{state.found.family} has one that"
+        result.say(f"{part}: {found} fails; {folder}")
+        result.save("falsify", {"folder": str(folder), "part": str(part)})
+        return
+    if state.absent:
+        names = f"part{'s' * (',' in state.absent)} {state.absent}"
+        typer.echo(f"{names} not found; the candidates were run now", err=True)
+    _finish(state, scenario, folder, options, result, folders or [])
     if state.found is not None:
         raise typer.Exit(1)
 
@@ -110,6 +132,7 @@ def _finish(
     folder: Path,
     options: FalsifyOptions,
     result: ResultOptions,
+    merged: Sequence[Path],
 ) -> None:
     """Print the result, and write its files."""
     from cosim.cli.options import write_json
@@ -123,7 +146,7 @@ def _finish(
     write_json(folder / "falsify.json", "falsify", data)
     if state.found is not None:
         document = document_of(scenario, options.set_)
-        for what, path in artifacts.write(state, document, folder, this_command()):
+        for what, path in artifacts.write(state, document, folder, this_command(merged)):
             result.say(f"{what:<16} {path}")
     result.save("falsify", {"folder": str(folder), **data})
 

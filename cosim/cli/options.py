@@ -16,12 +16,15 @@ from functools import wraps
 from inspect import Parameter, Signature, signature
 from math import isfinite
 from pathlib import Path
-from typing import Annotated, Any, TextIO, TypeVar, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, TextIO, TypeVar, get_type_hints
 
 import typer
 
 from cosim.base.extras import require
 from cosim.base.toml import EXPECTED, is_usable_number
+
+if TYPE_CHECKING:
+    from cosim.study.parts import StudyPart
 
 #: The value of an option.
 Given = TypeVar("Given")
@@ -99,6 +102,42 @@ PROCESSORS = os.cpu_count() or 1
 Verify = Annotated[
     bool, typer.Option("--verify/--no-verify", help="Check the SHA-256 sums of RUN first.")
 ]
+
+
+#: The argument of commands that have :class:`PartOptions`.
+Folders = Annotated[
+    list[Path] | None,
+    typer.Argument(metavar="[FOLDER]...", help="With --merge: the folders of the parts."),
+]
+
+
+@dataclass(frozen=True, slots=True)
+class PartOptions:
+    """The part of many runs that this call makes, or parts that are put together."""
+
+    part: Annotated[
+        str,
+        typer.Option(
+            metavar="K/N",
+            help="Only every N-th run from the K-th on, into a folder of its own in runs.",
+        ),
+    ] = ""
+    merge: Annotated[
+        bool, typer.Option("--merge", help="Put together what is in the folders of parts.")
+    ] = False
+
+    def asked(self, command: str, folders: list[Path]) -> StudyPart | None:
+        """The part, None: all runs. Raises ScenarioError for options that do not fit together."""
+        from cosim.base.errors import ScenarioError
+        from cosim.study.parts import StudyPart
+
+        if self.merge and self.part:
+            raise ScenarioError("found --merge with --part, expected one of them", command)
+        if self.merge and not folders:
+            raise ScenarioError("found no folder, expected those of the parts", "--merge")
+        if folders and not self.merge:
+            raise ScenarioError(f"found {folders[0]} without --merge, expected both", command)
+        return StudyPart.read(self.part) if self.part else None
 
 
 @dataclass(frozen=True, slots=True)

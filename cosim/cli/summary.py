@@ -288,6 +288,10 @@ def draw_figures(
             yield "figure", draw(figure, run, run.path.parent / f"{name}.{form}")
 
 
-def this_command() -> str:
-    """The command as it was typed, for whoever wants to repeat it."""
-    return shlex.join(["cosim", *sys.argv[1:]])
+def this_command(merged: Sequence[Path] = ()) -> str:
+    """The command as it was typed, for whoever wants to repeat it.
+
+    If it has `merged` the folders of parts: the one that makes the same without parts.
+    """
+    left_out = {"--merge", *map(str, merged)} if merged else set[str]()
+    return shlex.join(["cosim", *(x for x in sys.argv[1:] if str(Path(x)) not in left_out)])

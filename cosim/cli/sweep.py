@@ -10,7 +10,16 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from cosim.cli.options import PROCESSORS, Jobs, Plot, Png, ResultOptions, Strict
+from cosim.cli.options import (
+    PROCESSORS,
+    Folders,
+    Jobs,
+    PartOptions,
+    Plot,
+    Png,
+    ResultOptions,
+    Strict,
+)
 
 if TYPE_CHECKING:
     from cosim.base.processes import Opened
@@ -46,16 +55,6 @@ class SweepOptions:
     limit: Annotated[
         int | None, typer.Option(min=0, help="Maximum number of runs for this call.")
     ] = None
-    part: Annotated[
-        str,
-        typer.Option(
-            metavar="K/N",
-            help="Only every N-th run from the K-th on, into runs/STUDY.parts.",
-        ),
-    ] = ""
-    merge: Annotated[
-        bool, typer.Option("--merge", help="Run nothing: put the rows of these folders together.")
-    ] = False
     plot: Plot = True
     png: Png = False
     strict: Strict = False
@@ -78,26 +77,23 @@ class SweepOptions:
 def sweep(
     study: Annotated[Path, typer.Argument(help="Study file (.toml).")],
     options: SweepOptions,
+    parts: PartOptions,
     result: ResultOptions,
-    folders: Annotated[
-        list[Path] | None,
-        typer.Argument(metavar="[FOLDER]...", help="With --merge: the folders of the parts."),
-    ] = None,
+    folders: Folders = None,
 ) -> None:
     """Run a parameter study: simulate every point; write a table and a report. Resumable."""
     from cosim.cli.check import report_unconnected_inputs
     from cosim.record import seal
     from cosim.study import execute, summary
-    from cosim.study.parts import StudyPart
+    from cosim.study.parts import folder_of
     from cosim.study.study import load_study
 
-    part = StudyPart.read(options.part) if options.part else None
-    _check_parts(options, folders or [])
+    part = parts.asked("cosim sweep", folders or [])
     loaded = load_study(study)
     folder = options.out or Path("runs") / loaded.path.stem
     if part and options.out is None:
-        folder = folder.with_name(f"{folder.name}.parts") / part.name
-    if options.merge:
+        folder = folder_of(part, folder)
+    if parts.merge:
         _merge(loaded, folders or [], folder, options, result)
         return
     opened, strict = options.opened(), options.strict
@@ -117,18 +113,6 @@ def sweep(
     summary.refuse_lost_runs(table)
 
 
-def _check_parts(options: SweepOptions, folders: list[Path]) -> None:
-    """Refuse options of parts that do not fit together. Raises ScenarioError."""
-    from cosim.base.errors import ScenarioError
-
-    if options.merge and options.part:
-        raise ScenarioError("found --merge with --part, expected one of them", "cosim sweep")
-    if options.merge and not folders:
-        raise ScenarioError("found no folder, expected those of the parts", "--merge")
-    if folders and not options.merge:
-        raise ScenarioError(f"found {folders[0]} without --merge, expected both", "cosim sweep")
-
-
 def _merge(
     study: Study, folders: list[Path], folder: Path, options: SweepOptions, result: ResultOptions
 ) -> None:
@@ -136,6 +120,7 @@ def _merge(
     from cosim.cli.check import report_unconnected_inputs
     from cosim.record import seal
     from cosim.study import execute, summary
+    from cosim.study.parts import missing_runs
 
     table, missing = execute.merge(
         study, folders, folder, execute.Extent(resume=options.resume, force=options.force),
@@ -147,9 +132,7 @@ def _merge(
     result.save("sweep", {"folder": str(folder), **summary.as_data(table)})
     summary.refuse_lost_runs(table)
     if left := table.points - len(table.records):
-        named = f": part {missing} of them" if missing and "," not in missing else ""
-        named = f": parts {missing}" if "," in missing else named
-        typer.echo(f"{left} runs are missing{named}", err=True)
+        typer.echo(missing_runs(left, missing), err=True)
         raise typer.Exit(1)
 
 

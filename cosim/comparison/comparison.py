@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import product
@@ -64,20 +64,40 @@ def compare(
     that cannot be assembled beforehand.
     """
     kept = kept or KeptResults()
-    runs = {kept.name(t): t for t in _tasks(base, variants, cases(chosen, seeds), kept.runs)}
-    ports = {kept.name(t): t for t in _port_tasks(base, variants, chosen, seeds)}
-    every: dict[str, tuple[str, Task | PortTask]] = {name: (name, t) for name, t in runs.items()}
-    every |= {name: (name, port) for name, port in ports.items()}
+    made = tasks(base, variants, chosen, seeds, kept)
+    perform(made, kept, jobs, observer)
+    tables, found = Tables(), dict[Case, CaseOutcome]()
+    for name, task in made.items():
+        if isinstance(task, Task):
+            outcome = kept.case(name, task)
+            tables.add(outcome.case, outcome.tables)
+            found[outcome.case] = outcome.without_tables()
+        else:
+            _add(found, task, kept.port(name))
+    return Comparison(base, variants, chosen, tuple(seeds), tuple(found.values()), tables)
+
+
+def tasks(
+    base: Base,
+    variants: Variants,
+    chosen: ComparisonSelection,
+    seeds: Sequence[int],
+    kept: KeptResults,
+) -> dict[str, Task | PortTask]:
+    """All tasks of a comparison by the names of their results: runs, then tests of the port."""
+    made: dict[str, Task | PortTask] = {
+        kept.name(task): task for task in _tasks(base, variants, cases(chosen, seeds), kept.runs)
+    }
+    return made | {kept.name(task): task for task in _port_tasks(base, variants, chosen, seeds)}
+
+
+def perform(
+    made: Mapping[str, Task | PortTask], kept: KeptResults, jobs: int, observer: Observer
+) -> None:
+    """Run the tasks whose results are not `kept`; a failure is a result with its reason."""
+    every = {name: (name, task) for name, task in made.items()}
     opened = None if jobs < 2 else partial(processes, jobs)
     run_named(run_task, every, kept, opened, observer, died=lambda n, why: OutcomeRow(n, None, why))
-    tables, found = Tables(), dict[Case, CaseOutcome]()
-    for name, task in runs.items():
-        outcome = kept.case(name, task)
-        tables.add(outcome.case, outcome.tables)
-        found[outcome.case] = outcome.without_tables()
-    for name, port in ports.items():
-        _add(found, port, kept.port(name))
-    return Comparison(base, variants, chosen, tuple(seeds), tuple(found.values()), tables)
 
 
 def _tasks(

@@ -7,6 +7,7 @@ is measured, the FMUs and versions. So a changed scenario is another result, and
 from __future__ import annotations
 
 from base64 import b64decode, b64encode
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from hashlib import sha256
 from pathlib import Path
@@ -20,7 +21,7 @@ from cosim.base.errors import RunError
 from cosim.comparison.measure import CaseOutcome, Task, failed_case, run_case
 from cosim.comparison.port_columns import PortOutcome, PortTask, run_port
 from cosim.record.folder import reason
-from cosim.study.store import JOURNAL, ResultJournal
+from cosim.study.store import JOURNAL, Record, ResultJournal
 
 R = TypeVar("R", CaseOutcome, PortOutcome)
 
@@ -60,6 +61,7 @@ class KeptResults:
     ) -> None:
         self.runs, self._same, self._journal = runs, same, None
         self._rows: dict[str, OutcomeRow] = {}
+        self._taken: dict[str, Record] = {}
         try:
             if folder is not None:
                 self._journal = ResultJournal(folder / JOURNAL)
@@ -80,6 +82,11 @@ class KeptResults:
         if self._journal is not None:
             self._journal.close()
 
+    def take(self, rows: Mapping[str, Record]) -> None:
+        """Take rows of the journals of other folders, in memory."""
+        self._taken.update(rows)
+        self.done |= rows.keys()
+
     def append(self, row: OutcomeRow) -> None:
         """Take an outcome; that of a process that died is not kept for another time."""
         if self._journal is None or row.outcome is None:
@@ -99,9 +106,8 @@ class KeptResults:
         return row.outcome if isinstance(row.outcome, PortOutcome) else PortOutcome(reason=row.died)
 
     def _row(self, name: str, kind: type[R]) -> OutcomeRow:
-        if name in self._rows or self._journal is None:
-            return self._rows[name]
-        return OutcomeRow(name, _unpacked(self._journal.rows[name]["result"], kind))
+        kept = self._taken.get(name) or (self._journal and self._journal.rows.get(name))
+        return OutcomeRow(name, _unpacked(kept["result"], kind)) if kept else self._rows[name]
 
     def name(self, task: Task | PortTask) -> str:
         """The name of a task's outcome."""

@@ -28,10 +28,10 @@ from cosim.comparison.rows import ComparisonRow, columns, header, notes, rows, r
 from cosim.comparison.variants import Controller
 from cosim.engine.simulate import versions
 from cosim.record.folder import SUMS, reason
-from cosim.study.store import JOURNAL
+from cosim.study.store import JOURNAL, STATE
 
 RESULT, FIGURE, RUNS = "table.json", "comparison.png", "runs"
-_OWN = {RESULT, "table.md", "table.csv", FIGURE, PAGE, "links", RUNS, SUMS, JOURNAL}
+_OWN = {RESULT, "table.md", "table.csv", FIGURE, PAGE, "links", RUNS, SUMS, JOURNAL, STATE}
 
 
 def text(comparison: Comparison) -> list[str]:
@@ -154,7 +154,7 @@ def claim(folder: Path, *, force: bool = False, resume: bool = False) -> None:
         raise ScenarioError(f"the folder is not empty; expected {expected}", str(folder))
     old = [*folder.glob("table.*"), *folder.glob("links/*/*.parquet")]
     old += [folder / name for name in (FIGURE, PAGE, SUMS)]
-    for path in (*old, *(() if resume else (folder / JOURNAL,))):
+    for path in (*old, *(() if resume else (folder / JOURNAL, folder / STATE))):
         path.unlink(missing_ok=True)
 
 

@@ -13,6 +13,7 @@ own links). Output: a folder with a scenario that breaks one of them, made as sm
     greedy      the adversary that injects most power into the linear model
     optimizer   segments chosen by CMA-ES
     search      the families in order, until one breaks a requirement
+    part_search  candidates divided among independent calls
     rounds      candidates spread over workers; their results kept, so that a search is resumable
     trials      candidates as differences from the nominal one, and simpler ones
     shrinking   the smallest candidate that still fails

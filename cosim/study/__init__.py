@@ -9,6 +9,7 @@
     batch      several points at a time
     workers    points spread over processes, threads, or a cluster
     store      the folder: a journal, Parquet parts, nothing lost and nothing done twice
+    parts      the runs divided among independent calls, and put together
     runner     how many cases are run, interrupted and taken up again, whatever they are
     execute    all of it
     table      the rows of a study

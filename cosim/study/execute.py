@@ -272,7 +272,7 @@ def _claim(study: Study, folder: Path, fingerprint: str, extent: Extent) -> bool
             "scenario": str(study.scenario),
             "fingerprint": fingerprint,
             "versions": versions(),
-            **({"part": [extent.part.number, extent.part.of]} if extent.part else {}),
+            **({"part": extent.part.as_data()} if extent.part else {}),
         },
     )
     return changed

@@ -2,17 +2,18 @@
 
 A row is a function of the study, the number of its run and the seed, so it does not matter which
 call makes it. Part k of n has every n-th run from the k-th on, in the order of the study, in a
-folder of its own; a part may be made again, and its rows may be in several folders.
+folder of its own; a part may be made again, and its rows may be in several folders. The runs of
+comparisons and the candidates of searches, whose results are in journals, are divided as well.
 """
 
 from __future__ import annotations
 
 import re
 import shutil
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Self
+from typing import Any, Self
 
 from cosim.base.errors import RunError, ScenarioError
 from cosim.record.folder import held_folder, reason
@@ -50,15 +51,24 @@ class StudyPart:
         """Its runs, of all in the order of the study."""
         return set(runs[self.number - 1 :: self.of])
 
+    def as_data(self) -> list[int]:
+        """The two numbers, as they are in the state of a folder."""
+        return [self.number, self.of]
+
+
+def folder_of(part: StudyPart, whole: Path) -> Path:
+    """The folder of a part, where `whole` is that of one call."""
+    return whole.with_name(f"{whole.name}.parts") / part.name
+
 
 def refuse_other_part(folder: Path, state: stores.Record, part: StudyPart | None) -> None:
     """Raise ScenarioError if the folder has another part of the study than the one asked for."""
     found = state.get("part")
-    wanted = None if part is None else [part.number, part.of]
+    wanted = None if part is None else part.as_data()
     if state and found != wanted:
-        had = "a whole study" if found is None else f"part {found[0]} of {found[1]}"
+        had = "all runs" if found is None else f"part {found[0]} of {found[1]}"
         raise ScenarioError(
-            f"the folder contains {had}, expected {part or 'a whole study'}; choose another folder",
+            f"the folder contains {had}, expected {part or 'all runs'}; choose another folder",
             str(folder),
         )
 
@@ -90,6 +100,36 @@ def take(folders: Sequence[Path], into: Path, text: str, fingerprint: str) -> se
     return found
 
 
+def take_journals(
+    folders: Sequence[Path], facts: Mapping[str, Any]
+) -> tuple[dict[str, stores.Record], set[tuple[int, int]]]:
+    """The rows of the journals of all folders by their runs; (number, of) of the parts they are.
+
+    `facts`: what the state of each folder says. A row without a reason of failure goes before one
+    with it. Raises ScenarioError for a folder with other facts, and while a part is being made.
+    """
+    rows: dict[str, stores.Record] = {}
+    found: set[tuple[int, int]] = set()
+    for folder in folders:
+        state = stores.read_state(folder) if folder.is_dir() else {}
+        part = state.get("part")
+        if not part:
+            raise ScenarioError("found no part there", str(folder))
+        for key, value in facts.items():
+            if state.get(key) != value:
+                raise ScenarioError(
+                    f"found a part whose {key} is {state.get(key)}, expected {value}; give the "
+                    "file and the options with which the parts were made",
+                    str(folder),
+                )
+        with held_folder(folder):
+            for run, row in stores.read_journal(folder / stores.JOURNAL).items():
+                if run not in rows or rows[run].get("reason"):
+                    rows[run] = row
+        found.add((int(part[0]), int(part[1])))
+    return rows, found
+
+
 def _prefer_well(folder: Path) -> None:
     """Write rows that did not fail once more, behind those of the same runs that did."""
     why: dict[str, str] = {}
@@ -116,6 +156,12 @@ def missing(parts: set[tuple[int, int]]) -> str:
     (of,) = divisions
     there = {number for number, _ in parts}
     return ", ".join(f"{k}/{of}" for k in range(1, of + 1) if k not in there)
+
+
+def missing_runs(count: int, names: str) -> str:
+    """One sentence about runs that are missing; `names`: of their parts, as :func:`missing` has."""
+    what = f": parts {names}" if "," in names else f": part {names} of them" if names else ""
+    return f"{count} runs are missing{what}"
 
 
 def _copy(folder: Path, into: Path) -> None:

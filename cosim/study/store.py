@@ -47,7 +47,7 @@ class ResultJournal:
     def __init__(self, path: Path, keep: Callable[[Record], bool] = lambda row: True) -> None:
         """Read what is there, and leave what `keep` says is to stay."""
         self.path = path
-        self.rows = {row["run"]: row for row in self._read() if keep(row)}
+        self.rows = {run: row for run, row in read_journal(path).items() if keep(row)}
         lines = "".join(map(_line, self.rows.values()))
         write_file(path, lines.encode())
         self._file = os.open(path, os.O_WRONLY | os.O_APPEND)
@@ -70,17 +70,18 @@ class ResultJournal:
         """Close the file."""
         os.close(self._file)
 
-    def _read(self) -> Iterator[Record]:
-        """Records of the file, as far as it is whole; of each run the newest."""
-        found: dict[str, Record] = {}
-        lines = self.path.read_bytes().split(b"\n")[:-1] if self.path.exists() else []
-        for line in lines:
-            try:
-                row = json.loads(line)
-            except ValueError:
-                break
-            found[row["run"]] = row
-        yield from found.values()
+
+def read_journal(path: Path) -> dict[str, Record]:
+    """Records of a journal by their runs, as far as it is whole; of each run the newest."""
+    found: dict[str, Record] = {}
+    lines = path.read_bytes().split(b"\n")[:-1] if path.exists() else []
+    for line in lines:
+        try:
+            row = json.loads(line)
+        except ValueError:
+            break
+        found[row["run"]] = row
+    return found
 
 
 def _line(record: Record) -> str:

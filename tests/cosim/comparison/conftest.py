@@ -1,0 +1,3 @@
+from tests.cli.conftest import cosim
+
+__all__ = ["cosim"]

@@ -23,6 +23,7 @@ from cosim.cli.options import (
 if TYPE_CHECKING:
     from cosim.comparison.comparison import Comparison
     from cosim.comparison.variants import ComparisonSelection, MetricColumn, Variants
+    from cosim.study.parts import StudyPart
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,8 +95,7 @@ def compare(
     """Compare controllers: run each with every operator and link law, and print one table."""
     from functools import partial
 
-    from cosim.base.clock import stamp, stopwatch
-    from cosim.base.errors import ScenarioError
+    from cosim.base.clock import stopwatch
     from cosim.cli.check import report_unconnected_inputs
     from cosim.cli.summary import this_command
     from cosim.cli.sweep import watched
@@ -108,15 +108,11 @@ def compare(
     from cosim.comparison.variants_file import of_laws, read, variants_path
     from cosim.engine.simulate import versions
     from cosim.record import held_folder, seal
-    from cosim.study.parts import folder_of, refuse_other_part
+    from cosim.study.parts import refuse_other_part
     from cosim.study.runner import fingerprint_of
     from cosim.study.store import read_state
 
-    part = parts.asked("cosim compare", folders or [])
-    if options.live and not options.plot:
-        raise ScenarioError("found --live with --no-plot; expected one of them")
-    if options.keep and parts.merge:
-        raise ScenarioError("found --keep with --merge; expected --keep with each part")
+    part = _asked(options, parts, folders or [])
     laws, settings = of_laws(selection.set_)
     known = read(selection.variants or variants_path(scenario), laws)
     if options.list_:
@@ -127,10 +123,7 @@ def compare(
     chosen = known.select(
         _names(selection.controllers), _names(selection.operators), _names(selection.links)
     )
-    name = f"compare-{scenario.stem}"
-    folder = options.out or Path("runs") / f"{name}-{stamp()}"
-    if part and options.out is None:
-        folder = folder_of(part, Path("runs") / name)
+    folder = options.out or _folder(scenario, part)
     plans = check(base, known, chosen)  # before there is a folder
     report_unconnected_inputs(plans, strict=options.strict, quiet=result.quiet)
     made = live_part.live_cases(base, known, chosen) if options.live and not part else None
@@ -162,6 +155,26 @@ def compare(
     result.save("compare", report.as_data(found, command))
     result.say("\n".join(report.text(found)))
     result.say(f"{len(found.outcomes)} runs in {watch():.1f} s; {', '.join(map(str, paths))}")
+
+
+def _asked(options: ComparisonOptions, parts: PartOptions, folders: list[Path]) -> StudyPart | None:
+    """The part that is asked for. Raises ScenarioError for options that do not fit together."""
+    from cosim.base.errors import ScenarioError
+
+    if options.live and not options.plot:
+        raise ScenarioError("found --live with --no-plot; expected one of them")
+    if options.keep and parts.merge:
+        raise ScenarioError("found --keep with --merge; expected --keep with each part")
+    return parts.asked("cosim compare", folders)
+
+
+def _folder(scenario: Path, part: StudyPart | None) -> Path:
+    """The folder of a comparison, a new one, or of a part, which may be continued."""
+    from cosim.base.clock import stamp
+    from cosim.study.parts import folder_of
+
+    whole = Path("runs") / f"compare-{scenario.stem}"
+    return folder_of(part, whole) if part else whole.with_name(f"{whole.name}-{stamp()}")
 
 
 def _again(scenario: Path, given: Selection) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shlex
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -23,6 +24,7 @@ from cosim.cli.options import (
 if TYPE_CHECKING:
     from cosim.comparison.comparison import Comparison
     from cosim.comparison.variants import ComparisonSelection, MetricColumn, Variants
+    from cosim.schedule.plan import Plan
     from cosim.study.parts import StudyPart
 
 
@@ -52,6 +54,11 @@ class Selection:
             help="Change the scenario, or a link law by links.LAW.KEY; repeatable.",
         ),
     ] = field(default_factory=list)
+
+    @property
+    def lists(self) -> tuple[str, str, str]:
+        """The lists of controllers, operators and links."""
+        return self.controllers, self.operators, self.links
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,18 +106,13 @@ def compare(
     from cosim.cli.check import report_unconnected_inputs
     from cosim.cli.summary import this_command
     from cosim.cli.sweep import watched
+    from cosim.comparison import comparison as compared
     from cosim.comparison import divided, live_part, report
-    from cosim.comparison.comparison import compare as compare_all
-    from cosim.comparison.comparison import tasks
     from cosim.comparison.documents import check, read_base
     from cosim.comparison.kept import KeptResults
     from cosim.comparison.requirement_columns import with_requirements
     from cosim.comparison.variants_file import of_laws, read, variants_path
-    from cosim.engine.simulate import versions
-    from cosim.record import held_folder, seal
-    from cosim.study.parts import refuse_other_part
-    from cosim.study.runner import fingerprint_of
-    from cosim.study.store import read_state
+    from cosim.record import held_folder
 
     part = _asked(options, parts, folders or [])
     laws, settings = of_laws(selection.set_)
@@ -120,41 +122,35 @@ def compare(
         return
     base = read_base(scenario, known, settings)
     known = with_requirements(known, base).with_columns(_names(selection.columns))
-    chosen = known.select(
-        _names(selection.controllers), _names(selection.operators), _names(selection.links)
-    )
+    chosen = known.select(*map(_names, selection.lists))
     folder = options.out or _folder(scenario, part)
     plans = check(base, known, chosen)  # before there is a folder
     report_unconnected_inputs(plans, strict=options.strict, quiet=result.quiet)
     made = live_part.live_cases(base, known, chosen) if options.live and not part else None
-    watch, same = stopwatch(), fingerprint_of(repr(versions()).encode(), plans)
+    watch, same = stopwatch(), _same(plans)
     runs, seeds = folder / report.RUNS if options.keep else None, selection.seeds
     title, count = _title(known, chosen, scenario, seeds), range(base.seed, base.seed + seeds)
-    listed = partial(tasks, base, known, chosen, count)
+    listed = partial(compared.tasks, base, known, chosen, count)
     ready = divided.merged(listed, same, folders or []) if parts.merge else None
     with held_folder(folder):
-        if options.resume:
-            refuse_other_part(folder, read_state(folder), part)
-        report.claim(folder, force=options.force, resume=options.resume)
+        _claim(folder, options, part)
         with (
             watched(result.quiet, folder, title, "runs") as observer,
             ready or KeptResults(folder, same, runs) as kept,
         ):
             if part:
                 n = divided.run_part(listed, part, folder, kept, options.jobs, observer)
-                seal(folder, anew=True)
-                result.save("compare", {"folder": str(folder), "part": str(part), "runs": n})
-                result.say(f"{part}: {n} runs in {watch():.1f} s; {folder}")
+                _end_part(part, n, folder, result)
                 return
-            found = compare_all(
+            found = compared.compare(
                 base, known, chosen, count, jobs=options.jobs, kept=kept, observer=observer
             )
         command = this_command(folders or [])
         live = "" if made is None else live_part.section(found, made, _again(scenario, selection))
         paths = _written(found, folder, options, live, command)
     result.save("compare", report.as_data(found, command))
-    result.say("\n".join(report.text(found)))
-    result.say(f"{len(found.outcomes)} runs in {watch():.1f} s; {', '.join(map(str, paths))}")
+    ending = f"{len(found.outcomes)} runs in {watch():.1f} s; {', '.join(map(str, paths))}"
+    result.say("\n".join([*report.text(found), ending]))
 
 
 def _asked(options: ComparisonOptions, parts: PartOptions, folders: list[Path]) -> StudyPart | None:
@@ -175,6 +171,34 @@ def _folder(scenario: Path, part: StudyPart | None) -> Path:
 
     whole = Path("runs") / f"compare-{scenario.stem}"
     return folder_of(part, whole) if part else whole.with_name(f"{whole.name}-{stamp()}")
+
+
+def _claim(folder: Path, options: ComparisonOptions, part: StudyPart | None) -> None:
+    """Take the folder. Raises ScenarioError if it has something else, or another part."""
+    from cosim.comparison import report
+    from cosim.study.parts import refuse_other_part
+    from cosim.study.store import read_state
+
+    if options.resume:
+        refuse_other_part(folder, read_state(folder), part)
+    report.claim(folder, force=options.force, resume=options.resume)
+
+
+def _same(plans: Sequence[Plan]) -> str:
+    """The facts that all results follow from besides their tasks: versions and FMUs."""
+    from cosim.engine.simulate import versions
+    from cosim.study.runner import fingerprint_of
+
+    return fingerprint_of(repr(versions()).encode(), plans)
+
+
+def _end_part(part: StudyPart, runs: int, folder: Path, result: ResultOptions) -> None:
+    """Seal the folder of a part, and print what it has."""
+    from cosim.record import seal
+
+    seal(folder, anew=True)
+    result.save("compare", {"folder": str(folder), "part": str(part), "runs": runs})
+    result.say(f"{part}: {runs} runs; {folder}")
 
 
 def _again(scenario: Path, given: Selection) -> str:

@@ -248,6 +248,7 @@ def _rehearsed(
     options: RehearsalOptions,
 ) -> tuple[RehearsalOutcome, bool]:
     """The outcome, and whether a signal ended the run."""
+    from bridge.rehearsal.remote import RemoteHosts
     from bridge.rehearsal.supervisor import Rehearsal
     from bridge.results.outcome import begin, complete
     from cosim.base.errors import Interrupted
@@ -262,6 +263,8 @@ def _rehearsed(
         except Interrupted:
             interrupted = True
         rehearsal.end()
+        if isinstance(settings.starter, RemoteHosts):
+            facts = {**facts, "hosts": settings.starter.facts()}
         outcome = complete(
             system, folder, rehearsal.ended, facts,
             with_twin=options.twin, formats=tuple(options.log), script=script,

@@ -65,10 +65,11 @@ class HostClock:
         return "".join(f"{int(word):08x}" for word in self.identity)
 
     def describe(self) -> str:
-        """For reports."""
+        """For reports; hosts with one number have different identities."""
+        name = f"host {self.identity_text[:8]}"
         if not self.kept:
-            return f"host {self.number}, date kept by no time server"
-        return f"host {self.number}, date kept by a time server to {self.error * 1e3:.3g} ms"
+            return f"{name}, date kept by no time server"
+        return f"{name}, date kept by a time server to {self.error * 1e3:.3g} ms"
 
 
 def host_clock() -> HostClock:

@@ -236,7 +236,7 @@ class Agent:
         """The life of a node in this process, which is a copy. Returns its exit code."""
         code = 1
         try:
-            errors = os.open(self.nodes / start.life.file("err"), os.O_WRONLY | os.O_CREAT)
+            errors = os.open(self.nodes / start.life.file("err"), os.O_WRONLY | os.O_CREAT, 0o644)
             for number, descriptor in enumerate((commands, events, errors)):
                 os.dup2(descriptor, number)
             os.closerange(3, 3 + max(_descriptors(), default=0))

@@ -114,6 +114,9 @@ def _check(file: HostFile) -> None:
         if file.made and (host.start != "namespace" or host.to):
             text = "a namespace that is made for the run (without `to`) reaches only others of them"
             raise ScenarioError(f"found {host.start} {host.to}: {text}", file.place(name))
+        if host.start == "namespace" and host.to and not namespaces.exists(host.to):
+            text = f"no network namespace {host.to!r}; expected one that `ip netns add` has made"
+            raise ScenarioError(text, file.place(name, "to"))
         if host.folder and host.start in ("local", "namespace"):
             text = f"found folder with {host.start}, expected it with ssh and srun only"
             raise ScenarioError(text, file.place(name, "folder"))

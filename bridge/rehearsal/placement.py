@@ -212,7 +212,7 @@ def predict(
     system: System,
     between: Sequence[Way],
     hosts: Mapping[str, str],
-    cores: Mapping[str, int],
+    cores: Mapping[str, float],
     latency: float,
 ) -> HostPlacement:
     """A placement with its time of a simulated second, by the theory of windows.

@@ -56,6 +56,11 @@ class HostConnection:
         self._thread = threading.Thread(target=self._read, name=f"host {name}", daemon=True)
         self._thread.start()
 
+    @property
+    def pid(self) -> int:
+        """The number of the process that keeps the connection."""
+        return self._popen.pid
+
     def send_line(self, line: str) -> None:
         """Send a line; a connection that has ended ignores it."""
         assert self._popen.stdin is not None

@@ -32,6 +32,11 @@ def delete(name: str) -> None:
     ip("netns", "del", name)
 
 
+def exists(name: str) -> bool:
+    """True if there is a namespace with this name."""
+    return (_FOLDER / name).exists()
+
+
 def multicast(name: str) -> None:
     """Multicast in a namespace goes over its loopback interface. Raises NetworkError."""
     ip("-n", name, "link", "set", "lo", "multicast", "on")

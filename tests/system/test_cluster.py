@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import shutil
-import socket
 import subprocess
 import sys
 import time
@@ -15,36 +14,9 @@ import pytest
 import yaml
 
 from tests.system.runs import ROOT
+from tests.system.slurm_cluster import needed, running_slurm
 
 pytestmark = pytest.mark.slow
-SLURM = """
-ClusterName=one
-SlurmctldHost={host}(127.0.0.1)
-AuthType=auth/munge
-SlurmUser=root
-SlurmdUser=root
-StateSaveLocation={folder}/state
-SlurmdSpoolDir={folder}/spool
-SlurmctldPidFile={folder}/slurmctld.pid
-SlurmdPidFile={folder}/slurmd.pid
-SlurmctldLogFile={folder}/slurmctld.log
-SlurmdLogFile={folder}/slurmd.log
-ProctrackType=proctrack/linuxproc
-TaskPlugin=task/none
-SelectType=select/cons_tres
-ReturnToService=2
-SlurmctldPort={ports[0]}
-SlurmdPort={ports[1]}
-NodeName={host} NodeAddr=127.0.0.1 CPUs=2 State=UNKNOWN
-PartitionName=main Nodes={host} Default=YES MaxTime=INFINITE State=UP
-"""
-
-
-def needed(program: str, package: str) -> str:
-    """The path of a program."""
-    found = shutil.which(program, path=f"{os.environ['PATH']}:/usr/sbin")
-    assert found, f"no {program}: apt-get install {package}"
-    return found
 
 
 @pytest.fixture
@@ -109,41 +81,8 @@ def test_a_ci_matrix_makes_the_table_of_one_call(cluster: Path) -> None:
 @pytest.fixture
 def slurm(tmp_path: Path) -> Iterator[Path]:
     """The configuration of a running cluster of this host; needs root."""
-    assert os.geteuid() == 0, "a Slurm cluster for a test is started as root"
-    folder = tmp_path / "slurm"
-    (folder / "state").mkdir(parents=True)
-    ports = []
-    for _ in range(2):
-        with socket.socket() as s:
-            s.bind(("127.0.0.1", 0))
-            ports.append(s.getsockname()[1])
-    file = folder / "slurm.conf"
-    host = socket.gethostname().partition(".")[0]
-    file.write_text(SLURM.format(host=host, folder=folder, ports=ports))
-    programs = [needed(p, "slurmctld slurmd munge") for p in ("munged", "slurmctld", "slurmd")]
-    for name in ("key", "run"):
-        (folder / name).mkdir()
-    key, where = folder / "key/munge.key", folder / "run/munge.socket"
-    key.write_bytes(os.urandom(128))
-    key.chmod(0o600)
-    began = [
-        [programs[0], "-F", "-f", f"--key-file={key}", f"--socket={where}",
-         f"--pid-file={folder}/run/munged.pid", f"--log-file={folder}/munged.log",
-         f"--seed-file={folder}/run/seed"],
-        [programs[1], "-D", "-f", str(file)],
-        [programs[2], "-D", "-f", str(file)],
-    ]  # fmt: skip
-    file.write_text(file.read_text() + f"AuthInfo=socket={where}\n")
-    daemons = []
-    try:
-        for command in began:
-            daemons.append(subprocess.Popen(command))
-            time.sleep(1)
+    with running_slurm(tmp_path / "slurm") as file:
         yield file
-    finally:
-        for daemon in reversed(daemons):
-            daemon.terminate()
-            daemon.wait(timeout=60)
 
 
 def test_slurm_makes_the_table_of_one_call(cluster: Path, slurm: Path) -> None:

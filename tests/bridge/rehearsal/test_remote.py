@@ -85,7 +85,7 @@ def test_who_is_killed_at_the_start_is_named(
             case "router":
                 os.kill(connection.router, signal.SIGKILL)
             case "host":
-                connection._popen.kill()
+                os.kill(connection.pid, signal.SIGKILL)
         ready()
         running._watch(lambda t, end: None)
 
@@ -112,6 +112,8 @@ BAD: list[tuple[str, str]] = [
     ('[hosts.a]\naddress="192.0.2.2"\n[hosts.b]\nstart = "ssh"\nto = "192.0.2.1"\n',
      "without encryption"),
     ('[hosts.a]\nstart = "namespace"\n[hosts.b]\n', "hosts.b: found local"),
+    ('[hosts.a]\nstart = "namespace"\nto = "nowhere"\n',
+     "hosts.a.to: no network namespace 'nowhere'"),
     ('[hosts.a]\nnodes = ["robot9"]\n', "hosts.a.nodes: no node 'robot9'; there are: node1"),
     ('[hosts.a]\nnodes = ["node1"]\n[hosts.b]\nport = 1\nnodes = ["node1"]\n',
      "node1 is on a already"),

@@ -259,7 +259,7 @@ class _Period:
         n_held = sum(c.held.size for c in cut or ())
         self._width = self._n_z + n_held + sum(s.size for s in inputs)
         self._added = np.zeros((plan.n_signals, self._width))
-        self._held = np.eye(self._width)[self._n_z : self._n_z + n_held]
+        self._held = np.eye(n_held, self._width, self._n_z)
         self._sent = np.zeros((sum(c.sent.size for c in cut or ()), self._width))
         first = self._n_z + n_held
         for slot in inputs:
@@ -288,7 +288,7 @@ class _Period:
         for i in self._models:
             for slot in self._plan.components[i].outputs:
                 written[slot.start : slot.start + slot.size] = True
-        self._signals = np.where(written[:, None], self._signals, 0.0)
+        self._signals[~written] = 0.0
 
     def _flights(self, rows: Matrix) -> list[dict[int, Matrix]]:
         """Samples on their way at the start, by their number, of each link."""

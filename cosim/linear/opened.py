@@ -13,14 +13,16 @@ circle is that of A there, less the turns of the determinant about 0 along the c
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cosim.base.errors import RunError
 from cosim.linear.component import Matrix, StepDerivatives
+from cosim.linear.determinants import Determinants
 from cosim.linear.loop import CutLink, KnownDerivatives, OperatingPoint, cut_loop
 from cosim.linear.model import reduced
 from cosim.linear.pieces import Index, pieces
@@ -174,7 +176,7 @@ class OpenLoop:
         Raises RunError if a pole is too near to that, so that it cannot be counted.
         """
         radius = float(np.exp(growth * self.period))
-        alone = int(np.count_nonzero(np.abs(np.linalg.eigvals(self.A)) > radius))
+        alone = int(np.count_nonzero(np.abs(_eigenvalues(self.A)) > radius))
         return alone - self._turns(_Return(self, delays), radius)
 
     def drawn_growth(self, rows: Sequence[Index]) -> float:
@@ -287,7 +289,7 @@ class OpenLoop:
         """
         least = min(1e-3, np.pi / many) * self.period
         first = 0.0 if radius != 1.0 else least  # it is real at angle 0, but for neutral poles
-        poles = np.log(np.linalg.eigvals(self.A).astype(np.complex128) / radius)
+        poles = np.log(_eigenvalues(self.A) / radius)
         poles = poles[(np.abs(poles.real) < np.pi / _FEW) & (poles.imag > 0.0)]
         away = np.maximum(np.abs(poles.real), least)[:, None] * 2.0 ** np.arange(-1, 8)
         beside = poles.imag[:, None] + np.hstack([-away, away])
@@ -330,45 +332,112 @@ class Differences:
     D: Matrix
 
 
+def _blocks(A: Matrix) -> Iterator[tuple[Index, Matrix]]:
+    """The states of each part of A that no other states act on, and its matrix."""
+    linked = (A != 0.0) | (A.T != 0.0) | np.eye(len(A), dtype=bool)
+    for some, _ in pieces(linked.astype(float), np.ones(len(A), bool)):
+        yield some, A[np.ix_(some, some)]
+
+
+def _eigenvalues(A: Matrix) -> Complex:
+    """The eigenvalues of A, those of equal blocks found once."""
+    known: dict[bytes, Complex] = {}
+    found = [np.zeros(0, np.complex128)]
+    for _, block in _blocks(A):
+        if (key := block.tobytes()) not in known:
+            known[key] = np.linalg.eigvals(block).astype(np.complex128)
+        found.append(known[key])
+    return np.concatenate(found)
+
+
+def _alike(rows: Matrix) -> Index:
+    """The number of the first row equal to each of `rows` (n, m), (n,)."""
+    i, j = np.nonzero(rows)
+    ends = np.searchsorted(i, np.arange(len(rows) + 1)).tolist()
+    value, first = rows[i, j], dict[tuple[bytes, bytes], int]()
+    parts = [(j[a:b].tobytes(), value[a:b].tobytes()) for a, b in pairwise(ends)]
+    return np.array([first.setdefault(part, n) for n, part in enumerate(parts)], np.intp)
+
+
+def _added(columns: Matrix, index: Index, size: int) -> Matrix:
+    """The sums (n, size) of the columns (n, m) that have the same `index` (m,)."""
+    found = np.zeros((size, len(columns)))
+    np.add.at(found, index, columns.T)
+    return found.T
+
+
+class _Entries:
+    """The entries of C (z - A)⁻¹ B + D that are not 0 everywhere: `rows` and `columns` (e,).
+
+    Robots that are alike and in the same posture have blocks of the same numbers, which are
+    computed once.
+    """
+
+    def __init__(
+        self, blocks: Sequence[tuple[Index, Matrix]], B: Matrix, C: Matrix, D: Matrix
+    ) -> None:
+        known: dict[tuple[bytes, ...], int] = {}
+        self._kinds: list[tuple[Matrix, Matrix, Matrix]] = []
+        kinds, places = list[int](), [np.flatnonzero(D)]
+        for some, A in blocks:
+            into, out = np.flatnonzero(B[some].any(axis=0)), np.flatnonzero(C[:, some].any(axis=1))
+            if not len(into) or not len(out):
+                continue
+            kind = A, B[np.ix_(some, into)], C[np.ix_(out, some)]
+            key = tuple(x.tobytes() for x in kind)
+            if key not in known:
+                known[key] = len(self._kinds)
+                self._kinds.append(kind)
+            kinds.append(known[key])
+            places.append((out[:, None] * D.shape[1] + into).reshape(-1))
+        every = np.array(sorted(set(np.concatenate(places).tolist())), np.intp)
+        self.rows, self.columns = np.divmod(every, max(D.shape[1], 1))
+        self._direct = D[self.rows, self.columns]
+        at = [np.searchsorted(every, place) for place in places[1:]]
+        self._places = list(zip(kinds, at, strict=True))
+
+    def values(self, z: Complex) -> Complex:
+        """The entries at `z` (k,), (k, e)."""
+        parts = []
+        for A, B, C in self._kinds:
+            M = z[:, None, None] * np.eye(len(A)) - A
+            reached = C @ np.linalg.solve(M, np.broadcast_to(B, (len(z), *B.shape)))
+            parts.append(reached.reshape(len(z), len(C) * B.shape[1]))
+        found = np.tile(self._direct.astype(np.complex128), (len(z), 1))
+        for kind, at in self._places:
+            found[:, at] += parts[kind]
+        return found
+
+
 class _Return:
     """Δ(z) (C (z - A)⁻¹ B + D), with one row for each value and its delay."""
 
     def __init__(self, loop: OpenLoop, delays: Sequence[int]) -> None:
         which, before = loop.sources(delays)
         p, m = loop.sent, loop.held
-        rows = np.hstack([loop.C[:p], loop.D[:p]])
-        alike = np.unique(rows, axis=0, return_inverse=True)[1].reshape(-1) if p else which
-        pairs, index = (
-            np.unique(np.stack([alike[which], before]), axis=1, return_inverse=True)
-            if m
-            else (np.zeros((2, 0), np.intp), np.zeros(0, np.intp))
-        )
-        first = np.array([int(np.flatnonzero(alike == y)[0]) for y in pairs[0]], np.intp)
-        E = np.zeros((m, len(first)))
-        E[np.arange(m), index.reshape(-1)] = 1.0
-        self.size, self.back = len(first), pairs[1].astype(float)
+        alike = _alike(np.hstack([loop.C[:p], loop.D[:p]]))
+        pairs = list(zip(alike[which].tolist(), before.tolist(), strict=True))
+        place = {pair: i for i, pair in enumerate(dict.fromkeys(pairs))}
+        index = np.array([place[pair] for pair in pairs], np.intp)
+        first = np.array([y for y, _ in place], np.intp)
+        self.size, self.back = len(first), np.array([float(back) for _, back in place])
         self.depth = int(self.back.max(initial=0)) + 1
-        self._B = np.hstack([loop.B[:, :m] @ E, loop.B[:, m:]])
+        self._B = np.hstack([_added(loop.B[:, :m], index, self.size), loop.B[:, m:]])
         self._C = np.vstack([loop.C[first], loop.C[p:]])
         D = np.vstack([loop.D[first], loop.D[p:]])
-        self._D = np.hstack([D[:, :m] @ E, D[:, m:]])
-        linked = (loop.A != 0.0) | (loop.A.T != 0.0) | np.eye(len(loop.A), dtype=bool)
-        every = np.ones(len(linked), bool)
-        self._blocks = [(some, loop.A[np.ix_(some, some)]) for some, _ in
-                        pieces(linked.astype(float), every)]  # fmt: skip
+        self._D = np.hstack([_added(D[:, :m], index, self.size), D[:, m:]])
+        self._blocks = list(_blocks(loop.A))
+        links = slice(0, self.size)
+        self._links = _Entries(self._blocks, self._B[:, links], self._C[links],
+                               self._D[links, links])  # fmt: skip
+        self._determinants = Determinants(self._links.rows, self._links.columns, self.size)
 
     def gain(self, z: Complex, inputs: slice, outputs: slice) -> Complex:
         """C (z - A)⁻¹ B + D of some inputs and outputs, (k, p, m)."""
         D = self._D[outputs, inputs]
-        found: Complex = np.broadcast_to(D, (len(z), *D.shape)).astype(np.complex128)
-        for some, A in self._blocks:
-            B, C = self._B[some, inputs], self._C[outputs, some]
-            into, out = np.flatnonzero(B.any(axis=0)), np.flatnonzero(C.any(axis=1))
-            if not len(into) or not len(out):
-                continue
-            M = z[:, None, None] * np.eye(len(A)) - A
-            reached = np.linalg.solve(M, np.broadcast_to(B[:, into], (len(z), len(A), len(into))))
-            found[:, out[:, None], into] += C[out] @ reached
+        some = _Entries(self._blocks, self._B[:, inputs], self._C[outputs], D)
+        found = np.zeros((len(z), *D.shape), np.complex128)
+        found[:, some.rows, some.columns] = some.values(z)
         return found
 
     def logarithm(self, radius: float, angle: Matrix) -> tuple[Complex, Matrix, Matrix]:
@@ -383,10 +452,12 @@ class _Return:
         return log, slope, norm
 
     def _logarithm(self, radius: float, angle: Matrix) -> tuple[Complex, Matrix]:
-        z, links = radius * np.exp(1j * angle), slice(0, self.size)
-        L = self.gain(z, links, links) * (1.0 / z)[:, None, None] ** self.back[:, None]
-        sign, size = np.linalg.slogdet(np.eye(self.size) - L)
-        return size + 1j * np.angle(sign), np.asarray(np.linalg.norm(L, axis=(1, 2)))
+        z = radius * np.exp(1j * angle)
+        backs = np.array(sorted(set(self.back.tolist())))
+        late = (1.0 / z)[:, None] ** backs
+        rows = np.searchsorted(backs, self.back)[self._links.rows]
+        values = self._links.values(z) * late[:, rows]
+        return self._determinants.logarithms(values), np.sqrt((np.abs(values) ** 2).sum(axis=1))
 
     def zero(self, s: complex, T: float) -> complex | None:
         """The zero of the determinant next to `s`, 1/s; None if Newton's steps do not end."""

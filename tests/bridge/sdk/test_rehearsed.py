@@ -155,10 +155,15 @@ def test_a_drive_in_rust_on_can(cosim, tmp_path):
 
 
 @pytest.mark.skipif(not PICO, reason="ZENOH_PICO names no folder where zenoh-pico is installed")
-def test_an_arm_in_c_on_zenoh_pico(cosim, tmp_path, monkeypatch):
-    monkeypatch.setenv("C_INCLUDE_PATH", f"{PICO}/include")
-    monkeypatch.setenv("LIBRARY_PATH", f"{PICO}/lib")
-    built(cosim, tmp_path / "arm", "c", "zenoh")
+@pytest.mark.parametrize(("language", "compiler"), [("c", "cc"), ("c++", "c++"), ("rust", "rustc")])
+def test_an_arm_on_zenoh_pico(cosim, tmp_path, monkeypatch, language, compiler):
+    if shutil.which(compiler) is None:
+        pytest.skip(f"no {compiler}")
+    for name, folder in (
+        ("C_INCLUDE_PATH", "include"), ("CPLUS_INCLUDE_PATH", "include"), ("LIBRARY_PATH", "lib")
+    ):  # fmt: skip
+        monkeypatch.setenv(name, f"{PICO}/{folder}")
+    built(cosim, tmp_path / "arm", language, "zenoh")
     on_zenoh(cosim, tmp_path, f'{tmp_path}/arm/participant "{{net.listen}}" "{{net.connect}}"')
 
 

@@ -145,13 +145,3 @@ def _value(key: str, value: Any) -> str:
     if isinstance(value, int | float):
         return engineering(value, "s" if key in _TIMES else "1")
     return Path(value).name if key == "file" else str(value)
-
-
-def transit(ages: Array, sent: NDArray[np.int64]) -> Array:
-    """The age of each used sample of a link when its receiver first held it, (samples,), s.
-
-    `ages` (n,), s, and `sent` (n,): of the sample held at every look, -1 for none. A delay that the
-    link drew shows up rounded up to the receiver's next look.
-    """
-    new = np.flatnonzero((sent >= 0) & (np.diff(sent, prepend=-1) != 0))
-    return ages[new]

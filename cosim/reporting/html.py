@@ -283,16 +283,26 @@ def picture(path: Path, title: str) -> str:
     )
 
 
-def histogram(title: str, unit: str, values: Array, marks: Mapping[str, float]) -> str:
-    """A histogram of values (n,) as a drawing; `marks`: labelled values, all in `unit`."""
-    values = values[np.isfinite(values)]
+def histogram(
+    title: str,
+    unit: str,
+    values: Array,
+    marks: Mapping[str, float],
+    often: NDArray[np.int64] | None = None,
+) -> str:
+    """A histogram of values (n,) as a drawing; `marks`: labelled values, all in `unit`.
+
+    `often`: how often each value was, (n,); default: once.
+    """
+    finite = np.isfinite(values)
+    values, often = values[finite], None if often is None else often[finite]
     if not values.size:
         return ""
     factor, shown = prefixed(float(np.abs(values).max()), unit)
     values = factor * values
     low, high = float(values.min()), float(values.max())
     high = high if high > low else low + (abs(low) or 1.0)
-    counts, edges = np.histogram(values, bins=40, range=(low, high))
+    counts, edges = np.histogram(values, bins=40, range=(low, high), weights=often)
     most, width = int(counts.max()), 480 / len(counts)
     bars = "".join(
         f'<rect x="{40 + i * width:.1f}" y="{150 - 110 * n / most:.1f}" width="{width - 1:.1f}" '

@@ -16,7 +16,7 @@ from cosim.base.errors import CosimError
 from cosim.base.names import counted, listed, signal_of
 from cosim.base.units import engineering, engineering_range, prefixed, readable
 from cosim.measure import declared_metrics, requirements
-from cosim.measure.link_ages import link_ages
+from cosim.measure.link_ages import age_groups, summarize_ages
 from cosim.measure.metric_result import MetricResult
 from cosim.measure.metrics import Error, Metric, evaluate
 from cosim.measure.robustness import Robustness, worst
@@ -25,7 +25,7 @@ from cosim.record.folder import REPORT
 from cosim.record.piecewise import at_times, first_step
 from cosim.reporting import many
 from cosim.reporting.arms import DrawnArm, arm_signals, curve_colours, first_arms, owners
-from cosim.reporting.diagnostics import configured_delay, controllers, findings, limits, transit
+from cosim.reporting.diagnostics import configured_delay, controllers, findings, limits
 from cosim.reporting.html import (
     Array,
     Badge,
@@ -337,27 +337,26 @@ def _links(run: Run, facts: Mapping[str, Any], data: PageData) -> str:
     tables = run.link_tables
     drawn = many.LINKS if len(tables) <= many.LINKS else many.AGES
     for name in nsmallest(many.LINKS, tables, key=counted):
-        found = link_ages(tables[name])
-        age, dt, sent = found.age, found.period, found.sent
-        held = age[np.isfinite(age)]
-        if not held.size:
+        found = summarize_ages(tables[name])
+        if found is None:
             continue
-        marks = {f"p{p}": float(np.percentile(held, p)) for p in (50, 95, 99)}
+        marks = {f"p{p}": found.percentile(p) for p in (50, 95, 99)}
         law = facts.get("links", {}).get(name, {}).get("delay") or {}
-        delays = transit(age, sent)
-        used = np.unique(sent[sent >= 0]).size
-        lost = 1.0 - used / (int(sent.max()) + 1)
-        scale, unit = prefixed(float(max(held.max(), delays.max())), "s")
-        ages = (held.mean(), *marks.values(), held.max())
+        greatest = float(found.values[-1])
+        scale, unit = prefixed(max(greatest, found.delays[1]), "s")
+        ages = (found.mean, *marks.values(), greatest)
         rows.append([
-            _arrow(name), whole(configured_delay(law)),
-            f"{engineering_range(float(delays.min()), float(delays.max()), 's')}",
-            *(f"{readable(scale * x, 3)} {unit}" for x in ages), f"{100 * lost:.3g} %",
+            _arrow(name), whole(configured_delay(law)), engineering_range(*found.delays, "s"),
+            *(f"{readable(scale * x, 3)} {unit}" for x in ages), f"{100 * found.lost:.3g} %",
         ])  # fmt: skip
         if len(rows) > drawn:
             continue
-        data.add(f"age of {name}", "s", age, dt, CHOSEN)
-        pictures.append(histogram(f"How often: {_arrow(name)}", "s", held, marks))
+        kept = Thinned(found.steps, CHOSEN)
+        for group in age_groups(tables[name]):
+            kept.add(group.age)
+        data.add_thinned(f"age of {name}", "s", kept, found.period)
+        often = histogram(f"How often: {_arrow(name)}", "s", found.values, marks, found.counts)
+        pictures.append(often)
         title = f"Age of the sample that is held, {_arrow(name)}"
         data.panels.append(PlottedPanel(title, "s", ((f"age of {name}", "age"),), (), "ages"))
     if not rows:

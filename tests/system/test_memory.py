@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from benchmarks.long_run import GOAL, rows
 from tests.system.runs import ROOT
 
 RUN = """
@@ -48,3 +49,15 @@ def test_memory_is_flat_in_what_is_recorded(tmp_path: Path) -> None:
     short = peak(tmp_path / "short", 60.0, every=1)
     long = peak(tmp_path / "long", 240.0, every=1)
     assert long - short < 10.0, (short, long)
+
+
+@pytest.mark.slow
+def test_a_long_recording_is_read_in_little_memory(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """10^7 rows, which take 240 MB as whole columns, and more in sums over them."""
+    monkeypatch.chdir(tmp_path)
+    commands = ["run", "report", "png", "show", "diff", "csv", "parquet"]
+    for row in rows(10_000_000, commands):
+        assert row["exit"] == 0
+        assert 30 < row["mb"] < GOAL, row

@@ -124,9 +124,6 @@ def test_delays_of_used_samples_stand_beside_the_configured_law(page: tuple[Run,
     row = re.search(rf"<td>{re.escape(name)}</td><td>(.*?)</td><td[^>]*>(.*?) to (.*?) s<", text)
     assert row is not None and row[1] == "0.3 to 1.2\u00a0s, held 30\u00a0ms"
     assert 0.3 <= float(row[2]) < float(row[3]) <= 1.2
-    sent = np.array([-1, -1, 0, 0, 2, 2, 2])
-    ages = np.array([np.nan, np.nan, 0.2, 0.3, 0.2, 0.3, 0.4])
-    assert diagnostics.transit(ages, sent).tolist() == [0.2, 0.2]
 
 
 @pytest.mark.parametrize(

@@ -1,10 +1,10 @@
 """Throughput of the simulated CAN bus in frames per second: ``python -m benchmarks.bus``.
 
-Sixteen nodes with sorted queues, random 11-bit identifiers that no two nodes share, 8 random bytes,
-exact stuffing, at 1 Mbit/s. `burst`: 512 requests of each node at the same time, so that sixteen
+Sixteen nodes (or `--nodes`) with sorted queues, random 11-bit identifiers that no two nodes share,
+8 random bytes, exact stuffing, at 1 Mbit/s. `burst`: 8192 requests at the same time, so that all
 nodes arbitrate for each frame. `load 60 %`: requests at random times. The result is the processor
 time of this process in `request_many` and `advance`, without the preparation of the requests: the
-median and the best of several repetitions.
+median and the best of several repetitions, which take turns between the cases.
 """
 
 from __future__ import annotations
@@ -24,19 +24,22 @@ from cosim.bus.settings import BusNodeSettings, ErrorRate
 from cosim.bus.simulation import SimulatedBus
 from cosim.bus.timing import BusTiming
 
-NODES, BIT_PS, MEAN_BITS = 16, 1_000_000, 114.3
+BIT_PS, MEAN_BITS = 1_000_000, 114.3
 CHUNK = 8192
 
 
-def requests(count: int, load: float | None, seed: int = 1) -> NDArray[np.void]:
-    """Random requests, shape (count,); `load`: share of the bus they ask for, None: at once."""
+def requests(count: int, load: float | None, nodes: int, seed: int = 1) -> NDArray[np.void]:
+    """Random requests, shape (count,); `load`: share of the bus they ask for, None: at once.
+
+    `nodes`: a power of two, at most 1024.
+    """
     random = np.random.default_rng(seed)
     rows = np.zeros(count, REQUEST)
     if load is not None:
         gaps = random.exponential(MEAN_BITS * BIT_PS / load, count)
         rows["at"] = np.cumsum(gaps).astype(np.int64)
-    rows["node"] = np.arange(count) % NODES
-    rows["frame"]["id"] = random.integers(0, 1 << 7, count) << 4 | rows["node"]
+    rows["node"] = np.arange(count) % nodes
+    rows["frame"]["id"] = random.integers(0, 2048 // nodes, count) * nodes + rows["node"]
     rows["frame"]["length"] = 8
     rows["frame"]["data"][:, :8] = random.integers(0, 256, (count, 8))
     return rows
@@ -44,8 +47,10 @@ def requests(count: int, load: float | None, seed: int = 1) -> NDArray[np.void]:
 
 def nanoseconds(rows: NDArray[np.void], record: Sequence[BusEvent], rate: float = 0.0) -> float:
     """Processor time of a frame, ns."""
+    count = int(rows["node"].max()) + 1
     nodes = [
-        BusNodeSettings(f"n{i}", queue_length=2 * CHUNK // NODES, inbox=CHUNK) for i in range(NODES)
+        BusNodeSettings(f"n{i}", queue_length=2 * CHUNK // count, inbox=2 * CHUNK // count)
+        for i in range(count)
     ]
     noise = [ErrorRate(rate)] if rate else []
     bus = SimulatedBus(BusTiming(1e6), nodes, record=record, disturbances=noise, seed=1)
@@ -56,7 +61,7 @@ def nanoseconds(rows: NDArray[np.void], record: Sequence[BusEvent], rate: float 
         bus.request_many(part)
         burst = bus.now_ps + 120 * BIT_PS * len(part)
         bus.advance(max(int(part["at"][-1]), burst if part["at"][0] == part["at"][-1] else 0))
-    while any(bus.state(i).pending for i in range(NODES)):
+    while any(bus.state(i).pending for i in range(count)):
         bus.advance(bus.now_ps + 100_000 * BIT_PS)
     taken = time.process_time_ns() - begin
     assert bus.whole_frames > 0.9 * len(rows)  # the rest bit by bit: disturbed, or cut by a call
@@ -68,6 +73,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--frames", type=int, default=400_000)
     parser.add_argument("--repeat", type=int, default=5)
+    parser.add_argument("--nodes", type=int, nargs="+", default=[16], metavar="N")
     parser.add_argument(
         "--python-can", type=int, metavar="N", help="cost of N messages by python-can"
     )
@@ -76,8 +82,8 @@ def main() -> None:
     if given.python_can:
         print_costs(given.python_can, given.repeat)
         return
-    print("| traffic | events | ns per frame: median (best) | frames/s: median (best) |")
-    print("|---|---|---|---|")
+    print("| traffic | events | nodes | ns per frame: median (best) | frames/s: median (best) |")
+    print("|---|---|---|---|---|")
     sent, all_kinds = [BusEvent.SENT], list(BusEvent)
     cases = (
         ("load 60 %", 0.6, sent, 0.0),
@@ -87,12 +93,16 @@ def main() -> None:
         ("load 60 %, bit error rate 1e-5", 0.6, sent, 1e-5),
     )
     for name, load, record, rate in cases:
-        rows = requests(given.frames, load)
-        times = [nanoseconds(rows.copy(), record, rate) for _ in range(given.repeat)]
-        ns, best = statistics.median(times), min(times)
-        kinds = "SENT" if record is sent else "all"
-        rates = f"{1e3 / ns:.2f} M ({1e3 / best:.2f} M)"
-        print(f"| {name} | {kinds} | {ns:.0f} ({best:.0f}) | {rates} |", flush=True)
+        rows = {nodes: requests(given.frames, load, nodes) for nodes in given.nodes}
+        times: dict[int, list[float]] = {nodes: [] for nodes in given.nodes}
+        for _ in range(given.repeat):
+            for nodes, found in times.items():
+                found.append(nanoseconds(rows[nodes].copy(), record, rate))
+        for nodes, found in times.items():
+            ns, best = statistics.median(found), min(found)
+            kinds = "SENT" if record is sent else "all"
+            rates = f"{1e3 / ns:.2f} M ({1e3 / best:.2f} M)"
+            print(f"| {name} | {kinds} | {nodes} | {ns:.0f} ({best:.0f}) | {rates} |", flush=True)
 
 
 if __name__ == "__main__":

@@ -20,6 +20,15 @@ static void lay_out_node(node_t *n, const bus_node_settings_t *set, char *memory
     n->fifo = take(memory, used, (size_t)set->receive_length, sizeof *n->fifo);
 }
 
+static least_t lay_out_least(char *memory, size_t *used, int32_t nodes)
+{
+    least_t l;
+    l.leaves = least_leaves(nodes);
+    l.rows = take(memory, used, 2 * (size_t)l.leaves, sizeof *l.rows);
+    for (int32_t k = 0; memory && k < 2 * l.leaves; k++) l.rows[k] = NEVER;
+    return l;
+}
+
 /* Where everything lies in memory; without memory, only its size. */
 static size_t lay_out(char *memory, const bus_settings_t *set)
 {
@@ -32,9 +41,10 @@ static size_t lay_out(char *memory, const bus_settings_t *set)
     b->scripts = take(memory, &used, (size_t)set->n_scripts, sizeof *b->scripts);
     b->interruptions = take(memory, &used, (size_t)set->n_interruptions, sizeof *b->interruptions);
     b->rates = take(memory, &used, (size_t)set->n_rates, sizeof *b->rates);
-    b->next_at = take(memory, &used, nodes, sizeof *b->next_at);
     b->ready = take(memory, &used, nodes, sizeof *b->ready);
-    b->rank = take(memory, &used, nodes, sizeof *b->rank);
+    b->next_at = lay_out_least(memory, &used, set->n_nodes);
+    b->waiting = lay_out_least(memory, &used, set->n_nodes);
+    b->contending = lay_out_least(memory, &used, set->n_nodes);
     b->lost = take(memory, &used, nodes, sizeof *b->lost);
     for (int32_t i = 0; i < set->n_nodes; i++)
         lay_out_node(memory ? &b->nodes[i] : &node, &set->nodes[i], memory, &used);
@@ -78,7 +88,7 @@ bus_t *bus_create(void *memory, const bus_settings_t *set)
         b->follow |= n->set.one_shot || n->set.queue == QUEUE_MAILBOXES;
         for (int32_t j = 0; j < n->set.queue_length; j++)
             n->spare[j] = (uint16_t)(n->set.queue_length - 1 - j);
-        b->next_at[i] = b->ready[i] = NEVER;
+        b->ready[i] = NEVER;
     }
     line_create(b);
     clock_create(b);

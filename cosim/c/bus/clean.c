@@ -23,12 +23,8 @@ static int32_t next_recovery(const bus_t *b, int64_t *at)
 
 int64_t next_start(const bus_t *b)
 {
-    int64_t first = NEVER;
-    for (int32_t i = 0; i < b->n; i++) {
-        if (b->ready[i] <= b->free) return b->free;
-        if (b->ready[i] < first) first = b->ready[i];
-    }
-    return first;
+    int64_t first = least_of(&b->waiting);
+    return first <= b->free || least_of(&b->contending) != NEVER ? b->free : first;
 }
 
 /* Bits on the wire before each bit that arbitrates: 32 of them, from the first of the identifier. */
@@ -114,17 +110,15 @@ void follow_losers(bus_t *b)
 }
 
 /* The winner at t; *tie: another has the same bits. */
-static int32_t arbitrate(const bus_t *b, int64_t t, int32_t *tie)
+static int32_t arbitrate(bus_t *b, int64_t t, int32_t *tie)
 {
-    uint64_t best = UINT64_MAX, second = UINT64_MAX;
-    for (int32_t i = 0; i < b->n; i++) {
-        uint64_t key = b->ready[i] > t ? UINT64_MAX : (uint64_t)b->rank[i] << 16 | (uint64_t)i;
-        uint64_t larger = key > best ? key : best;
-        best = key < best ? key : best;
-        second = larger < second ? larger : second;
-    }
-    *tie = best >> 16 == second >> 16;
-    return (int32_t)(best & 0xFFFFu);
+    int32_t winner, before;
+    int64_t best;
+    while (least_of(&b->waiting) <= t) contend(b, least_node(&b->waiting));
+    best = least_of(&b->contending);
+    winner = (int32_t)(best & 0xFFFF);
+    *tie = best >> 16 == least_other(&b->contending, winner, &before) >> 16;
+    return winner;
 }
 
 /* The transmission of the winner at t will be undisturbed. (A node that suspends its transmission

@@ -112,6 +112,13 @@ typedef struct {
     int32_t node, bit;
 } lost_t;
 
+/* The least of the numbers of all nodes (NEVER: none), in a tree: row k is the lesser of rows 2k and 2k + 1,
+ * the number of node i is in row `leaves` + i. */
+typedef struct {
+    int64_t *rows; /* 2 * leaves */
+    int32_t leaves;
+} least_t;
+
 struct bus {
     bus_settings_t set;
     node_t *nodes;
@@ -119,10 +126,11 @@ struct bus {
     script_t *scripts;
     bus_interruption_t *interruptions;
     rate_t *rates;
-    int64_t *next_at; /* per node: the first of its inbox */
-    int64_t *ready;   /* per node: when its first frame could start */
-    uint32_t *rank;   /* per node: of its first frame */
-    lost_t *lost;     /* of the transmission in flight, by time */
+    int64_t *ready;     /* per node: when its first frame could start */
+    least_t next_at;    /* of each node: the first of its inbox */
+    least_t waiting;    /* when the first frame could start, of nodes that are not among `contending` */
+    least_t contending; /* rank and number of the nodes whose first frame could start when the bus is free */
+    lost_t *lost;       /* of the transmission in flight, by time */
     int32_t n_lost, lost_done;
     int32_t follow;              /* every loss of arbitration has to be followed */
     int32_t followed;            /* in the transmission in flight, they are */
@@ -165,9 +173,19 @@ void event_at_bit(bus_t *b, int32_t node, int32_t kind, int32_t code, int64_t re
 int32_t keep_frame(bus_t *b, const can_frame_t *frame);
 void deliver(bus_t *b, int32_t node, const can_frame_t *frame, int64_t request);
 
+/* least.c */
+int32_t least_leaves(int32_t nodes); /* a power of two */
+void least_set(least_t *l, int32_t node, int64_t number);
+int64_t least_of(const least_t *l);
+int32_t least_node(const least_t *l); /* the first that has the least */
+/* The least of the other nodes; *before: it is that of a node before this one. */
+int64_t least_other(const least_t *l, int32_t node, int32_t *before);
+
 /* queue.c */
 uint32_t frame_rank(const can_frame_t *frame);
 void refresh(bus_t *b, int32_t node);
+/* Its first frame can start when the bus is free. */
+void contend(bus_t *b, int32_t node);
 void drop(bus_t *b, int32_t node, int32_t slot, int32_t cause);
 void release(bus_t *b, int32_t node, int32_t slot);
 /* Requests up to and with `until` go from the inboxes to the queues; 0: the output has no room for a step. */

@@ -13,14 +13,25 @@ uint32_t frame_rank(const can_frame_t *f)
 void refresh(bus_t *b, int32_t node)
 {
     const node_t *n = &b->nodes[node];
-    const slot_t *first;
-    if (n->pending == 0 || n->phase == PHASE_OFF) {
-        b->ready[node] = NEVER;
-        return;
+    int64_t ready = NEVER;
+    if (n->pending > 0 && n->phase != PHASE_OFF) {
+        ready = n->slots[n->order[0]].at;
+        if (ready < n->earliest) ready = n->earliest;
     }
-    first = &n->slots[n->order[0]];
-    b->rank[node] = first->rank;
-    b->ready[node] = first->at > n->earliest ? first->at : n->earliest;
+    b->ready[node] = ready;
+    if (ready <= b->free) {
+        contend(b, node);
+    } else {
+        least_set(&b->contending, node, NEVER);
+        least_set(&b->waiting, node, ready);
+    }
+}
+
+void contend(bus_t *b, int32_t node)
+{
+    const node_t *n = &b->nodes[node];
+    least_set(&b->waiting, node, NEVER);
+    least_set(&b->contending, node, (int64_t)n->slots[n->order[0]].rank << 16 | node);
 }
 
 /* Give a slot back; most often it is the first of the order. */
@@ -46,7 +57,7 @@ void drop(bus_t *b, int32_t node, int32_t slot, int32_t cause)
 void next_inbox(bus_t *b, int32_t node)
 {
     const node_t *n = &b->nodes[node];
-    b->next_at[node] = n->inbox_count ? n->inbox[n->inbox_head].at : NEVER;
+    least_set(&b->next_at, node, n->inbox_count ? n->inbox[n->inbox_head].at : NEVER);
 }
 
 /* Where a frame goes in the order: behind all that go before it. */
@@ -118,42 +129,22 @@ static void enqueue(bus_t *b, int32_t node, const slot_t *in)
     if (at == 0) refresh(b, node);
 }
 
-typedef struct {
-    int32_t node;   /* has the next request; of several at one time, the lowest */
-    int32_t yields; /* at the time of the others, another goes before it */
-    int64_t others; /* when the first of the other nodes has one */
-} turn_t;
-
-static turn_t next_turn(const bus_t *b)
-{
-    turn_t turn = {0, 0, NEVER};
-    for (int32_t i = 1; i < b->n; i++) {
-        if (b->next_at[i] < b->next_at[turn.node]) {
-            turn.others = b->next_at[turn.node];
-            turn.yields = 1;
-            turn.node = i;
-        } else if (b->next_at[i] < turn.others) {
-            turn.others = b->next_at[i];
-            turn.yields = 0;
-        }
-    }
-    return turn;
-}
-
 int32_t drain(bus_t *b, int64_t until)
 {
     while (b->next_request <= until) {
-        turn_t turn = next_turn(b);
-        node_t *n = &b->nodes[turn.node];
-        int64_t limit = turn.others - turn.yields, at = b->next_at[turn.node];
-        for (limit = limit < until ? limit : until; at <= limit; at = b->next_at[turn.node]) {
+        int32_t node = least_node(&b->next_at), before;
+        node_t *n = &b->nodes[node];
+        int64_t others = least_other(&b->next_at, node, &before), at = least_of(&b->next_at);
+        int64_t limit = others - before; /* at the time of the others, a node before this one is first */
+        for (limit = limit < until ? limit : until; at <= limit;) {
             if (!has_room(b)) return 0;
-            enqueue(b, turn.node, &n->inbox[n->inbox_head]);
+            enqueue(b, node, &n->inbox[n->inbox_head]);
             n->inbox_head = n->inbox_head + 1 == n->set.inbox ? 0 : n->inbox_head + 1;
             n->inbox_count--;
-            next_inbox(b, turn.node);
+            at = n->inbox_count ? n->inbox[n->inbox_head].at : NEVER;
+            least_set(&b->next_at, node, at);
         }
-        b->next_request = at < turn.others ? at : turn.others;
+        b->next_request = at < others ? at : others;
     }
     return has_room(b);
 }

@@ -38,8 +38,9 @@ class CheckpointKeeper:
         self._facts: Mapping[str, Any] = {}
         self._folder = Path()
         self._running = self._since = stopwatch()
-        #: Bytes of the last checkpoint, the number of all, and what they took, s.
-        self.size, self.count, self.spent = 0, 0, 0.0
+        #: Bytes of the last checkpoint, the number of all, and what they took, s; what it took to
+        #: resume the run, s.
+        self.size, self.count, self.spent, self.resuming = 0, 0, 0.0, 0.0
 
     @property
     def command(self) -> str:
@@ -67,10 +68,11 @@ class CheckpointKeeper:
 
         Raises RunError, ScenarioError.
         """
+        watch = stopwatch()
         if self._from is not None:
             state.restore(engine, self._from.tick, self._from.found.blobs)
             recorder.resume(self._from.groups(), self._from.rest, self._from.tick)
-            self._from = None
+            self._from, self.resuming = None, watch()
         else:
             self.keep(engine, recorder, now=True)
         self._running, self._since = stopwatch(), stopwatch()

@@ -201,3 +201,10 @@ def test_macro_steps_need_fewer_steps_for_a_smaller_error() -> None:
     assert adaptive[0][2] < 0.01 < fixed[0][2] and adaptive[0][3] < fixed[0][3]
     assert adaptive[1][2] < 1e-4 < fixed[1][2] and adaptive[1][3] < fixed[1][3]
     assert macro_steps.table(found).count("adaptive") == 2
+
+
+def test_checkpoints_have_a_size_and_a_price(tmp_path: Path) -> None:
+    found, said = run("checkpoint.py", tmp_path)
+    (row,) = found["rows"]
+    assert row["bytes"] > 1000 and row["one"] > 0 and row["resume"] > 0
+    assert "overhead" in said

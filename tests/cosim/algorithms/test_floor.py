@@ -110,7 +110,7 @@ def test_the_check_takes_time_that_grows_with_the_robots():
         p = assemble(made)
         return instructions_in(lambda: check(made, p))
 
-    cost(80)  # the first one imports SciPy
+    cost(40)  # imports SciPy
     assert cost(80) / cost(20) < 4.8
 
 

@@ -47,7 +47,7 @@ class HostPlacement:
     @property
     def seconds(self) -> float:
         """The predicted time of a simulated second, s."""
-        return max(self.computing, self.waiting)
+        return self.computing + self.waiting
 
     def lines(self) -> list[str]:
         """For people."""
@@ -217,8 +217,9 @@ def predict(
 ) -> HostPlacement:
     """A placement with its time of a simulated second, by the theory of windows.
 
-    In a window W each host computes the slots of its nodes and sends what they have made; then it
-    waits for the others, for which samples take `latency` (s): T = max(computing, latency / W).
+    In a window W each host computes the slots of its nodes, and sends what they have made at its
+    end; it then waits for the others, for which samples take `latency` (s), before it can compute
+    again: T = computing + latency / W.
     """
     cut = tuple(way for way in between if hosts[way.sender] != hosts[way.receiver])
     busy = dict.fromkeys(cores, 0.0)

@@ -5,10 +5,13 @@ from __future__ import annotations
 from collections import Counter
 from itertools import combinations, product
 
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bridge.rehearsal.placement import Way, place
+from bridge.deployment.system import load_system
+from bridge.rehearsal.placement import Way, place, predict, ways
+from tests.bridge.deployments import CONFIGS
 
 
 def window(between: list[Way], hosts: dict[str, str]) -> float:
@@ -56,3 +59,18 @@ def test_what_the_file_places_stays_there(at: dict[str, str]) -> None:
     between = [Way(a, b, 0.01) for a, b in zip("abcde", "bcdef", strict=True)]
     hosts = place("abcdef", between, {"x": 1, "y": 2, "z": 1}, at)
     assert set(hosts) == set("abcdef") and hosts.items() >= at.items()
+
+
+def test_a_window_takes_its_computing_and_the_network() -> None:
+    """Six robots, 5 ms between samples: links from 30 ms, hosts 15 ms apart: 0.5 s of waiting."""
+    changes = ("graphs.net.n=6", "deploy.nodes.node.count=6", "deploy.messages.xi.count=6")
+    system = load_system(CONFIGS / "many.toml", "many", changes)
+    between = ways(system)
+    assert min(way.lead for way in between) == 0.03
+    hosts = place(tuple(system.nodes), between, {"a": 1, "b": 1}, {})
+    found = predict(system, between, hosts, {"a": 1, "b": 1}, 0.015)
+    assert (found.window, found.waiting) == (0.03, pytest.approx(0.5))
+    assert found.seconds == pytest.approx(found.computing + 0.5) and found.computing > 0
+    one = predict(system, between, dict.fromkeys(system.nodes, "a"), {"a": 1}, 0.015)
+    assert (one.cut, one.waiting) == ((), 0.0)
+    assert one.computing == pytest.approx(2.0 * found.computing)

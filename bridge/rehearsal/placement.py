@@ -14,8 +14,8 @@ from dataclasses import dataclass
 
 from bridge.deployment.system import System
 
-#: CPU time of a slot of a node, and of a payload at each of its two ends, s: measured by
-#: ``benchmarks/lockstep.py`` on the machine of docs/scale.md.
+#: Estimates of the CPU time of a slot of a node, and of a payload at each of its two ends, s. With
+#: them the table of docs/scale.md, by ``benchmarks/lockstep.py``, is predicted to a factor of 1.7.
 SLOT, PAYLOAD = 6e-6, 120e-6
 #: How much more than its share a host may have.
 UNEVEN = 1.1

@@ -98,7 +98,7 @@ def run(
     if options.resume is not None:
         scenario, settings, options, keeper = _resumed(scenario, settings, options)
     if scenario is None:
-        raise ScenarioError("found no scenario; expected cosim run SCENARIO, or --resume RUN")
+        raise typer.BadParameter("found no scenario; expected cosim run SCENARIO, or --resume RUN")
     if options.live:
         _check_live(options)
     if options.checkpoint is not None and keeper is None:

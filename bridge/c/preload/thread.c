@@ -8,7 +8,9 @@
 #include <pthread.h>
 #include <signal.h>
 #include <stdarg.h>
+#include <stdio.h>
 #include <stdlib.h>
+#include <string.h>
 #include <sys/mman.h>
 #include <sys/prctl.h>
 #include <sys/syscall.h>
@@ -142,15 +144,38 @@ slot_t *slot_for_process(int32_t pid)
     return found;
 }
 
-/* Without its coordinator, time would stand still for ever: the process ends. */
-static void take_turn(void)
+/* Without its coordinator, time would stand still for ever: the process ends. A coordinator whose parent has
+ * not asked for its end yet is dead, too. */
+static void end_without_coordinator(void)
+{
+    char text[256], *end = NULL;
+    int fd;
+    long got = 0;
+
+    snprintf(text, sizeof text, "/proc/%d/stat", table->coordinator);
+    fd = (int)kernel(SYS_openat, AT_FDCWD, text, O_RDONLY | O_CLOEXEC);
+    if (fd >= 0) {
+        got = kernel(SYS_read, fd, text, sizeof text - 1);
+        kernel(SYS_close, fd);
+        text[got > 0 ? got : 0] = 0;
+        end = strrchr(text, ')');
+    }
+    if (end == NULL || end[1] == 0 || end[2] == 'Z' || end[2] == 'X') _exit(128 + SIGTERM);
+}
+
+/* Sleep at most a second, or until there is a turn; true if the second is over. */
+static int doze(void)
 {
     const struct timespec second = {1, 0};
 
-    while (LOAD(mine->turn) == NO_TURN) {
-        raw_futex((uint32_t *)&mine->turn, FUTEX_WAIT, NO_TURN, &second);
-        if (kill(table->coordinator, 0) < 0 && errno == ESRCH) _exit(128 + SIGTERM);
-    }
+    if (raw_futex((uint32_t *)&mine->turn, FUTEX_WAIT, NO_TURN, &second) == 0 || errno != ETIMEDOUT) return 0;
+    end_without_coordinator();
+    return 1;
+}
+
+static void take_turn(void)
+{
+    while (LOAD(mine->turn) == NO_TURN) doze();
 }
 
 void adopt_slot(slot_t *slot)
@@ -264,14 +289,14 @@ int woken_in_vain(void)
 int sleep_until(int64_t deadline)
 {
     enum turn found;
-    long got;
     int interrupted;
 
     own_slot();
     do {
         begin(deadline, 0);
-        got = raw_futex((uint32_t *)&mine->turn, FUTEX_WAIT, NO_TURN, NULL);
-        interrupted = got < 0 && errno == EINTR;
+        errno = 0;
+        while (doze()) errno = 0;
+        interrupted = errno == EINTR;
         found = wait_ends();
     } while (found != TIME_OUT && !(interrupted && !woken_in_vain()));
     return found == TIME_OUT ? 0 : EINTR;

@@ -227,6 +227,13 @@ static int is_of_the_bus(int fd)
            peer.pid == bus_table()->coordinator;
 }
 
+static int blocks(int fd, int flags)
+{
+    const int mode = fcntl(fd, F_GETFL);
+
+    return !(flags & MSG_DONTWAIT || mode < 0 || mode & O_NONBLOCK);
+}
+
 /* Wait until a file that blocks has something to read, or room; at once where the call does not block.
  * An answer of the bus costs a wait also if it is there already: else the order would depend on the machine. */
 static void until_ready(int fd, short events, int flags)
@@ -234,21 +241,15 @@ static void until_ready(int fd, short events, int flags)
     struct pollfd file = {fd, events, 0};
     waiting_t w = {SYS_ppoll, {(long)&file, 1, 0, 0, MASK, 0}, 2, 0, {NULL}, 0};
     const int before = errno;
-    int mode, ready;
 
     if (bus_table() == NULL) return;
-    ready = ask(&w, 1) != 0;
-    if (ready && !is_of_the_bus(fd)) {
-        errno = before;
-        return;
-    }
-    mode = fcntl(fd, F_GETFL);
-    if (flags & MSG_DONTWAIT || mode < 0 || mode & O_NONBLOCK) {
-        if (!ready) looked_in_vain();
-    } else if (ready) {
+    if (ask(&w, 1) == 0) {
+        if (blocks(fd, flags)) wait_until(&w, NEVER);
+        else looked_in_vain();
+    } else if (is_of_the_bus(fd) && blocks(fd, flags)) {
         wait_begins(NEVER, 0);
         wait_ends();
-    } else wait_until(&w, NEVER);
+    }
     errno = before;
 }
 

@@ -163,19 +163,21 @@ static void end_without_coordinator(void)
     if (end == NULL || end[1] == 0 || end[2] == 'Z' || end[2] == 'X') _exit(128 + SIGTERM);
 }
 
-/* Sleep at most a second, or until there is a turn; true if the second is over. */
-static int doze(void)
+/* Sleep until there is a turn; true if a signal came before. */
+static int sleep_for_turn(void)
 {
     const struct timespec second = {1, 0};
 
-    if (raw_futex((uint32_t *)&mine->turn, FUTEX_WAIT, NO_TURN, &second) == 0 || errno != ETIMEDOUT) return 0;
-    end_without_coordinator();
-    return 1;
+    while (raw_futex((uint32_t *)&mine->turn, FUTEX_WAIT, NO_TURN, &second) < 0) {
+        if (errno != ETIMEDOUT) return errno == EINTR;
+        end_without_coordinator();
+    }
+    return 0;
 }
 
 static void take_turn(void)
 {
-    while (LOAD(mine->turn) == NO_TURN) doze();
+    while (LOAD(mine->turn) == NO_TURN) sleep_for_turn();
 }
 
 void adopt_slot(slot_t *slot)
@@ -294,9 +296,7 @@ int sleep_until(int64_t deadline)
     own_slot();
     do {
         begin(deadline, 0);
-        errno = 0;
-        while (doze()) errno = 0;
-        interrupted = errno == EINTR;
+        interrupted = sleep_for_turn();
         found = wait_ends();
     } while (found != TIME_OUT && !(interrupted && !woken_in_vain()));
     return found == TIME_OUT ? 0 : EINTR;

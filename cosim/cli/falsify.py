@@ -10,7 +10,14 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from cosim.cli.options import PROCESSORS, Folders, Jobs, PartOptions, ResultOptions
+from cosim.cli.options import (
+    PROCESSORS,
+    Folders,
+    Jobs,
+    PartOptions,
+    ResultOptions,
+    wall_seconds,
+)
 
 if TYPE_CHECKING:
     from cosim.falsify.execute import Falsification, Watcher
@@ -47,7 +54,6 @@ class FalsifyOptions:
     def budget(self, *, divided: bool = False) -> Budget:
         """The end of the search, `divided` into parts or not. Raises ScenarioError."""
         from cosim.base.clock import stopwatch
-        from cosim.base.convert import number
         from cosim.base.errors import ScenarioError
         from cosim.falsify.search import RUNS, Budget
 
@@ -58,20 +64,12 @@ class FalsifyOptions:
                 "found --time with parts, whose candidates do not depend on time; expected --runs",
                 "cosim falsify",
             )
-        seconds, watch = number(_spaced(self.time), "s", "--time"), stopwatch()
+        seconds, watch = wall_seconds(self.time, "--time"), stopwatch()
         if not seconds > 0:
             raise ScenarioError(f"found {self.time}; expected a time of more than 0", "--time")
         return Budget(
             self.runs or RUNS, self.runs is None, (), lambda: watch() > seconds, self.seed
         )
-
-
-def _spaced(text: str) -> str:
-    """``5m`` as ``5 min``, and a number as seconds."""
-    text = text.strip()
-    if text[-1:] in "smh" and text[:-1].replace(".", "", 1).strip().isdigit():
-        return f"{text[:-1]} {dict(s='s', m='min', h='h')[text[-1]]}"
-    return f"{text} s" if text.replace(".", "", 1).isdigit() else text
 
 
 def falsify(

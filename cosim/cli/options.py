@@ -235,6 +235,24 @@ def finite(value: float | None) -> float | None:
     return value
 
 
+def wall_seconds(text: str, option: str) -> float:
+    """Wall time in s: ``60s``, ``5 min``, ``5m``; a number alone is in s. Raises ScenarioError."""
+    from string import ascii_letters
+
+    from cosim.base.errors import ScenarioError, UnitError
+    from cosim.base.units import quantity
+
+    number = text.strip().rstrip(f"{ascii_letters}µ")
+    unit = text.strip().removeprefix(number) or "s"
+    try:
+        found = quantity(f"{number.strip()} {'min' if unit == 'm' else unit}", "s")
+    except UnitError:
+        found = -1.0
+    if found < 0.0:
+        raise ScenarioError(f"found {text!r}, expected a time such as 60s", option)
+    return found
+
+
 def unused_folder(folder: Path) -> Path:
     """`folder`, or with -2, -3, … behind it: two runs may start in one second."""
     n, path = 1, folder

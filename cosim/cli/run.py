@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import re
 import shlex
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
@@ -15,7 +14,7 @@ import typer
 
 from cosim.base.parts import part
 from cosim.base.units import time_text
-from cosim.cli.options import OutputOptions, RunSettings, write_json
+from cosim.cli.options import OutputOptions, RunSettings, wall_seconds, write_json
 
 if TYPE_CHECKING:
     from cosim.base.errors import RunError
@@ -159,22 +158,7 @@ def _keeper(scenario: Path, settings: RunSettings, options: RunOptions) -> Check
         "table": None if options.table is None else str(options.table),
         "links": None if options.links is None else str(options.links),
     }  # fmt: skip
-    return CheckpointKeeper(_seconds(options.checkpoint or ""), given)
-
-
-def _seconds(text: str) -> float:
-    """The interval of ``--checkpoint``, s; a number alone is in s. Raises ScenarioError."""
-    from cosim.base.errors import ScenarioError, UnitError
-    from cosim.base.units import quantity
-
-    spaced = re.sub(r"(?<=[0-9.])(?=[a-zµ])", " ", text.strip(), count=1)
-    try:
-        found = quantity(spaced if re.search("[a-zµ]", spaced) else f"{spaced} s", "s")
-    except UnitError:
-        found = -1.0
-    if found < 0.0:
-        raise ScenarioError(f"found {text!r}, expected a time such as 60s", "--checkpoint")
-    return found
+    return CheckpointKeeper(wall_seconds(options.checkpoint or "", "--checkpoint"), given)
 
 
 def _resumed(
@@ -215,7 +199,7 @@ def _resumed(
     )  # fmt: skip
     interval = found.found.facts["interval"]
     if options.checkpoint is not None:
-        interval = _seconds(options.checkpoint)
+        interval = wall_seconds(options.checkpoint, "--checkpoint")
     keeper = CheckpointKeeper(interval, given, found)
     return Path(given["scenario"]), RunSettings(set_=given["settings"]), begun, keeper
 

@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from cosim.cli.falsify import FalsifyOptions
+from cosim.cli.options import wall_seconds
 from cosim.falsify.scenario_text import text
 from cosim.record import Run
 from tests.cli.command import CALL, CONFIG, ROOT, Command
@@ -121,10 +122,7 @@ def test_what_cannot_be_searched_is_one_sentence(
 
 @pytest.mark.parametrize("given, seconds", [("5m", 300.0), ("90", 90.0), ("2 min", 120.0)])
 def test_times_have_units(given: str, seconds: float) -> None:
-    from cosim.base.convert import number
-    from cosim.cli.falsify import _spaced
-
-    assert number(_spaced(given), "s", "x") == seconds
+    assert wall_seconds(given, "--time") == seconds
     assert FalsifyOptions(time=given).budget().passes
 
 

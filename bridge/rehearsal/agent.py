@@ -12,7 +12,6 @@ router of this host does, all nodes are killed: a lost connection leaves nothing
 from __future__ import annotations
 
 import base64
-import ctypes as c
 import hashlib
 import json
 import os
@@ -23,7 +22,7 @@ import sys
 import zlib
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Self, final
@@ -34,12 +33,11 @@ from bridge.node.handle import NodeStart
 from bridge.node.run import done, run_started
 from bridge.realtime.host_clock import host_clock
 from cosim.base.errors import CosimError
+from cosim.base.interrupts import die_with
 from cosim.base.python import add_working_directory, python_call
 
 #: Bytes of a file in one line, before compression.
 PART = 1 << 20
-#: ``PR_SET_PDEATHSIG``: the signal that a process gets when its parent has died.
-_PDEATHSIG = 1
 _READ = 1 << 16
 
 
@@ -220,10 +218,10 @@ class Agent:
 
     def _start(self, start: NodeStart) -> None:
         """A copy of this process becomes a life of a node."""
-        commands, events = os.pipe(), os.pipe()
+        commands, events, parent = os.pipe(), os.pipe(), os.getpid()
         pid = os.fork()
         if pid == 0:
-            os._exit(self._become(start, commands[0], events[1]))
+            os._exit(self._become(start, commands[0], events[1], parent))
         os.close(commands[0])
         os.close(events[1])
         name = str(start.life)
@@ -232,7 +230,7 @@ class Agent:
         self._select.register(events[0], selectors.EVENT_READ, life)
         self.say("node", life=name, pid=pid)
 
-    def _become(self, start: NodeStart, commands: int, events: int) -> int:
+    def _become(self, start: NodeStart, commands: int, events: int, parent: int) -> int:
         """The life of a node in this process, which is a copy. Returns its exit code."""
         code = 1
         try:
@@ -240,7 +238,7 @@ class Agent:
             for number, descriptor in enumerate((commands, events, errors)):
                 os.dup2(descriptor, number)
             os.closerange(3, 3 + max(_descriptors(), default=0))
-            c.CDLL(None).prctl(_PDEATHSIG, signal.SIGKILL)
+            die_with(parent)
             lines = os.fdopen(0, "r", encoding="utf-8", closefd=False)
             code = _life(start, self.nodes, self._system, lines)
         except BaseException as error:
@@ -273,8 +271,6 @@ def _descriptors() -> list[int]:
 
 
 def _life(start: NodeStart, folder: Path, system: System | None, lines: Any) -> int:
-    from dataclasses import replace
-
     def say(event: Mapping[str, Any]) -> None:
         with suppress(BrokenPipeError):
             os.write(1, (json.dumps(event) + "\n").encode())

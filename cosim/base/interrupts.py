@@ -13,6 +13,7 @@ is raised there after :data:`PATIENCE`, again and again until something acts on 
 from __future__ import annotations
 
 import _thread
+import os
 import signal
 import sys
 import threading
@@ -34,6 +35,7 @@ _WAKE = signal.Signals["SIGBREAK" if sys.platform == "win32" else "SIGURG"]
 PATIENCE = 0.5
 #: Until code is reminded again, s.
 AGAIN = 0.25
+_PR_SET_PDEATHSIG = 1
 
 
 class _Stage(Enum):
@@ -217,3 +219,13 @@ def signals_as_interrupt() -> Iterator[None]:
                 raise
         if noted and _received[0].stage in (_Stage.COME, _Stage.RAISED):
             _received[0].stop()
+
+
+def die_with(parent: int) -> None:
+    """Let this process be killed when its parent, of this number, ends, as far as Linux does it."""
+    if sys.platform == "linux":
+        import ctypes
+
+        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+        if os.getppid() != parent:
+            os._exit(1)

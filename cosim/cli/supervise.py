@@ -19,12 +19,17 @@ from pathlib import Path
 from typing import NoReturn
 
 from cosim.base.errors import CosimError, shortage
-from cosim.base.interrupts import ENDING, exit_code, hear_of_children, signals_as_interrupt
+from cosim.base.interrupts import (
+    ENDING,
+    die_with,
+    exit_code,
+    hear_of_children,
+    signals_as_interrupt,
+)
 from cosim.base.streams import complete_output
 
 #: The end of the pipe in a child that is supervised.
 _told: list[int] = []
-_PR_SET_PDEATHSIG = 1
 
 
 def announce_run_folder(folder: Path) -> None:
@@ -77,7 +82,7 @@ def supervised(command: Callable[[], None]) -> int:
     if child == 0:
         os.close(reading)
         os.setpgid(0, 0)  # Ctrl-C reaches it through its supervisor, once
-        _die_with(parent)
+        die_with(parent)
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
         _work(command, writing)
     os.close(writing)
@@ -86,13 +91,6 @@ def supervised(command: Callable[[], None]) -> int:
     with open(reading, encoding="utf-8") as pipe:
         said = dict(line.rstrip("\n").split(" ", 1) for line in pipe)
     return int(said["code"]) if "code" in said else _finish_folder(status, said.get("folder", ""))
-
-
-def _die_with(parent: int) -> None:
-    if sys.platform == "linux":
-        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
-        if os.getppid() != parent:
-            os._exit(1)
 
 
 def _work(command: Callable[[], None], writing: int) -> NoReturn:

@@ -25,7 +25,6 @@ from cosim.study import store as stores
 from cosim.study.parts import StudyPart, missing, refuse_other_part, take_journals
 from cosim.study.runner import claim
 
-JOURNAL = "journal.jsonl"
 #: Runs of the shrinking, at most; more if the search had more.
 SHRINKING = 1000
 
@@ -119,15 +118,15 @@ def falsify(
         refuse_other_part(folder, there, part)
         facts = {"scenario": str(path), **(divided if part else same)}
         if again:
-            (folder / JOURNAL).unlink(missing_ok=True)
+            (folder / stores.JOURNAL).unlink(missing_ok=True)
         if again or claim(folder, "falsification", facts):
             own = {"part": part.as_data()} if part else {}
             stores.write_state(folder, {**facts, **own, "versions": versions()})
         (folder / SUMS).unlink(missing_ok=True)  # of the files as they were
-        _keep(folder / JOURNAL, rows)
+        _keep(folder / stores.JOURNAL, rows)
         watcher.begun(state)
         steps = state.steps(Space(problem, budget.seed), budget, part)
-        perform(steps, problem, opened, folder / JOURNAL, watcher.noted, watcher.stopping)
+        perform(steps, problem, opened, folder / stores.JOURNAL, watcher.noted, watcher.stopping)
     return state
 
 

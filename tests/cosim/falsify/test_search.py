@@ -10,13 +10,14 @@ import pytest
 
 from cosim.base.errors import ScenarioError
 from cosim.base.processes import processes
-from cosim.falsify.execute import JOURNAL, falsify
+from cosim.falsify.execute import falsify
 from cosim.falsify.families import Space, constant, draw, segment, single, wave
 from cosim.falsify.problem import document_of, problem_of
 from cosim.falsify.rounds import perform
 from cosim.falsify.scenario_text import failing_document, text
 from cosim.falsify.search import Account, Budget, search
 from cosim.falsify.words import as_data, lines
+from cosim.study.store import JOURNAL
 from cosim.study.workers import threads
 from tests.cosim.falsify.plants import integrator
 

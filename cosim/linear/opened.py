@@ -434,8 +434,9 @@ class _Return:
 
     def gain(self, z: Complex, inputs: slice, outputs: slice) -> Complex:
         """C (z - A)⁻¹ B + D of some inputs and outputs, (k, p, m)."""
-        D = self._D[outputs, inputs]
-        some = _Entries(self._blocks, self._B[:, inputs], self._C[outputs], D)
+        D, some, links = self._D[outputs, inputs], self._links, slice(0, self.size)
+        if not inputs == outputs == links:
+            some = _Entries(self._blocks, self._B[:, inputs], self._C[outputs], D)
         found = np.zeros((len(z), *D.shape), np.complex128)
         found[:, some.rows, some.columns] = some.values(z)
         return found

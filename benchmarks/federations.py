@@ -145,7 +145,7 @@ def simulator() -> None:
             return time + 1
 
         def get_data(self, outputs: dict[str, list[str]]) -> dict[str, Any]:
-            """What the other side gets."""
+            """The number of the step, for the other side."""
             return {"side": {"xi": [float(self._k), 0.0]}}
 
     sys.argv[1:] = sys.argv[2:]

@@ -1,7 +1,7 @@
 """The state of a Python component as bytes, which only data can come from.
 
 It is pickled. Reading allows classes of the component's own module, arrays and generators of NumPy,
-and containers: a file of somebody else calls no function.
+and containers: a file from another source cannot call a function.
 """
 
 from __future__ import annotations

@@ -138,7 +138,7 @@ def draw(spec: Figure, run: Signals, path: str | Path) -> Path:
 def _has(run: Signals, name: str) -> bool:
     try:
         return bool(run.entries(name))
-    except CosimError:  # the panel that names it says so
+    except CosimError:  # the panel that names it tells why
         return False
 
 

@@ -8,7 +8,7 @@ from bridge.realtime.host_clock import HostClock, host_clock
 
 
 def test_hosts_with_one_number_have_different_identities() -> None:
-    """Of 600 hosts with 255 numbers many share one; all identities and all reports differ."""
+    """600 hosts share 255 numbers; all their identities and all reports differ."""
     hosts = [HostClock(f"boot-{i}", kept=False) for i in range(600)]
     assert any(a.number == b.number for a, b in combinations(hosts, 2))
     assert len({h.identity for h in hosts}) == len({h.identity_text for h in hosts}) == 600

@@ -162,7 +162,7 @@ def test_a_period_of_a_few_rows_that_begin_late_has_the_same_rows(count):
 @pytest.mark.parametrize("every", [1, 3])
 @pytest.mark.parametrize("values", [1, 7000])
 def test_a_comparison_does_not_depend_on_pieces(tmp_path, monkeypatch, values, every):
-    """Of two runs of which one begins as the other, also recorded more coarsely; with a gap."""
+    """Two runs with gaps, the second one also recorded more coarsely, are read in pieces."""
     random = np.random.default_rng(3)
     x = np.cumsum(random.normal(size=(2, 5000)), axis=1)
     gaps = x[0].copy()

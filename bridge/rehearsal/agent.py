@@ -1,12 +1,14 @@
 """The nodes of one host: ``python -m bridge.rehearsal.agent``, started there by a rehearsal.
 
 Lines of JSON come in. The first is a :class:`HostTask`; then ``{"start": NodeStart}``, ``{"to":
-LIFE, "command": …}``, ``{"to": LIFE, "signal": N}`` and ``{"collect": true}``. The ``kind`` of a
-line that goes out is ``hello``, ``router``, ``loaded``, ``node`` (an event of a life), ``ended``
-(of a life), ``file`` (a part of one), ``collected`` or ``failed``.
+LIFE, "command": …}``, ``{"to": LIFE, "signal": N}``, ``{"collect": true}`` and, as a sign of life,
+``{"beat": true}``. The ``kind`` of a line that goes out is ``hello``, ``router``, ``routers``
+(those it is connected to), ``loaded``, ``node`` (an event of a life), ``ended`` (of a life),
+``beat``, ``file`` (a part of one), ``collected`` or ``failed``.
 
-The scenario is read once, and each node is a copy of this process. When the lines end, or the
-router of this host does, all nodes are killed: a lost connection leaves nothing behind.
+The scenario is read once, and each node is a copy of this process. When the lines end or are silent
+for too long, or the router of this host ends, all nodes are killed: a lost connection leaves
+nothing behind.
 """
 
 from __future__ import annotations
@@ -15,6 +17,7 @@ import base64
 import hashlib
 import json
 import os
+import select
 import selectors
 import signal
 import subprocess
@@ -32,6 +35,7 @@ from bridge.node.control import listen_to
 from bridge.node.handle import NodeStart
 from bridge.node.run import done, run_started
 from bridge.realtime.host_clock import host_clock
+from cosim.base.clock import stopwatch
 from cosim.base.errors import CosimError
 from cosim.base.interrupts import die_with
 from cosim.base.python import add_working_directory, python_call
@@ -39,6 +43,8 @@ from cosim.base.python import add_working_directory, python_call
 #: Bytes of a file in one line, before compression.
 PART = 1 << 20
 _READ = 1 << 16
+#: s between two signs of life, both ways.
+BEAT = 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +53,8 @@ class HostTask:
 
     `folder`: for its journals; "": its own, and they are sent at the end. `listen`, `connect`:
     endpoints of its Zenoh router; `router`: its configuration file, "": the usual one; `client`:
-    the endpoint of it for the nodes; `buses`: those of Zenoh.
+    the endpoint of it for the nodes; `buses`: those of Zenoh. `silence`: a connection without a
+    line for so long is given up, s.
     """
 
     scenario: str
@@ -58,6 +65,7 @@ class HostTask:
     connect: tuple[str, ...]
     client: str
     buses: tuple[str, ...]
+    silence: float
     router: str = ""
     insecure: bool = False
 
@@ -90,15 +98,22 @@ CLIENT: Mapping[str, Any] = {
         "link": {"tx": {"lease": 30000, "keep_alive": 4, "queue": {"size": {"real_time": 16}}}},
     },
 }
-#: The same for the router: one of many hosts accepts all its nodes at once.
-ROUTER: Mapping[str, Any] = {
-    **CLIENT,
-    "mode": "router",
-    "transport": {
-        "unicast": {"open_timeout": 20000, "accept_timeout": 20000, "accept_pending": 10000},
-        "link": CLIENT["transport"]["link"],
-    },
-}
+
+
+def router_config(silence: float) -> Mapping[str, Any]:
+    """The same for the router: it accepts all its nodes at once.
+
+    `silence`: after so long without a sign of another router the connection is lost, s.
+    """
+    tx = {**CLIENT["transport"]["link"]["tx"], "lease": round(silence * 1e3)}
+    return {
+        **CLIENT,
+        "mode": "router",
+        "transport": {
+            "unicast": {"open_timeout": 20000, "accept_timeout": 20000, "accept_pending": 10000},
+            "link": {"tx": tx},
+        },
+    }
 
 
 @final
@@ -112,14 +127,20 @@ class Agent:
         self._lives: dict[str, _Life] = {}
         self._router: subprocess.Popen[bytes] | None = None
         self._system: System | None = None
-        self._rest = b""
+        self._rest = self._router_rest = b""
         self._over = False
+        self._heard_last = self._said_last = stopwatch()
 
     def say(self, kind: str, **facts: Any) -> None:
-        """Send a line; who started this may be gone."""
+        """Send a line; who started this may be gone. Raises CosimError if it takes none."""
+        rest = (json.dumps({"kind": kind, **facts}) + "\n").encode()
+        self._said_last = stopwatch()
         with suppress(BrokenPipeError):
-            sys.stdout.write(json.dumps({"kind": kind, **facts}) + "\n")
-            sys.stdout.flush()
+            while rest:
+                if not select.select([], [1], [], self.task.silence)[1]:
+                    raise CosimError("the connection takes nothing")
+                with suppress(BlockingIOError):
+                    rest = rest[os.write(1, rest) :]
 
     def run(self) -> int:
         """Work until the lines end. Returns the exit code."""
@@ -135,25 +156,38 @@ class Agent:
         self._system = load_system(self.task.scenario, self.task.deployment, self._settings())
         self.say("loaded")
         self._select.register(sys.stdin.fileno(), selectors.EVENT_READ, None)
+        self._heard_last = stopwatch()
         while not self._over:
-            for key, _ in self._select.select():
+            for key, _ in self._select.select(BEAT):
                 if key.data is None:
                     self._commands()
                 elif key.data == "router":
-                    self._router_ended()
+                    self._heard_of_router()
                 else:
                     self._heard(key.data)
+            self._beat()
         return 0
+
+    def _beat(self) -> None:
+        """Send a sign of life. Raises CosimError if the other end has sent none for too long."""
+        if self._said_last() >= BEAT:
+            stopped = [life.name for life in self._lives.values() if life.is_stopped()]
+            self.say("beat", stopped=stopped)
+        if self._heard_last() > self.task.silence:
+            raise CosimError(f"nothing came over the connection for {self.task.silence:g} s")
 
     def close(self) -> None:
         """Kill the nodes and end the router."""
+        self._end_lives()
+        if self._router is not None:
+            self._router.kill()
+            self._router.wait()
+
+    def _end_lives(self) -> None:
         for life in self._lives.values():
             life.kill(signal.SIGKILL)
         for life in self._lives.values():
             life.reap()
-        if self._router is not None:
-            self._router.kill()
-            self._router.wait()
 
     def _settings(self) -> list[str]:
         path = self.scratch / "client.json5"
@@ -170,14 +204,16 @@ class Agent:
     def _start_router(self) -> None:
         """Start the router and wait until it listens. Raises CosimError."""
         task, path = self.task, self.scratch / "router.json5"
-        path.write_text(json.dumps(ROUTER), encoding="utf-8")
-        words = [task.router or str(path), *task.listen]
+        path.write_text(json.dumps(router_config(task.silence)), encoding="utf-8")
+        words = [task.router or str(path), *task.listen, "--tell"]
         words += [f"--connect={endpoint}" for endpoint in task.connect]
         words += ["--insecure"] if task.insecure else []
+        parent = os.getpid()
         self._router = subprocess.Popen(
             python_call("bridge.zenoh.router", *words),
             stdin=subprocess.PIPE, stdout=subprocess.PIPE,
             stderr=(self.scratch / "router.err").open("wb"), start_new_session=True,
+            preexec_fn=lambda: die_with(parent),
         )  # fmt: skip
         self.say("router", pid=self._router.pid)
         assert self._router.stdout is not None
@@ -191,8 +227,16 @@ class Agent:
         said = (self.scratch / "router.err").read_text("utf-8", "replace").strip()
         return f"its Zenoh router has ended: {ending(code)}{f': {said}' if said else ''}"
 
-    def _router_ended(self) -> None:
-        raise CosimError(self._router_text())
+    def _heard_of_router(self) -> None:
+        """Pass on which routers it is connected to. Raises CosimError at its end."""
+        assert self._router is not None and self._router.stdout is not None
+        data = os.read(self._router.stdout.fileno(), _READ)
+        if not data:
+            raise CosimError(self._router_text())
+        *lines, self._router_rest = (self._router_rest + data).split(b"\n")
+        for line in lines:
+            own, *others = line.decode().split()
+            self.say("routers", own=own, others=others)
 
     # ---- lines -------------------------------------------------------------------------------
 
@@ -200,6 +244,7 @@ class Agent:
         data = os.read(sys.stdin.fileno(), _READ)
         if not data:
             self._over = True
+        self._heard_last = stopwatch()
         *lines, self._rest = (self._rest + data).split(b"\n")
         for line in lines:
             self._obey(json.loads(line))
@@ -209,6 +254,8 @@ class Agent:
             self._start(NodeStart.parse(said["start"]))
         elif "collect" in said:
             self._collect()
+        elif "beat" in said:
+            return
         elif (life := self._lives.get(said["to"])) is not None:
             if "signal" in said:
                 life.kill(said["signal"])
@@ -255,6 +302,7 @@ class Agent:
 
     def _collect(self) -> None:
         """Send the files of all nodes, unless they are where they belong."""
+        self._end_lives()
         for path in sorted(self.nodes.iterdir()) if not self.task.folder else ():
             with path.open("rb") as file:
                 part = file.read(PART)
@@ -301,6 +349,12 @@ class _Life:
         if self.code is None:
             os.kill(self.pid, number)
 
+    def is_stopped(self) -> bool:
+        """True if a signal has stopped it (SIGSTOP, a debugger), and it has not been continued."""
+        if self.code is not None or not Path(f"/proc/{self.pid}/stat").exists():
+            return False
+        return Path(f"/proc/{self.pid}/stat").read_text().rpartition(")")[2].split()[0] in "Tt"
+
     def read(self) -> Sequence[Mapping[str, Any]]:
         """Its new events; at their end its code is known."""
         data = os.read(self.events, _READ)
@@ -343,12 +397,14 @@ def main() -> int:
         if not one:
             return 0
         data += one
+    os.set_blocking(1, False)
     with TemporaryDirectory(prefix="cosim-") as folder:
         agent = Agent(HostTask.parse(data.decode()), Path(folder))
         try:
             return agent.run()
         except (CosimError, OSError) as error:
-            agent.say("failed", error=str(error))
+            with suppress(CosimError):
+                agent.say("failed", error=str(error))
             return 1
         finally:
             agent.close()

@@ -35,6 +35,10 @@ from cosim.base.python import python_call
 AGENT = "bridge.rehearsal.agent"
 #: One-way time between two hosts where the file has none, s.
 LATENCY = 0.0005
+#: After how long without a sign of life a host is given up where the file does not say, s.
+SILENCE = 10.0
+#: The least such time, s: of some signs of life.
+LEAST_SILENCE = 2.0
 LOOPBACK = "127.0.0.1"
 
 
@@ -62,7 +66,8 @@ class HostFile:
     """A whole file. `latency`: one-way time between hosts, s; namespaces made for the run have it.
 
     `insecure`: routers may speak without encryption beyond this machine; `router`: a Zenoh
-    configuration for them, relative to the file, "": the usual one.
+    configuration for them, relative to the file, "": the usual one. `silence`: a host without a
+    sign of life for so long is given up, s.
     """
 
     path: Path
@@ -70,6 +75,7 @@ class HostFile:
     latency: float = LATENCY
     insecure: bool = False
     router: str = ""
+    silence: float = SILENCE
 
     def place(self, host: str, key: str = "") -> str:
         """The place of a host in the file."""
@@ -81,7 +87,7 @@ class HostFile:
         return any(h.start == "namespace" and not h.to for h in self.hosts.values())
 
 
-_KEYS = ("hosts", "latency", "insecure", "router")
+_KEYS = ("hosts", "latency", "silence", "insecure", "router")
 
 
 def load(path: Path) -> HostFile:
@@ -94,16 +100,24 @@ def load(path: Path) -> HostFile:
             )
     if not isinstance(document.get("hosts"), dict) or not document["hosts"]:
         raise ScenarioError("no [hosts.NAME] table; expected one for each host", str(path))
-    latency: Number = convert(document.get("latency", LATENCY), Number, path, "latency")  # type: ignore[arg-type]
     found = HostFile(
         path,
         convert_each(document["hosts"], HostSpec, path, "hosts"),
-        number(latency, "s", f"{path} at latency"),
+        _seconds(document, "latency", LATENCY, path),
         convert(document.get("insecure", False), bool, path, "insecure"),
         convert(document.get("router", ""), str, path, "router"),
+        _seconds(document, "silence", SILENCE, path),
     )
+    if found.silence < LEAST_SILENCE:
+        text = f"found {found.silence:g} s, expected at least {LEAST_SILENCE:g} s"
+        raise ScenarioError(text, f"{path} at silence")
     _check(found)
     return found
+
+
+def _seconds(document: Mapping[str, Any], key: str, default: float, path: Path) -> float:
+    value: Number = convert(document.get(key, default), Number, path, key)  # type: ignore[arg-type]
+    return number(value, "s", f"{path} at {key}")
 
 
 def _check(file: HostFile) -> None:
@@ -244,6 +258,7 @@ class Site:
             connect=tuple(self._endpoint(other) for other in before),
             client=own,
             buses=tuple(d.buses),
+            silence=file.silence,
             router=str(file.path.parent / file.router) if file.router else "",
             insecure=file.insecure or file.made,
         )

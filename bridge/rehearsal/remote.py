@@ -1,7 +1,8 @@
 """Nodes on other hosts: one connection to each, over which its nodes are started and watched.
 
 The program at the other end is :mod:`bridge.rehearsal.agent`. The end of a connection is the end of
-all nodes of its host.
+all nodes of its host. A connection without a line for `silence` of the host file is given up: the
+host is frozen or cut off. So is a host whose Zenoh router is no longer connected to the others.
 """
 
 from __future__ import annotations
@@ -13,15 +14,17 @@ import signal
 import subprocess
 import threading
 import zlib
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack, suppress
+from itertools import combinations
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Self, final
 
 from bridge.deployment.system import System
 from bridge.node.handle import NodeHandle, NodeStart
-from bridge.rehearsal.agent import HostTask, digest_of, ending
+from bridge.rehearsal.agent import BEAT, HostTask, digest_of, ending
 from bridge.rehearsal.host_file import HostCall, HostFile, Site, fixed
 from bridge.rehearsal.placement import HostPlacement, place, predict, ways
 from cosim.base.clock import sleep, stopwatch
@@ -32,6 +35,8 @@ from cosim.record.folder import NODES
 LOOK = 0.02
 #: s for the end of a host's program, and for the files of its nodes.
 CLOSING, COLLECTING = 5.0, 300.0
+#: s in which both ends of a lost connection between two routers, and a lost host, become known.
+APART = 1.0
 
 
 @final
@@ -43,9 +48,14 @@ class HostConnection:
         self.lives: dict[str, RemoteNode] = {}
         self.hello: Mapping[str, Any] | None = None
         self.router = 0
+        self.router_id, self.routers = "", frozenset[str]()  # its own, and those it is connected to
         self.loaded = self.collected = False
         self.failed = ""
+        self._gone = False
+        self.watch: Callable[[], None] = lambda: None  # called at each look
         self._ending: Callable[[], float] | None = None
+        self._silent = stopwatch()
+        self._lines: queue.SimpleQueue[str] = queue.SimpleQueue()
         self._errors = folder / f"{name}.host.err"
         with self._errors.open("wb") as errors, call.where():
             self._popen = subprocess.Popen(
@@ -53,8 +63,12 @@ class HostConnection:
                 text=True, start_new_session=True,
             )  # fmt: skip
         self.send_line(task.text())
-        self._thread = threading.Thread(target=self._read, name=f"host {name}", daemon=True)
-        self._thread.start()
+        self._threads = [
+            threading.Thread(target=do, name=f"host {name}", daemon=True)
+            for do in (self._read, self._write)
+        ]
+        for thread in self._threads:
+            thread.start()
 
     @property
     def pid(self) -> int:
@@ -63,14 +77,25 @@ class HostConnection:
 
     def send_line(self, line: str) -> None:
         """Send a line; a connection that has ended ignores it."""
-        assert self._popen.stdin is not None
-        with suppress(BrokenPipeError, ValueError):
-            self._popen.stdin.write(line + "\n")
-            self._popen.stdin.flush()
+        self._lines.put(line)
 
     def send(self, **said: Any) -> None:
         """Send a line of JSON."""
         self.send_line(json.dumps(said))
+
+    def _write(self) -> None:
+        """Send the lines, and signs of life between them; "" is the end."""
+        assert self._popen.stdin is not None
+        with suppress(OSError, ValueError), self._popen.stdin as to:
+            while not self._gone:
+                try:
+                    line = self._lines.get(timeout=BEAT)
+                except queue.Empty:
+                    line = json.dumps({"beat": True})
+                if not line:
+                    return
+                to.write(line + "\n")
+                to.flush()
 
     def start_node(self, start: NodeStart) -> RemoteNode:
         """Start a life of a node there."""
@@ -81,15 +106,29 @@ class HostConnection:
     def _read(self) -> None:
         assert self._popen.stdout is not None
         for line in self._popen.stdout:
+            self._silent = stopwatch()
             with suppress(ValueError):  # a login shell may print something
                 self._heard(json.loads(line))
         code = self._popen.wait()
-        if not self.failed:
-            said = self._errors.read_text("utf-8", "replace").strip()
-            last = f": {said.splitlines()[-1]}" if said else ""
-            self.failed = f"the connection has ended ({ending(code)}{last})"
+        said = self._errors.read_text("utf-8", "replace").strip()
+        last = f": {said.splitlines()[-1]}" if said else ""
+        self._gone = True
+        self.fail(f"the connection has ended ({ending(code)}{last})")
+
+    def fail(self, why: str) -> None:
+        """Give the host up with all its nodes; the first reason is kept."""
+        self.failed = self.failed or why
         for life in self.lives.values():
             life.events.put({"code": -signal.SIGKILL, "error": f"host {self.name}: {self.failed}"})
+
+    def look(self) -> None:
+        """Give the host up if it has been silent for too long."""
+        self.watch()
+        limit = self.task.silence
+        if self.loaded and not self._gone and self._silent() > limit:
+            self._gone = True
+            self.fail(f"nothing came from it for {limit:g} s (silence): it is frozen or cut off")
+            self._popen.kill()
 
     def _heard(self, said: Mapping[str, Any]) -> None:
         match said["kind"]:
@@ -97,10 +136,15 @@ class HostConnection:
                 self.hello = said
             case "router":
                 self.router = int(said["pid"])
+            case "routers":
+                self.router_id, self.routers = said["own"], frozenset(said["others"])
             case "loaded":
                 self.loaded = True
             case "node" | "ended":
                 self.lives[said["life"]].events.put(said)
+            case "beat":
+                for name, life in self.lives.items():
+                    life.stopped = name in said["stopped"]
             case "file":
                 with (self._folder / Path(said["name"]).name).open("ab") as file:
                     file.write(zlib.decompress(base64.b64decode(said["data"])))
@@ -128,19 +172,19 @@ class HostConnection:
 
     def close(self) -> None:
         """Collect the files, and end the program with all that it runs."""
-        if not self.failed and not self.task.folder:
+        if not self._gone and not self.task.folder:
             self.send(collect=True)
             elapsed = stopwatch()
-            while not (self.collected or self.failed) and elapsed() < COLLECTING:
+            while not (self.collected or self._gone) and elapsed() < COLLECTING:
+                self.look()
                 sleep(LOOK)
-        assert self._popen.stdin is not None
-        with suppress(BrokenPipeError, ValueError):
-            self._popen.stdin.close()
+        self.send_line("")
         try:
             self._popen.wait(CLOSING)
         except subprocess.TimeoutExpired:
             self._popen.kill()
-        self._thread.join(CLOSING)
+        for thread in self._threads:
+            thread.join(CLOSING)
 
 
 @final
@@ -152,9 +196,17 @@ class RemoteNode(NodeHandle):
         self.events: queue.SimpleQueue[Mapping[str, Any]] = queue.SimpleQueue()
         self._host, self._pid, self._error = host, 0, ""
         self._code: int | None = None
+        self._running = stopwatch()  # since it was not stopped
+        self.stopped = False
 
     def poll(self) -> None:
         """Take in the events that have come."""
+        self._host.look()
+        if not self.stopped:
+            self._running = stopwatch()
+        elif self._running() > (limit := self._host.task.silence):
+            why = f"it has been stopped by a signal for {limit:g} s (silence)"
+            self.events.put({"code": -signal.SIGSTOP, "error": why})
         while not self.events.empty():
             said = self.events.get()
             self._pid = said.get("pid", self._pid)
@@ -203,6 +255,8 @@ class RemoteNode(NodeHandle):
             return str(self.failed["error"])
         if self._error.startswith("host "):
             return self._error
+        if self._code == -signal.SIGSTOP:
+            return f"{self._error}, on host {self._host.name}"
         text = ending(self._code or 0)
         return f"{text} on host {self._host.name}{f': {self._error}' if self._error else ''}"
 
@@ -225,6 +279,7 @@ class RemoteHosts:
         self._system, self._file, self._nodes = system, file, nodes
         self._changes, self._folder = tuple(changes), folder
         self.connections: dict[str, HostConnection] = {}
+        self._apart: Callable[[], float] | None = None
         self._stack = ExitStack()
 
     def __enter__(self) -> Self:
@@ -244,19 +299,63 @@ class RemoteHosts:
         self._stack.close()
 
     def _wait(self) -> None:
-        """Until all hosts have read the scenario. Raises RunError that names the missing ones."""
+        """Until all hosts have read the scenario, and their routers are connected.
+
+        Raises RunError that names the missing ones.
+        """
         patience, elapsed = self._system.deployment.patience, stopwatch()
-        while not all(found.loaded for found in self.connections.values()):
+        while (absent := self._absent()) or self._unconnected():
             for found in self.connections.values():
+                found.look()
                 found.check()
             if elapsed() > patience:
-                absent = [n for n, found in self.connections.items() if not found.loaded]
+                after = f"after {patience:g} s (patience)"
+                if absent:
+                    raise RunError(f"host {', '.join(absent)}: not there {after}")
                 raise RunError(
-                    f"host {', '.join(absent)}: not there after {patience:g} s (patience)"
+                    f"{self._cut_off()[1]} {after}; check addresses, ports and certificates"
                 )
             sleep(LOOK)
         for found in self.connections.values():
             found.check()
+            found.watch = self._watch_routers
+
+    def _absent(self) -> list[str]:
+        return [name for name, found in self.connections.items() if not found.loaded]
+
+    def _unconnected(self) -> list[tuple[str, str]]:
+        """The pairs of hosts whose routers are not connected, without hosts that have failed."""
+        there = [found for found in self.connections.values() if not found.failed]
+        return [
+            (a.name, b.name)
+            for a, b in combinations(there, 2)
+            if a.router_id not in b.routers or b.router_id not in a.routers
+        ]
+
+    def _cut_off(self) -> tuple[str, str]:
+        """The host that is not connected to the most others, of two the last, and a sentence."""
+        pairs = self._unconnected()
+        order, counted = list(self.connections), Counter(name for pair in pairs for name in pair)
+        host = max(counted, key=lambda name: (counted[name], order.index(name)))
+        others = [a if b == host else b for a, b in pairs if host in (a, b)]
+        return (
+            host,
+            f"host {host}: its Zenoh router is not connected to that of {', '.join(others)}",
+        )
+
+    def _watch_routers(self) -> None:
+        """Give up a host whose router has lost the others."""
+        if not self._unconnected():
+            self._apart = None
+            return
+        self._apart = self._apart or stopwatch()
+        if self._apart() > APART:
+            host, sentence = self._cut_off()
+            self._apart = None
+            limit = self._file.silence
+            self.connections[host].fail(
+                f"{sentence.partition(': ')[2]} any more, for {limit:g} s (silence)"
+            )
 
     def start_node(self, start: NodeStart) -> NodeHandle:
         """Start a life of a node on its host."""

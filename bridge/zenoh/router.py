@@ -3,21 +3,30 @@
 It serves nodes in client mode if no zenohd is available. It prints ``ready`` on standard output,
 and ends when its standard input is closed or on SIGTERM. With ``--insecure`` it may listen without
 encryption beyond this machine; ``--keys FOLDER`` replaces ``{keys}`` in the file, and ``--connect
-ENDPOINT`` joins it to another router; repeatable.
+ENDPOINT`` joins it to another router; repeatable. With ``--tell`` it prints its Zenoh id and those
+of the routers that it is connected to, a line each time that they change.
 """
 
 from __future__ import annotations
 
 import argparse
+import os
+import select
 import signal
 import sys
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from types import FrameType
+
+import zenoh
 
 from bridge.zenoh.options import ZenohOptions, check_endpoint
 from bridge.zenoh.session import close_session, configure, open_session
 from cosim.base.errors import CosimError
+
+#: s between two looks at the other routers.
+LOOK = 0.25
 
 
 def main(arguments: Sequence[str]) -> int:
@@ -27,6 +36,7 @@ def main(arguments: Sequence[str]) -> int:
     parser.add_argument("listen", nargs="+")
     parser.add_argument("--connect", action="append", default=[], metavar="ENDPOINT")
     parser.add_argument("--insecure", action="store_true")
+    parser.add_argument("--tell", action="store_true")
     parser.add_argument("--keys", type=Path, default=Path("keys"))
     given = parser.parse_args(arguments)
     try:
@@ -44,16 +54,33 @@ def main(arguments: Sequence[str]) -> int:
     except CosimError as error:
         sys.stderr.write(f"{error}\n")
         return error.exit_code
-    sys.stdout.write("ready\n")
-    sys.stdout.flush()
+    _print("ready")
     signal.signal(signal.SIGTERM, _terminated)
-    try:
-        while sys.stdin.buffer.read(4096):
-            pass
-    except SystemExit:
-        pass
+    with suppress(SystemExit):
+        _route(session, tell=given.tell)
     close_session(session)
     return 0
+
+
+def _route(session: zenoh.Session, *, tell: bool) -> None:
+    """Until standard input ends."""
+    told = None
+    while True:
+        if select.select([0], [], [], LOOK if tell else None)[0] and not os.read(0, 4096):
+            return
+        if tell and (found := _routers(session)) != told:
+            told = found
+            _print(found)
+
+
+def _routers(session: zenoh.Session) -> str:
+    own, others = session.info.zid(), session.info.routers_zid()
+    return " ".join([str(own), *sorted(map(str, others))])
+
+
+def _print(line: str) -> None:
+    sys.stdout.write(f"{line}\n")
+    sys.stdout.flush()
 
 
 def _terminated(number: int, frame: FrameType | None) -> None:

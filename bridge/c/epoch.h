@@ -7,9 +7,11 @@
  * before START, and a running node sends it when a peer waits for a start. See run_epoch.h.
  *
  * A number of 8 bits does not tell hosts apart. Where there is room (Zenoh) the identity of the host
- * follows, 128 bits in four values. Elsewhere a frame DATE comes before each EPOCH: an EPOCH of the host 0,
- * whose run is the low bits of the sender's number and whose origin is the date at which it is sent. A node
- * without a date (a microcontroller) takes that one, believes the EPOCH behind it, and sends none.
+ * follows, 128 bits in four values. Elsewhere two frames come before each EPOCH, both EPOCHs of the host 0
+ * whose run is the low bits of the sender's number: HOST, whose `kept` is 1 and whose origin is the first of
+ * these values, and DATE, whose `kept` is 0 and whose origin is the date at which it is sent. A node without a
+ * date (a microcontroller) takes that one, believes the EPOCH behind it, and sends none. A receiver that does
+ * not know HOST takes it for a DATE, which the DATE behind it corrects.
  */
 #ifndef BRIDGE_EPOCH_H
 #define BRIDGE_EPOCH_H
@@ -42,6 +44,9 @@ typedef struct {
     int64_t dated_ns;   /* when it came; 0: never */
     int64_t dated_host; /* EPOCH_DATE_RUN bits of the number of its host */
     int64_t date_ns;    /* of a node that `adopts` it: the date in the last DATE, less its arrival */
+    int64_t named_ns;   /* when the last HOST came; 0: an EPOCH has come since */
+    int32_t named_host; /* EPOCH_DATE_RUN bits of the number of its host */
+    int32_t named;      /* it is ours: 1, another: -1 */
     int32_t adopts, reserved;
 } epoch_t;
 
@@ -49,6 +54,9 @@ typedef struct {
 API int32_t epoch_run(int64_t origin_ns);
 /* On this process's clock: t = 0 of a message with this origin (us) that came at arrival_ns. */
 int64_t epoch_origin_ns(double us, int64_t arrival_ns);
+/* The values of the HOST of this host, and whether a HOST is ours: 1, or another: -1; 0: ours is not known. */
+void epoch_host_values(const epoch_t *e, double *values);
+int32_t epoch_host_is(const epoch_t *e, const double *values);
 /* The value in the message for a date of t = 0 (ns since 1970): us, a multiple of 10, modulo 2^33 * 10 us. */
 API int64_t epoch_origin_us(int64_t date_ns);
 

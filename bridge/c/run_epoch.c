@@ -12,7 +12,7 @@ static const int64_t BELIEVED_NS = 2000000000; /* a date may differ so much from
 static const int64_t FRESH_NS = 1000000000;    /* START belongs to the EPOCH that came so long before */
 static const int64_t AHEAD_NS = 5000000000;    /* the latest t = 0 of a host that only a number tells */
 
-/* The next frame of this kind; a DATE first where a message has no room for the identity of the host. */
+/* The next frame of this kind; HOST and DATE first where it has no room for the identity of the host. */
 static void say(node_t *n, int32_t bus, const double *v)
 {
     const message_t *m = n->services[bus].epoch;
@@ -21,6 +21,10 @@ static void say(node_t *n, int32_t bus, const double *v)
     if (m->n_fields <= EPOCH_IDENTITY) {
         const double date = (double)epoch_origin_us(pace_now() + pace_date());
         const double now[EPOCH_VALUES] = {n->epoch.host & EPOCH_DATE_RUN, EPOCH_DATE_HOST, 0, date};
+        double host[EPOCH_VALUES];
+        epoch_host_values(&n->epoch, host);
+        header.counter = n->epoch.said++;
+        node_service(n, bus, m, host, header, pace_now() - n->start_ns);
         header.counter = n->epoch.said++;
         node_service(n, bus, m, now, header, pace_now() - n->start_ns);
     }
@@ -60,15 +64,24 @@ static int32_t contradicted(const node_t *n, int64_t origin)
     return 0;
 }
 
-/* 1: the message says who the host is, and it is ours; -1: it is another; 0: it does not say. */
-static int32_t identified(const epoch_t *e, const message_t *m, const double *v)
+/* 1: the host of an EPOCH is ours by the HOST before it; -1: it is another; 0: none came. */
+static int32_t named(const epoch_t *e, const double *v, int64_t t_ns)
+{
+    const int32_t number = (int32_t)v[EPOCH_HOST] & EPOCH_DATE_RUN;
+    if (!e->named_ns || number != e->named_host || t_ns - e->named_ns > FRESH_NS) return 0;
+    return e->named;
+}
+
+/* The same by the message, or by the HOST before it where it does not say. */
+static int32_t identified(const epoch_t *e, const message_t *m, const double *v, int64_t t_ns)
 {
     int32_t same = 1, said = 0;
     for (int32_t i = 0; m->n_fields >= EPOCH_VALUES && i < 4; i++) {
         same &= v[EPOCH_IDENTITY + i] == e->identity[i];
         said |= v[EPOCH_IDENTITY + i] != 0.0; /* a gateway has none from CAN */
     }
-    return !said ? 0 : same ? 1 : -1;
+    if (!said) return named(e, v, t_ns);
+    return same ? 1 : -1;
 }
 
 /* The same for its date: a DATE of this host came, and it is ours or not. */
@@ -98,7 +111,8 @@ enum { REFUSED = -1, UNKNOWN, BELIEVED };
 static int32_t judged(const node_t *n, const message_t *m, const double *v, int64_t origin, int64_t t_ns)
 {
     const epoch_t *e = &n->epoch;
-    const int32_t kept = v[EPOCH_KEPT] != 0.0 && e->kept, who = identified(e, m, v), date = dated(e, v, t_ns);
+    const int32_t kept = v[EPOCH_KEPT] != 0.0 && e->kept;
+    const int32_t who = identified(e, m, v, t_ns), date = dated(e, v, t_ns);
     const int32_t ours = (int32_t)v[EPOCH_HOST] == e->host || (e->adopts && date > 0);
     if (!kept && (!ours || who < 0)) return REFUSED;
     if (date < 0 || (origin <= t_ns && contradicted(n, origin))) return REFUSED;
@@ -122,6 +136,12 @@ void node_epoch_heard(node_t *n, const frame_t *frame)
     e->heard++;
     if (n->gateway) node_pass(n, offsetof(services_t, epoch), v, header, frame);
     const int64_t origin = epoch_origin_ns(v[EPOCH_ORIGIN], frame->t_ns);
+    if ((int32_t)v[EPOCH_HOST] == EPOCH_DATE_HOST && v[EPOCH_KEPT] != 0.0) {
+        e->named = epoch_host_is(e, v);
+        e->named_ns = frame->t_ns;
+        e->named_host = (int32_t)v[EPOCH_RUN];
+        return;
+    }
     if ((int32_t)v[EPOCH_HOST] == EPOCH_DATE_HOST) {
         e->apart_ns = origin - frame->t_ns;
         e->dated_ns = frame->t_ns;
@@ -134,6 +154,7 @@ void node_epoch_heard(node_t *n, const frame_t *frame)
     const int32_t running = origin <= frame->t_ns;
     if (running && !n->simulated && header.status & STATUS_SIMULATED) return;
     const int32_t found = judged(n, m, v, origin, frame->t_ns);
+    e->named_ns = 0;
     e->unshared += found == REFUSED;
     if (found != BELIEVED) return;
     e->origin_ns = origin;

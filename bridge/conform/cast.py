@@ -142,7 +142,10 @@ class SyncRole:
 
 @dataclass(slots=True)
 class EpochFields:
-    """An EPOCH of the kit: t = 0 (monotonic, ns); what is None is that of this host."""
+    """An EPOCH of the kit: t = 0 (monotonic, ns); what is None is that of this host.
+
+    `other`: it has this host's number, and the identity of another.
+    """
 
     origin_ns: int
     run: int | None = None
@@ -150,6 +153,7 @@ class EpochFields:
     date_error_ns: int = 0
     dated: bool = True
     damage: Callable[[Frame], Frame] | None = None
+    other: bool = False
 
 
 @final
@@ -221,7 +225,7 @@ class Cast:
         self._say("estop", [0, 2], buses)
 
     def epoch(self, said: EpochFields) -> None:
-        """Send EPOCH on all buses that have it, a DATE before it where it has no identity."""
+        """Send EPOCH on all buses that have it, HOST and DATE before one without identity."""
         ours = host_clock()
         host = ours.number if said.host is None else said.host
         run = epochs.new_run(said.origin_ns) if said.run is None else said.run
@@ -231,11 +235,13 @@ class Cast:
             if not isinstance(codec, Codec):
                 continue
             room = len(codec.signals) > len(epochs.SIGNALS)
-            identity = ours.identity if said.host is None else (0.0, 0.0, 0.0, 1.0)
-            values = epochs.values(run, host, ours.kept, date, identity if room else ())
+            strange = said.other or said.host is not None
+            identity = (0.0, 0.0, 0.0, 1.0) if strange else ours.identity
+            kept = ours.kept and not said.other
+            values = epochs.values(run, host, kept, date, identity if room else ())
             now = realtime_ns() + said.date_error_ns
-            dated = epochs.values(host & 63, 0, False, now)
-            for one in [dated] * (said.dated and not room) + [values]:
+            dated = epochs.before(host, now, identity) if said.dated and not room else []
+            for one in [*dated, values]:
                 frame = codec.frame(one, Header(self._epochs, int(Status.SIMULATED), 0))
                 self._epochs += 1
                 self.send(bus, said.damage(frame) if said.damage else frame)

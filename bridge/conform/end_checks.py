@@ -228,11 +228,17 @@ def _other_date(stage: ParticipantStage) -> str:
     return _starts_without(stage, "of another clock", date_error_ns=3 * 10**9)
 
 
+def _other_host(stage: ParticipantStage) -> str:
+    return _starts_without(stage, "of another host", other=True)
+
+
 def _starts_without(
     stage: ParticipantStage,
     what: str,
     date_error_ns: int = 0,
     damage: Callable[[Frame], Frame] | None = None,
+    *,
+    other: bool = False,
 ) -> str:
     """A new life gets an EPOCH that it must reject, and START: t = 0 is 0.1 s after that."""
     _needs_program(stage)
@@ -243,7 +249,8 @@ def _starts_without(
     sleep(0.3)
     since, mark = monotonic_ns(), len(stage.hearing)
     false_ns = monotonic_ns() + round(0.7e9)
-    stage.cast.epoch(EpochFields(false_ns, date_error_ns=date_error_ns, damage=damage))
+    said = EpochFields(false_ns, date_error_ns=date_error_ns, damage=damage, other=other)
+    stage.cast.epoch(said)
     t0_ns = monotonic_ns() + EPOCH_LEAD_NS
     stage.command(NMT_START)
     stage.begin_run(t0_ns)
@@ -302,4 +309,9 @@ END_CHECKS = (
               "An EPOCH is rejected if the DATE before it differs by more than 2 s from the "
               "receiver's own date: t = 0 is 0.1 s after START."),
         CheckScene.OTHER_LIFE, _other_date),
+    Check(
+        _rule("C-78", "EPOCH of another host", "can.md#messages",
+              "An EPOCH is rejected if the HOST before it, or on Zenoh its identity, is of another "
+              "host with the same number: t = 0 is 0.1 s after START."),
+        CheckScene.OTHER_LIFE, _other_host),
 )  # fmt: skip

@@ -19,7 +19,7 @@ from typing import final
 from bridge.can.plain import PlainBus
 from bridge.deployment.services import Encoding
 from bridge.deployment.system import System
-from bridge.native.epoch import new_run, values
+from bridge.native.epoch import before, new_run, values
 from bridge.native.frame import Frame
 from bridge.native.message import Decoded, Header, decode, encode
 from bridge.node.buses import can_spec
@@ -30,8 +30,6 @@ from cosim.base.errors import RunError, ScenarioError
 
 #: NMT: start.
 _START = 1
-#: The host in a DATE, and the bits of the number of a host that it has.
-_DATE, _DATE_BITS = 0, 63
 #: s until a program has ended after SIGTERM.
 _ENDING = 5.0
 _PLACE = re.compile(r"\{([\w-]+)(?:\.(listen|connect))?\}")
@@ -170,9 +168,8 @@ class _End:
         if service.epoch is not None:
             fields = service.epoch.message.n_fields
             identity = clock.identity if fields > len(values(1, 1, False, 0)) else ()
-            if not identity:
-                number = clock.number & _DATE_BITS
-                self.send("epoch", service.epoch, values(number, _DATE, False, realtime_ns()))
+            for one in () if identity else before(clock.number, realtime_ns(), clock.identity):
+                self.send("epoch", service.epoch, one)
             run = new_run(start_ns)
             self.send("epoch", service.epoch, values(run, clock.number, clock.kept, date, identity))
         for node in self.nodes if service.nmt is not None else ():

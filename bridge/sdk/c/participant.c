@@ -183,32 +183,45 @@ static int64_t origin_of(const participant_t *p, double us, int64_t arrival_ns)
     return arrival_ns - since;
 }
 
-/* On CAN a DATE goes before each EPOCH. */
+/* On CAN a HOST and a DATE go before each EPOCH. */
 static void send_epoch(participant_t *p)
 {
     const participant_host_t *h = &p->host;
     const uint32_t s = p->table->simulated ? STATUS_SIMULATED : 0;
     const double date = (double)origin_us(p->now_ns + h->date_offset_ns);
     double v[EPOCH_VALUES] = {p->run, h->number, h->kept, (double)origin_us(p->start_ns + h->date_offset_ns)};
+    const double host[EPOCH_VALUES] = {h->number & DATE_RUN, DATE_HOST, 1, h->identity[0] * 10.0};
     const double now[EPOCH_VALUES] = {h->number & DATE_RUN, DATE_HOST, 0, date};
     memcpy(v + EPOCH_IDENTITY, h->identity, sizeof h->identity);
     p->epoch_due_ns = p->now_ns + APART_NS;
     for (int32_t b = 0; b < p->table->n_buses; b++) {
         const bus_table_t *bus = p->table->buses + b;
-        if (bus->epoch && !bus->prefix) send_service(p, b, bus->epoch, 0, now, p->epochs++, s);
+        if (bus->epoch && !bus->prefix) {
+            send_service(p, b, bus->epoch, 0, host, p->epochs++, s);
+            send_service(p, b, bus->epoch, 0, now, p->epochs++, s);
+        }
         if (bus->epoch) send_service(p, b, bus->epoch, bus->epoch_key, v, p->epochs++, s);
     }
 }
 
-/* 1: its sender is this host; -1: another; 0: it does not say (CAN). */
-static int32_t identified(const participant_t *p, const message_t *m, const double *v)
+/* 1: its sender is this host by the HOST that came before it; -1: another; 0: none came. */
+static int32_t named(const participant_t *p, const double *v, int64_t arrival_ns)
+{
+    const int32_t number = (int32_t)v[EPOCH_HOST] & DATE_RUN;
+    if (!p->named_ns || number != p->named_host || arrival_ns - p->named_ns > FRESH_NS) return 0;
+    return p->host.identity[0] == 0.0 ? 0 : p->named == p->host.identity[0] * 10.0 ? 1 : -1;
+}
+
+/* The same by the message, or on CAN by the HOST before it. */
+static int32_t identified(const participant_t *p, const message_t *m, const double *v, int64_t arrival_ns)
 {
     int32_t same = 1, said = 0;
     for (int32_t i = 0; m->n_fields >= EPOCH_VALUES && i < 4; i++) {
         same &= v[EPOCH_IDENTITY + i] == p->host.identity[i];
         said |= v[EPOCH_IDENTITY + i] != 0.0;
     }
-    return !said ? 0 : same ? 1 : -1;
+    if (!said) return named(p, v, arrival_ns);
+    return same ? 1 : -1;
 }
 
 /* The same by the DATE that came before it. */
@@ -243,7 +256,7 @@ static int32_t believed(const participant_t *p, const message_t *m, const double
                         int64_t arrival_ns)
 {
     const int32_t kept = v[EPOCH_KEPT] != 0.0 && p->host.kept, begun = origin <= arrival_ns;
-    const int32_t who = identified(p, m, v), date = dated(p, v, arrival_ns);
+    const int32_t who = identified(p, m, v, arrival_ns), date = dated(p, v, arrival_ns);
     if (!kept && ((int32_t)v[EPOCH_HOST] != p->host.number || who < 0)) return 0;
     if (date < 0 || (begun && sampled(p, origin) < 0)) return 0;
     if (kept || who > 0 || date > 0) return 1;
@@ -260,6 +273,12 @@ static void take_epoch(participant_t *p, const frame_t *frame)
         return;
     }
     const int64_t origin = origin_of(p, v[EPOCH_ORIGIN], frame->t_ns);
+    if ((int32_t)v[EPOCH_HOST] == DATE_HOST && v[EPOCH_KEPT] != 0.0) {
+        p->named = v[EPOCH_ORIGIN];
+        p->named_ns = frame->t_ns;
+        p->named_host = (int32_t)v[EPOCH_RUN];
+        return;
+    }
     if ((int32_t)v[EPOCH_HOST] == DATE_HOST) {
         p->date_apart_ns = origin - frame->t_ns;
         p->date_ns = frame->t_ns;
@@ -270,7 +289,9 @@ static void take_epoch(participant_t *p, const frame_t *frame)
     if (p->begun) return;
     const int32_t running = origin <= frame->t_ns;
     if (running && !p->table->simulated && header.status & STATUS_SIMULATED) return;
-    if (!believed(p, m, v, origin, frame->t_ns)) return;
+    const int32_t is_believed = believed(p, m, v, origin, frame->t_ns);
+    p->named_ns = 0; /* a HOST is that of one EPOCH */
+    if (!is_believed) return;
     p->origin_ns = origin;
     p->epoch_ns = frame->t_ns;
     p->told = (int32_t)v[EPOCH_RUN];

@@ -124,7 +124,9 @@ struct participant {
     int64_t beat_ns;
     int64_t origin_ns, epoch_ns; /* t = 0 of the last EPOCH that is believed, and when it came */
     int64_t epoch_due_ns, date_ns, date_apart_ns;
-    int32_t told, date_host, running, asked;
+    int64_t named_ns; /* when the last HOST came; 0: an EPOCH has come since */
+    double named;     /* what it said */
+    int32_t named_host, told, date_host, running, asked;
     int32_t alarms, alarm_own;
     int64_t alarm_ns;
     int64_t damaged, unknown, refusals; /* frames of services; of nothing known; START or ARM refused */

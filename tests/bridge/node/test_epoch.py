@@ -25,6 +25,7 @@ from tests.bridge.bench import PATIENCE, Bench, until
 from tests.bridge.deployments import TELEOPERATION
 
 RUN, HOST, OTHER = 7, 3, 4
+IDENTITY = 2.0**32 - 1
 INACTIVE, ACTIVE = 1, 2
 START, STOP = 1, 2
 UNIT = 10_000  # ns
@@ -34,8 +35,12 @@ TURN = UNIT * 2**33
 class Alone(Bench):
     """A bench whose node nobody supervises, on host HOST."""
 
+    host = HOST
+
     def __enter__(self):
-        self.struct.epoch.host, self.struct.epoch.follows = HOST, 1
+        self.struct.epoch.host, self.struct.epoch.follows = self.host, 1
+        if self.host == HOST:
+            self.struct.epoch.identity[:] = [IDENTITY, 0.0, 0.0, 0.0]
         return super().__enter__()
 
     def epoch(self, origin_ns, host=HOST, kept=0, status=Status.SIMULATED, run=RUN, apart=0.0):
@@ -364,9 +369,40 @@ def test_who_starts_at_once_says_when(tmp_path):
         date = bench.struct.start_ns + realtime_offset_ns()
         assert abs(values[3] * 1000 - date % TURN) < 50_000_000
         assert values[0] == bench.struct.epoch.run > 0 and values[1] == HOST and not others
-        ((dated, _),) = bench.dates  # before it, the date at which it was sent
+        (named, _), (dated, _) = bench.dates  # before it, who sends it and its date
+        assert list(named) == [HOST & 63, 0, 1, 10 * IDENTITY]
         assert (dated[0], dated[2]) == (HOST & 63, 0)
         assert dated[3] * 1000 < values[3] * 1000 < dated[3] * 1000 + seconds(PATIENCE)
+
+
+@pytest.mark.parametrize("kept", [0, 1])
+@pytest.mark.parametrize("same", [True, False])
+def test_two_hosts_on_can_with_one_number_are_told_apart(tmp_path, same, kept):
+    """What a node says at its start, as a node hears it whose host has the same number."""
+    ours = HostClock("ours", kept=False)
+    names = (HostClock(f"{i}", kept=False) for i in range(10_000))
+    sender = ours if same else next(host for host in names if host.number == ours.number)
+    with of(Alone(tmp_path), sender, kept) as bench:
+        bench.control.begin(2.0)
+        until(lambda: bench.epochs)
+        number = bench.system.services["left"].epoch.message.id
+        said = [frame for bus, frame in bench.sent if (bus, frame.id) == ("left", number)]
+    with of(Alone(tmp_path), ours, kept) as waiting:
+        for frame in said:
+            frame.t_ns = now()
+            waiting.put("left", frame)
+        epoch = waiting.struct.epoch
+        until(lambda: epoch.heard == len(said) == 3)
+        until(lambda: epoch.origin_ns or epoch.unshared)
+        assert bool(epoch.origin_ns) == (same or bool(kept))
+
+
+def of(bench, clock, kept):
+    """A bench on a host with this clock."""
+    epoch = bench.struct.epoch
+    bench.host = clock.number
+    epoch.identity[:], epoch.kept = clock.identity, kept
+    return bench
 
 
 # ---- a node that runs -------------------------------------------------------------------------

@@ -90,6 +90,14 @@ class Waiting:
         frame.t_ns = t
         self.slots.rings[self.bus].put(frame)
 
+    def name(self, number, identity, ago):
+        """HOST of a host with this number, `ago` s ago."""
+        t = now() - round(ago * 1e9)
+        frame = self.encoding.frame([number, 0, 1, identity * 10.0], Header())
+        frame.t_ns = t
+        self.slots.rings[self.bus].put(frame)
+        self.slots.step()
+
     def thinks(self, case):
         """believed, refused or unknown; everything else that it notes is looked at."""
         t, e = now(), self.epoch
@@ -148,6 +156,22 @@ def test_on_can_every_message_may_contradict_and_no_identity_is_missed(on_can):
     assert len(on_can.slots.wired.inlet_bindings.receptions) == 2 and len(cases) > 20
     for case, expected in cases:
         assert on_can.thinks(case) == expected, case
+
+
+def test_a_host_frame_counts_for_the_next_epoch_within_a_second(on_can):
+    """Of the sender's number; behind it the date counts, as for who sends none."""
+    near = replace(SOON, date=(HOST & 63, 0.0, 0.5))
+    for number, ago, expected in (
+        (HOST & 63, 0.5, "refused"), (HOST - 1 & 63, 0.5, "believed"), (HOST & 63, 1.5, "believed"),
+    ):  # fmt: skip
+        on_can.name(number, OURS[0] + 1.0, ago)
+        assert on_can.thinks(near) == expected
+        assert on_can.thinks(near) == "believed"
+    on_can.name(HOST & 63, OURS[0], 0.5)
+    assert on_can.thinks(NOTHING) == "believed"  # of a run that is on, without a date
+    on_can.epoch.identity[:] = NONE  # who does not know its own
+    on_can.name(HOST & 63, OURS[0], 0.5)
+    assert on_can.thinks(near) == "believed"
 
 
 def test_what_a_node_that_runs_hears_moves_nothing(waiting):

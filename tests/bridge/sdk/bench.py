@@ -13,7 +13,7 @@ import pytest
 
 from bridge.can.codec import Codec
 from bridge.deployment.system import System, load_system
-from bridge.native.epoch import new_run, values
+from bridge.native.epoch import before, new_run, values
 from bridge.sdk import write_participant
 from tests.bridge.deployments import TELEOPERATION
 from tests.bridge.sdk.core_on_zenoh import Frame, Host, Send, Step, declared
@@ -22,6 +22,8 @@ needs_cc = pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler 
 MS = 1_000_000
 #: Monotonic time and date at which a bench begins, ns.
 BEGIN, DATE = 10**12, 1_790_000_000 * 10**9
+#: The first 32 bits of the identity of its host.
+IDENTITY = 0x89ABCDEF
 HOST = 77
 
 
@@ -69,6 +71,7 @@ class Bench:
         self.lib.participant_init(self.p, table, *self.kept, None)
         host: Host = self.lib.participant_host(self.p).contents
         host.number, host.date_offset_ns = HOST, DATE - BEGIN
+        host.identity[0] = IDENTITY
         self.due = 0
 
     def _send(self, _: object, bus: int, frame: Any, key: object) -> None:
@@ -116,6 +119,13 @@ class Bench:
         said = values(new_run(BEGIN + origin), host, kept, DATE + origin)
         epoch = self.system.services[bus].epoch
         assert epoch is not None
+        self.hear(bus, 2, _codec(epoch).encode(said, 0x80))
+
+    def host(self, bus: str, host: int, identity: int) -> None:
+        """A HOST arrives, the frame before an EPOCH of a host with this number."""
+        epoch = self.system.services[bus].epoch
+        assert epoch is not None
+        said = before(host, 0, [identity, 0, 0, 0])[0]
         self.hear(bus, 2, _codec(epoch).encode(said, 0x80))
 
     def nmt(self, bus: str, command: int, node: int = 0) -> None:

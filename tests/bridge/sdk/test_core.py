@@ -11,7 +11,7 @@ from bridge.can.codec import Codec
 from bridge.deployment.system import load_system
 from bridge.native.message import Decoded
 from tests.bridge.deployments import TELEOPERATION
-from tests.bridge.sdk.bench import MS, Bench, library, needs_cc
+from tests.bridge.sdk.bench import IDENTITY, MS, Bench, library, needs_cc
 
 pytestmark = needs_cc
 SHORT = ("run.stop=1",)
@@ -236,13 +236,36 @@ def test_a_run_that_is_on_is_joined_by_its_epoch(bench: Bench) -> None:
     assert first.data[2] == round(bench.steps[0] / 0.005)
 
 
+@pytest.mark.parametrize(
+    ("number", "identity", "ago", "joins"),
+    [(77, IDENTITY, 0, True), (77, IDENTITY + 1, 0, False), (77, IDENTITY + 1, 1000, True),
+     (76, IDENTITY + 1, 0, True)],
+)  # fmt: skip
+def test_the_frame_host_before_an_epoch_tells_hosts_apart(
+    bench: Bench, number: int, identity: int, ago: int, joins: bool
+) -> None:
+    alive(bench, 1100 * MS - ago * MS)
+    bench.host("right", number, identity)
+    alive(bench, 1100 * MS)
+    for t in range(bench.now, 1500 * MS, 5 * MS):  # of a run that is on for 0.3 s
+        bench.run(t)
+        j = (t - 800 * MS) // (5 * MS)
+        bench.beat("slave", ACTIVE, j)
+        bench.sample("STATE_3", STATE, j)
+        bench.sample("LINK_2", STATE, j)
+        if t == 1105 * MS:
+            bench.epoch("right", 800 * MS)
+    assert bool(bench.steps) == joins
+
+
 def test_it_tells_a_waiting_peer_which_run_is_on(bench: Bench) -> None:
     running(bench)
     alive(bench, 1300 * MS, ACTIVE, 700 * MS)
     assert not bench.of(2)
     bench.beat("slave", INACTIVE, 1)
     bench.run(bench.now + 10 * MS)
-    date, epoch = (s.data for s in bench.of(2) if s.bus == "right")
+    host, date, epoch = (s.data for s in bench.of(2) if s.bus == "right")
+    assert int.from_bytes(host[2:], "little") == 77 & 63 | 1 << 14 | IDENTITY << 15
     assert int.from_bytes(date[2:], "little") >> 6 & 255 == 0
     found = int.from_bytes(epoch[2:], "little")
     assert found >> 6 & 255 == 77

@@ -102,6 +102,20 @@ def test_the_parts_of_every_week_are_parts_of_the_long_tests():
     assert named is not None and named[1].split() and set(named[1].split()) <= set(known)
 
 
+def test_a_test_that_hangs_has_its_stacks_written_before_its_process_ends() -> None:
+    options = PROJECT["tool"]["pytest"]["ini_options"]
+    assert 0 < options["faulthandler_timeout"] < options["timeout"]
+
+
+@pytest.mark.parametrize("code", [0, 3])
+def test_ci_fails_where_what_it_began_failed(code: int) -> None:
+    begun = f"begin part bash -c 'echo said; exit {code}'; echo meanwhile; finish part; echo after"
+    call = ["bash", "-c", f". {ROOT / '.ci' / 'run'}; {begun}"]
+    done = subprocess.run(call, capture_output=True, text=True, timeout=60)
+    words = ["meanwhile", "said", *(["after"] if code == 0 else [])]
+    assert (done.stdout.split(), done.returncode) == (words, code)
+
+
 def test_ci_ends_with_the_code_of_its_last_command() -> None:
     for code in (0, 3):
         call = ["bash", "-c", f". {ROOT / '.ci' / 'run'}; exit {code}"]

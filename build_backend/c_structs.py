@@ -65,7 +65,7 @@ class Library:
 LIBRARIES = (
     Library(
         "cosim.native", "cosim/c",
-        ("engine.h", "fmu_log.h", "mailbox.h", "mujoco.h", "start.h", "tables.h"),
+        ("engine.h", "fmu_log.h", "mailbox.h", "mujoco.h", "recording.h", "start.h", "tables.h"),
     ),
     Library("cosim.bus", "cosim/c/bus", ("bus.h", "length.h", "tick.h")),
     Library(

@@ -28,6 +28,10 @@ from cosim.record.live import Column, Live, RecordLayout, Rows
 
 __all__ = ["Column", "Recorder"]
 
+#: Buffers: the engine goes on filling some while the thread writes a row group, which takes as long
+#: as several of them; no more than hold so many numbers (8 MiB), but a few.
+_WAITING, _BUFFERS, _BUFFERS_LEAST = 1 << 20, 8, 3
+
 
 class Recorder(Closing):
     """Records ticks k0, k0+1, … of a run into ``<folder>/trajectories.parquet``.
@@ -45,7 +49,7 @@ class Recorder(Closing):
     of tick 0, s. `every`: ticks k with
     k mod every = 0 are kept, and the last one. `rows_per_chunk`: rows (ticks) of a buffer.
     `keep`: ticks the flight recorder reaches back, at least, if chunks are handed in full or a
-    row short of it; the buffers (three or more) are as many as that takes.
+    row short of it; the buffers (three or more) are at least as many as that takes.
     `sparse`: only rows that are kept are filled in, and the flight recorder has no others.
     `metadata`: texts for the file's schema metadata, which is part of its bytes. `everything`: what
     a recovery writes into ``last.parquet``.
@@ -83,7 +87,10 @@ class Recorder(Closing):
         self._full: queue.SimpleQueue[tuple[Rows, int, int, bool] | None] = queue.SimpleQueue()
         self._out: list[Rows] = []  # with the engine
         self._held: deque[tuple[Rows, int, int]] = deque()  # handed in, not yet reused
-        self._buffers = max(3, 1 + ceil(keep / max(1, rows_per_chunk - 1)))
+        waiting = _WAITING // max(1, rows_per_chunk * n_signals)
+        self._buffers = max(
+            min(_BUFFERS, 1 + waiting), _BUFFERS_LEAST, 1 + ceil(keep / max(1, rows_per_chunk - 1))
+        )
         layout = RecordLayout(
             self._columns, h, every, n_signals, rows_per_chunk, self._buffers,
             group_rows(len(columns)), metadata or {}, tuple(everything), self._sparse, start,

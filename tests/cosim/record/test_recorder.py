@@ -9,6 +9,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from time import sleep
 from types import SimpleNamespace
+from typing import Literal
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -122,6 +123,32 @@ def test_flight_recorder_holds_the_last_ticks_of_everything(
         assert len(last) >= min(n, keep, done)
 
 
+@given(
+    places=st.permutations(range(11)),
+    count=st.integers(0, 11),
+    n=st.integers(1, 150),
+    every=st.integers(1, 3),
+    order=st.sampled_from("CF"),
+)
+def test_columns_are_taken_from_any_places(
+    places: list[int], count: int, n: int, every: int, order: Literal["C", "F"]
+) -> None:
+    """Some at once and those that are left, rows in full tiles and less, whatever their layout."""
+    rows = np.asarray(signals(n, 11), order=order)
+    columns = [Column(f"c{i}", "1", i) for i in places[:count]]
+    with TemporaryDirectory() as folder, pytest.MonkeyPatch.context() as patch:
+        patch.setattr(groups, "_GROUP_MOST", 64)
+        path = Path(folder) / "x.parquet"
+        writer = groups.GroupWriter(path, columns, h=H, every=every, start=0.1)
+        writer.add(rows, 5, last=True)
+        writer.close()
+        table = pq.read_table(path)
+    ticks = np.array([k for k in range(5, 5 + n) if k % every == 0 or k == 4 + n])
+    assert table["t"].to_pylist() == (0.1 + ticks * H).tolist()
+    for column in columns:
+        assert table[column.name].to_pylist() == rows[ticks - 5, column.index].tolist()
+
+
 def test_flight_recorder_is_saved_with_any_columns(tmp_path: Path) -> None:
     rows = signals(25)
     with Recorder(
@@ -170,7 +197,7 @@ def test_buffers_are_few_and_used_again(tmp_path: Path) -> None:
             seen.add(id(buffer))
             buffer[0] = k
             recorder.submit(buffer, k, 1)
-    assert len(seen) == 3
+    assert len(seen) == 8
 
 
 def test_buffer_waits_until_one_has_been_written(
@@ -185,23 +212,23 @@ def test_buffer_waits_until_one_has_been_written(
 
     monkeypatch.setattr(groups.GroupWriter, "add", slow)
     with Recorder(tmp_path, COLUMNS, h=H, n_signals=SIGNALS, rows_per_chunk=2000) as recorder:
-        for k in range(3):
+        for k in range(8):
             buffer = recorder.buffer()
             buffer[0] = k
             recorder.submit(buffer, k, 1)
 
-        def fourth() -> None:
+        def ninth() -> None:
             buffer = recorder.buffer()
             got.set()
-            buffer[0] = 3
-            recorder.submit(buffer, 3, 1)
+            buffer[0] = 8
+            recorder.submit(buffer, 8, 1)
 
-        thread = threading.Thread(target=fourth)
+        thread = threading.Thread(target=ninth)
         thread.start()
         assert not got.wait(0.05)
         gate.set()
         thread.join(60)
-    assert Run.open(tmp_path).column("b.tau").tolist() == [0, 1, 2, 3]
+    assert Run.open(tmp_path).column("b.tau").tolist() == [*range(9)]
 
 
 # ---- what fails ----------------------------------------------------------------------------------
@@ -328,8 +355,8 @@ def test_misuse_is_said(tmp_path: Path) -> None:
     with Recorder(tmp_path, COLUMNS, h=H, n_signals=SIGNALS, rows_per_chunk=1024) as recorder:
         with pytest.raises(RunError, match="did not provide"):
             recorder.submit(np.zeros((1024, SIGNALS)), 0, 1)
-        buffers = [recorder.buffer() for _ in range(3)]
-        with pytest.raises(RunError, match="all 3 buffers"):
+        buffers = [recorder.buffer() for _ in range(8)]
+        with pytest.raises(RunError, match="all 8 buffers"):
             recorder.buffer()
         with pytest.raises(RunError, match="found 1025 rows"):
             recorder.submit(buffers[0], 0, 1025)

@@ -13,7 +13,9 @@ The robots of configs/many.toml, a node each, on one host and on three (network 
 with a Zenoh router; `--delay` between them, here 10 ms): time of a simulated second by number of
 nodes (delays of links from 30 ms) and by the least delay of links (16 nodes; with controllers at
 1 kHz below 3 ms), beside the theory of windows of bridge/rehearsal/placement.py, with the
-processors that all hosts of this machine share.
+processors that all hosts of this machine share. Its costs are measured first, with two nodes on the
+same paths, and all that follows is predicted before it is measured. Processor time is compared,
+too: other work on the machine changes it less.
 """
 
 from __future__ import annotations
@@ -21,6 +23,7 @@ from __future__ import annotations
 import argparse
 import hashlib
 import os
+import resource
 import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -34,7 +37,7 @@ from bridge.deployment import spec
 from bridge.deployment.system import load_system
 from bridge.rehearsal import host_file
 from bridge.rehearsal.hosts import Hosts, groups, listen_setting
-from bridge.rehearsal.placement import predict, ways
+from bridge.rehearsal.placement import LockstepCosts, predict, ways
 from bridge.rehearsal.remote import on_hosts
 from bridge.rehearsal.settings import Settings
 from bridge.rehearsal.supervisor import LEAD, NODES, Rehearsal
@@ -46,6 +49,8 @@ NET = "deploy.buses.net.options"
 MANY = ROOT / "configs" / "many.toml"
 #: Nodes while the least delay of links changes, ms, which is 30 while the nodes do.
 NODES_AT, LEAST_AT = 16, 30
+#: s between two samples of a controller where the least delay is at least 3 ms.
+PERIOD = 5e-3
 
 
 @dataclass(frozen=True)
@@ -117,52 +122,128 @@ def hosts_text(hosts: int, delay: str) -> str:
     return f'latency = "{delay}"\n{there}'
 
 
-def measure_many(
-    n: int, hosts: int, least: int, delay: str, stop: float
-) -> tuple[float, float, bool]:
-    """Seconds from START to the end, the theory's for a simulated one, and equality to the twin."""
+@dataclass(frozen=True)
+class Case:
+    """So many nodes on so many hosts; `least`: the least delay of links, ms."""
+
+    nodes: int
+    hosts: int
+    least: int
+
+
+@dataclass(frozen=True)
+class Taken:
+    """Wall and processor time of a simulated second, s; `same`: the result is the twin's."""
+
+    wall: float
+    processor: float
+    same: bool
+
+
+def processor() -> float:
+    """Processor time of this process and of the children that have ended, s."""
+    used = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
+    return sum(each.ru_utime + each.ru_stime for each in used)
+
+
+def run_many(case: Case, delay: str, stop: float) -> Taken:
+    """One run: wall time from START to the end, and processor time from the begin to the end."""
     deployment = spec.find(MANY, "many")
-    changes = robots(n, least, stop)
+    changes = robots(case.nodes, case.least, stop)
     system = load_system(MANY, str(deployment), changes)
     with TemporaryDirectory() as name:
         path, folder = Path(name) / "hosts.toml", Path(name) / "run"
-        path.write_text(hosts_text(hosts, delay))
-        file = host_file.load(path)
-        started, placed = on_hosts(system, file, changes, folder)
+        path.write_text(hosts_text(case.hosts, delay))
+        began = processor()
+        started, _ = on_hosts(system, host_file.load(path), changes, folder)
         settings = Settings(MANY, deployment, tuple(changes), warm_up=0.0, starter=started)
         with Rehearsal(system, settings, folder) as running:
             running.run()
             seconds = running.t + LEAD  # lock-step begins at the command
+        used = processor() - began
         (Path(name) / "twin").mkdir()
         twin.simulate(system, Path(name) / "twin")
         same = digest(folder / NODES) == digest(Path(name) / "twin")
-    shared = dict.fromkeys(file.hosts, (os.cpu_count() or 1) / hosts)
-    between = ways(system)
-    theory = predict(system, between, placed.hosts, shared, file.latency if hosts > 1 else 0.0)
-    return seconds, theory.seconds, same
+    return Taken(seconds, used, same)
 
 
-def many_line(n: int, hosts: int, least: int, delay: str) -> list[str]:
-    """A row: the difference of two lengths, so that start and end are not in it."""
-    first, _, _ = measure_many(n, hosts, least, delay, 1.0)
-    longer = round(1.0 + min(10.0, max(0.5, 3.0 / max(first, 0.3))), 1)
-    second, theory, same = measure_many(n, hosts, least, delay, longer)
-    taken = (second - first) / (longer - 1.0)
-    return [
-        str(n), str(hosts), f"{least}", f"{taken:.2f}", f"{theory:.2f}", "yes" if same else "NO"
-    ]  # fmt: skip
+def measure_many(case: Case, delay: str, rounds: int, length: float = 0.0) -> Taken:
+    """By the difference of two lengths, without start and end; the least of `rounds`."""
+    first = [run_many(case, delay, 1.0) for _ in range(rounds)]
+    short = min(x.wall for x in first)
+    apart = length or round(min(10.0, max(1.0, 4.0 / max(short, 0.3))), 1)
+    second = [run_many(case, delay, 1.0 + apart) for _ in range(rounds)]
+    wall = min(x.wall for x in second) - short
+    used = min(x.processor for x in second) - min(x.processor for x in first)
+    return Taken(wall / apart, used / apart, all(x.same for x in (*first, *second)))
 
 
-def many(nodes: str, least: str, delay: str) -> None:
-    """Measure and print the table of many nodes."""
+def slot_cost() -> float:
+    """CPU time of a slot of a node: two nodes without a network, which meet every 0.3 s, s."""
+    used = []
+    for stop in (1.0, 21.0):
+        system = load_system(MANY, "many", robots(2, 300, stop))
+        with TemporaryDirectory() as name:
+            began = processor()
+            twin.simulate(system, Path(name))
+            used.append(processor() - began)
+    return (used[1] - used[0]) / (20.0 * 1000 * 2)
+
+
+def costs_of(delay: str, rounds: int) -> LockstepCosts:
+    """The costs of the theory, by two nodes on one host and on two."""
+    slot, cores = slot_cost(), os.cpu_count() or 1
+    near = measure_many(Case(2, 1, 1), delay, rounds, 10.0)  # 1000 windows a second
+    payload = max(0.0, near.processor - 2000 * slot) / (1000 * 4)
+    exchange = max(0.0, near.wall - near.processor / cores) / 1000
+    far, close = (measure_many(Case(2, n, 30), delay, rounds, 20.0) for n in (2, 1))
+    crossing = max(0.0, far.processor - close.processor) / (2 / 0.03)
+    return LockstepCosts(slot, payload, crossing, exchange)
+
+
+def predicted(case: Case, delay: str, costs: LockstepCosts) -> tuple[float, float, float]:
+    """Wall time of a simulated second, its least, and processor time, s."""
+    system = load_system(MANY, "many", robots(case.nodes, case.least, 1.0))
+    with TemporaryDirectory() as name:
+        path = Path(name) / "hosts.toml"
+        path.write_text(hosts_text(case.hosts, delay))
+        file = host_file.load(path)
+        _, placed = on_hosts(system, file, robots(case.nodes, case.least, 1.0), Path(name))
+    between, every = ways(system), dict.fromkeys(system.nodes, "all")
+    cores = os.cpu_count() or 1
+    latency = file.latency if case.hosts > 1 else 0.0
+    shared = dict.fromkeys(file.hosts, cores / case.hosts)
+    found = predict(system, between, placed.hosts, shared, latency, costs)
+    alone = predict(system, between, every, {"all": 1}, 0.0, costs).computing
+    pairs = {(way.sender, placed.hosts[way.receiver]) for way in found.cut}
+    used = alone + costs.crossing * len(pairs) / max(1e-3 * case.least, PERIOD)
+    return found.seconds, max(found.computing, found.waiting), used
+
+
+def many(nodes: str, least: str, delay: str, rounds: int) -> None:
+    """Measure and print the table of many nodes, each row after its prediction."""
     cases = [(int(n), LEAST_AT) for n in nodes.split(",")]
     cases += [(NODES_AT, int(x)) for x in least.split(",") if int(x) != LEAST_AT]
+    costs = costs_of(delay, rounds)
+    print(f"of two nodes: {costs}", file=sys.stderr, flush=True)
+    all_cases = [Case(n, hosts, ms) for n, ms in cases for hosts in (1, 3) if hosts == 1 or n > 2]
+    theory = {case: predicted(case, delay, costs) for case in all_cases}
+    for case, (wall, bound, used) in theory.items():
+        print(f"predicted: {case}: {bound:.3f} to {wall:.3f} s, processors {used:.3f} s",
+              file=sys.stderr, flush=True)  # fmt: skip
     rows = []
-    for n, least_ms in cases:
-        for hosts in (1, 3) if n > 2 else (1,):
-            rows.append(many_line(n, hosts, least_ms, delay))
-            print(*rows[-1], file=sys.stderr, flush=True)
-    header = ("nodes", "hosts", "least delay, ms", "s a simulated second", "theory", "the twin")
+    for case, (wall, bound, used) in theory.items():
+        found = measure_many(case, delay, rounds)
+        rows.append([
+            str(case.nodes), str(case.hosts), str(case.least), f"{found.wall:.2f}",
+            f"{bound:.2f} to {wall:.2f}", f"{found.wall / wall:.2f}", f"{found.processor:.2f}",
+            f"{used:.2f}", f"{found.processor / used:.2f}", "yes" if found.same else "NO",
+        ])  # fmt: skip
+        print(*rows[-1], file=sys.stderr, flush=True)
+    header = (
+        "nodes", "hosts", "least delay, ms", "wall, s", "theory", "measured / theory",
+        "processors, s", "theory", "measured / theory", "the twin",
+    )  # fmt: skip
     print(tables.grid(header, rows))
 
 
@@ -189,7 +270,7 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=2)
     options = parser.parse_args()
     if options.many:
-        many(options.nodes, options.least, options.delay or "10 ms")
+        many(options.nodes, options.least, options.delay or "10 ms", options.rounds)
         return
     rows = []
     for name, ahead, times in (

@@ -14,9 +14,22 @@ from dataclasses import dataclass
 
 from bridge.deployment.system import System
 
-#: Estimates of the CPU time of a slot of a node, and of a payload at each of its two ends, s. With
-#: them the table of docs/scale.md, by ``benchmarks/lockstep.py``, is predicted to a factor of 1.7.
-SLOT, PAYLOAD = 6e-6, 120e-6
+
+@dataclass(frozen=True, slots=True)
+class LockstepCosts:
+    """Costs that are measured with two nodes, s, as ``benchmarks/lockstep.py --many`` does.
+
+    `slot`: CPU time of a slot of a node; `payload`: of a payload at each of its two ends;
+    `crossing`: in addition, of a payload between two hosts; `exchange`: time from the end of a
+    window to the next one on a host without other work. Between hosts their latency is added.
+    """
+
+    slot: float = 6e-6
+    payload: float = 120e-6
+    crossing: float = 120e-6
+    exchange: float = 0.3e-3
+
+
 #: How much more than its share a host may have.
 UNEVEN = 1.1
 
@@ -214,28 +227,36 @@ def predict(
     hosts: Mapping[str, str],
     cores: Mapping[str, float],
     latency: float,
+    costs: LockstepCosts = LockstepCosts(),
 ) -> HostPlacement:
     """A placement with its time of a simulated second, by the theory of windows.
 
-    In a window W each host computes the slots of its nodes, and sends what they have made at its
-    end; it then waits for the others, for which samples take `latency` (s), before it can compute
-    again: T = computing + latency / W.
+    A window is a superstep of the bulk-synchronous model (Valiant 1990, *A bridging model for
+    parallel computation*): the busiest host computes its slots, w, and handles h payloads at g
+    each; then what was sent takes l to the others: w + g h + l. A simulated second has 1 / W of
+    them. Of l, between hosts, `latency` (s) is a part. Hosts that compute while their samples
+    travel take less, at least max(w + g h, l).
     """
     cut = tuple(way for way in between if hosts[way.sender] != hosts[way.receiver])
     busy = dict.fromkeys(cores, 0.0)
     for node, plan in system.nodes.items():
-        busy[hosts[node]] += SLOT / plan.h
+        busy[hosts[node]] += costs.slot / plan.h
+    windows = {way: 1.0 / max(way.lead, _period(system, way.sender)) for way in between}
     sent: dict[str, float] = {}
-    for way in between:
-        each = 1.0 / max(way.lead, _period(system, way.sender))
+    crossed: dict[tuple[str, str], float] = {}  # one payload for all receivers of a host
+    for way, each in windows.items():
         sent[way.sender] = max(sent.get(way.sender, 0.0), each)
-        busy[hosts[way.receiver]] += PAYLOAD * each
+        busy[hosts[way.receiver]] += costs.payload * each
+        if way in cut:
+            pair = (way.sender, hosts[way.receiver])
+            crossed[pair] = max(crossed.get(pair, 0.0), each)
     for node, each in sent.items():
-        busy[hosts[node]] += PAYLOAD * each
+        busy[hosts[node]] += costs.payload * each
+    for (_, host), each in crossed.items():
+        busy[host] += costs.crossing * each
     computing = max(load / cores[host] for host, load in busy.items())
-    waiting = max(
-        (latency / max(way.lead, _period(system, way.sender)) for way in cut), default=0.0
-    )
+    far = {way: costs.exchange + latency * (way in cut) for way in between}
+    waiting = max((each * far[way] for way, each in windows.items()), default=0.0)
     return HostPlacement(dict(hosts), cut, computing, waiting)
 
 

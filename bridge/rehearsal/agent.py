@@ -45,6 +45,8 @@ PART = 1 << 20
 _READ = 1 << 16
 #: s between two signs of life, both ways.
 BEAT = 0.5
+#: s without a connection to all routers after which certificates are looked at, again and again.
+REFUSED = 3.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +56,8 @@ class HostTask:
     `folder`: for its journals; "": its own, and they are sent at the end. `listen`, `connect`:
     endpoints of its Zenoh router; `router`: its configuration file, "": the usual one; `client`:
     the endpoint of it for the nodes; `buses`: those of Zenoh. `silence`: a connection without a
-    line for so long is given up, s.
+    line for so long is given up, s. `name`: of the host; `others`: how many other hosts there are;
+    `keys`: folder of certificates for TLS between routers, "": none.
     """
 
     scenario: str
@@ -66,7 +69,10 @@ class HostTask:
     client: str
     buses: tuple[str, ...]
     silence: float
+    name: str
+    others: int
     router: str = ""
+    keys: str = ""
     insecure: bool = False
 
     def text(self) -> str:
@@ -100,7 +106,19 @@ CLIENT: Mapping[str, Any] = {
 }
 
 
-def router_config(silence: float) -> Mapping[str, Any]:
+#: TLS between routers: each has a certificate of one authority, and so must the other.
+_TLS: Mapping[str, Any] = {
+    "root_ca_certificate": "{keys}/ca.pem",
+    "enable_mtls": True,
+    "verify_name_on_connect": True,
+    "listen_certificate": "{keys}/{node}.pem",
+    "listen_private_key": "{keys}/{node}.key",
+    "connect_certificate": "{keys}/{node}.pem",
+    "connect_private_key": "{keys}/{node}.key",
+}
+
+
+def router_config(silence: float, *, tls: bool) -> Mapping[str, Any]:
     """The same for the router: it accepts all its nodes at once.
 
     `silence`: after so long without a sign of another router the connection is lost, s.
@@ -111,7 +129,7 @@ def router_config(silence: float) -> Mapping[str, Any]:
         "mode": "router",
         "transport": {
             "unicast": {"open_timeout": 20000, "accept_timeout": 20000, "accept_pending": 10000},
-            "link": {"tx": tx},
+            "link": {"tx": tx, **({"tls": _TLS} if tls else {})},
         },
     }
 
@@ -129,7 +147,8 @@ class Agent:
         self._system: System | None = None
         self._rest = self._router_rest = b""
         self._over = False
-        self._heard_last = self._said_last = stopwatch()
+        self._heard_last = self._said_last = self._looked_last = stopwatch()
+        self._alone = task.others > 0  # its router is not connected to all others
 
     def say(self, kind: str, **facts: Any) -> None:
         """Send a line; who started this may be gone. Raises CosimError if it takes none."""
@@ -173,8 +192,19 @@ class Agent:
         if self._said_last() >= BEAT:
             stopped = [life.name for life in self._lives.values() if life.is_stopped()]
             self.say("beat", stopped=stopped)
+        if self.task.keys and self._alone and self._looked_last() > REFUSED:
+            self._looked_last = stopwatch()
+            self._check_certificates()
         if self._heard_last() > self.task.silence:
             raise CosimError(f"nothing came over the connection for {self.task.silence:g} s")
+
+    def _check_certificates(self) -> None:
+        """Raise CosimError if a router that is not connected has or sees a wrong certificate."""
+        from bridge.zenoh.certificates import refusal
+
+        for endpoint in self.task.connect:
+            if said := refusal(endpoint, Path(self.task.keys), self.task.name):
+                raise CosimError(f"its Zenoh router cannot connect to {endpoint}: {said}")
 
     def close(self) -> None:
         """Kill the nodes and end the router."""
@@ -204,10 +234,12 @@ class Agent:
     def _start_router(self) -> None:
         """Start the router and wait until it listens. Raises CosimError."""
         task, path = self.task, self.scratch / "router.json5"
-        path.write_text(json.dumps(router_config(task.silence)), encoding="utf-8")
+        config = router_config(task.silence, tls=bool(task.keys))
+        path.write_text(json.dumps(config), encoding="utf-8")
         words = [task.router or str(path), *task.listen, "--tell"]
         words += [f"--connect={endpoint}" for endpoint in task.connect]
         words += ["--insecure"] if task.insecure else []
+        words += ["--name", task.name, *(["--keys", task.keys] if task.keys else [])]
         parent = os.getpid()
         self._router = subprocess.Popen(
             python_call("bridge.zenoh.router", *words),
@@ -236,6 +268,7 @@ class Agent:
         *lines, self._router_rest = (self._router_rest + data).split(b"\n")
         for line in lines:
             own, *others = line.decode().split()
+            self._alone = len(others) < self.task.others
             self.say("routers", own=own, others=others)
 
     # ---- lines -------------------------------------------------------------------------------

@@ -66,8 +66,9 @@ class HostFile:
     """A whole file. `latency`: one-way time between hosts, s; namespaces made for the run have it.
 
     `insecure`: routers may speak without encryption beyond this machine; `router`: a Zenoh
-    configuration for them, relative to the file, "": the usual one. `silence`: a host without a
-    sign of life for so long is given up, s.
+    configuration for them, relative to the file, "": the usual one; `keys`: a folder of their
+    certificates, relative to the file, with which they speak TLS; "": none. `silence`: a host
+    without a sign of life for so long is given up, s.
     """
 
     path: Path
@@ -76,6 +77,7 @@ class HostFile:
     insecure: bool = False
     router: str = ""
     silence: float = SILENCE
+    keys: str = ""
 
     def place(self, host: str, key: str = "") -> str:
         """The place of a host in the file."""
@@ -87,7 +89,7 @@ class HostFile:
         return any(h.start == "namespace" and not h.to for h in self.hosts.values())
 
 
-_KEYS = ("hosts", "latency", "silence", "insecure", "router")
+_KEYS = ("hosts", "latency", "silence", "insecure", "router", "keys")
 
 
 def load(path: Path) -> HostFile:
@@ -107,6 +109,7 @@ def load(path: Path) -> HostFile:
         convert(document.get("insecure", False), bool, path, "insecure"),
         convert(document.get("router", ""), str, path, "router"),
         _seconds(document, "silence", SILENCE, path),
+        convert(document.get("keys", ""), str, path, "keys"),
     )
     if found.silence < LEAST_SILENCE:
         text = f"found {found.silence:g} s, expected at least {LEAST_SILENCE:g} s"
@@ -134,6 +137,12 @@ def _check(file: HostFile) -> None:
         if host.folder and host.start in ("local", "namespace"):
             text = f"found folder with {host.start}, expected it with ssh and srun only"
             raise ScenarioError(text, file.place(name, "folder"))
+    if file.keys and (file.insecure or file.made):
+        text = "certificates, and routers without encryption"
+        raise ScenarioError(
+            f"found {text}; expected insecure = false and no namespaces that are made for the run",
+            f"{file.path} at keys",
+        )
     if file.made or len(file.hosts) == 1:
         return
     addresses = {name: _address(host) for name, host in file.hosts.items()}
@@ -148,10 +157,10 @@ def _check(file: HostFile) -> None:
         if first != name:
             text = f"found the address and the port of {first}; expected another port"
             raise ScenarioError(text, file.place(name, "port"))
-    if not file.insecure and not file.router and not alone:
+    if not (file.insecure or file.router or file.keys or alone):
         raise ScenarioError(
-            "the routers of the hosts would speak without encryption; expected a configuration "
-            "with TLS (router = FILE), or insecure = true",
+            "the routers of the hosts would speak without encryption; expected certificates "
+            "(keys = FOLDER), a configuration with TLS (router = FILE), or insecure = true",
             str(file.path),
         )
 
@@ -259,13 +268,17 @@ class Site:
             client=own,
             buses=tuple(d.buses),
             silence=file.silence,
+            name=name,
+            others=len(file.hosts) - 1,
             router=str(file.path.parent / file.router) if file.router else "",
+            keys=str(file.path.parent / file.keys) if file.keys else "",
             insecure=file.insecure or file.made,
         )
 
     @property
     def _scheme(self) -> str:
-        return "tls" if self._file.router and not self._file.insecure else "tcp"
+        file = self._file
+        return "tls" if (file.router or file.keys) and not file.insecure else "tcp"
 
     def _endpoint(self, name: str) -> str:
         address, port = self.address(name), self._file.hosts[name].port

@@ -7,6 +7,8 @@ whatever it is asked to: it belongs on no machine that runs a node.
 from __future__ import annotations
 
 import ipaddress
+import socket
+import ssl
 import subprocess
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -16,6 +18,8 @@ from cosim.base.errors import CosimError
 
 AUTHORITY = "ca"
 DAYS = 365
+#: s for each step of a handshake.
+HANDSHAKE = 1.0
 HOSTS = ("localhost", "127.0.0.1")
 
 
@@ -37,6 +41,30 @@ def make_keys(
     for node in listed:
         written += _certificate(folder, node, hosts, days)
     return written
+
+
+def refusal(endpoint: str, keys: Path, node: str) -> str:
+    """The reason why TLS with an endpoint, ``tls/ADDRESS:PORT``, fails; "": it does not, or nothing
+    listens there.
+
+    `keys`: folder of certificates, with ``ca.pem`` and those of `node`.
+    """
+    address, _, port = endpoint.partition("/")[2].rpartition(":")
+    context = ssl.create_default_context(cafile=keys / f"{AUTHORITY}.pem")
+    try:
+        context.load_cert_chain(keys / f"{node}.pem", keys / f"{node}.key")
+        with (
+            socket.create_connection((address, int(port)), HANDSHAKE) as plain,
+            context.wrap_socket(plain, server_hostname=address) as secured,
+        ):
+            secured.recv(1)  # TLS 1.3 tells only here that our certificate is refused
+    except ssl.SSLCertVerificationError as error:
+        return f"it has a certificate that {AUTHORITY}.pem here refuses: {error.verify_message}"
+    except ssl.SSLError as error:
+        return f"it refuses the certificate {node}.pem, or speaks without TLS: {error.reason}"
+    except OSError:
+        pass
+    return ""
 
 
 def _authority(folder: Path, days: int) -> list[Path]:

@@ -2,9 +2,10 @@
 
 It serves nodes in client mode if no zenohd is available. It prints ``ready`` on standard output,
 and ends when its standard input is closed or on SIGTERM. With ``--insecure`` it may listen without
-encryption beyond this machine; ``--keys FOLDER`` replaces ``{keys}`` in the file, and ``--connect
-ENDPOINT`` joins it to another router; repeatable. With ``--tell`` it prints its Zenoh id and those
-of the routers that it is connected to, a line each time that they change.
+encryption beyond this machine; ``--keys FOLDER`` replaces ``{keys}`` in the file, ``--name NAME``
+``{node}``, and ``--connect ENDPOINT`` joins it to another router; repeatable. With ``--tell`` it
+prints its Zenoh id and those of the routers that it is connected to, a line each time that they
+change.
 """
 
 from __future__ import annotations
@@ -37,6 +38,7 @@ def main(arguments: Sequence[str]) -> int:
     parser.add_argument("--connect", action="append", default=[], metavar="ENDPOINT")
     parser.add_argument("--insecure", action="store_true")
     parser.add_argument("--tell", action="store_true")
+    parser.add_argument("--name", default="router")
     parser.add_argument("--keys", type=Path, default=Path("keys"))
     given = parser.parse_args(arguments)
     try:
@@ -50,7 +52,7 @@ def main(arguments: Sequence[str]) -> int:
             keys=given.keys,
             insecure=given.insecure,
         )
-        session = open_session(configure(options, "router"), "router")
+        session = open_session(configure(options, given.name), "router")
     except CosimError as error:
         sys.stderr.write(f"{error}\n")
         return error.exit_code

@@ -11,7 +11,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -103,6 +103,10 @@ def inside(namespace: str) -> dict[int, str]:
     return found
 
 
+def parent(pid: int) -> int:
+    return int(Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[1])
+
+
 class Run:
     """``cosim rehearse`` on a fleet, and the processes that were there before it."""
 
@@ -130,8 +134,9 @@ class Run:
         }
 
     def nodes(self, host: str) -> list[int]:
-        """The nodes of a host: copies of its agent, whose number is the least."""
-        return sorted(self.of(host, "bridge.rehearsal.agent"))[1:]
+        """The nodes of a host: copies of its agent, which is their parent."""
+        agents = self.of(host, "bridge.rehearsal.agent")
+        return [pid for pid in agents if parent(pid) in agents]
 
     def running(self) -> None:
         """Wait until t = 0 has passed."""
@@ -193,7 +198,8 @@ def test_a_frozen_host_is_named_in_time_and_the_others_are_collected(
     agents = run.of(host, "bridge.rehearsal.agent")
     routers = run.of(host, "bridge.zenoh.router")
     stopped = {
-        "agent": [min(agents)], "host": [*agents, *routers], "node": run.nodes(host)[:1],
+        "agent": [pid for pid in agents if parent(pid) not in agents],
+        "host": [*agents, *routers], "node": run.nodes(host)[:1],
         "router": [*routers],
     }[frozen]  # fmt: skip
     for pid in stopped:
@@ -204,8 +210,7 @@ def test_a_frozen_host_is_named_in_time_and_the_others_are_collected(
         taken = time.monotonic() - began
     finally:
         for pid in stopped:
-            with_no = Path(f"/proc/{pid}")
-            if with_no.exists():
+            with suppress(ProcessLookupError):
                 os.kill(pid, signal.SIGCONT)
     said = run.ended(1.0)[1]
     assert code == 1 and "Traceback" not in said, said

@@ -2,8 +2,8 @@
 
 Each model, built for each processor by each compiler, makes its steps in an emulator; the digest of
 all variables at all steps has to be that of the library in its FMU. Arms, whose steps are long,
-make a tenth of them. Prints a line for each model, and exits with 1 where a digest is another one
-or where a compiler or an emulator is missing.
+make a tenth of them. Prints a line for each model and a sum, and exits with 1 where a digest
+is another one or where a compiler or an emulator is missing.
 """
 
 from __future__ import annotations
@@ -60,12 +60,17 @@ def main() -> int:
     wrong = len(missing())
     for name in missing():
         print(f"{name} is not installed")
-    models = [m for m in shipped_models() if not options.names or m.identifier in options.names]
+    known = {model.identifier: model for model in shipped_models()}
+    for name in options.names:
+        if name not in known:
+            parser.error(f"no model {name!r}; expected one of {', '.join(known)}")
+    models = [known[name] for name in options.names or known]
     models.sort(key=lambda model: len(model.variables))
     with ProcessPoolExecutor(os.cpu_count()) as pool:
         for name, found, took in pool.map(_judge, models, [options.steps] * len(models)):
             print(f"{name}: {'; '.join(found) or 'equal'} ({took:.0f} s)", flush=True)
             wrong += len(found)
+    print(f"{len(models)} models, {wrong} differences or missing programs")
     return int(wrong > 0)
 
 

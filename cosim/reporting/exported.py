@@ -6,7 +6,7 @@ import json
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,13 +16,18 @@ from cosim.base.errors import RunError, ScenarioError
 from cosim.base.files import written_aside
 from cosim.base.names import signal_of
 from cosim.record import Run
+from cosim.record.run import RunPiece
+from cosim.reporting import matlab
 from cosim.reporting.arms import DrawnArm, drawn_arms, link_frames, recorded
 from cosim.reporting.moving import write_gif
 from cosim.scenario.exposed import matching
 
 Array = NDArray[np.float64]
+Piece: TypeAlias = Run | RunPiece
 #: Largest rate of transforms and joint states, Hz.
 RATE = 100.0
+#: Rows whose messages are made together.
+ROWS = 1 << 12
 
 
 def export_run(run: Run, path: Path, patterns: Sequence[str] = ()) -> Path:
@@ -61,12 +66,6 @@ def _signals(names: Sequence[str]) -> dict[str, list[str]]:
     return found
 
 
-def _values(run: Run, entries: Sequence[str]) -> Array:
-    """(n,) of a scalar, else (n, m)."""
-    columns = [run.column(name) for name in entries]
-    return columns[0] if "[" not in entries[0] else np.stack(columns, axis=1)
-
-
 # ---- tables -----------------------------------------------------------------------------------
 
 
@@ -80,21 +79,35 @@ def _parquet(run: Run, path: Path, names: Sequence[str]) -> None:
 
 def _mat(run: Run, path: Path, names: Sequence[str]) -> None:
     """``t`` (n, 1), a struct for each component with its signals (n, m), and ``units``."""
-    try:
-        from scipy.io import savemat
-    except ImportError:
-        raise ScenarioError("SciPy is not installed; expected cosim-bridge[fit]") from None
-    found: dict[str, Any] = {"t": run.t[:, None]}
-    units: dict[str, Any] = {"t": "s"}
+    tree: dict[str, Any] = {"t": _matrix(run, ["t"])}
+    units: dict[str, Any] = {"t": matlab.text("s")}
     for signal, entries in _signals(names).items():
         *above, last = (_matlab_name(part) for part in signal.split("."))
-        place, unit = found, units
+        place, unit = tree, units
         for part in above:
             place, unit = place.setdefault(part, {}), unit.setdefault(part, {})
-        values = _values(run, entries)
-        place[last] = values.reshape(len(run), -1)
-        unit[last] = run.units[entries[0]]
-    savemat(path, {**found, "units": units}, long_field_names=True)
+        place[last] = _matrix(run, entries)
+        unit[last] = matlab.text(run.units[entries[0]])
+    found = {name: _variable(one) for name, one in tree.items()}
+    matlab.write(path, {**found, "units": _variable(units)})
+
+
+def _variable(given: Any) -> matlab.Matrix:
+    """A matrix, or a struct of those in a dictionary."""
+    if isinstance(given, matlab.Matrix):
+        return given
+    return matlab.struct({name: _variable(one) for name, one in given.items()})
+
+
+def _matrix(run: Run, entries: Sequence[str]) -> matlab.Matrix:
+    """The rows of scalars side by side, (n, m)."""
+
+    def parts() -> Iterator[bytes]:
+        for name in entries:
+            for piece in run.pieces([name]):
+                yield piece.column(name).astype("<f8", copy=False).tobytes()
+
+    return matlab.numbers((len(run), len(entries)), parts)
 
 
 def _matlab_name(part: str) -> str:
@@ -118,26 +131,46 @@ def _mcap(run: Run, path: Path, names: Sequence[str]) -> None:
             "the Foxglove SDK is missing; expected cosim-bridge[foxglove]"
         ) from None
     context = foxglove.Context()
-    t_ns = np.rint(run.t * 1e9).astype(np.int64)
+    topics = list(_topics(run, names, foxglove, context))
     arms = list(drawn_arms(run))
-    moving = [_moving(run, arm, context) for arm in arms]
-    topics = [*_topics(run, names, foxglove, context)]
-    every = max(1, round(1.0 / (RATE * _step(run.t))))
+    moving = [_Moving(run, arm, context) for arm in arms]
+    needed = [*names, *(signal for arm in moving for signal in arm.signals)]
+    every = max(1, round(1.0 / (RATE * _step(run))))
     try:
         with foxglove.open_mcap(path, allow_overwrite=True, context=context) as file:
             for text, data in _attached(run, arms):
                 file.attach(
                     log_time=0, create_time=0, name=text, media_type="text/plain", data=data
                 )
-            for k, at in enumerate(t_ns.tolist()):
-                for log in (*topics, *(moving if k % every == 0 else ())):
-                    log(k, at)
+            at = 0
+            for piece in run.pieces(needed):
+                _log(piece, at, topics, moving, every)
+                at += len(piece.t)
     except RuntimeError as error:  # its own errors, with those of the system in them
         raise RunError(f"cannot write {path}: {error}") from error
 
 
-def _step(t: Array) -> float:
+def _step(run: Run) -> float:
+    """The median time between the first rows, s."""
+    t = next(iter(run.pieces(()))).t[:ROWS]
     return float(np.median(np.diff(t))) if len(t) > 1 else 1.0
+
+
+def _log(
+    piece: Piece, begin: int, topics: Sequence[_Topic], moving: Sequence[_Moving], every: int
+) -> None:
+    """Write the rows of a piece, of which the first is row `begin`; arms in each `every`-th one."""
+    t_ns = np.rint(piece.t * 1e9).astype(np.int64).tolist()
+    positions = [arm.rows(piece) for arm in moving]
+    for first in range(0, len(t_ns), ROWS):
+        rows = slice(first, first + ROWS)
+        texts = [topic.texts(piece, rows) for topic in topics]
+        for k, at in enumerate(t_ns[rows], first):
+            for topic, text in zip(topics, texts, strict=True):
+                topic.channel.log(next(text), log_time=at)
+            if (begin + k) % every == 0:
+                for arm, (q, dq) in zip(moving, positions, strict=True):
+                    arm.log(begin + k, at, q[k], None if dq is None else dq[k])
 
 
 def _attached(run: Run, arms: Sequence[DrawnArm]) -> Iterator[tuple[str, bytes]]:
@@ -148,76 +181,112 @@ def _attached(run: Run, arms: Sequence[DrawnArm]) -> Iterator[tuple[str, bytes]]
             yield file.name, file.read_bytes()
 
 
-Log = Callable[[int, int], None]
-
-
-def _topics(run: Run, names: Sequence[str], sdk: Any, context: Any) -> Iterator[Log]:
-    """Functions (row, log time in ns) that write the signals of a component."""
+def _topics(run: Run, names: Sequence[str], sdk: Any, context: Any) -> Iterator[_Topic]:
+    """The topics of the components that have signals."""
     parts: dict[str, dict[str, list[str]]] = {}
     for signal, entries in _signals(names).items():
         component, _, port = signal.partition(".")
         parts.setdefault(component, {})[port or component] = entries
     for component, ports in parts.items():
-        yield _topic(run, component, ports, sdk, context)
+        yield _Topic(run, component, ports, sdk, context)
 
 
-def _topic(run: Run, component: str, ports: Mapping[str, list[str]], sdk: Any, context: Any) -> Log:
-    values = {port: _values(run, entries) for port, entries in ports.items()}
-    number = {"type": ["number", "null"]}
-    fields = {
-        port: {
-            **(number if x.ndim == 1 else {"type": "array", "items": number}),
-            "description": run.units[ports[port][0]],
+@final
+class _Topic:
+    """The messages of a component: an object with its ports, null where there is no number.
+
+    All are made from one text, into which the numbers of a row are put: an encoder for each
+    message takes six times as long.
+    """
+
+    def __init__(
+        self, run: Run, component: str, ports: Mapping[str, list[str]], sdk: Any, context: Any
+    ) -> None:
+        number = {"type": ["number", "null"]}
+        fields = {
+            port: {
+                **({"type": "array", "items": number} if _is_array(entries) else number),
+                "description": run.units[entries[0]],
+            }
+            for port, entries in ports.items()
         }
-        for port, x in values.items()
-    }
-    schema = json.dumps({"type": "object", "properties": fields}).encode()
-    channel = sdk.Channel(
-        f"/{component}",
-        message_encoding="json",
-        context=context,
-        schema=sdk.Schema(name=component, encoding="jsonschema", data=schema),
-    )
+        schema = json.dumps({"type": "object", "properties": fields}).encode()
+        self.channel = sdk.Channel(
+            f"/{component}",
+            message_encoding="json",
+            context=context,
+            schema=sdk.Schema(name=component, encoding="jsonschema", data=schema),
+        )
+        self._entries = [name for entries in ports.values() for name in entries]
+        places = [
+            f"{json.dumps(port).replace('%', '%%')}: {_places(entries)}"
+            for port, entries in ports.items()
+        ]
+        self._text = "{" + ", ".join(places) + "}"
 
-    def log(k: int, at: int) -> None:
-        row = {port: _plain(x[k]) for port, x in values.items()}
-        channel.log(json.dumps(row, allow_nan=False).encode(), log_time=at)
-
-    return log
-
-
-def _plain(x: Any) -> Any:
-    """Numbers for JSON, null where there is none."""
-    found = [v if np.isfinite(v) else None for v in np.ravel(x).tolist()]
-    return found if np.ndim(x) else found[0]
+    def texts(self, piece: Piece, rows: slice) -> Iterator[bytes]:
+        """The messages of some rows of a piece."""
+        columns = [_texts(piece.column(name)[rows]) for name in self._entries]
+        return ((self._text % row).encode() for row in zip(*columns, strict=True))
 
 
-def _moving(run: Run, arm: DrawnArm, context: Any) -> Log:
+def _is_array(entries: Sequence[str]) -> bool:
+    return "[" in entries[0]
+
+
+def _places(entries: Sequence[str]) -> str:
+    places = ", ".join("%s" for _ in entries)
+    return f"[{places}]" if _is_array(entries) else places
+
+
+def _texts(x: Array) -> list[str]:
+    """Numbers (n,) as JSON has them, null where there is none."""
+    found = list(map(repr, x.tolist()))
+    for row in np.flatnonzero(~np.isfinite(x)).tolist():
+        found[row] = "null"
+    return found
+
+
+@final
+class _Moving:
     """Joint states and frames of an arm; its links are lines in their frames, written once."""
-    from foxglove import channels, messages
 
-    q = run.array(f"{arm.name}.{arm.drawing.position}")
-    speed = f"{arm.name}.dq"
-    dq = run.array(speed) if recorded(run, speed, arm.drawing.joints) else None
-    joints = arm.drawing.names or tuple(f"joint{i + 1}" for i in range(arm.drawing.joints))
-    states = channels.JointStatesChannel(f"/{arm.name}/joint_states", context=context)
-    frames = channels.FrameTransformsChannel("/tf", context=context)
-    scene = channels.SceneUpdateChannel(f"/{arm.name}/scene", context=context)
+    def __init__(self, run: Run, arm: DrawnArm, context: Any) -> None:
+        from foxglove import channels
 
-    def log(k: int, at: int) -> None:
+        position, speed = f"{arm.name}.{arm.drawing.position}", f"{arm.name}.dq"
+        moves = recorded(run, speed, arm.drawing.joints)
+        self.signals = (position, speed) if moves else (position,)
+        self._arm = arm
+        self._joints = arm.drawing.names or tuple(
+            f"joint{i + 1}" for i in range(arm.drawing.joints)
+        )
+        self._states = channels.JointStatesChannel(f"/{arm.name}/joint_states", context=context)
+        self._frames = channels.FrameTransformsChannel("/tf", context=context)
+        self._scene = channels.SceneUpdateChannel(f"/{arm.name}/scene", context=context)
+
+    def rows(self, piece: Piece) -> tuple[Array, Array | None]:
+        """Positions and, where they were recorded, velocities of its joints in a piece, (n, m)."""
+        q, *dq = (piece.array(name) for name in self.signals)
+        return q, dq[0] if dq else None
+
+    def log(self, k: int, at: int, q: Array, dq: Array | None) -> None:
+        """Write row `k`, at a log time, ns: positions `q` and velocities `dq` (m,)."""
+        from foxglove import messages
+
         stamp = messages.Timestamp(at // 10**9, at % 10**9)
         if k == 0:
-            scene.log(messages.SceneUpdate(entities=_lines(arm, stamp)), log_time=at)
-        each = zip(joints, q[k].tolist(), joints if dq is None else dq[k].tolist(), strict=True)
+            self._scene.log(
+                messages.SceneUpdate(entities=_lines(self._arm, stamp)), log_time=at
+            )
+        speeds = [None] * len(q) if dq is None else dq.tolist()
         found = [
-            messages.JointState(name=n, position=x, velocity=None if dq is None else v)
-            for n, x, v in each
+            messages.JointState(name=name, position=x, velocity=v)
+            for name, x, v in zip(self._joints, q.tolist(), speeds, strict=True)
         ]
-        states.log(messages.JointStates(timestamp=stamp, joints=found), log_time=at)
-        moved = _transforms(arm.name, arm.drawing, q[k], stamp)
-        frames.log(messages.FrameTransforms(transforms=moved), log_time=at)
-
-    return log
+        self._states.log(messages.JointStates(timestamp=stamp, joints=found), log_time=at)
+        moved = _transforms(self._arm.name, self._arm.drawing, q, stamp)
+        self._frames.log(messages.FrameTransforms(transforms=moved), log_time=at)
 
 
 def _transforms(name: str, drawing: Drawing, q: Array, stamp: Any) -> list[Any]:

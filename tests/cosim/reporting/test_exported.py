@@ -12,10 +12,12 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 from mcap.reader import make_reader
-from scipy.io import loadmat
+from scipy.io import loadmat, savemat
 
 from cosim.base.errors import RunError, ScenarioError
-from cosim.record import Run
+from cosim.record import Column, Run
+from cosim.record.groups import GroupWriter
+from cosim.reporting import exported, matlab
 from cosim.reporting.arms import drawn_arms, link_frames, points
 from cosim.reporting.exported import FORMATS, export_run, quaternion
 from cosim.reporting.moving import RATE, SIZE, pixels
@@ -58,6 +60,62 @@ def test_matlab_gets_a_struct_for_each_component(run: Run, tmp_path: Path) -> No
     assert found["t"].tolist() == run.t.tolist()
     assert np.array_equal(found["master"]["q"], run.array("master.q"))
     assert found["units"]["master"] == {"q": "rad", "tau_h": "N.m"}
+
+
+def test_a_matlab_file_is_that_of_scipy(run: Run, tmp_path: Path) -> None:
+    """All bytes behind the text of the head."""
+    export_run(run, tmp_path / "a.mat")
+    export_run(run, tmp_path / "b.mat", ["master.q[0]"])
+    for name in ("a.mat", "b.mat"):
+        found = loadmat(tmp_path / name)
+        variables = {key: value for key, value in found.items() if not key.startswith("__")}
+        savemat(tmp_path / "scipy.mat", variables, long_field_names=True)
+        expected = (tmp_path / "scipy.mat").read_bytes()
+        assert (tmp_path / name).read_bytes()[124:] == expected[124:]
+
+
+def test_what_a_matlab_file_cannot_hold_is_said_before_it_is_written(
+    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(matlab, "LARGEST", 16 * len(run))
+    export_run(run, tmp_path / "a.mat", ["master.q[0]"])
+    with pytest.raises(ScenarioError, match=r"master has .* GB, .*expected fewer signals"):
+        export_run(run, tmp_path / "b.mat", ["master.q"])
+    assert not (tmp_path / "b.mat").exists()
+    long = "j" * 64
+    with pytest.raises(ScenarioError, match=f"found the name '{long}' of 64 characters"):
+        matlab.struct({long: matlab.text("")})
+
+
+@pytest.mark.parametrize("suffix", [".mat", ".mcap", ".csv", ".parquet"])
+def test_files_do_not_depend_on_pieces(
+    run: Run, tmp_path: Path, suffix: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from cosim.record import run as reading
+
+    expected = export_run(run, tmp_path / f"a{suffix}").read_bytes()
+    in_groups = tmp_path / "trajectories.parquet"
+    pq.write_table(pq.read_table(run.path), in_groups, row_group_size=100)
+    (tmp_path / "run.json").write_bytes((run.path.parent / "run.json").read_bytes())
+    monkeypatch.setattr(reading, "WHOLE", 0)
+    monkeypatch.setattr(reading, "PIECE", 1)
+    monkeypatch.setattr(exported, "ROWS", 64)
+    found = export_run(Run.open(tmp_path), tmp_path / f"b{suffix}")
+    if suffix == ".parquet":  # whose row groups are those of the run
+        assert pq.read_table(found).equals(pq.read_table(tmp_path / f"a{suffix}"))
+    else:
+        assert found.read_bytes() == expected
+
+
+def test_numbers_that_json_lacks_are_null_in_mcap(tmp_path: Path) -> None:
+    columns = [Column("a.x%y", "rad", 0), Column("b[0]", "m", 1), Column("b[1]", "m", 2)]
+    rows = np.array([[1.5, np.nan, -0.0], [np.inf, 1e300, 2.0]])
+    writer = GroupWriter(tmp_path / "trajectories.parquet", columns, h=0.5)
+    writer.add(rows, 0, last=True)
+    writer.close()
+    found = messages(export_run(Run.open(tmp_path), tmp_path / "a.mcap"))
+    assert [json.loads(text) for _, text in found["/a"]] == [{"x%y": 1.5}, {"x%y": None}]
+    assert [text for _, text in found["/b"]] == [b'{"b": [null, -0.0]}', b'{"b": [1e+300, 2.0]}']
 
 
 def messages(path: Path) -> dict[str, list[tuple[int, bytes]]]:

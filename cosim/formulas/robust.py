@@ -21,6 +21,7 @@ end reaches to the last time at which the formula in it can be judged: until its
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from math import inf
 from typing import Any, Protocol, final
@@ -34,7 +35,16 @@ from cosim.formulas.windows import Array, Rows
 
 #: Times that differ by this share of the mean step are the same.
 SAME = 1e-6
-_FIRST, _ALL = slice(0, 1), slice(0, None)
+_FIRST = slice(0, 1)
+
+
+@final
+@dataclass(frozen=True, slots=True)
+class Row:
+    """A row of a run: its number and its time, s."""
+
+    number: int
+    time: float
 
 
 @final
@@ -44,6 +54,9 @@ class RecordedTrace:
     `t`: times of the rows, (n,), s; `lookup`: their values; `end`: of the run, s. `beyond`: None;
     or a row behind the last one stands for all that is not recorded, and is -1: as bad as possible,
     or 1: as good as possible. `step`: the mean step of the run, s, if `t` lacks rows.
+
+    A long run is read from its end in pieces, each a trace of its `own` rows, which keeps of the
+    rows behind them what a formula needs: :meth:`earlier`.
     """
 
     def __init__(
@@ -59,6 +72,10 @@ class RecordedTrace:
         self._same = SAME * span if span > 0 else SAME
         self.t = t if beyond is None else np.append(t, t[-1] + 4.0 * self._same)
         self._end = float(t[-1]) if beyond is None else max(end, float(t[-1]))
+        self.own = slice(0, len(self.t))
+        self._open = beyond is not None
+        self._kept: dict[int, Array] = {}
+        self._rest: dict[int, float] = {}
         self._windows: dict[tuple[Any, ...], tuple[Rows, Rows]] = {}
         self._values: dict[tuple[int, bool], Array] = {}
 
@@ -77,19 +94,67 @@ class RecordedTrace:
         first = windows.last_at(self.t, begin)
         if interval.end == inf:
             end = self._end - tail
-            last = np.full(len(t), np.searchsorted(self.t, end + same, side="right") - 1)
+            last = np.full(len(t), self.rows_until(tail) - 1)
         else:
-            end = self._end if self.beyond is None else inf
+            end = inf if self._open else self._end
             last = windows.last_at(self.t, t + (interval.end + same))
         last[begin - 2.0 * same > end] = -1  # it begins behind the end
         return first, last
+
+    def rows_until(self, tail: float) -> int:
+        """The number of rows at which a formula can be judged that needs `tail` s behind them."""
+        return int(np.searchsorted(self.t, self._end - tail + self._same, side="right"))
 
     def values(self, formula: Robust, only_first: bool) -> Array:
         """The robustness of a formula at each row, (n,), or at the first one, (1,)."""
         key = id(formula), only_first
         if key not in self._values:
-            self._values[key] = formula.over(self, only_first)
+            found = formula.over(self, only_first)
+            if self._kept and not only_first:
+                found = np.concatenate((found[self.own], self._kept[id(formula)]))
+            self._values[key] = found
         return self._values[key]
+
+    def at_first(self, formula: Robust) -> float:
+        """The robustness of a formula at the first row."""
+        return self.at(formula, 0)
+
+    def decisive(self, formula: Robust) -> Row | None:
+        """The row whose comparison decides that; None where no recorded one does."""
+        row = formula.decisive(self, 0)
+        return None if row is None or row == self.rows else Row(row, float(self.t[row]))
+
+    def rest(self, formula: Robust, empty: float) -> float:
+        """What an operator without an end makes of rows that are not kept; `empty`: of none."""
+        return self._rest.get(id(formula), empty)
+
+    def earlier(self, t: Array, lookup: Lookup, formulas: Sequence[Robust]) -> RecordedTrace:
+        """The trace of the rows just before these, with what formulas need of these."""
+        parts = [node for formula in formulas for node in nodes(formula)]
+        reach = self.t[0] + max(node.needed for node in parts) + 4.0 * self._same
+        count = int(np.searchsorted(self.t, reach, side="right"))
+        found = RecordedTrace(t, lookup, self._end)
+        found.t, found.own = np.concatenate((t, self.t[:count])), slice(0, len(t))
+        found._same, found._end, found._open = self._same, self._end, self._open
+        found._kept = {id(node): self.values(node, False)[:count] for node in parts}
+        found._rest = {id(node): node.behind(self, count) for node in parts}
+        return found
+
+    def within(self, interval: TimeInterval, tail: float, time: float) -> slice:
+        """The own rows of an interval from a time on, s; `tail` as in :meth:`window`.
+
+        It begins below 0 where the interval begins before these rows.
+        """
+        begin = time + (interval.begin + self._same)
+        last, end = self.rows_until(tail), self._end - tail
+        if interval.end < inf:
+            end = inf if self._open else self._end
+            behind = time + (interval.end + self._same)
+            last = int(np.searchsorted(self.t, behind, side="right"))
+        if begin - 2.0 * self._same > end:
+            return slice(0, 0)
+        own = self.t[self.own]
+        return slice(int(np.searchsorted(own, begin, side="right")) - 1, min(last, len(own)))
 
     def at(self, formula: Robust, row: int) -> float:
         """The robustness of a formula at a row."""
@@ -111,10 +176,40 @@ class Robust(Protocol):
     def tail(self) -> float:
         """The time behind a row that its robustness needs at least, s."""
 
+    @property
+    def parts(self) -> tuple[Robust, ...]:
+        """The formulas that it is made of."""
+
+    @property
+    def needed(self) -> float:
+        """The time behind a row at which it needs its parts, s."""
+
+    def behind(self, trace: RecordedTrace, row: int) -> float:
+        """The value for :meth:`RecordedTrace.rest` of the rows from `row` on."""
+
+
+def nodes(formula: Robust) -> Iterator[Robust]:
+    """A formula and all that it is made of."""
+    yield formula
+    for part in formula.parts:
+        yield from nodes(part)
+
+
+class _AtOnce:
+    """A formula that needs its parts at its own time only."""
+
+    __slots__ = ()
+
+    needed = 0.0
+
+    def behind(self, trace: RecordedTrace, row: int) -> float:
+        """See :class:`Robust`: nothing."""
+        return 0.0
+
 
 @final
 @dataclass(frozen=True, slots=True)
-class HeldInequality:
+class HeldInequality(_AtOnce):
     """`margin >= 0` for every entry; its unit is `scale` in SI. `negated`: by an odd number of
     ``not`` around it.
     """
@@ -124,6 +219,7 @@ class HeldInequality:
     negated: bool = False
 
     tail = 0.0
+    parts = ()
 
     def over(self, trace: RecordedTrace, only_first: bool) -> Array:
         """Robustness by row (n,) or (1,): :class:`Robust`."""
@@ -150,10 +246,15 @@ class HeldInequality:
 
 @final
 @dataclass(frozen=True, slots=True)
-class Not:
+class Not(_AtOnce):
     """The negation of a formula."""
 
     of: Robust
+
+    @property
+    def parts(self) -> tuple[Robust, ...]:
+        """See :class:`Robust`."""
+        return (self.of,)
 
     @property
     def tail(self) -> float:
@@ -171,12 +272,17 @@ class Not:
 
 @final
 @dataclass(frozen=True, slots=True)
-class Both:
+class Both(_AtOnce):
     """The conjunction of two formulas, or with `either` the disjunction."""
 
     left: Robust
     right: Robust
     either: bool = False
+
+    @property
+    def parts(self) -> tuple[Robust, ...]:
+        """See :class:`Robust`."""
+        return self.left, self.right
 
     @property
     def tail(self) -> float:
@@ -211,13 +317,37 @@ class Extreme:
 
     def over(self, trace: RecordedTrace, only_first: bool) -> Array:
         """Robustness by row (n,) or (1,): :class:`Robust`."""
-        combine = np.maximum if self.eventually else np.minimum
-        empty = -inf if self.eventually else inf
+        combine, empty = self.combine
         x = trace.values(self.of, False)
-        first, last = trace.window(self.interval, self.of.tail, _FIRST if only_first else _ALL)
+        first, last = trace.window(self.interval, self.of.tail, _FIRST if only_first else trace.own)
         if only_first:
             return np.array([combine.reduce(x[first[0] : last[0] + 1], initial=empty)])
-        return windows.extremes(x, first, last, combine, empty)
+        found = windows.extremes(x, first, last, combine, empty)
+        rest = trace.rest(self, empty)
+        return found if rest == empty else np.asarray(combine(found, rest))
+
+    @property
+    def combine(self) -> tuple[np.ufunc, float]:
+        """The function of two values, and the value of none."""
+        return (np.maximum, -inf) if self.eventually else (np.minimum, inf)
+
+    @property
+    def parts(self) -> tuple[Robust, ...]:
+        """See :class:`Robust`."""
+        return (self.of,)
+
+    @property
+    def needed(self) -> float:
+        """See :class:`Robust`, s."""
+        return self.interval.needed
+
+    def behind(self, trace: RecordedTrace, row: int) -> float:
+        """See :class:`Robust`."""
+        combine, empty = self.combine
+        if self.interval.end < inf:
+            return empty
+        x = trace.values(self.of, False)[row : trace.rows_until(self.of.tail)]
+        return float(combine.reduce(x, initial=trace.rest(self, empty)))
 
     def decisive(self, trace: RecordedTrace, row: int) -> int | None:
         """See :class:`Robust`."""
@@ -257,17 +387,35 @@ class Until:
         if only_first:
             return np.array([self._at(trace, 0)[0]])
         left, right = trace.values(self.left, False), trace.values(self.right, False)
-        first, last = trace.window(self.interval, self._inner, _ALL)
+        first, last = trace.window(self.interval, self._inner, trace.own)
         behind = int(last.max()) + 1  # the last row of any interval
         if not behind:
-            return np.full(len(left), -inf)
-        ends = windows.until(left[:behind], right[:behind])
-        before = windows.extremes(left, np.arange(len(left)), first - 1, np.minimum, inf)
+            return np.full(len(first), -inf)
+        ends = windows.until(left[:behind], right[:behind], trace.rest(self, -inf))
+        before = windows.extremes(left, np.arange(len(first)), first - 1, np.minimum, inf)
         found = np.minimum(before, ends[np.minimum(first, behind - 1)])
         if self.interval.end < inf:
             most = windows.extremes(right, first, last, np.maximum, -inf)
             found = np.minimum(found, most)
         return np.where(last < first, -inf, found)
+
+    @property
+    def parts(self) -> tuple[Robust, ...]:
+        """See :class:`Robust`."""
+        return self.left, self.right
+
+    @property
+    def needed(self) -> float:
+        """See :class:`Robust`, s."""
+        return self.interval.needed
+
+    def behind(self, trace: RecordedTrace, row: int) -> float:
+        """See :class:`Robust`."""
+        rest, end = trace.rest(self, -inf), trace.rows_until(self._inner)
+        if self.interval.end < inf or end <= row:
+            return rest
+        left, right = (trace.values(part, False)[row:end] for part in self.parts)
+        return float(windows.until(left, right, rest)[0])
 
     def decisive(self, trace: RecordedTrace, row: int) -> int | None:
         """See :class:`Robust`."""

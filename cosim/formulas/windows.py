@@ -51,8 +51,8 @@ def last_at(t: Array, times: Array) -> Rows:
     return found
 
 
-def until(left: Array, right: Array) -> Array:
-    """u_k = max(right_k, min(left_k, u_{k+1})), u = -inf behind the end; (n,), one unit.
+def until(left: Array, right: Array, behind: float = -np.inf) -> Array:
+    """u_k = max(right_k, min(left_k, u_{k+1})), u = `behind` behind the end; (n,), one unit.
 
     The map from u_{k+1} to u_k clips to [low, high], and so do compositions of such maps, which are
     made of 1, 2, 4, … rows.
@@ -64,4 +64,4 @@ def until(left: Array, right: Array) -> Array:
         low[:-size] = np.maximum(a, np.minimum(b, low[size:]))
         high[:-size] = np.maximum(a, np.minimum(b, high[size:]))
         size *= 2
-    return low
+    return low if behind == -np.inf else np.maximum(low, np.minimum(high, behind))

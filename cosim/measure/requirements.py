@@ -6,7 +6,7 @@ them (``sync.settle_s``). All of them have one result, :class:`Robustness`, wher
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from math import inf, isfinite, nan
 from pathlib import Path
@@ -17,20 +17,20 @@ import numpy as np
 from cosim.base.errors import CosimError, ScenarioError
 from cosim.base.names import unknown
 from cosim.base.units import parse, time_text
+from cosim.formulas.in_pieces import LongTrace
 from cosim.formulas.robust import Both, Extreme, HeldInequality, Not, RecordedTrace, Robust, Until
 from cosim.formulas.syntax import Connective, Formula, Inequality, Temporal, comparisons
 from cosim.formulas.terms import Binder, Known, Lookup, Term, shown_unit
 from cosim.formulas.tokens import FormulaError
 from cosim.measure import declared_metrics
-from cosim.measure.deciding_rows import deciding_rows
 from cosim.measure.declared_metrics import Preview
 from cosim.measure.metric_result import with_unit
 from cosim.measure.metrics import Metric
 from cosim.measure.robustness import Robustness, Verdict, stopped, undecided
 from cosim.record import Run, seal, write_metadata
 from cosim.record.folder import METADATA, read_metadata
-from cosim.record.piecewise import extent
-from cosim.record.signals import Signals
+from cosim.record.piecewise import RunRows, extent
+from cosim.record.signals import Array, Signals
 from cosim.scenario.spec import Scenario
 
 #: Rows that may be missing at the end of a run: that of its last time, which some runs do not have.
@@ -82,30 +82,41 @@ class Requirement:
         covered, end = _covered(last, end, step)
         if self.metrics:
             return self._of_metrics(signals, covered, end)
-        t, lookup = deciding_rows(self.formula, self.names, signals, step)
-        trace = RecordedTrace(t, lookup, end, step=step)
-        high = low = trace.at(self.formula, 0)
+        trace = self._trace(signals, end, None)
+        high = low = trace.at_first(self.formula)
         if covered < end or begin + self.formula.tail > covered + 1e-9 * (covered - begin):
-            trace, other = (RecordedTrace(t, lookup, end, x, step) for x in (1, -1))
-            high, low = trace.at(self.formula, 0), other.at(self.formula, 0)
+            trace, other = (self._trace(signals, end, beyond) for beyond in (1, -1))
+            high, low = trace.at_first(self.formula), other.at_first(self.formula)
             if high == inf:
                 trace = other
-        value, row = trace.at(self.formula, 0), self.formula.decisive(trace, 0)
-        if row is None or row == len(t):
+        value, row = trace.at_first(self.formula), trace.decisive(self.formula)
+        if row is None:
             return self._undecided(
                 f"its interval is beyond the end of the run at {time_text(covered)}"
             )
-        time = float(t[row])
         if low < 0 <= high:
             text = f"{self._margin(value)} when the run ended at {time_text(covered)}"
-            return self._result("inconclusive", value, time, text)
+            return self._result("inconclusive", value, row.time, text)
         if not isfinite(value):
-            return self._result(
-                "failed", -inf, time, f"{self._bad(lookup, row)} at {time_text(time)}"
-            )
+            text = f"{self._bad(signals, row.number)} at {time_text(row.time)}"
+            return self._result("failed", -inf, row.time, text)
         called = _CALLED.get((self.word, value >= 0), "decided")
-        text = f"{self._margin(value)}, {called} at {time_text(time)}"
-        return self._result("passed" if value >= 0 else "failed", value, time, text)
+        text = f"{self._margin(value)}, {called} at {time_text(row.time)}"
+        return self._result("passed" if value >= 0 else "failed", value, row.time, text)
+
+    def _trace(self, signals: Signals, end: float, beyond: int | None) -> RecordedTrace | LongTrace:
+        """The signals until the `end` of the run, s, and `beyond` it."""
+        count, begin, last = extent(signals)
+        step = (last - begin) / max(1, count - 1)
+        if not isinstance(signals, Run) or not signals.is_long:
+            t = np.asarray(signals.t, dtype=np.float64)
+            return RecordedTrace(t, _lookup(signals), end, beyond, step)
+
+        def pieces(names: Sequence[str], since: float) -> Iterator[tuple[Array, Lookup]]:
+            for piece in signals.pieces(names, since, backwards=True):
+                yield piece.t, _lookup(piece)
+
+        return LongTrace(pieces, count, begin, end, beyond, step)
 
     def stopped(self, time: float, why: str = "the run stopped") -> Robustness:
         """The result on a run that diverged or failed at a time, s."""
@@ -133,10 +144,13 @@ class Requirement:
         trace = RecordedTrace(np.zeros(1), lambda name: np.array([[numbers[name]]]), 0.0)
         return trace.at(self.formula, 0)
 
-    def _bad(self, lookup: Lookup, row: int) -> str:
+    def _bad(self, signals: Signals, row: int) -> str:
         """The signal that is not a finite number in a row."""
+        if isinstance(signals, Run):
+            scalars = [entry for name in self.names for entry in signals.entries(name)]
+            signals, row = RunRows(signals, scalars, np.array([row])), 0
         for name in self.names:
-            x = lookup(name)[:, row]
+            x = _lookup(signals)(name)[:, row]
             if not np.isfinite(x).all():
                 entry = int(np.argmin(np.isfinite(x)))
                 return f"{name}{f'[{entry}]' if len(x) > 1 else ''} is {x[entry]}"
@@ -153,6 +167,10 @@ class Requirement:
         return Robustness(
             self.name, verdict, value, self.unit, time, f"{verdict}, {text}", self.condition
         )
+
+
+def _lookup(signals: Signals) -> Lookup:
+    return lambda name: np.asarray(signals.array(name), dtype=np.float64).T
 
 
 def _told(name: str, value: float, unit: str) -> str:

@@ -131,25 +131,34 @@ class Run:
         stacked.flags.writeable = False
         return stacked
 
-    def pieces(self, prefixes: Sequence[str], since: float = -inf) -> Iterator[Run | RunPiece]:
+    def pieces(
+        self, prefixes: Sequence[str], since: float = -inf, *, backwards: bool = False
+    ) -> Iterator[Run | RunPiece]:
         """The rows in order, in pieces of which each has `t` and these signals or entries.
 
         A small run is one piece, the run itself. Pieces that end before the time `since`, s, are
-        left out. Memory does not depend on the number of rows.
+        left out; `backwards`: the last piece comes first. Memory does not depend on the number of
+        rows.
         """
         names = list(dict.fromkeys(name for prefix in prefixes for name in self.entries(prefix)))
         if not self.is_long:
             self._load(["t", *names])
             yield self
             return
-        most, at, groups = PIECE // (1 + len(names)), 0, list[int]()
+        together = list(self._together(PIECE // (1 + len(names))))
+        for groups in reversed(together) if backwards else together:
+            yield from self._piece(groups, names, since)
+
+    def _together(self, most: int) -> Iterator[list[int]]:
+        """Row groups that are read together: those that follow each other, with `most` rows."""
+        at, groups = 0, list[int]()
         for group in range(self._file.num_row_groups):
             rows = self._file.metadata.row_group(group).num_rows
             if groups and at + rows > most:
-                yield from self._piece(groups, names, since)
+                yield groups
                 at, groups = 0, []
             at, groups = at + rows, [*groups, group]
-        yield from self._piece(groups, names, since)
+        yield groups
 
     def _piece(self, groups: list[int], names: list[str], since: float) -> Iterator[RunPiece]:
         if since > -inf and since > self._read(groups[-1:], ["t"])["t"][-1]:

@@ -195,8 +195,8 @@ def _topics(run: Run, names: Sequence[str], sdk: Any, context: Any) -> Iterator[
 class _Topic:
     """The messages of a component: an object with its ports, null where there is no number.
 
-    All are made from one text, into which the numbers of a row are put: an encoder for each
-    message takes six times as long.
+    All are made from one text, into which the numbers of a row are put: an encoder of each
+    message took most of the time.
     """
 
     def __init__(
@@ -276,9 +276,7 @@ class _Moving:
 
         stamp = messages.Timestamp(at // 10**9, at % 10**9)
         if k == 0:
-            self._scene.log(
-                messages.SceneUpdate(entities=_lines(self._arm, stamp)), log_time=at
-            )
+            self._scene.log(messages.SceneUpdate(entities=_lines(self._arm, stamp)), log_time=at)
         speeds = [None] * len(q) if dq is None else dq.tolist()
         found = [
             messages.JointState(name=name, position=x, velocity=v)

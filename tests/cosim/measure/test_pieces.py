@@ -106,6 +106,10 @@ CONDITIONS = [
     "eventually always abs(a.e) <= 0.1 rad",
     "a.e <= 1 rad until within 4 s a.s >= 0.9 rad",
     "a.x[0] <= 5 rad implies always after 1 s a.s >= -0.5 rad",
+    "always eventually within 1 s a.s >= 0.9 rad",
+    "always (a.s >= 0.9 rad implies eventually within 0.5 s a.s <= 0 rad)",
+    "always within 12 s (a.s <= 2 rad until always after 2 s a.e <= 1 rad)",
+    "a.x[1] <= 2000 rad until within [3 s, 18 s] always within 2 s a.s >= -2 rad",
 ]
 
 

@@ -15,8 +15,9 @@ import numpy as np
 
 from cosim.base.units import time_text
 from cosim.checks import Finding
-from cosim.formulas.robust import Both, Extreme, HeldInequality, Not, Robust, Until
+from cosim.formulas.robust import Both, Extreme, HeldInequality, Not, Until
 from cosim.formulas.terms import Range, Term, span
+from cosim.formulas.trace import Robust
 from cosim.measure.metric_result import with_unit
 from cosim.measure.requirements import Requirement, requirements
 from cosim.predict.system import AnalyzedSystem

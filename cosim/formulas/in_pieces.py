@@ -2,7 +2,7 @@
 
 Most operators look ahead in time, so the values of a formula in a piece need those behind it only:
 as far as its intervals reach, or one number where an interval has no end
-(:meth:`cosim.formulas.robust.RecordedTrace.earlier`). Memory grows with the intervals within
+(:meth:`cosim.formulas.trace.RecordedTrace.earlier`). Memory grows with the intervals within
 others, and not with the run. All values are least or greatest ones, so they have the same bits.
 """
 
@@ -15,19 +15,10 @@ from typing import TypeAlias, final
 import numpy as np
 
 from cosim.formulas import windows
-from cosim.formulas.robust import (
-    Both,
-    Extreme,
-    HeldInequality,
-    Not,
-    RecordedTrace,
-    Robust,
-    Row,
-    Until,
-    nodes,
-)
+from cosim.formulas.robust import Both, Extreme, HeldInequality, Not, Until
 from cosim.formulas.syntax import TimeInterval
 from cosim.formulas.terms import Lookup
+from cosim.formulas.trace import RecordedTrace, Robust, Row, nodes
 from cosim.formulas.windows import Array
 
 #: Pieces with rows from a time on, s, of some signals, the last one first: times (n,) and values.
@@ -36,7 +27,7 @@ Pieces: TypeAlias = Callable[[Sequence[str], float], Iterable[tuple[Array, Looku
 
 @final
 class LongTrace:
-    """A :class:`cosim.formulas.robust.RecordedTrace` of rows that are read in pieces.
+    """A :class:`cosim.formulas.trace.RecordedTrace` of rows that are read in pieces.
 
     `rows`: how many there are; `begin`: the time of the first one, s; the rest as there.
     """
@@ -129,7 +120,7 @@ class LongTrace:
         return value, (formula.left, least)
 
     def _least(self, formula: Robust, at: Row, stop: int) -> tuple[float, Row | None]:
-        """The least value of a formula in the rows from `at` to before `stop`, and its first row."""
+        """The least value of a formula in rows from `at` to before `stop`, and its first row."""
         value, found = inf, None
         for trace, number in self._walk((formula,), at.time) if stop > at.number else ():
             first = max(0, at.number - number)

@@ -7,9 +7,10 @@ from math import inf
 from typing import Any
 
 from cosim.base.names import listed
-from cosim.formulas.robust import Both, Extreme, HeldInequality, Not, Robust, Until
+from cosim.formulas.robust import Both, Extreme, HeldInequality, Not, Until
 from cosim.formulas.syntax import TimeInterval
 from cosim.formulas.terms import Term
+from cosim.formulas.trace import Robust
 from cosim.measure import declared_metrics
 from cosim.measure.contact_metrics import PhaseError
 from cosim.measure.metric_result import MetricResult

@@ -18,10 +18,11 @@ from cosim.base.errors import CosimError, ScenarioError
 from cosim.base.names import unknown
 from cosim.base.units import parse, time_text
 from cosim.formulas.in_pieces import LongTrace
-from cosim.formulas.robust import Both, Extreme, HeldInequality, Not, RecordedTrace, Robust, Until
+from cosim.formulas.robust import Both, Extreme, HeldInequality, Not, Until
 from cosim.formulas.syntax import Connective, Formula, Inequality, Temporal, comparisons
 from cosim.formulas.terms import Binder, Known, Lookup, Term, shown_unit
 from cosim.formulas.tokens import FormulaError
+from cosim.formulas.trace import RecordedTrace, Robust
 from cosim.measure import declared_metrics
 from cosim.measure.declared_metrics import Preview
 from cosim.measure.metric_result import with_unit

@@ -13,8 +13,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from cosim.formulas.in_pieces import LongTrace
-from cosim.formulas.robust import RecordedTrace
 from cosim.formulas.terms import Lookup
+from cosim.formulas.trace import RecordedTrace
 from cosim.formulas.windows import Array
 from tests.cosim.formulas import texts
 from tests.cosim.formulas.recorded import requirement

@@ -17,7 +17,7 @@ from cosim.measure.link_ages import age_groups
 from cosim.measure.metrics import Error, Measure, MetricResult
 from cosim.measure.robustness import Robustness
 from cosim.record import Run
-from cosim.record.signals import stack
+from cosim.record.piecewise import NotFinite, Stacked
 
 #: A signal, or its value: a number or a text with a unit, one for all entries or a list.
 Target = str | float | Sequence[Number]
@@ -79,16 +79,23 @@ def overshoot(run: Run, signal: str, to: Target, bound: Number) -> Answer:
     unit, target = run.unit(signal), _target(run, signal, to)
     most = number(bound, unit, "bound")
     names = (signal, target) if isinstance(target, str) else (signal,)
-    whole = stack(run, names, "overshoot")
-    if whole.problem:
-        return Answer(False, f"{signal}: {whole.problem}")
-    x = whole.x[:, : len(run.entries(signal))]
-    aim = whole.x[:, x.shape[1] :] if isinstance(target, str) else np.array([target])
-    _same_size(signal, x.shape[1], aim.shape[1])
-    beyond = np.sign(aim[-1] - x[0]) * (x - aim)  # in the direction from the start to the target
-    row, entry = np.unravel_index(int(np.argmax(beyond)), beyond.shape)
-    found = max(0.0, float(beyond[row, entry]))
-    where = f"at {whole.t[row]:.4g} s ({whole.names[entry]})" if found else "at all times"
+    whole, size = Stacked(run, names, "overshoot"), len(run.entries(signal))
+    fixed = np.empty((0, 0)) if isinstance(target, str) else np.array([target])
+    _same_size(signal, size, fixed.shape[1] or len(whole.names) - size)
+    try:
+        ends = [(rows.x[:1].copy(), rows.x[-1:].copy()) for rows in whole]
+    except NotFinite as why:
+        return Answer(False, f"{signal}: {why}")
+    aim = fixed if fixed.size else ends[-1][1][:, size:]
+    ahead = np.sign(aim[-1] - ends[0][0][0, :size])  # from the start to the target
+    found, where = 0.0, "at all times"
+    for rows in whole:
+        x, aim = rows.x[:, :size], fixed if fixed.size else rows.x[:, size:]
+        beyond = ahead * (x - aim)
+        row, entry = np.unravel_index(int(np.argmax(beyond)), beyond.shape)
+        if beyond[row, entry] > found:
+            found = float(beyond[row, entry])
+            where = f"at {rows.t[row]:.4g} s ({whole.names[entry]})"
     text = f"{signal} overshoots {_name(to)} by {_with_unit(found, unit)} {where}"
     return Answer(found < most, f"{text}; expected less than {_with_unit(most, unit)}")
 

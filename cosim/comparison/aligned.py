@@ -20,14 +20,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from math import isfinite, nan
+from math import isfinite, nan, sqrt
 
 import numpy as np
 
 from cosim.base.errors import ScenarioError
 from cosim.comparison.spec import AlignedSpec
-from cosim.measure.metric_result import MetricResult, length, root_mean_square
-from cosim.record.signals import Signals, stack
+from cosim.measure.metric_result import MetricResult, length
+from cosim.record.piecewise import NotFinite, Stacked, Trapezoids
+from cosim.record.signals import Signals
 
 KIND = "rms_aligned"
 
@@ -52,24 +53,44 @@ class AlignedError:
         Raises ScenarioError for signals of different size.
         """
         place, parts = f"columns.{self.name}", {"delay_s": delay}
-        both = stack(signals, self.signals, place)
+        both = Stacked(signals, self.signals, place)
         m = len(signals.entries(self.of))
-        if both.x.shape[1] != 2 * m:
-            raise ScenarioError(f"{self.of} has size {m}, its target {both.x.shape[1] - m}", place)
-        t, problem = both.t, both.problem
+        if len(both.names) != 2 * m:
+            raise ScenarioError(f"{self.of} has size {m}, its target {len(both.names) - m}", place)
+        count, problem = 0, ""
+        try:
+            count = sum(int((rows.t >= both.first + delay).sum()) for rows in both)
+        except NotFinite as why:
+            problem = str(why)
         if not problem and not isfinite(delay):
             problem = f"nothing was received over {self.channel}"
-        if not problem and not delay < t[-1] - t[0]:
+        if not problem and not delay < both.last - both.first:
             problem = f"the run is not longer than the mean delay of {delay:.4g} s"
         if problem:
             return MetricResult(self.name, self.name, nan, both.unit, problem, parts)
-        later = t[t >= t[0] + delay]
-        shifted = [np.interp(later - delay, t, both.x[:, i]) for i in range(m)]
-        error = length(np.column_stack(shifted) - both.x[-len(later) :, m:])
-        value = root_mean_square(error, later)
+        value = self._root_mean_square(both, m, delay, count)
         return MetricResult(
             self.name, self.name, value, both.unit, f"over {self.channel}, {delay:.4g} s", parts
         )
+
+    def _root_mean_square(self, both: Stacked, m: int, delay: float, count: int) -> float:
+        """The number, of `count` rows that are later than the delay, s."""
+        square, first, last, error = Trapezoids(count), nan, nan, np.zeros(1)
+        t, x = np.empty(0), np.empty((0, m))  # the rows of the last `delay` seconds
+        for rows in both:
+            t, x = np.concatenate((t, rows.t)), np.concatenate((x, rows.x[:, :m]))
+            later = rows.t >= both.first + delay
+            times = rows.t[later]
+            if not len(times):
+                continue
+            shifted = np.column_stack([np.interp(times - delay, t, x[:, i]) for i in range(m)])
+            error = length(shifted - rows.x[later, m:])
+            square.add(error**2, times)
+            first, last = (first if isfinite(first) else float(times[0])), float(times[-1])
+            kept = max(0, int(np.searchsorted(t, last - delay, side="right")) - 1)
+            t, x = t[kept:].copy(), x[kept:].copy()
+        duration = last - first
+        return sqrt(square.value / duration) if duration > 0 else float(abs(error[-1]))
 
 
 def aligned_error(

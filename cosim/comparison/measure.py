@@ -26,7 +26,8 @@ from cosim.links.storage import load_table
 from cosim.measure.metrics import Metric, MetricResult
 from cosim.record import Run
 from cosim.record.digest import digest
-from cosim.reporting.thinning import thin
+from cosim.record.piecewise import RunRows
+from cosim.reporting.thinning import thinned
 from cosim.scenario.spec import Scenario
 
 #: Points of a curve that come back from a worker.
@@ -172,14 +173,12 @@ def _number(result: MetricResult, part: str) -> tuple[float, str]:
 
 
 def _curves(run: Run, picture: Picture) -> tuple[Curve, ...]:
-    within = run.t <= picture.until
+    names = [name for signal in picture.y for name in run.entries(signal)]
     found = []
-    for signal in picture.y:
-        for name in run.entries(signal):
-            t, y = run.t[within], run.column(name)[within]
-            index = thin(y, POINTS)
-            with np.errstate(over="ignore"):
-                found.append(Curve(name, t[index].astype("f4"), y[index].astype("f4")))
+    for name, kept in thinned(run, names, POINTS, picture.until).items():
+        rows = RunRows(run, [name], kept.rows)
+        with np.errstate(over="ignore"):
+            found.append(Curve(name, rows.t.astype("f4"), rows.array(name)[:, 0].astype("f4")))
     return tuple(found)
 
 

@@ -25,9 +25,11 @@ from math import nan, sqrt
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cosim.base.errors import RunError
 from cosim.comparison.spec import Stability
+from cosim.record.piecewise import PairwiseSum, extent, pieces
 from cosim.record.signals import Array, Signals, stack
 
 Kind = Literal["diverged", "stopped", "at rest", "settling", "moving", "growing"]
@@ -73,35 +75,47 @@ class RunVerdict:
 
 def judge(run: Signals, how: Stability, failure: RunError | None = None) -> RunVerdict:
     """The verdict on a run, which ended early if there is a `failure`."""
-    reason = str(failure or "")
-    t, x, v = np.asarray(run.t), _largest(run, how.position), _largest(run, how.velocity)
-    outside = np.flatnonzero(~((x <= how.position_limit) & (v <= how.velocity_limit)))
-    if len(outside):
-        return RunVerdict("diverged", float(t[outside[0]]), reason=reason)
+    reason, last = str(failure or ""), extent(run)[2]
+    motion, speed = dict.fromkeys(how.position, 0.0), 0.0
+    first: dict[str, Array] = {}
+    for piece in pieces(run, (*how.position, *how.velocity)):
+        t, x, v = piece.t, _largest(piece, how.position), _largest(piece, how.velocity)
+        outside = np.flatnonzero(~((x <= how.position_limit) & (v <= how.velocity_limit)))
+        if len(outside):
+            return RunVerdict("diverged", float(t[outside[0]]), reason=reason)
+        for name in how.position:
+            x = stack(piece, (name,), "stable").x
+            start = first.setdefault(name, x[:1].copy())
+            motion[name] = float(np.abs(x - start).max(initial=motion[name]))
+        speed = float(v[t >= last - how.window].max(initial=speed))
     if failure is not None:
         return RunVerdict("stopped", failure.time, reason=reason)
-    motion = {name: _distance(run, name) for name in how.position}
-    return replace(_motion(run, v, how), motion=motion)
+    return replace(_motion(run, speed, how), motion=motion)
 
 
-def _distance(run: Signals, name: str) -> float:
-    """The largest distance of an entry of a signal from its first value."""
-    x = stack(run, (name,), "stable").x
-    return float(np.abs(x - x[:1]).max(initial=0.0))
-
-
-def _motion(run: Signals, v: Array, how: Stability) -> RunVerdict:
-    """The verdict on a whole run; `v`: the largest |velocity| of each row, (n,)."""
-    t = np.asarray(run.t)
-    speed = float(v[t >= t[-1] - how.window].max())
+def _motion(run: Signals, speed: float, how: Stability) -> RunVerdict:
+    """The verdict on a whole run; `speed`: the largest |velocity| in its last seconds."""
     if speed < how.rest:
         return RunVerdict("at rest", speed=speed)
-    squares = (stack(run, how.velocity, "stable").x ** 2).mean(axis=1)
-    quarter = (t - t[0]) * 4 / (t[-1] - t[0])
-    r_0 = sqrt(squares[(quarter >= 2) & (quarter < 3)].mean())
-    r_1 = sqrt(squares[quarter >= 3].mean())
+    r_0, r_1 = (_mean(run, how.velocity, begin) for begin in (2, 3))
     kind: Kind = "settling" if r_1 < DECAYS * r_0 else "growing" if r_1 > GROWS * r_0 else "moving"
     return RunVerdict(kind, speed=speed)
+
+
+def _mean(run: Signals, names: Sequence[str], begin: int) -> float:
+    """The root mean square of signals in the quarter of the run behind `begin` of them."""
+    _, first, last = extent(run)
+
+    def within(piece: Signals) -> NDArray[np.bool_]:
+        with np.errstate(invalid="ignore"):
+            quarter = (piece.t - first) * 4 / (last - first)
+        return (quarter >= begin) & ((quarter < begin + 1) | (begin == 3))
+
+    count = sum(int(within(piece).sum()) for piece in pieces(run, ()))
+    squares = PairwiseSum(count)
+    for piece in pieces(run, names):
+        squares.add((stack(piece, names, "stable").x ** 2).mean(axis=1)[within(piece)])
+    return sqrt(squares.value / count) if count else nan
 
 
 def _largest(run: Signals, names: Sequence[str]) -> Array:

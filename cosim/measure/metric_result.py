@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from math import isnan, sqrt
+from math import isnan
 
 import numpy as np
 
@@ -67,17 +67,6 @@ def with_unit(value: float, unit: str, digits: int = 3) -> str:
 def length(x: Array) -> Array:
     """|x| of each row; (n, m) -> (n,)."""
     return np.asarray(np.sqrt(np.einsum("ij,ij->i", x, x)))
-
-
-def integral(y: Array, t: Array) -> float:
-    """∫ y dt by trapezoids; y, t (n,), s."""
-    return float(0.5 * np.sum(np.diff(t) * (y[1:] + y[:-1])))
-
-
-def root_mean_square(y: Array, t: Array) -> float:
-    """sqrt(∫ y² dt / (t_n - t_0)), in the unit of `y`; y, t (n,), s."""
-    duration = float(t[-1] - t[0])
-    return sqrt(integral(y**2, t) / duration) if duration > 0 else float(abs(y[-1]))
 
 
 def times(unit: str, factor: str) -> str:

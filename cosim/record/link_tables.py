@@ -11,6 +11,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property, lru_cache
+from io import FileIO
 from pathlib import Path
 from typing import Any, BinaryIO
 from urllib.parse import quote, unquote
@@ -25,8 +26,8 @@ from cosim.record.groups import arrow, numpy
 
 #: Links of a run from which on their tables are in one file: each file costs more than a table.
 MANY = 256
-#: Links in a row group: one is read as a whole.
-_GROUP = 64
+#: Links in a row group, and rows of these, at most: one is read as a whole.
+_GROUP, _GROUP_ROWS = 64, 1 << 21
 Rows = NDArray[np.int32]
 
 
@@ -84,9 +85,8 @@ def complete(folder: Path, facts: Mapping[str, Mapping[str, Any]]) -> None:
         "column_encoding": {"sent.list.element": "DELTA_BINARY_PACKED"},
     }  # fmt: skip
     with pa.OSFile(str(part), "wb") as sink, pq.ParquetWriter(sink, schema, **settings) as writer:
-        for first in range(0, len(blocks.names), _GROUP):
-            names = blocks.names[first : first + _GROUP]
-            rows = [blocks.rows(name) for name in names]
+        for names in blocks.together():
+            rows = blocks.rows_of(names)
             ends = np.cumsum([0, *map(len, rows)], dtype=np.int32)
             columns = [
                 pa.array(names, pa.string()),
@@ -167,24 +167,38 @@ class _Blocks:
         self.names: Sequence[str] = json.loads(line)
         self.places = {name: i for i, name in enumerate(self.names)}
         self._path, self._blocks = path, list[tuple[int, NDArray[np.int64]]]()
-        if path.stat().st_size == len(line) or not self.names:
-            self._data: NDArray[np.int32] = np.empty(0, np.int32)
-            return
-        size = path.stat().st_size // 4
-        self._data = np.memmap(path, "<i4", "r", shape=(size,))
-        at, n = len(line) // 4, len(self.names)
-        while at + n <= size:
-            ends = np.cumsum(self._data[at : at + n], dtype=np.int64)
-            if at + n + ends[-1] > size:
-                break
-            self._blocks.append((at + n, np.r_[0, ends]))
-            at += n + int(ends[-1])
+        at, n, size = len(line) // 4, len(self.names), path.stat().st_size // 4
+        with path.open("rb", buffering=0) as file:
+            while n and at + n <= size:
+                ends = np.cumsum(_read(file, at, n), dtype=np.int64)
+                if at + n + ends[-1] > size:
+                    break
+                self._blocks.append((at + n, np.r_[0, ends]))
+                at += n + int(ends[-1])
+
+    def together(self) -> Iterator[Sequence[str]]:
+        """Names of links whose rows are in one row group."""
+        lengths = sum((np.diff(ends) for _, ends in self._blocks), np.zeros(len(self.names), int))
+        longest = int(max(lengths, default=0))
+        count = min(_GROUP, max(1, _GROUP_ROWS // max(1, longest)))
+        for first in range(0, len(self.names), count):
+            yield self.names[first : first + count]
 
     def rows(self, name: str) -> Rows:
         """The rows of a link, as far as they are written."""
-        i = self.places[name]
-        parts = [self._data[at + ends[i] : at + ends[i + 1]] for at, ends in self._blocks]
-        return np.concatenate([np.empty(0, np.int32), *parts])
+        return self.rows_of([name])[0]
+
+    def rows_of(self, names: Sequence[str]) -> list[Rows]:
+        """The rows of links that follow each other."""
+        first = self.places[names[0]]
+        parts: list[list[Rows]] = [[np.empty(0, np.int32)] for _ in names]
+        with self._path.open("rb", buffering=0) as file:
+            for at, ends in self._blocks:
+                own = ends[first : first + len(names) + 1]
+                read = _read(file, at + int(own[0]), int(own[-1] - own[0]))
+                for part, rows in zip(parts, np.split(read, own[1:-1] - own[0]), strict=True):
+                    part.append(rows)
+        return [np.concatenate(part) for part in parts]
 
     def text(self, name: str) -> str:
         """The facts, which are in ``run.json`` until the file is complete."""
@@ -194,6 +208,12 @@ class _Blocks:
     def _facts(self) -> Mapping[str, Any]:
         found: Mapping[str, Any] = read_metadata(self._path.parent).get("links", {})
         return found
+
+
+def _read(file: FileIO, at: int, count: int) -> Rows:
+    """Numbers from a place on. Pages of a mapped file would count as memory of the process."""
+    file.seek(4 * at)
+    return np.frombuffer(file.read(4 * count), "<i4")
 
 
 class _Finished:

@@ -34,13 +34,16 @@ def groups(path: Path, columns: int, rows: int, count: int) -> Iterator[NDArray[
         return
     try:
         with path.open("rb") as file:
-            data = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
-        at = 4  # behind "PAR1"
-        for _ in range(count):
-            found = np.empty((columns, rows))
-            for column in found:
-                at = _column(pa, data, at, column)
-            yield found
+            at = 4  # behind "PAR1"
+            for _ in range(count):
+                found = np.empty((columns, rows))
+                begin = at - at % mmap.ALLOCATIONGRANULARITY  # what was read before leaves memory
+                with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ, offset=begin) as data:
+                    at -= begin
+                    for column in found:
+                        at = _column(pa, data, at, column)
+                at += begin
+                yield found
     except (OSError, ValueError, IndexError, KeyError, TypeError) as error:
         raise ScenarioError(f"cannot be read: {error}", str(path)) from error
 

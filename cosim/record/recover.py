@@ -11,7 +11,7 @@ from __future__ import annotations
 import shutil
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from tempfile import TemporaryDirectory
+from tempfile import TemporaryDirectory, TemporaryFile, gettempdir
 from typing import Any
 
 import numpy as np
@@ -69,16 +69,26 @@ def _collected(folder: Path) -> Path:
     return Path(_collections[key].name)
 
 
-def in_memory(folder: Path) -> Any:
-    """The trajectories of an unfinished folder, as an open Parquet file. Raises ScenarioError."""
-    import pyarrow as pa
+def unfinished(folder: Path) -> Any:
+    """The trajectories of an unfinished folder, as an open Parquet file.
+
+    They are in a temporary file, which goes with that. Raises ScenarioError if they are damaged,
+    RunError if there is no room.
+    """
     import pyarrow.parquet as pq
 
     if journals(folder):
         return pq.ParquetFile(_collected(folder) / TRAJECTORIES)
-    sink = pa.BufferOutputStream()
-    _write(folder, sink)
-    return pq.ParquetFile(pa.BufferReader(sink.getvalue()))
+    try:
+        file = TemporaryFile(prefix="cosim-")  # noqa: SIM115 (closed with the Parquet file)
+        _write(folder, file)
+        file.seek(0)
+        return pq.ParquetFile(file)
+    except OSError as error:
+        raise RunError(
+            f"cannot write a copy of {folder / PART} in {gettempdir()}: {reason(error)};"
+            " expected room there, or cosim report RUN --recover"
+        ) from error
 
 
 def complete(folder: Path) -> None:

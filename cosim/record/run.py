@@ -87,9 +87,9 @@ class Run:
     @classmethod
     def _recovered(cls, path: Path) -> Run:
         """An interrupted run, as far as it was recorded, with a warning."""
-        from cosim.record.recover import in_memory, is_recording
+        from cosim.record.recover import is_recording, unfinished
 
-        run = cls(path, in_memory(path.parent))
+        run = cls(path, unfinished(path.parent))
         what = "is still active" if is_recording(path.parent) else "was interrupted"
         until = f"is recorded until t = {run.span[1]:.6g} s" if len(run) else "contains no rows"
         warn(f"{path.parent}: the run {what}; it {until}", CutShort, stacklevel=3)

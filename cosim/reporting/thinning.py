@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import inf
 from typing import final
 
 import numpy as np
@@ -109,13 +110,21 @@ class Thinned:
         return np.array([self._kept[row] for row in sorted(self._kept)])
 
 
-def thinned(run: Signals, names: Sequence[str], most: int = 4000) -> dict[str, Thinned]:
-    """The samples of scalars that keep every extreme, by name: at most `most` of each."""
+def thinned(
+    run: Signals, names: Sequence[str], most: int = 4000, until: float = inf
+) -> dict[str, Thinned]:
+    """The samples of scalars that keep every extreme, by name: at most `most` of each.
+
+    `until`: the time of the last one, s.
+    """
     count = extent(run)[0]
+    if until < inf:
+        count = sum(int((piece.t <= until).sum()) for piece in pieces(run, ()))
     found = {name: Thinned(count, most) for name in names}
     for piece in pieces(run, names):
+        rows = slice(0, int((piece.t <= until).sum()))
         for name, kept in found.items():
-            kept.add(piece.array(name)[:, 0])
+            kept.add(piece.array(name)[rows, 0])
     return found
 
 

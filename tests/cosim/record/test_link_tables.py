@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
@@ -16,7 +17,7 @@ from cosim.engine import simulate as simulation
 from cosim.engine.simulate import simulate
 from cosim.links.storage import load_table, open_table, read_facts, recover_tables
 from cosim.loading.files import load
-from cosim.record import Run, claim_folder
+from cosim.record import Run, claim_folder, link_tables
 from cosim.record.folder import TABLE_ROWS, TABLES
 from cosim.record.link_tables import TablesWriter, table_paths
 from cosim.record.recover import stored_tables
@@ -82,6 +83,17 @@ def test_the_same_rows_give_the_same_bytes(tmp_path: Path) -> None:
         written(tmp_path / name, blocks).close()
     one, other = ((tmp_path / name / TABLES).read_bytes() for name in "ab")
     assert one == other
+
+
+def test_links_with_many_rows_are_written_a_few_at_a_time(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(link_tables, "_GROUP_ROWS", 20)
+    blocks = [[[k, k], [k] * 3, [], [k]] for k in range(3)]
+    written(tmp_path, blocks).close()
+    with pq.ParquetFile(tmp_path / TABLES) as file:
+        assert [file.metadata.row_group(i).num_rows for i in range(2)] == [2, 2]
+    assert tables(tmp_path) == joined(blocks)
 
 
 def test_a_link_that_is_not_there_and_a_damaged_file_are_named(tmp_path: Path) -> None:

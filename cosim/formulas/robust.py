@@ -169,7 +169,7 @@ class Extreme:
 
     @property
     def combine(self) -> tuple[np.ufunc, float]:
-        """The function of two values, and the value of none."""
+        """The function of two values, and the value of none, in the unit of the requirement."""
         return (np.maximum, -inf) if self.eventually else (np.minimum, inf)
 
     @property
@@ -183,7 +183,7 @@ class Extreme:
         return self.interval.needed
 
     def behind(self, trace: RecordedTrace, row: int) -> float:
-        """See :class:`Robust`."""
+        """See :class:`Robust`; in the unit of the requirement."""
         combine, empty = self.combine
         if self.interval.end < inf:
             return empty
@@ -251,7 +251,7 @@ class Until:
         return self.interval.needed
 
     def behind(self, trace: RecordedTrace, row: int) -> float:
-        """See :class:`Robust`."""
+        """See :class:`Robust`; in the unit of the requirement."""
         rest, end = trace.rest(self, -inf), trace.rows_until(self._inner)
         if self.interval.end < inf or end <= row:
             return rest

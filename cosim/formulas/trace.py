@@ -105,7 +105,7 @@ class RecordedTrace:
         return None if row is None or row == self.rows else Row(row, float(self.t[row]))
 
     def rest(self, formula: Robust, empty: float) -> float:
-        """What an operator without an end makes of rows that are not kept; `empty`: of none."""
+        """The value of an operator without an end over rows that are not kept; `empty`: of none."""
         return self._rest.get(id(formula), empty)
 
     def earlier(self, t: Array, lookup: Lookup, formulas: Sequence[Robust]) -> RecordedTrace:

@@ -25,7 +25,7 @@ _HEAD = b"MATLAB 5.0 MAT-file, written by cosim-bridge".ljust(124) + pack("<HH",
 
 @dataclass(frozen=True, slots=True)
 class Matrix:
-    """A matrix of a `kind`; `size` is that of its data, which `parts` yields, in bytes."""
+    """A matrix (rows, columns) of a `kind`; `size`: bytes of its data, which `parts` yields."""
 
     kind: int
     shape: tuple[int, int]
@@ -34,7 +34,10 @@ class Matrix:
 
 
 def numbers(shape: tuple[int, int], parts: Callable[[], Iterable[bytes]]) -> Matrix:
-    """Doubles, column after column; `parts` yields their bytes, little-endian."""
+    """Numbers of any unit, `shape` (n, m), column after column, of which `parts` yields the bytes.
+
+    They are doubles, little-endian.
+    """
     count = 8 * shape[0] * shape[1]
 
     def tagged() -> Iterator[bytes]:
@@ -45,14 +48,14 @@ def numbers(shape: tuple[int, int], parts: Callable[[], Iterable[bytes]]) -> Mat
 
 
 def text(characters: str) -> Matrix:
-    """A row of characters."""
+    """A row of characters, (1, n), without a unit."""
     data = _element(_UTF8, characters.encode())
     shape = (1, len(characters)) if characters else (0, 0)
     return Matrix(_CHAR, shape, len(data), lambda: (data,))
 
 
 def struct(fields: Mapping[str, Matrix]) -> Matrix:
-    """A struct. Raises ScenarioError for a name of a field that is too long."""
+    """A struct (1, 1), without a unit. Raises ScenarioError for a name that is too long."""
     width = 1 + max(map(len, fields))
     if width > 1 + LONGEST:
         raise ScenarioError(
@@ -72,7 +75,10 @@ def struct(fields: Mapping[str, Matrix]) -> Matrix:
 
 
 def write(path: Path, variables: Mapping[str, Matrix]) -> None:
-    """Write variables to a file. Raises ScenarioError for one that is too large."""
+    """Write variables (n, m), in units of their own, to a file.
+
+    Raises ScenarioError for one that is larger than LARGEST bytes.
+    """
     for name, one in variables.items():
         if one.size > LARGEST:
             raise ScenarioError(
@@ -93,7 +99,7 @@ def _written(name: str, one: Matrix) -> Iterator[bytes]:
 
 
 def _heading(name: str, one: Matrix) -> bytes:
-    """What stands before the data of a matrix: its kind, shape and name."""
+    """The bytes before the data of a matrix: its kind, shape and name."""
     kind = pack("<IIII", _UINT32, 8, one.kind, 0)
     return kind + _element(_INT32, pack("<ii", *one.shape)) + _element(_INT8, name.encode("ascii"))
 

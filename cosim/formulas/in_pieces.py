@@ -18,7 +18,7 @@ from cosim.formulas import windows
 from cosim.formulas.robust import Both, Extreme, HeldInequality, Not, Until
 from cosim.formulas.syntax import TimeInterval
 from cosim.formulas.terms import Lookup
-from cosim.formulas.trace import RecordedTrace, Robust, Row, nodes
+from cosim.formulas.trace import RecordedTrace, Robust, TraceRow, nodes
 from cosim.formulas.windows import Array
 
 #: Pieces with rows from a time on, s, of some signals, the last one first: times (n,) and values.
@@ -41,15 +41,15 @@ class LongTrace:
         beyond: int | None,
         step: float,
     ) -> None:
-        self._pieces, self._rows, self._first = pieces, rows, Row(0, begin)
+        self._pieces, self._rows, self._first = pieces, rows, TraceRow(0, begin)
         self._end, self._beyond, self._step = end, beyond, step
-        self._judged: dict[tuple[int, int], tuple[float, tuple[Robust, Row] | None]] = {}
+        self._judged: dict[tuple[int, int], tuple[float, tuple[Robust, TraceRow] | None]] = {}
 
     def at_first(self, formula: Robust) -> float:
         """The robustness of a formula at the first row."""
         return self._judge(formula, self._first)[0]
 
-    def decisive(self, formula: Robust) -> Row | None:
+    def decisive(self, formula: Robust) -> TraceRow | None:
         """The row whose comparison decides it; None where no recorded one does."""
         at = self._first
         while not isinstance(formula, HeldInequality):
@@ -59,14 +59,14 @@ class LongTrace:
             formula, at = decided
         return at if at.number < self._rows else None
 
-    def _judge(self, formula: Robust, at: Row) -> tuple[float, tuple[Robust, Row] | None]:
+    def _judge(self, formula: Robust, at: TraceRow) -> tuple[float, tuple[Robust, TraceRow] | None]:
         """The robustness at a row, with the formula and the row that decide it."""
         key = id(formula), at.number
         if key not in self._judged:
             self._judged[key] = self._over(formula, at)
         return self._judged[key]
 
-    def _over(self, formula: Robust, at: Row) -> tuple[float, tuple[Robust, Row] | None]:
+    def _over(self, formula: Robust, at: TraceRow) -> tuple[float, tuple[Robust, TraceRow] | None]:
         match formula:
             case Not():
                 return -self._judge(formula.of, at)[0], (formula.of, at)
@@ -82,7 +82,7 @@ class LongTrace:
         now = Extreme(formula, TimeInterval(0.0, 0.0))
         return self._extreme(now, at)[0], None
 
-    def _extreme(self, formula: Extreme, at: Row) -> tuple[float, Row | None]:
+    def _extreme(self, formula: Extreme, at: TraceRow) -> tuple[float, TraceRow | None]:
         """The extreme of an interval, and its first row."""
         _, value = formula.combine
         found = None
@@ -95,7 +95,7 @@ class LongTrace:
                 value, found = float(x[best]), _row(trace, number, rows.start + best)
         return value, found
 
-    def _until(self, formula: Until, at: Row) -> tuple[float, tuple[Robust, Row] | None]:
+    def _until(self, formula: Until, at: TraceRow) -> tuple[float, tuple[Robust, TraceRow] | None]:
         """The row that decides is the first one at which `right` has at least the value, or the
         least `left` before it.
         """
@@ -119,7 +119,7 @@ class LongTrace:
             return value, (formula.right, chosen)
         return value, (formula.left, least)
 
-    def _least(self, formula: Robust, at: Row, stop: int) -> tuple[float, Row | None]:
+    def _least(self, formula: Robust, at: TraceRow, stop: int) -> tuple[float, TraceRow | None]:
         """The least value of a formula in rows from `at` to before `stop`, and its first row."""
         value, found = inf, None
         for trace, number in self._walk((formula,), at.time) if stop > at.number else ():
@@ -130,7 +130,7 @@ class LongTrace:
         return value, found
 
     def _within(
-        self, parts: tuple[Robust, ...], interval: TimeInterval, at: Row
+        self, parts: tuple[Robust, ...], interval: TimeInterval, at: TraceRow
     ) -> Iterator[tuple[RecordedTrace, int, slice]]:
         """Traces with the number of their first row, and their rows in an interval; backwards."""
         tail = max(part.tail for part in parts)
@@ -154,6 +154,6 @@ class LongTrace:
             yield trace, number
 
 
-def _row(trace: RecordedTrace, number: int, place: int) -> Row:
+def _row(trace: RecordedTrace, number: int, place: int) -> TraceRow:
     """The row at a place of a trace, of which the first one has a number."""
-    return Row(number + place, float(trace.t[place]))
+    return TraceRow(number + place, float(trace.t[place]))

@@ -20,7 +20,7 @@ SAME = 1e-6
 
 @final
 @dataclass(frozen=True, slots=True)
-class Row:
+class TraceRow:
     """A row of a run: its number and its time, s."""
 
     number: int
@@ -99,10 +99,10 @@ class RecordedTrace:
         """The robustness of a formula at the first row."""
         return self.at(formula, 0)
 
-    def decisive(self, formula: Robust) -> Row | None:
+    def decisive(self, formula: Robust) -> TraceRow | None:
         """The row whose comparison decides that; None where no recorded one does."""
         row = formula.decisive(self, 0)
-        return None if row is None or row == self.rows else Row(row, float(self.t[row]))
+        return None if row is None or row == self.rows else TraceRow(row, float(self.t[row]))
 
     def rest(self, formula: Robust, empty: float) -> float:
         """The value of an operator without an end over rows that are not kept; `empty`: of none."""

@@ -10,14 +10,13 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from math import inf, isfinite, nan
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from cosim.base.errors import CosimError, ScenarioError
 from cosim.base.names import unknown
 from cosim.base.units import parse, time_text
-from cosim.formulas.in_pieces import LongTrace
 from cosim.formulas.robust import Both, Extreme, HeldInequality, Not, Until
 from cosim.formulas.syntax import Connective, Formula, Inequality, Temporal, comparisons
 from cosim.formulas.terms import Binder, Known, Lookup, Term, shown_unit
@@ -33,6 +32,9 @@ from cosim.record.folder import METADATA, read_metadata
 from cosim.record.piecewise import RunRows, extent
 from cosim.record.signals import Array, Signals
 from cosim.scenario.spec import Scenario
+
+if TYPE_CHECKING:
+    from cosim.formulas.in_pieces import LongTrace
 
 #: Rows that may be missing at the end of a run: that of its last time, which some runs do not have.
 MISSING = 1.5
@@ -112,6 +114,8 @@ class Requirement:
         if not isinstance(signals, Run) or not signals.is_long:
             t = np.asarray(signals.t, dtype=np.float64)
             return RecordedTrace(t, _lookup(signals), end, beyond, step)
+
+        from cosim.formulas.in_pieces import LongTrace
 
         def pieces(names: Sequence[str], since: float) -> Iterator[tuple[Array, Lookup]]:
             for piece in signals.pieces(names, since, backwards=True):

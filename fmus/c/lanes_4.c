@@ -11,6 +11,7 @@
 #else
 #pragma GCC target("avx2")
 #endif
+#define SIGNS(truth) __builtin_ia32_movmskpd256((Real)(truth))
 #endif
 
 #define TOGETHER 4

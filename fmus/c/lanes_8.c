@@ -11,7 +11,10 @@
 #pragma GCC target("avx512f,avx512dq")
 #endif
 
+typedef long long Signs __attribute__((vector_size(64)));
+
 #define TOGETHER 8
+#define SIGNS(truth) (unsigned char)__builtin_ia32_cvtq2mask512((Signs)(truth))
 #define model_step model_step_8
 #define WIDE_STEPS wide_steps_8
 #include "lanes_model.h"

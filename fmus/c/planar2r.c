@@ -13,6 +13,8 @@
 
 static inline Truth is_level(const Model *x) { return (x->theta_g[0] == 0.0) & (x->theta_g[1] == 0.0); }
 
+static inline int is_flat(const Model *x) { return ALL(is_level(x)); }
+
 /* g(q) = (theta_g1 cos q1 + theta_g2 cos (q1 + q2), theta_g2 cos (q1 + q2)), N.m. */
 static inline void gravity(const Real theta_g[2], const Real q[2], Real g[2])
 {
@@ -23,9 +25,9 @@ static inline void gravity(const Real theta_g[2], const Real q[2], Real g[2])
     g[0] = theta_g[0] * c1 + g[1];
 }
 
-/* ddq = M^-1 (tau + tau_ext + tau_h - tau_e - C dq - g), rad/s^2; `torque` = tau + tau_ext. */
-static inline void acceleration(const Model *x, const Real torque[2], const Real q[2], const Real dq[2],
-                                Real ddq[2])
+/* ddq = M^-1 (tau + tau_ext + tau_h - tau_e - C dq - g), rad/s^2; `torque` = tau + tau_ext; `flat`: g = 0. */
+static INLINED void acceleration(const Model *x, int flat, const Real torque[2], const Real q[2],
+                                 const Real dq[2], Real ddq[2])
 {
     const Real *theta = x->theta;
     Real s2, c2;
@@ -38,8 +40,8 @@ static inline void acceleration(const Model *x, const Real torque[2], const Real
     const Real Cdq2 = h * dq[0] * dq[0];
     Real b1 = torque[0] + hand(x, 0, q[0], dq[0]) - wall(x, 0, q[0], dq[0]) - Cdq1;
     Real b2 = torque[1] + hand(x, 1, q[1], dq[1]) - wall(x, 1, q[1], dq[1]) - Cdq2;
-    const Truth level = is_level(x);
-    if (!ALL(level)) {
+    if (!flat) {
+        const Truth level = is_level(x);
         Real g[2];
         gravity(x->theta_g, q, g);
         b1 = PICK(level, b1, b1 - g[0]);
@@ -51,26 +53,27 @@ static inline void acceleration(const Model *x, const Real torque[2], const Real
 }
 
 /* One step h of the classical method, in place. */
-static inline void runge_kutta(const Model *x, const Real torque[2], double h, Real q[2], Real dq[2])
+static INLINED void runge_kutta(const Model *x, int flat, const Real torque[2], double h, Real q[2],
+                                Real dq[2])
 {
     Real k1[2], k2[2], k3[2], k4[2]; /* ddq of the stages; their dq is v1 = dq, v2, v3, v4 */
     Real p[2], v2[2], v3[2], v4[2];
-    acceleration(x, torque, q, dq, k1);
+    acceleration(x, flat, torque, q, dq, k1);
     for (int i = 0; i < 2; i++) {
         p[i] = q[i] + 0.5 * h * dq[i];
         v2[i] = dq[i] + 0.5 * h * k1[i];
     }
-    acceleration(x, torque, p, v2, k2);
+    acceleration(x, flat, torque, p, v2, k2);
     for (int i = 0; i < 2; i++) {
         p[i] = q[i] + 0.5 * h * v2[i];
         v3[i] = dq[i] + 0.5 * h * k2[i];
     }
-    acceleration(x, torque, p, v3, k3);
+    acceleration(x, flat, torque, p, v3, k3);
     for (int i = 0; i < 2; i++) {
         p[i] = q[i] + h * v3[i];
         v4[i] = dq[i] + h * k3[i];
     }
-    acceleration(x, torque, p, v4, k4);
+    acceleration(x, flat, torque, p, v4, k4);
     for (int i = 0; i < 2; i++) {
         q[i] += h / 6.0 * (dq[i] + 2.0 * (v2[i] + v3[i]) + v4[i]);
         dq[i] += h / 6.0 * (k1[i] + 2.0 * (k2[i] + k3[i]) + k4[i]);
@@ -92,7 +95,7 @@ const char *model_initial(Model *x)
 const char *model_rates(Model *x)
 {
     const double torque[2] = {x->tau[0] + x->tau_ext[0], x->tau[1] + x->tau_ext[1]};
-    acceleration(x, torque, x->q, x->dq, x->ddq);
+    acceleration(x, is_flat(x), torque, x->q, x->dq, x->ddq);
     return all_finite(x->ddq, 2) ? arrive(x, x->q, x->dq) : DIVERGED;
 }
 #endif
@@ -101,9 +104,10 @@ const char *model_rates(Model *x)
 const char *model_step(Model *x, double t, double h)
 {
     const int substeps = (int)COMMON(x->substeps);
+    const int flat = is_flat(x);
     const Real torque[2] = {x->tau[0] + x->tau_ext[0], x->tau[1] + x->tau_ext[1]};
     Real q[2] = {x->q[0], x->q[1]}, dq[2] = {x->dq[0], x->dq[1]};
     (void)t; /* the arm does not depend on time */
-    for (int i = 0; i < substeps; i++) runge_kutta(x, torque, h / substeps, q, dq);
+    for (int i = 0; i < substeps; i++) runge_kutta(x, flat, torque, h / substeps, q, dq);
     return arrive(x, q, dq);
 }

@@ -35,6 +35,13 @@
 #define UNROLLED
 #endif
 
+/* Before a part of a step that is compiled into it: where it is called, vectors are handed over in memory. */
+#ifdef __GNUC__
+#define INLINED inline __attribute__((always_inline))
+#else
+#define INLINED inline
+#endif
+
 #if TOGETHER == 1
 
 typedef double Real;
@@ -65,9 +72,13 @@ static inline Real pick(Truth truth, Real a, Real b)
 
 static inline int all_lanes(Truth truth)
 {
+#ifdef SIGNS /* the signs of all lanes as bits, by one instruction */
+    return SIGNS(truth) == (1 << TOGETHER) - 1;
+#else
     int64_t all = truth[0];
     for (int k = 1; k < TOGETHER; k++) all &= truth[k];
     return all != 0;
+#endif
 }
 
 /* x - 0 is x, also of -0; it makes a vector of a double. */

@@ -287,7 +287,7 @@ typedef struct {
     void *steps;     /* of UNIT_FMI2, UNIT_FMI3: steps_t, or NULL; of UNIT_REMOTE: not NULL */
     double *values;  /* its values, which `inputs` and `outputs` then number; or NULL */
     int32_t repeats; /* its steps may be done again: it must be able to go back */
-    int32_t reserved;
+    int32_t in_rows; /* these values follow each other: those of `inputs`, and those of `outputs` */
 } unit_t;
 
 /* Memory of the engine that is part of the state of a unit; `size` in bytes. */

@@ -9,7 +9,7 @@ from __future__ import annotations
 import ctypes as c
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import chain
+from itertools import chain, pairwise
 from typing import Any
 
 from cosim.base.errors import FmuError
@@ -149,10 +149,12 @@ def bind(
         unit.kind = enums.UnitKind.FMI3 if x.fmi == "3.0" else enums.UnitKind.FMI2
         unit.values = instance.values_address()
         unit.steps = instance.steps_function() if unit.values else 0
+        unit.in_rows = 1
         for name, moves in (("inputs", x.inputs), ("outputs", x.outputs)):
             references = list(chain.from_iterable(m.references for m in moves))
             if unit.values:
                 references = [i for r in references for i in instance.places(r)]
+            unit.in_rows &= all(b == a + 1 for a, b in pairwise(references))
             setattr(unit, name, _array_address(c.c_uint32, references, alive))
             setattr(unit, f"n_{name}", len(references))
         return unit

@@ -89,9 +89,21 @@ extern const Range input_ranges[];          /* n_input_ranges, in the order of `
 /* Whether n values are numbers and finite. */
 static inline int all_finite(const Real *values, unsigned n)
 {
+#if TOGETHER == 1
+    uint64_t carry = 0; /* an exponent of all ones, not a finite number's, and one more is the sign bit */
+    for (unsigned i = 0; i < n; i++) {
+        const union {
+            double number;
+            uint64_t bits;
+        } value = {values[i]};
+        carry |= (value.bits & 0x7ff0000000000000u) + 0x0010000000000000u;
+    }
+    return !(carry >> 63);
+#else
     Truth finite = ALWAYS;
     for (unsigned i = 0; i < n; i++) finite &= values[i] - values[i] == 0.0;
     return ALL(finite);
+#endif
 }
 
 /* Write n torques if all are finite; otherwise return a message. */

@@ -48,13 +48,18 @@ static int step_on(Instance *x, const double t[], size_t m, double h, const char
     return (int)status;
 }
 
-/* How many of these steps may be asked for, if the first may: each from where the one before ends. */
-static size_t follow(const Instance *x, const double t[], size_t m, double h)
+/* How many of these steps begin where the one before ends. */
+static size_t follow(const double t[], size_t m, double h)
 {
-    for (size_t i = 1; i < m; i++) {
-        const double close = CLOSE(t[i], h);
-        if (!(fabs(t[i] - (t[i - 1] + h)) <= close) || t[i] + h > x->stop_time + close) return i;
-    }
+    for (size_t i = 1; i < m; i++)
+        if (!(fabs(t[i] - (t[i - 1] + h)) <= CLOSE(t[i], h))) return i;
+    return m;
+}
+
+/* How many of these steps, which follow each other, end by the stop time, if the first does. */
+static size_t in_time(const Instance *x, const double t[], size_t m, double h)
+{
+    while (m > 1 && t[m - 1] + h > x->stop_time + CLOSE(t[m - 1], h)) m--;
     return m;
 }
 
@@ -64,13 +69,13 @@ static void step_some(Instance *const x[], size_t n, const double t[], size_t m,
 {
     const char *why[WIDEST];
     Model *models[WIDEST];
-    size_t some = 0, place[WIDEST], done[WIDEST], sure = m;
+    size_t some = 0, place[WIDEST], done[WIDEST], sure = follow(t, m, h);
     for (size_t k = 0; k < n; k++) {
         status[k] = legal(x[k], STEPPING, function) ? (int)check_step(x[k], t[0], h, function) : STATUS_ERROR;
         made[k] = 0;
         if (status[k] != STATUS_OK) continue;
         place[some] = k;
-        sure = follow(x[k], t, sure, h);
+        sure = in_time(x[k], t, sure, h);
         models[some++] = (Model *)x[k]->values;
     }
     declared.steps(models, some, t, sure, h, done, why);

@@ -130,11 +130,7 @@ static NOINLINE void step_all(many_t *m, int64_t tick, int64_t place, int64_t co
     }
     for (int64_t k = 0; k < s.n; k++) {
         engine_t *const e = m->engines[s.numbers[k]];
-        failure_t failure = {-1, 0, 0, 0, 0, 0};
-        int result = RUN_OK;
-        for (int64_t i = 0; i < s.each && result == RUN_OK; i++)
-            result = take_outputs(e, e->operations[place + i].index, 0, &failure);
-        if (result != RUN_OK) take_note_of_step(m, s.numbers[k], last, &failure, result);
+        for (int64_t i = 0; i < s.each; i++) take_outputs(e, e->operations[place + i].index, 0, NULL);
     }
 }
 

@@ -7,7 +7,9 @@ HOT int set_inputs(const unit_t *u, int32_t kind, const double *s)
 {
     s += u->input;
     if (u->values) {
-        for (int64_t i = 0; i < u->n_inputs; i++) u->values[u->inputs[i]] = s[i];
+        if (u->in_rows) copy(u->values + u->inputs[0], s, u->n_inputs);
+        else
+            for (int64_t i = 0; i < u->n_inputs; i++) u->values[u->inputs[i]] = s[i];
         return 0;
     }
     if (!u->n_inputs) return 0;
@@ -20,7 +22,9 @@ INLINE int get_outputs(const unit_t *u, int32_t kind, double *s)
 {
     s += u->output;
     if (u->values) {
-        for (int64_t i = 0; i < u->n_outputs; i++) s[i] = u->values[u->outputs[i]];
+        if (u->in_rows) copy(s, u->values + u->outputs[0], u->n_outputs);
+        else
+            for (int64_t i = 0; i < u->n_outputs; i++) s[i] = u->values[u->outputs[i]];
         return 0;
     }
     if (!u->n_outputs) return 0;
@@ -91,20 +95,18 @@ HOT int step_unit(const engine_t *e, int64_t tick, int32_t index, failure_t *fai
     return step_from(e, tick, time_of(e, tick - e->units[index].lag), index, failure);
 }
 
-/* The outputs of a unit whose step had this status. */
+/* The outputs of a unit whose step, by its steps_t, had this status: they are open, and finite. */
 HOT int take_outputs(const engine_t *e, int32_t index, int status, failure_t *failure)
 {
     const unit_t *u = e->units + index;
-    int result = RUN_OK;
 
-    if (failed_call(status)) result = RUN_STEP;
-    else if (failed_call(status = get_outputs(u, u->kind, e->signals))) result = RUN_GET;
-    else if (not_finite(e->signals + u->output, u->output_count)) result = RUN_NOT_FINITE;
-    if (result != RUN_OK) {
-        failure->index = index;
-        failure->status = status;
+    if (!failed_call(status)) {
+        get_outputs(u, u->kind, e->signals);
+        return RUN_OK;
     }
-    return result;
+    failure->index = index;
+    failure->status = status;
+    return RUN_STEP;
 }
 
 /* One step of an FMU outside of a plan: for a process that has but one. */

@@ -25,6 +25,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import reduce
+from itertools import pairwise
 from math import inf, isfinite, nan, sqrt
 from typing import TYPE_CHECKING, Literal, TypeAlias, cast, final, get_args
 
@@ -94,9 +96,9 @@ class Error:
         E, t, unit = np.empty(0), np.empty(0), whole.unit
         try:
             for rows in whole:
-                each = np.split(rows.x, ends[:-1], axis=1)  # (n, m) of each, the targets' last
+                each = [rows.x[:, i:j] for i, j in pairwise((0, *ends))]  # (n, m), targets last
                 pairs = zip(each[: len(self.of)], self._target(each, place), strict=True)
-                E, t = np.max([distance(x - target) for x, target in pairs], axis=0), rows.t
+                E, t = reduce(np.maximum, [distance(x - target) for x, target in pairs]), rows.t
                 square.add(E**2, t)
                 settled.add(E, t)
                 worst = int(np.argmax(E))
@@ -422,7 +424,5 @@ _MEASURES: Mapping[Kind, Callable[[Stacked, float], _Measured]] = {
 
 def _largest(x: Array) -> Array:
     """max_i |x_i| of each row; (n, m) -> (n,)."""
-    largest = np.zeros(len(x))
-    for entry in np.abs(x).T:  # max(axis=1) of few columns takes ten times as long
-        np.maximum(largest, entry, out=largest)
-    return largest
+    # max(axis=1) of few columns takes ten times as long
+    return reduce(np.maximum, np.abs(x).T, np.zeros(len(x)))

@@ -24,7 +24,7 @@ from cosim.formulas.tokens import FormulaError
 from cosim.formulas.trace import RecordedTrace, Robust
 from cosim.measure import declared_metrics
 from cosim.measure.declared_metrics import Preview
-from cosim.measure.metric_result import with_unit
+from cosim.measure.metric_result import MetricResult, with_unit
 from cosim.measure.metrics import Metric
 from cosim.measure.robustness import Robustness, Verdict, stopped, undecided
 from cosim.record import Run, seal, write_metadata
@@ -71,11 +71,14 @@ class Requirement:
             return self.names
         return tuple(dict.fromkeys(s for metric in self.metrics for s in metric.signals))
 
-    def evaluate(self, signals: Signals, end: float | None = None) -> Robustness:
+    def evaluate(
+        self, signals: Signals, end: float | None = None, measured: Iterable[MetricResult] = ()
+    ) -> Robustness:
         """The robustness on recorded signals.
 
         `end`: the time at which the run should end, s; None: with its last row. Of one that ended
-        before, the result is inconclusive if what is missing could change the verdict. Raises
+        before, the result is inconclusive if what is missing could change the verdict. `measured`:
+        results of metrics of the scenario on these signals, which are not computed again. Raises
         ScenarioError for signals that are not there.
         """
         count, begin, last = extent(signals)
@@ -84,7 +87,7 @@ class Requirement:
         step = (last - begin) / max(1, count - 1)
         covered, end = _covered(last, end, step)
         if self.metrics:
-            return self._of_metrics(signals, covered, end)
+            return self._of_metrics(signals, covered, end, measured)
         trace = self._trace(signals, end, None)
         high = low = trace.at_first(self.formula)
         if covered < end or begin + self.formula.tail > covered + 1e-9 * (covered - begin):
@@ -127,11 +130,14 @@ class Requirement:
         """The result on a run that diverged or failed at a time, s."""
         return stopped(self.name, self.unit, time, why, self.condition)
 
-    def _of_metrics(self, signals: Signals, covered: float, end: float) -> Robustness:
+    def _of_metrics(
+        self, signals: Signals, covered: float, end: float, measured: Iterable[MetricResult]
+    ) -> Robustness:
         """The robustness of numbers of the whole run: a trace of one row."""
         if covered < end:
             return self._undecided(f"the run ended at {time_text(covered)} of {time_text(end)}")
-        results = [metric.evaluate(signals) for metric in self.metrics]
+        known = {result.name: result for result in measured}
+        results = [known.get(m.name) or m.evaluate(signals) for m in self.metrics]
         numbers = {name: (nan, "1") for name in self.names}  # of a metric without a number
         numbers |= {name: found for r in results for name, found in r.numbers.items()}
         found = ", ".join(_told(name, *numbers[name]) for name in self.names)

@@ -100,8 +100,9 @@ class Trapezoids:
 
     def add(self, y: Array, t: Array) -> None:
         """Take the next rows."""
-        y, t = np.concatenate((self._y, y)), np.concatenate((self._t, t))
-        self._sum.add(np.diff(t) * (y[1:] + y[:-1]))
+        if len(self._y):
+            y, t = np.concatenate((self._y, y)), np.concatenate((self._t, t))
+        self._sum.add((t[1:] - t[:-1]) * (y[1:] + y[:-1]))
         self._y, self._t = y[-1:], t[-1:]
 
     @property

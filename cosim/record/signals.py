@@ -59,9 +59,10 @@ class Stack:
         """The reason why there is no number, as a sentence; empty if there is one."""
         if not len(self.t):
             return "nothing was recorded"
-        bad = ~np.isfinite(self.x)
-        if not bad.any():
+        finite = np.isfinite(self.x)
+        if finite.all():
             return ""
+        bad = ~finite
         row = int(np.argmax(bad.any(axis=1)))
         name = self.names[int(np.argmax(bad[row]))]
         return f"{name} is {self.x[row, self.names.index(name)]} at {self.t[row]:.6g} s"

@@ -169,7 +169,7 @@ def measured_row(job: StudySetup, point: Point, wanted: RunMeasures, signals: Si
     measures = {name: value for r in results for name, (value, _) in r.numbers.items()}
     stable = _stable(job.stable, measures)
     for requirement in wanted.requirements:
-        found = requirement.evaluate(signals, wanted.end)
+        found = requirement.evaluate(signals, wanted.end, results)
         measures[margin_of(found.name)] = found.value
         stable &= found.verdict == "passed" or found.name not in job.required
     return StudyRow(point.run, point.cells, point.settings, stable, measures=measures)

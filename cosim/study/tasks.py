@@ -19,7 +19,8 @@ SHARES = 4
 
 
 class Tasks(Iterator[Sequence[Point]]):
-    """`count` points, some at a time. How many follows from the time that runs take.
+    """`count` points, some at a time. How many follows from the time that runs take; more than
+    :data:`PLACES` are a multiple of it, because fewer runs together take as long.
 
     `alone`: one at a time. `left`: points that are in no task yet.
     """
@@ -53,6 +54,7 @@ class Tasks(Iterator[Sequence[Point]]):
             if self._alone
             else max(1, min(max(self._wanted, self._pool.least if self._pool else 1), share))
         )
+        size -= size % PLACES if size > PLACES else 0
         task = tuple(islice(self._points, size))
         if not task:
             raise StopIteration

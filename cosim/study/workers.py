@@ -19,7 +19,7 @@ from cosim.base.processes import DIED, Pool
 from cosim.fmi.failures import sentence
 
 #: Runs in a call on a cluster, whose scheduler takes a millisecond for each.
-LEAST = 10
+LEAST = 16
 #: How long a scheduler may take to answer, s.
 PATIENCE = 10.0
 #: Time after which a scheduler is asked again for its workers, s.

@@ -14,9 +14,12 @@ import cosim
 from cosim.base.errors import RunError, ScenarioError
 from cosim.checks.preflight import check
 from cosim.loading.files import load
+from cosim.measure.metrics import MetricResult
 from cosim.measure.robustness import Robustness, worst
 from cosim.scenario.assemble import assemble
 from cosim.scenario.spec import as_data
+from cosim.study.memory import record
+from cosim.study.run_point import RunMeasures, needed_columns, recorded_columns
 from tests.cli.command import Command
 from tests.cosim.study.studies import SCENARIO
 
@@ -144,6 +147,25 @@ def test_a_settle_time_that_a_short_run_cannot_tell_is_inconclusive(scenario: Pa
     assert (late.requirements["rests"].verdict, late.requirements["rests"].value) == (
         "failed", -inf,
     )  # fmt: skip
+
+
+def test_a_metric_that_has_been_computed_is_not_computed_again(tmp_path: Path) -> None:
+    """A result that is given counts, of the requirement that is about it, and of no other one."""
+    path = tmp_path / "loop.toml"
+    path.write_text(f"{SCENARIO}\n{REQUIRED}")
+    loaded = load(path)
+    plan = assemble(loaded)
+    wanted = RunMeasures.of(loaded, plan)
+    signals = record(plan, needed_columns(wanted.signals, recorded_columns(loaded, plan)))
+    given = [MetricResult("rest", "rest", 0.0, "1", parts={"settle_s": 1.25})]
+    before, after = (
+        {r.name: r.evaluate(signals, wanted.end, known).value for r in wanted.requirements}
+        for known in ((), given)
+    )
+    assert after["rests"] == 3.0 - 1.25 != before["rests"]
+    assert {k: x for k, x in after.items() if k != "rests"} == {
+        k: x for k, x in before.items() if k != "rests"
+    }
 
 
 def test_a_scenario_without_requirements_says_nothing_of_them(tmp_path: Path) -> None:

@@ -9,6 +9,8 @@ from pathlib import Path
 import pytest
 
 from cosim.engine import batch
+from cosim.scenario.assemble import assemble
+from cosim.scenario.spec import build
 from cosim.study.design import Point
 from cosim.study.run_point import StudyRow, StudySetup, run_points
 from tests.system.runs import CONFIG, teleoperation
@@ -99,3 +101,21 @@ def test_what_fails_does_so_in_its_tick(tmp_path: Path, strides: list[int]) -> N
     ticks = {round(row.stopped_at * 1000) for row in found if row.reason}
     assert len({tick % 5 for tick in ticks}) > 1 and max(ticks) > 5
     assert 5 in strides
+
+
+def test_values_of_an_fmu_with_others_between_them(tmp_path: Path) -> None:
+    """An arm whose gains are observed beside its outputs: the engine moves such values one by one."""
+    observed = study()
+    metrics = {
+        "gain": {"kind": "final", "of": ["master.k_p[0]"]},
+        "parameter": {"kind": "final", "of": ["master.theta[2]"]},
+    }
+    document = {**observed.document, "metrics": {**observed.document["metrics"], **metrics}}
+    points = [Point(f"{i}", {}, (EVERY + "5", f"run.seed={i}")) for i in range(2)]
+    found = run_points(replace(observed, document=document), points)
+    kept = run_points(replace(observed, document=document, keep=tmp_path), points)
+    assert rows(found) == rows(kept)
+    theta = assemble(build(document, CONFIG)).component("master").values["theta"]
+    for row, alone in zip(found, run_points(observed, points), strict=True):
+        assert (row.measures["gain"], row.measures["parameter"]) == (10.0, theta[2])
+        assert alone.measures.items() <= row.measures.items()

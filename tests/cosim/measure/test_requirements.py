@@ -18,7 +18,7 @@ from cosim.measure.metrics import MetricResult
 from cosim.measure.robustness import Robustness, worst
 from cosim.scenario.assemble import assemble
 from cosim.scenario.spec import as_data
-from cosim.study.memory import record
+from cosim.study import memory
 from cosim.study.run_point import RunMeasures, needed_columns, recorded_columns
 from tests.cli.command import Command
 from tests.cosim.study.studies import SCENARIO
@@ -156,7 +156,7 @@ def test_a_metric_that_has_been_computed_is_not_computed_again(tmp_path: Path) -
     loaded = load(path)
     plan = assemble(loaded)
     wanted = RunMeasures.of(loaded, plan)
-    signals = record(plan, needed_columns(wanted.signals, recorded_columns(loaded, plan)))
+    signals = memory.record(plan, needed_columns(wanted.signals, recorded_columns(loaded, plan)))
     given = [MetricResult("rest", "rest", 0.0, "1", parts={"settle_s": 1.25})]
     before, after = (
         {r.name: r.evaluate(signals, wanted.end, known).value for r in wanted.requirements}

@@ -104,7 +104,7 @@ def test_what_fails_does_so_in_its_tick(tmp_path: Path, strides: list[int]) -> N
 
 
 def test_values_of_an_fmu_with_others_between_them(tmp_path: Path) -> None:
-    """An arm whose gains are observed beside its outputs: the engine moves such values one by one."""
+    """An arm whose gains are observed beside its outputs: such values are moved one by one."""
     observed = study()
     metrics = {
         "gain": {"kind": "final", "of": ["master.k_p[0]"]},

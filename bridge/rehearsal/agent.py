@@ -35,7 +35,7 @@ from bridge.node.control import listen_to
 from bridge.node.handle import NodeStart
 from bridge.node.run import done, run_started
 from bridge.realtime.host_clock import host_clock
-from cosim.base.clock import stopwatch
+from cosim.base.clock import sleep, stopwatch
 from cosim.base.errors import CosimError
 from cosim.base.interrupts import die_with
 from cosim.base.python import add_working_directory, python_call
@@ -45,6 +45,8 @@ PART = 1 << 20
 _READ = 1 << 16
 #: s between two signs of life, both ways.
 BEAT = 0.5
+#: s that nodes which were told to quit may take, and between two looks at them.
+ENDING, LOOK = 3.0, 0.02
 #: s without a connection to all routers after which certificates are looked at, again and again.
 REFUSED = 3.0
 
@@ -213,7 +215,11 @@ class Agent:
             self._router.kill()
             self._router.wait()
 
-    def _end_lives(self) -> None:
+    def _end_lives(self, seconds: float = 0.0) -> None:
+        """Kill the nodes that have not ended after so many seconds."""
+        elapsed = stopwatch()
+        while elapsed() < seconds and not all(life.has_ended() for life in self._lives.values()):
+            sleep(LOOK)
         for life in self._lives.values():
             life.kill(signal.SIGKILL)
         for life in self._lives.values():
@@ -334,14 +340,20 @@ class Agent:
             self.say("ended", life=life.name, code=life.code, error=life.last_error())
 
     def _collect(self) -> None:
-        """Send the files of all nodes, unless they are where they belong."""
-        self._end_lives()
+        """Send the files of all nodes, unless they are where they belong.
+
+        The journal of a node that was killed has zeros for the rows that it did not write.
+        """
+        self._end_lives(ENDING)
         for path in sorted(self.nodes.iterdir()) if not self.task.folder else ():
             with path.open("rb") as file:
                 part = file.read(PART)
                 while True:
-                    data = base64.b64encode(zlib.compress(part, 1)).decode()
-                    self.say("file", name=path.name, data=data)
+                    if part.count(0) == len(part):
+                        self.say("file", name=path.name, zeros=len(part))
+                    else:
+                        data = base64.b64encode(zlib.compress(part, 1)).decode()
+                        self.say("file", name=path.name, data=data)
                     if not (part := file.read(PART)):
                         break
         self.say("collected")
@@ -400,11 +412,16 @@ class _Life:
                 found.append(json.loads(line))
         return found
 
-    def reap(self) -> None:
-        """Wait for its end."""
+    def reap(self, options: int = 0) -> None:
+        """Wait for its end; with WNOHANG only note it."""
         if self.code is None:
-            _, status = os.waitpid(self.pid, 0)
-            self.code = os.waitstatus_to_exitcode(status)
+            pid, status = os.waitpid(self.pid, options)
+            self.code = os.waitstatus_to_exitcode(status) if pid else None
+
+    def has_ended(self) -> bool:
+        """True if it runs no more."""
+        self.reap(os.WNOHANG)
+        return self.code is not None
 
     def close(self) -> None:
         for descriptor in (self._commands, self.events):

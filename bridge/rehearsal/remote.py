@@ -147,7 +147,10 @@ class HostConnection:
                     life.stopped = name in said["stopped"]
             case "file":
                 with (self._folder / Path(said["name"]).name).open("ab") as file:
-                    file.write(zlib.decompress(base64.b64decode(said["data"])))
+                    if "data" in said:
+                        file.write(zlib.decompress(base64.b64decode(said["data"])))
+                    else:
+                        file.truncate(file.tell() + said["zeros"])
             case "collected":
                 self.collected = True
             case "failed":

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import json
+import os
 import socket
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from bridge.deployment.system import load_system
 from bridge.rehearsal import host_file
-from bridge.rehearsal.remote import RemoteHosts, on_hosts
+from bridge.rehearsal.agent import PART, Agent, HostTask
+from bridge.rehearsal.remote import HostConnection, RemoteHosts, on_hosts
 from bridge.rehearsal.settings import Settings
 from bridge.rehearsal.supervisor import NODES, Rehearsal
 from bridge.replay import replay, twin
@@ -97,6 +101,30 @@ def test_who_is_killed_at_the_start_is_named(
     }
     with pytest.raises(RunError, match=named[what]), running:
         running.run()
+
+
+def test_files_come_over_a_connection_and_rows_that_were_not_written_do_not(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    there, here = tmp_path / "there", tmp_path / "here"
+    agent = Agent(HostTask("", "", (), "", (), (), "", (), 10.0, "a", 0), there)
+    agent.nodes.mkdir(parents=True)
+    here.mkdir()
+    rows, unwritten = os.urandom(PART + 1000), bytes(3 * PART + 7)
+    files = {"empty": b"", "whole": rows, "killed": rows + unwritten, "none": unwritten,
+             "gap": rows + unwritten + rows}  # fmt: skip
+    for name, content in files.items():
+        (agent.nodes / name).write_bytes(content)
+    lines: list[dict[str, Any]] = []
+    monkeypatch.setattr(agent, "say", lambda kind, **facts: lines.append({"kind": kind, **facts}))
+    agent._collect()
+    connection = object.__new__(HostConnection)
+    connection._folder = here
+    for line in lines:
+        connection._heard(line)
+    assert connection.collected
+    assert {path.name: path.read_bytes() for path in here.iterdir()} == files
+    assert len(json.dumps(lines)) < 4 * 1.4 * len(rows)
 
 
 BAD: list[tuple[str, str]] = [

@@ -29,7 +29,7 @@ PARTS = {
     "C-16": "epoch-sent",
     "C-33": "estop-sent",
     "C-77": "date",
-    "C-78": "identity",
+    "C-78": "date",
     **dict.fromkeys(("C-57", "C-58"), "ranges"),
     **dict.fromkeys(("C-73", "C-74", "C-75"), "joining"),
     **{c.rule.number: "watchdogs" for c in INPUT_CHECKS if c.rule.number not in ("C-57", "C-58")},

@@ -49,6 +49,8 @@ NET = "deploy.buses.net.options"
 MANY = ROOT / "configs" / "many.toml"
 #: Nodes while the least delay of links changes, ms, which is 30 while the nodes do.
 NODES_AT, LEAST_AT = 16, 30
+#: Processor time of the difference of two lengths, s: long beside what their starts differ by.
+LONG = 8.0
 #: s between two samples of a controller where the least delay is at least 3 ms.
 PERIOD = 5e-3
 
@@ -167,13 +169,12 @@ def run_many(case: Case, delay: str, stop: float) -> Taken:
     return Taken(seconds, used, same)
 
 
-def measure_many(case: Case, delay: str, rounds: int, length: float = 0.0) -> Taken:
-    """By the difference of two lengths, without start and end; the least of `rounds`."""
-    first = [run_many(case, delay, 1.0) for _ in range(rounds)]
-    short = min(x.wall for x in first)
-    apart = length or round(min(10.0, max(1.0, 4.0 / max(short, 0.3))), 1)
-    second = [run_many(case, delay, 1.0 + apart) for _ in range(rounds)]
-    wall = min(x.wall for x in second) - short
+def measure_many(case: Case, delay: str, rounds: int, length: float) -> Taken:
+    """By two lengths that are `length` s apart, without start and end; the least of `rounds`."""
+    apart = round(length, 1)
+    first = [run_many(case, delay, 0.5) for _ in range(rounds)]
+    second = [run_many(case, delay, 0.5 + apart) for _ in range(rounds)]
+    wall = min(x.wall for x in second) - min(x.wall for x in first)
     used = min(x.processor for x in second) - min(x.processor for x in first)
     return Taken(wall / apart, used / apart, all(x.same for x in (*first, *second)))
 
@@ -193,10 +194,10 @@ def slot_cost() -> float:
 def costs_of(delay: str, rounds: int) -> LockstepCosts:
     """The costs of the theory, by two nodes on one host and on two."""
     slot, cores = slot_cost(), os.cpu_count() or 1
-    near = measure_many(Case(2, 1, 1), delay, rounds, 10.0)  # 1000 windows a second
+    near = measure_many(Case(2, 1, 1), delay, rounds, 20.0)  # 1000 windows a second
     payload = max(0.0, near.processor - 2000 * slot) / (1000 * 4)
     exchange = max(0.0, near.wall - near.processor / cores) / 1000
-    far, close = (measure_many(Case(2, n, 30), delay, rounds, 20.0) for n in (2, 1))
+    far, close = (measure_many(Case(2, n, 30), delay, rounds, 100.0) for n in (2, 1))
     crossing = max(0.0, far.processor - close.processor) / (2 / 0.03)
     return LockstepCosts(slot, payload, crossing, exchange)
 
@@ -233,7 +234,7 @@ def many(nodes: str, least: str, delay: str, rounds: int) -> None:
               file=sys.stderr, flush=True)  # fmt: skip
     rows = []
     for case, (wall, bound, used) in theory.items():
-        found = measure_many(case, delay, rounds)
+        found = measure_many(case, delay, rounds, min(300.0, max(1.0, LONG / used)))
         rows.append([
             str(case.nodes), str(case.hosts), str(case.least), f"{found.wall:.2f}",
             f"{bound:.2f} to {wall:.2f}", f"{found.wall / wall:.2f}", f"{found.processor:.2f}",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 import socket
 from pathlib import Path
 from typing import Any
@@ -101,6 +102,60 @@ def test_who_is_killed_at_the_start_is_named(
     }
     with pytest.raises(RunError, match=named[what]), running:
         running.run()
+
+
+def test_a_host_that_is_frozen_in_the_run_is_named_and_ends_it(tmp_path: Path) -> None:
+    file = two_local(tmp_path)
+    file.write_text(f'silence = "2 s"\n{file.read_text()}')
+    running, hosts = started(file, tmp_path / "run", robots(6, 3000.0))
+    announce = running._announce
+
+    def freeze() -> None:
+        announce()
+        os.kill(hosts.connections["h1"].pid, signal.SIGSTOP)
+
+    running._announce = freeze  # type: ignore[method-assign]
+    with running:
+        notes = [str(note.describe()) for note in running.run().notes]
+    (said,) = (text for text in notes if "has ended" in text)
+    assert "host h1: nothing came from it for 2 s (silence)" in said
+    assert {str(life.start.life) for life in running.ended.lives if life.done} >= {
+        node for node in hosts.facts()["h0"]["nodes"]
+    }
+
+
+def connected(**routers: str) -> RemoteHosts:
+    """Hosts by name with those that their routers are connected to, as letters."""
+    hosts = object.__new__(RemoteHosts)
+    hosts.connections = {}
+    for name, others in routers.items():
+        found = hosts.connections[name] = object.__new__(HostConnection)
+        found.name, found.failed = name, ""
+        found.router_id, found.routers = name, frozenset(others)
+    return hosts
+
+
+@pytest.mark.parametrize(
+    ("routers", "host", "others"),
+    [
+        ({"a": "b", "b": "a", "c": ""}, "c", "a, b"),
+        ({"a": "", "b": "c", "c": "b"}, "a", "b, c"),
+        ({"a": "bc", "b": "ac", "c": "a"}, "c", "b"),  # one end has not noticed
+        ({"a": "", "b": ""}, "b", "a"),
+    ],
+)
+def test_the_host_that_is_cut_off_is_the_one_with_the_fewest_connections(
+    routers: dict[str, str], host: str, others: str
+) -> None:
+    found, sentence = connected(**routers)._cut_off()
+    assert found == host
+    assert sentence == f"host {host}: its Zenoh router is not connected to that of {others}"
+
+
+def test_hosts_that_have_failed_are_not_missed() -> None:
+    hosts = connected(a="b", b="a", c="")
+    hosts.connections["c"].failed = "the connection has ended"
+    assert hosts._unconnected() == []
 
 
 def test_files_come_over_a_connection_and_rows_that_were_not_written_do_not(

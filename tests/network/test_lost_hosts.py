@@ -117,7 +117,7 @@ class Run:
         words = [sys.executable, "-m", "cosim", "rehearse", str(SCENARIO.relative_to(ROOT))]
         words += ["--hosts", str(folder / "hosts.toml"), "--out", str(self.folder), "--no-plot"]
         words += [f"--set={change}" for change in robots(6, stop)]
-        words += ["--set=deploy.buses.net.options.lookahead=false"]  # slowly
+        words += ["--no-twin", "--set=deploy.buses.net.options.lookahead=false"]  # slowly
         self._output = folder / "output"
         with namespaces.in_namespace(hosts.command_in), self._output.open("wb") as to:
             self.process = subprocess.Popen(

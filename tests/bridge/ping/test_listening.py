@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
+from zenoh import CongestionControl
 from zenoh.ext import Int64, z_serialize
 
 from bridge.can.interface import CanBusSpec
@@ -140,7 +141,10 @@ def test_a_ros_topic_is_heard_over_zenoh(
             if k % 10 == 5:  # a number that nobody hears
                 return
             date = realtime_ns()
-            session.put(JOINTS, _joint_state(date - 3 * MS), attachment=_attached(k, date))
+            session.put(
+                JOINTS, _joint_state(date - 3 * MS), attachment=_attached(k, date),
+                congestion_control=CongestionControl.BLOCK,  # where nobody reads, none is dropped
+            )  # fmt: skip
 
         with _repeated(send):
             ping_listen(

@@ -67,3 +67,21 @@ def test_rules_that_do_not_apply(kit):
 def test_frames_are_judged_once(kit):
     record = {"number": "C-01", "scene": CheckScene.RECORD}
     assert judged(kit, BrokenRuleError, **record) == (Conformity.FAILED, 1)
+
+
+@pytest.mark.parametrize(("late_s", "sent"), [(1, 201), (5, 1)])
+def test_a_kit_that_is_seconds_behind_leaves_samples_out(kit, late_s, sent):
+    cast, now_ns = kit._stage.cast, 10**12
+    frames = []
+    cast.send, cast.silent = lambda bus, frame: frames.append(bus), False
+    cast.t0_ns, cast.sync = now_ns - 10**10, None
+    role = cast.messages["STATE_1"]
+    for other in (*cast.peers.values(), *cast.messages.values()):
+        other.due_ns = now_ns + 1
+    role.number, role.due_ns = 7, now_ns - late_s * 10**9
+    cast._turn(now_ns)
+    assert len(frames) == sent
+    # All the same it has counted them, is due next in its grid, and was late by all of it.
+    assert role.number == 7 + late_s * 200 + 1
+    assert role.due_ns == now_ns + 5_000_000
+    assert kit._stage.lateness.worst_ns(now_ns) == late_s * 10**9

@@ -86,10 +86,18 @@ def test_rows_are_numpys(tables, cuts, room, monkeypatch):
 @pytest.mark.parametrize("rule", RULES, ids=str)
 @pytest.mark.parametrize("n_s, n_r", [(1, 1), (5, 1), (1, 5), (3, 2)])
 @pytest.mark.parametrize("law", [Uniform(0.0, 0.3, 0.03), Normal(0.1, 0.05, 0.0, 0.2)], ids=str)
-def test_working_in_blocks_does_not_show(rule, n_s, n_r, law):
+def test_working_in_blocks_does_not_show(rule, n_s, n_r, law, monkeypatch):
     """Rows across several blocks of C and of NumPy."""
+    monkeypatch.setattr(drawing, "BLOCK", 3000)
     table = DrawnTable("x", Grid(n_s, n_r, 0.005), law, rule, 7)
-    assert np.array_equal(table.stream(40_000).rows(40_000), rows_of(table).take(40_000))
+    assert np.array_equal(table.stream(7_000).rows(7_000), rows_of(table).take(7_000))
+
+
+@pytest.mark.parametrize("rule", [RULES[1], QUEUES[0]], ids=["last-arrival", "queue"])
+def test_more_rows_than_16_bits_count_are_numpys(rule):
+    table = DrawnTable("x", Grid(3, 2, 0.005), Normal(0.1, 0.05, 0.0, 0.2), rule, 7)
+    n = 2 * drawing.BLOCK + 2**15
+    assert np.array_equal(table.stream(n).rows(n), rows_of(table).take(n))
 
 
 @given(seed=seeds, name=st.text(max_size=5))

@@ -1,10 +1,11 @@
 """Checkpoints of an offline run: its state in the run folder, and the run resumed from it.
 
 Input: a running engine, and its recorder. Output: ``.checkpoints/`` in the run folder, until the
-run is finished. Rows of link tables are not saved: they are drawn again from their seeds.
+run, and what is made of it, is complete. Rows of link tables are not saved: they are drawn again
+from their seeds.
 """
 
-from cosim.checkpoint.keeper import CheckpointKeeper
+from cosim.checkpoint.keeper import CheckpointInterval, CheckpointKeeper
 from cosim.checkpoint.resumption import Resumption
 
-__all__ = ["CheckpointKeeper", "Resumption"]
+__all__ = ["CheckpointInterval", "CheckpointKeeper", "Resumption"]

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import shutil
+import sys
 from collections.abc import Mapping
+from dataclasses import astuple, dataclass
 from pathlib import Path
 from typing import Any, final
 
@@ -18,18 +20,32 @@ from cosim.record.folder import CHECKPOINTS, json_data, reason
 from cosim.record.recorder import Recorder
 
 
+@dataclass(frozen=True, slots=True)
+class CheckpointInterval:
+    """The time between two checkpoints, s; `simulated`: of the run, else of the wall clock."""
+
+    time: float
+    simulated: bool = False
+
+
 @final
 class CheckpointKeeper:
     """Keeps the state of one run (:class:`cosim.engine.simulate.Keeper`).
 
-    `interval`: wall time between two checkpoints, s. `given`: what the command was given, for one
-    that resumes the run. `resumption`: from where this run is resumed; None: from its start.
+    `interval`: time between two checkpoints, s; a number: wall time. `given`: what the command was
+    given, for one that resumes the run. `resumption`: from where this run is resumed; None: from
+    its start. Its caller ends the keeper once what is made of the run is complete, too.
     """
 
     def __init__(
-        self, interval: float, given: Mapping[str, Any], resumption: Resumption | None = None
+        self,
+        interval: float | CheckpointInterval,
+        given: Mapping[str, Any],
+        resumption: Resumption | None = None,
     ) -> None:
-        self._interval, self._given, self._from = interval, dict(given), resumption
+        self._interval = CheckpointInterval(interval) if isinstance(interval, float) else interval
+        self._given, self._from = dict(given), resumption
+        self._every = 0  # ticks between two checkpoints; 0: wall time
         facts = {} if resumption is None else resumption.found.facts
         self._number = 0 if resumption is None else resumption.number + 1
         #: Wall time of earlier parts of the run, s.
@@ -50,6 +66,8 @@ class CheckpointKeeper:
     def check(self, engine: Engine, facts: Mapping[str, Any]) -> None:
         """Raise ScenarioError if the run cannot be kept, or is not the one that is resumed."""
         state.refuse(engine)
+        if self._interval.simulated:
+            self._every = max(1, round(self._interval.time / engine.plan.h))
         self._facts = {**facts, "code": code(engine)}
         if self._from is None:
             state.save(engine)
@@ -77,9 +95,18 @@ class CheckpointKeeper:
             self.keep(engine, recorder, now=True)
         self._running, self._since = stopwatch(), stopwatch()
 
+    def ahead(self, tick: int) -> int:
+        """The ticks from `tick` to the next checkpoint; in wall time: any number."""
+        return self._every - tick % self._every if self._every else sys.maxsize
+
+    def _is_time(self, tick: int) -> bool:
+        if self._every:
+            return tick % self._every == 0
+        return self._since() >= self._interval.time
+
     def keep(self, engine: Engine, recorder: Recorder, *, now: bool) -> None:
         """Write a checkpoint if it is time, or with `now`. Raises RunError."""
-        if not (now or self._since() >= self._interval) or not state.is_between_ticks(engine):
+        if not (now or self._is_time(engine.tick)) or not state.is_between_ticks(engine):
             return
         watch = stopwatch()
         rows = recorder.settle()
@@ -87,7 +114,7 @@ class CheckpointKeeper:
             "tick": engine.tick, "time": engine.plan.time(engine.tick), "given": self._given,
             "facts": json.loads(json_data(self._facts)), "resumed": self._number,
             "wall": self.before + self._running(), "columns": len(rows.rest),
-            "written": rows.written, "interval": self._interval,
+            "written": rows.written, "interval": astuple(self._interval),
         }  # fmt: skip
         blobs = {**state.save(engine), "rest": rows.rest.tobytes()}
         self.size = archive.write(self._folder, Checkpoint(facts, blobs))
@@ -107,8 +134,13 @@ class CheckpointKeeper:
             raise RunError(f"cannot write {self._folder}: {reason(error)}") from error
 
     def end(self) -> None:
-        """Delete the checkpoints. Raises RunError."""
+        """Delete the checkpoints: the run, and what is made of it, is complete. Raises RunError.
+
+        The rows of earlier parts are deleted last: a checkpoint that is there can be used.
+        """
         try:
+            for name in (archive.PREVIOUS, archive.LATEST):
+                (self._folder / name).unlink(missing_ok=True)
             shutil.rmtree(self._folder)
         except OSError as error:
             raise RunError(f"cannot delete {self._folder}: {reason(error)}") from error

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import inspect
 import json
+import shutil
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -53,9 +54,10 @@ class Resumption:
         place = folder / CHECKPOINTS
         if not folder.is_dir():
             raise ScenarioError("there is no such run folder", str(folder))
-        if read_metadata(folder).get("status") == FINISHED:
-            raise ScenarioError("the run is finished; there is nothing to resume", str(folder))
         there = [name for name in (LATEST, PREVIOUS) if (place / name).exists()]
+        if not there and read_metadata(folder).get("status") == FINISHED:
+            shutil.rmtree(place, ignore_errors=True)  # rows of a run that was killed at its end
+            raise ScenarioError("the run is finished; there is nothing to resume", str(folder))
         if not there:
             raise ScenarioError(
                 "has no checkpoint; expected the folder of a run with --checkpoint", str(folder)

@@ -18,8 +18,9 @@ from cosim.cli.options import OutputOptions, RunSettings, wall_seconds, write_js
 
 if TYPE_CHECKING:
     from cosim.base.errors import RunError
-    from cosim.checkpoint import CheckpointKeeper
+    from cosim.checkpoint import CheckpointInterval, CheckpointKeeper
     from cosim.engine.simulate import RunOutcome
+    from cosim.measure.requirements import Robustness
     from cosim.record import Run
     from cosim.scenario.spec import Scenario
     from cosim.schedule.plan import Plan
@@ -57,7 +58,8 @@ class RunOptions(OutputOptions):
     checkpoint: Annotated[
         str | None,
         typer.Option(
-            metavar="TIME", help="Save the state at such intervals of wall time, e.g. 60s."
+            metavar="TIME",
+            help="Save the state at such intervals of wall time (60s), or of the run (t=10s).",
         ),
     ] = None
     resume: Annotated[
@@ -89,7 +91,7 @@ def run(
     """Run a scenario; write trajectories, metadata, link tables and a report to a folder."""
     from cosim.base.errors import ScenarioError
     from cosim.cli.check import print_warnings
-    from cosim.cli.summary import check, header, this_command
+    from cosim.cli.summary import check, exit_unless_passed, header, this_command
     from cosim.engine.simulate import columns
     from cosim.record import Run
 
@@ -130,7 +132,11 @@ def run(
         loaded, plan, folder, {"command": command, **found}, options, report, keeper
     )
     _print_notes(outcome, plan, options)
-    _finish(loaded, Run.open(folder), outcome, found.get("limits", {}), options, report)
+    judged = _finish(loaded, Run.open(folder), outcome, found.get("limits", {}), options, report)
+    if keeper is not None:
+        keeper.end()
+    if options.strict:
+        exit_unless_passed(judged)
 
 
 def _check_live(options: RunOptions) -> None:
@@ -158,7 +164,22 @@ def _keeper(scenario: Path, settings: RunSettings, options: RunOptions) -> Check
         "table": None if options.table is None else str(options.table),
         "links": None if options.links is None else str(options.links),
     }  # fmt: skip
-    return CheckpointKeeper(wall_seconds(options.checkpoint or "", "--checkpoint"), given)
+    return CheckpointKeeper(_interval(options.checkpoint or ""), given)
+
+
+def _interval(text: str) -> CheckpointInterval:
+    """The interval of ``--checkpoint``: ``60s`` of wall time, ``t=10s`` of the run.
+
+    Raises ScenarioError.
+    """
+    from cosim.base.errors import ScenarioError
+    from cosim.checkpoint import CheckpointInterval
+
+    simulated = text.startswith("t=")
+    time = wall_seconds(text.removeprefix("t="), "--checkpoint")
+    if simulated and not time:
+        raise ScenarioError(f"found {text!r}, expected a time such as t=10s", "--checkpoint")
+    return CheckpointInterval(time, simulated)
 
 
 def _resumed(
@@ -169,7 +190,7 @@ def _resumed(
     Raises ScenarioError.
     """
     from cosim.base.errors import ScenarioError
-    from cosim.checkpoint import CheckpointKeeper, Resumption
+    from cosim.checkpoint import CheckpointInterval, CheckpointKeeper, Resumption
 
     assert options.resume is not None
     usual = RunOptions()
@@ -197,9 +218,9 @@ def _resumed(
         options, out=options.resume, table=table, links=links, threads=given["threads"],
         fmu_log=given["fmu_log"],
     )  # fmt: skip
-    interval = found.found.facts["interval"]
+    interval = CheckpointInterval(*found.found.facts["interval"])
     if options.checkpoint is not None:
-        interval = wall_seconds(options.checkpoint, "--checkpoint")
+        interval = _interval(options.checkpoint)
     keeper = CheckpointKeeper(interval, given, found)
     return Path(given["scenario"]), RunSettings(set_=given["settings"]), begun, keeper
 
@@ -327,9 +348,9 @@ def _finish(
     limits: dict[str, Any],
     options: RunOptions,
     report: Callable[[Run], Path] | None,
-) -> None:
-    """Print the numbers of a run; write its table, pictures and sums."""
-    from cosim.cli.summary import announced, as_data, exit_unless_passed, pictures, summary
+) -> Sequence[Robustness]:
+    """Print the numbers of a run; write its table, pictures and sums. Its requirements."""
+    from cosim.cli.summary import announced, as_data, pictures, summary
     from cosim.measure import requirements
     from cosim.measure.joint_limits import beyond
     from cosim.measure.metric_result import summary_line
@@ -355,8 +376,7 @@ def _finish(
         found = {**as_data(loaded, result, outcome, judged), "digest": digest(result)}
         write_json(options.json, "run", found)
     options.say(summary_line("run folder", str(folder)))
-    if options.strict:
-        exit_unless_passed(judged)
+    return judged
 
 
 def _picture_failure(

@@ -70,15 +70,15 @@ class Keeper(Protocol):
         Raises RunError, ScenarioError.
         """
 
+    def ahead(self, tick: int) -> int:
+        """The ticks from `tick` on that a chunk may have, 1 or more."""
+
     def keep(self, engine: Engine, recorder: Recorder, *, now: bool) -> None:
         """Keep the state between two chunks, if it is time or with `now`. Raises RunError."""
 
     @property
     def before(self) -> float:
         """The wall time of earlier parts of the run, s."""
-
-    def end(self) -> None:
-        """Forget what was kept, after the folder is complete. Raises RunError."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -259,8 +259,6 @@ def simulate(
             "late_clocks": late,
             "ended": None if engine.ended is None else asdict(engine.ended),
         }
-    if keeper is not None:
-        keeper.end()
     statistics = dict(zip([x.name for x in plan.links], ages.results(), strict=True))
     return RunOutcome(
         called, plan, engine.tick, plan.time(engine.tick), wall, statistics, late, engine.ended,
@@ -318,6 +316,8 @@ def _loop(
     while True:
         first = engine.tick
         ticks = min(rows - 1, plan.ticks - first)
+        if keeper is not None:
+            ticks = min(ticks, keeper.ahead(first))
         buffer = recorder.buffer()
         failed = True
         try:

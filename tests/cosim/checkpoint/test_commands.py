@@ -5,10 +5,6 @@ from __future__ import annotations
 import json
 import os
 import shutil
-import signal
-import subprocess
-import sys
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,15 +13,16 @@ from random import Random
 import pytest
 from typer.testing import CliRunner
 
-from cosim.base.errors import CosimError
-from cosim.checkpoint import CheckpointKeeper
+from cosim.base.errors import CosimError, RunError
+from cosim.checkpoint import CheckpointKeeper, archive
 from cosim.cli.commands import app
 from cosim.engine import simulate as simulation
 from cosim.engine.simulate import Execution, simulate
 from cosim.loading.files import load
-from cosim.record.folder import FINISHED, read_metadata
+from cosim.record.folder import read_metadata
 from tests.bridge.zenoh.rehearsed import CONFIGS
-from tests.cosim.checkpoint.test_same_bytes import MODEL, contents
+from tests.cosim.checkpoint.cuts import contents
+from tests.cosim.checkpoint.test_same_bytes import MODEL
 
 FILE = CONFIGS / "teleoperation.toml"
 STOP = "3"
@@ -66,6 +63,7 @@ def cut(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     keeper = CheckpointKeeper(0.0, given)
     further = {"command": "cosim run"}
     simulate(scenario, folder, copy, further=further, execution=Execution(1, keeper))
+    keeper.end()
     return cut
 
 
@@ -198,44 +196,67 @@ def test_an_isolated_fmu_is_named(tmp_path: Path) -> None:
     assert found.exit_code == 2 and "master is isolated; expected isolate = false" in found.output
 
 
-@pytest.mark.parametrize("text", ["soon", "-1 s", "60 kg"])
-def test_an_interval_is_a_time(tmp_path: Path, text: str) -> None:
-    found = run(FILE, "--checkpoint", text, "--out", tmp_path / "run")
-    assert found.exit_code == 2 and f"found '{text}', expected a time such as 60s" in found.output
+@pytest.mark.parametrize(
+    ("text", "found", "such"),
+    [("soon", "soon", "60s"), ("-1 s", "-1 s", "60s"), ("60 kg", "60 kg", "60s"),
+     ("t=0", "t=0", "t=10s"), ("t=-1 s", "-1 s", "60s"), ("t=", "", "60s")],
+)  # fmt: skip
+def test_an_interval_is_a_time(tmp_path: Path, text: str, found: str, such: str) -> None:
+    answer = run(FILE, "--checkpoint", text, "--out", tmp_path / "run")
+    assert answer.exit_code == 2
+    assert f"found '{found}', expected a time such as {such}" in answer.output
+
+
+def test_an_interval_of_the_run_is_kept_at_its_ticks(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Every 0.35 s, whatever the chunks of the engine are; as it began when it is resumed."""
+    monkeypatch.chdir(tmp_path)
+    times, keep = [], archive.write
+
+    def note(folder: Path, found: archive.Checkpoint) -> int:
+        times.append(found.facts["time"])
+        if len(times) == 5:
+            raise RunError("the disk is full")
+        return keep(folder, found)
+
+    monkeypatch.setattr(archive, "write", note)
+    given = [FILE, "--stop", STOP, "--no-plot"]
+    assert run(*given, "--out", "kept", "--checkpoint", "t=350 ms").exit_code == 1
+    assert run("--resume", "kept", "--no-plot").exit_code == 0
+    assert times == pytest.approx([0.35 * k for k in (0, 1, 2, 3, 4, 4, 5, 6, 7, 8)])
+    assert run(*given, "--out", "whole").exit_code == 0
+    assert (
+        contents(tmp_path / "kept")["trajectories.parquet"]
+        == (contents(tmp_path / "whole")["trajectories.parquet"])
+    )
+
+
+def test_a_run_that_is_finished_without_a_verdict_is_completed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As after a kill between the last tick and the requirements."""
+    monkeypatch.chdir(tmp_path)
+    given = [FILE, "--stop", STOP, "--no-plot"]
+    assert run(*given, "--out", "whole").exit_code == 0
+    with monkeypatch.context() as patch:
+        patch.setattr("cosim.measure.requirements.keep", fail)
+        found = run(*given, "--out", "kept", "--checkpoint", "t=0.4 s")
+    facts = read_metadata(tmp_path / "kept")
+    assert found.exit_code == 1 and facts["status"] == "finished" and "requirements" not in facts
+    assert run("--resume", "kept", "--no-plot").exit_code == 0
+    one, other = contents(tmp_path / "whole"), contents(tmp_path / "kept")
+    found_facts = [json.loads(x.pop("run.json")) for x in (one, other)]
+    for x in found_facts:
+        del x["command"]
+    assert one == other and found_facts[0] == found_facts[1] and found_facts[0]["requirements"]
+    assert "the run is finished" in run("--resume", "kept").output
+
+
+def fail(*_: object) -> None:
+    raise RunError("the disk is full")
 
 
 def test_no_scenario_is_a_sentence() -> None:
     found = run()
     assert found.exit_code == 2 and "expected cosim run SCENARIO, or --resume RUN" in found.output
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("number", range(2))
-def test_kills_at_random_times(tmp_path: Path, number: int) -> None:
-    """SIGKILL to the process that computes, or to all, again and again until it is finished."""
-    random, stop = Random(number), "300"
-    arguments = [sys.executable, "-m", "cosim", "run"]
-    usual = {"cwd": tmp_path, "stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
-    whole = [FILE, "--stop", stop, "--no-plot", "--out", "whole"]
-    subprocess.run([*arguments, *whole], check=True, **usual)
-    kept = [FILE, "--stop", stop, "--no-plot", "--out", "kept", "--force", "--checkpoint", "0.05"]
-    kills = 0
-    for attempt in range(60):
-        process = subprocess.Popen([*arguments, *kept], start_new_session=True, **usual)
-        time.sleep(random.uniform(0.3, 1.0 + 0.3 * attempt))  # a slow machine also ends
-        if process.poll() is None:
-            kills += 1
-            process.send_signal(signal.SIGKILL)  # its child dies with it
-        process.wait()
-        if read_metadata(tmp_path / "kept").get("status") == FINISHED:
-            break
-        if (tmp_path / "kept" / ".checkpoints").exists():
-            kept = ["--resume", "kept", "--no-plot"]
-    assert kills > 0
-    one, other = contents(tmp_path / "whole"), contents(tmp_path / "kept")
-    facts = [json.loads(x.pop("run.json")) for x in (one, other)]
-    assert one == other
-    if process.returncode == 0:  # else killed once it was finished, before its verdict
-        for x in facts:
-            del x["command"]
-        assert facts[0] == facts[1]

@@ -82,3 +82,28 @@ class Silent:
 
     def step(self, t: float, h: float, u: Values) -> Outputs:
         return {"y": t}
+
+
+class Steps:
+    """An output that increases now and then, as one that triggers a clock."""
+
+    kind = "sampled"
+    inputs: tuple[Port, ...] = ()
+    outputs = (Port("y"),)
+    parameters: tuple[Parameter, ...] = ()
+
+    def initialize(self, values: Values) -> None:
+        self.k = 0
+
+    def initial(self, u: Values) -> Outputs:
+        return {"y": 0.0}
+
+    def step(self, t: float, h: float, u: Values) -> Outputs:
+        self.k += 1
+        return {"y": float(self.k // 37)}
+
+    def get_state(self) -> Any:
+        return self.k
+
+    def set_state(self, state: Any) -> None:
+        self.k = state

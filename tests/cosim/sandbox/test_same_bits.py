@@ -40,7 +40,8 @@ def both(description: str, folder: Path) -> tuple[Path, Path]:
     native = export(description, folder / "native.fmu")
     wasm = export(description, folder / "wasm.fmu", sources=True)
     with zipfile.ZipFile(wasm, "a") as archive:
-        archive.write(SOURCES / "unused3.h", "sources/unused3.h")
+        for name in ("saved3.h", "unused3.h"):
+            archive.write(SOURCES / name, f"sources/{name}")
     return native, add_wasm(wasm)
 
 

@@ -205,5 +205,7 @@ FMI int fmi3GetShiftDecimal(fmu_t *x, const uint32_t *r, size_t n, double *v)
 
 /* What a complete FMU has as well, and nobody calls. */
 #include "unused3.h"
+#include "saved3.h"
+SAVED_FROM(on)
 UNUSED(GetIntervalFraction)
 UNUSED(GetString)

@@ -7,7 +7,6 @@
 #include <stddef.h>
 #include <stdint.h>
 #include <stdlib.h>
-#include <string.h>
 
 #define FMI __attribute__((visibility("default")))
 enum { CLOCK = 1, SAMPLED_IN, DISCRETE_IN, SAMPLED = 10, TICKS, CHANGES, BELLS, INTEGRAL, CALLS, HALF = 20 };
@@ -109,40 +108,5 @@ FMI int fmi3GetFloat64(fmu_t *x, const uint32_t *r, size_t n, double *v, size_t 
     for (size_t i = 0; i < n; i++) v[i] = r[i] == HALF ? x->half : (&x->sampled)[r[i] - SAMPLED];
     return 0;
 }
-FMI int fmi3GetFMUState(fmu_t *x, fmu_t **state)
-{
-    if (!*state) *state = malloc(sizeof **state);
-    **state = *x;
-    return 0;
-}
-FMI int fmi3SetFMUState(fmu_t *x, const fmu_t *state)
-{
-    *x = *state;
-    return 0;
-}
-FMI int fmi3FreeFMUState(fmu_t *x, fmu_t **state)
-{
-    (void)x;
-    free(*state);
-    *state = NULL;
-    return 0;
-}
-FMI int fmi3SerializedFMUStateSize(fmu_t *x, const fmu_t *state, size_t *size)
-{
-    (void)x;
-    *size = sizeof *state;
-    return 0;
-}
-FMI int fmi3SerializeFMUState(fmu_t *x, const fmu_t *state, char *bytes, size_t size)
-{
-    (void)x;
-    memcpy(bytes, state, size);
-    return 0;
-}
-FMI int fmi3DeserializeFMUState(fmu_t *x, const char *bytes, size_t size, fmu_t **state)
-{
-    (void)x;
-    *state = malloc(sizeof **state);
-    memcpy(*state, bytes, size);
-    return 0;
-}
+#include "saved3.h"
+SAVED_FROM(time)

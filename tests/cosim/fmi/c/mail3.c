@@ -166,3 +166,5 @@ FMI int fmi3GetFloat64(void *m)
     (void)m;
     return 3;
 }
+#include "saved3.h"
+SAVED_FROM(state)

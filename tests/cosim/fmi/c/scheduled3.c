@@ -181,3 +181,5 @@ FMI int fmi3ActivateModelPartition(fmu_t *x, uint32_t clock, double now)
     x->state = ACTIVATION;
     return 0;
 }
+#include "saved3.h"
+SAVED_FROM(state)

@@ -225,6 +225,8 @@ FMI int fmi3GetString(fmu_t *x, const uint32_t *r, size_t n, const char **v, siz
 
 /* What a complete FMU has as well, and nobody calls. */
 #include "unused3.h"
+#include "saved3.h"
+SAVED_FROM(on)
 UNUSED(GetInt32)
 UNUSED(GetShiftDecimal)
 UNUSED(SetIntervalDecimal)

@@ -130,3 +130,5 @@ FMI int fmi3GetFloat64(fmu_t *m, const uint32_t *r, size_t n, double *v, size_t 
     }
     return 0;
 }
+#include "saved3.h"
+SAVED_FROM(state)

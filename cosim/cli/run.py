@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from cosim.base.errors import RunError
     from cosim.checkpoint import CheckpointInterval, CheckpointKeeper
     from cosim.engine.simulate import RunOutcome
-    from cosim.measure.requirements import Robustness
+    from cosim.measure.robustness import Robustness
     from cosim.record import Run
     from cosim.scenario.spec import Scenario
     from cosim.schedule.plan import Plan

@@ -24,6 +24,7 @@ from cosim.base.errors import ScenarioError
 from cosim.checkpoint import Resumption
 from cosim.cli.commands import app
 from cosim.record.sums import verify
+from tests.children import fork
 from tests.cosim.checkpoint.cuts import contents
 
 CHANGES = {"open", "os.rename", "os.remove", "os.rmdir", "os.mkdir", "shutil.rmtree"}
@@ -33,13 +34,7 @@ WRITES = os.O_WRONLY | os.O_RDWR | os.O_CREAT
 
 def forked(work: Callable[[], int]) -> int:
     """The exit code of a process that does `work`; -9: it was killed."""
-    child = os.fork()
-    if child:
-        return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
-    try:
-        os._exit(work())
-    finally:
-        os._exit(99)
+    return os.waitstatus_to_exitcode(os.waitpid(fork(work), 0)[1])
 
 
 def command(arguments: list[str], kill: int = 0) -> Callable[[], int]:

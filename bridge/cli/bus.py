@@ -151,6 +151,7 @@ def bus(
             _run(shared, end.for_)
         else:
             status = _run_programs(found, end.for_)
+        shared.record(None)
     for line in record.lines(shared.timing):
         typer.echo(line, err=bool(command))
     if end.picture is not None:

@@ -111,9 +111,13 @@ class Channel:
             self._wire.join(port.node)
             return port
 
-    def record(self, recorder: WireRecorder) -> None:
-        """Tell `recorder` of all nodes that join from now on, their requests and all events."""
-        self._wire.recorder = recorder
+    def record(self, recorder: WireRecorder | None) -> None:
+        """Tell `recorder` of all nodes that join from now on, their requests and all events.
+
+        None ends the record: the one before is told nothing more and can be read.
+        """
+        with self.lock:
+            self._wire.recorder = recorder
 
     def add_node(self, name: str) -> WireNode:
         """A node that only sends (`offer`), the most urgent first; it stays with the channel."""

@@ -153,7 +153,8 @@ class CanWire:
         if self._busy.under_way or self.now_ps < self._busy.free_ps:
             return False
         self.count()
-        numbers = [self._numbers[request] for request in self._requests] if self._numbers else []
+        known = self.recorder is not None and self._numbers
+        numbers = [self._numbers[request] for request in self._requests] if known else []
         waiting = [*self._requests.values(), *self._early]
         self._requests, self._early, self._stale = {}, [], False
         self._members = [node for node in self._members if not (node.leaving and not node.pending)]

@@ -18,15 +18,21 @@ import msgpack  # type: ignore[import-untyped]
 import pytest
 
 from bridge.bus_server.listener import ServerError, listen
+from bridge.bus_server.record import BusRecord
 from bridge.bus_server.server import BusServer
 from bridge.bus_server.socketcand import SocketcandServer
 from bridge.simulated_can.bus import CosimBus
 from bridge.simulated_can.channel import Channel
-from bridge.simulated_can.options import ChannelOperationError, ChannelOptionError, channel_options
+from bridge.simulated_can.options import (
+    ChannelOperationError,
+    ChannelOptionError,
+    PortOptions,
+    channel_options,
+)
 from bridge.simulated_can.protocol import parse_address
 from cosim.bus.frames import BusFrame
 from cosim.bus.settings import ScriptedError
-from cosim.bus.timing import frame_bits
+from cosim.bus.timing import BusTiming, frame_bits
 from tests.bridge.simulated_can.benches import everything, message
 from tests.cli.command import Command
 
@@ -371,6 +377,32 @@ def test_the_command_runs_a_dbc_file_in_simulated_time(cosim: Command) -> None:
     assert done.code == 0, done.err
     assert done.out.count("\n3A") >= 2
     assert "0.200 s: load" in done.out
+
+
+def test_what_happens_after_the_end_is_not_in_the_account(
+    cosim: Command, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Clients leave, and may still send, while the account is made."""
+    opened: list[Channel] = []
+    record, account = Channel.record, BusRecord.lines
+
+    def watched(channel: Channel, recorder: BusRecord | None) -> None:
+        opened.append(channel)
+        record(channel, recorder)
+
+    def disturbed(found: BusRecord, timing: BusTiming) -> Iterator[str]:
+        before = list(account(found, timing))
+        late = opened[0].open(PortOptions())
+        opened[0].send(late, message(0x7), None)
+        opened[0].sleep(0.01)
+        assert list(account(found, timing)) == before
+        return iter(before)
+
+    monkeypatch.setattr(Channel, "record", watched)
+    monkeypatch.setattr(BusRecord, "lines", disturbed)
+    done = cosim("bus", "--listen", "127.0.0.1:0", "--for", "0.02", "--load", "30%")
+    assert done.code == 0, done.err
+    assert ": load " in done.out
 
 
 @pytest.mark.parametrize(

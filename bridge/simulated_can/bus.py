@@ -166,7 +166,8 @@ class CosimBus(can.BusABC):
         Raises ChannelOperationError (a can.CanOperationError): queue full, bus-off, closed, or a
         message that this bus cannot carry.
         """
-        self._check_open()
+        if self._is_shutdown:
+            self._check_open()
         self._place.send(msg, timeout)
 
     def recv(self, timeout: float | None = None) -> can.Message | None:
@@ -174,11 +175,12 @@ class CosimBus(can.BusABC):
 
         python-can's own method measures time-outs by the wall clock.
         """
-        return self._recv_internal(timeout)[0]
+        if self._is_shutdown:
+            self._check_open()
+        return self._place.receive(self._wanted if self._filters else None, timeout)
 
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
-        self._check_open()
-        return self._place.receive(self._wanted, timeout), True
+        return self.recv(timeout), True
 
     def _apply_filters(self, filters: CanFilters | None) -> None:
         self._place.filter(filters)

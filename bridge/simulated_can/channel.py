@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import heapq
 import itertools
-import threading
 from collections import deque
 from collections.abc import Callable, Hashable, Iterable
 from dataclasses import dataclass, field
-from typing import Protocol, final
+from typing import Protocol, TypeAlias, final
 
 import can
 
@@ -23,11 +22,15 @@ from bridge.simulated_can.options import (
     ChannelTimeoutError,
     PortOptions,
 )
-from bridge.simulated_can.pace import BusPace, Paced, SimulatedPace, WallPace
+from bridge.simulated_can.pace import BusPace, Changes, Paced, SimulatedPace, WallPace, earlier
 from bridge.simulated_can.shared_time import SharedTime
 from bridge.simulated_can.wire import CanWire
 from cosim.bus.frames import BusEvent, BusFrame, ControllerState
 from cosim.bus.settings import BusNodeSettings, Disturbance, ErrorRate
+
+Wanted: TypeAlias = Callable[[can.Message], bool]
+_SENT, _RECEIVED = int(BusEvent.SENT), int(BusEvent.RECEIVED)
+_CHANGES = (BusEvent.STATE, BusEvent.RECOVERED)
 
 
 class Scheduled(Protocol):
@@ -74,7 +77,7 @@ class Channel:
             seed=options.seed or 0,
         )
         self.timing = options.timing
-        self.lock = time.lock if time else threading.Condition(threading.RLock())
+        self.lock = time.lock if time else Changes()
         self.ports: list[ChannelPort] = []
         self._paced: Paced = time or self
         self.pace: BusPace = WallPace(speed) if speed else SimulatedPace()
@@ -147,7 +150,7 @@ class Channel:
         Raises ChannelOperationError: no room, bus-off, or no frame of this channel.
         """
         frame = frame_of_message(message, self.name, self.timing)
-        with self.lock:
+        with self.lock.held:
             self._catch_up()
             if port.node.state == ControllerState.OFF:
                 raise ChannelOperationError(f"channel {self.name!r}: found the node bus-off")
@@ -163,19 +166,21 @@ class Channel:
             self.lock.notify_all()
 
     def receive(
-        self, port: ChannelPort, wanted: Callable[[can.Message], bool], timeout: float | None
+        self, port: ChannelPort, wanted: Wanted | None, timeout: float | None
     ) -> can.Message | None:
         """The oldest message that is `wanted`, waiting up to `timeout` (s; None: for ever).
 
-        Raises ChannelOperationError when the port is closed meanwhile.
+        `wanted` None: every message. Raises ChannelOperationError when the port is closed
+        meanwhile.
         """
+        inbox, node = port.inbox, port.node
 
         def ready() -> bool:
-            while port.inbox and not wanted(port.inbox[0]):
-                port.inbox.popleft()
-            return bool(port.inbox) or port.node.leaving
+            while inbox and wanted and not wanted(inbox[0]):
+                inbox.popleft()
+            return bool(inbox) or node.leaving
 
-        with self.lock:
+        with self.lock.held:
             found = self.pace.wait(self._paced, ready, timeout, None)
             if port.node.leaving:
                 raise ChannelOperationError(
@@ -188,12 +193,10 @@ class Channel:
         with self.lock:
             return self._room(port)
 
-    def received(
-        self, port: ChannelPort, wanted: Callable[[can.Message], bool]
-    ) -> can.Message | None:
+    def received(self, port: ChannelPort, wanted: Wanted | None) -> can.Message | None:
         """The oldest message that is `wanted` of those that are there; time does not move."""
         with self.lock:
-            while port.inbox and not wanted(port.inbox[0]):
+            while port.inbox and wanted and not wanted(port.inbox[0]):
                 port.inbox.popleft()
             return port.inbox.popleft() if port.inbox else None
 
@@ -260,8 +263,7 @@ class Channel:
         """The next time at which something may happen, ps; None: nothing will by itself. Needs the
         lock.
         """
-        found = [self._wire.next_ps(), self._due[0][0] if self._due else None]
-        return min((t for t in found if t is not None), default=None)
+        return earlier(self._wire.next_ps(), self._due[0][0] if self._due else None)
 
     def advance(self, until_ps: int) -> None:
         """Go on to `until_ps` (ps) and hand out what arrives. Needs the lock."""
@@ -303,28 +305,29 @@ class Channel:
 
     def _hand_out(self, happenings: list[Happening]) -> None:
         for found in happenings:
-            port = self._by_node.get(found.node)
+            port = self._by_node.get(found[1])
             if port is not None:
                 self._deliver(port, found)
         if happenings:
             self.lock.notify_all()
 
     def _deliver(self, port: ChannelPort, found: Happening) -> None:
-        if found.kind in (BusEvent.RECEIVED, BusEvent.SENT):
-            own = found.kind == BusEvent.SENT
-            if found.frame and (not own or port.options.receive_own_messages):
-                self._keep(port, message_of_frame(found.frame, own), found.time_ps)
-        elif found.kind in (BusEvent.STATE, BusEvent.RECOVERED) or port.options.bus_errors:
-            counters = (port.node.tec, port.node.rec)
-            report = error_message(found.kind, found.code, found.role, found.bit, counters)
+        time_ps, node, kind, code, role, bit, frame = found
+        own = kind == _SENT
+        if own or kind == _RECEIVED:
+            if frame and (not own or port.options.receive_own_messages):
+                _keep(port, message_of_frame(frame, own, self.stamp(time_ps), self.name))
+        elif kind in _CHANGES or port.options.bus_errors:
+            report = error_message(kind, code, role, bit, (node.tec, node.rec))
             if report:
-                self._keep(port, report, found.time_ps)
+                report.timestamp = self.stamp(time_ps)
+                report.channel = self.name  # type: ignore[assignment]
+                _keep(port, report)
 
-    def _keep(self, port: ChannelPort, message: can.Message, time_ps: int) -> None:
-        size = port.options.rx_queue_size
-        if size and len(port.inbox) >= size:
-            port.lost += 1
-            return
-        message.timestamp = self.stamp(time_ps)
-        message.channel = self.name  # type: ignore[assignment]
+
+def _keep(port: ChannelPort, message: can.Message) -> None:
+    size = port.options.rx_queue_size
+    if size and len(port.inbox) >= size:
+        port.lost += 1
+    else:
         port.inbox.append(message)

@@ -35,8 +35,9 @@ class Disturbances:
         self._given.append(_Given(disturbance, now_ps, before))
 
     def attempted(self, frame: BusFrame) -> None:
-        """Count an attempt to send a frame."""
-        self._attempts[frame.identifier, frame.format.extended] += 1
+        """Count an attempt to send a frame, if that is of interest yet."""
+        if self._given:
+            self._attempts[frame.identifier, frame.format.extended] += 1
 
     def left(self, now_ps: int) -> list[Disturbance]:
         """Disturbances still to come, for a bus whose time 0 is `now_ps` (ps)."""

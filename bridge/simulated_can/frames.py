@@ -39,24 +39,30 @@ def frame_of_message(message: can.Message, channel: Hashable, timing: BusTiming)
             message.bitrate_switch,
             message.error_state_indicator,
         )
-        data = b"" if kind.remote else bytes(message.data)
-        data = data.ljust(padded(len(data), kind.fd), b"\0")
-        return BusFrame(message.arbitration_id, data, kind, message.dlc if kind.remote else 0)
+        if kind.remote:
+            return BusFrame(message.arbitration_id, b"", kind, message.dlc)
+        data = bytes(message.data)
+        if len(data) > 8:
+            data = data.ljust(padded(len(data), kind.fd), b"\0")
+        return BusFrame(message.arbitration_id, data, kind)
     except CosimError as error:
         raise ChannelOperationError(f"channel {channel!r}: {error}") from error
 
 
-def message_of_frame(frame: BusFrame, own: bool) -> can.Message:
-    """A message of its own for one receiver; `own`: it is the sender. Time and channel are open."""
-    kind = frame.format
+def message_of_frame(frame: BusFrame, own: bool, stamp: float, channel: Hashable) -> can.Message:
+    """A message of its own for one receiver, stamped with a time (s); `own`: it is the sender."""
+    kind, data = frame.format, bytearray(frame.data)
     return can.Message(
-        arbitration_id=frame.identifier,
-        is_extended_id=kind.extended,
-        is_remote_frame=kind.remote,
-        is_fd=kind.fd,
-        bitrate_switch=kind.brs,
-        error_state_indicator=kind.esi,
-        dlc=frame.length,
-        data=None if kind.remote else frame.data,
-        is_rx=not own,
+        stamp,
+        frame.identifier,
+        kind.extended,
+        kind.remote,
+        False,
+        channel,  # type: ignore[arg-type]
+        frame.dlc if kind.remote else len(data),
+        data,
+        kind.fd,
+        not own,
+        kind.brs,
+        kind.esi,
     )

@@ -9,7 +9,7 @@ from typing import Protocol, final
 import can
 from can.typechecking import CanFilters
 
-from bridge.simulated_can.channel import Channel, ChannelPort
+from bridge.simulated_can.channel import Channel, ChannelPort, Wanted
 from bridge.simulated_can.options import ChannelOptions, PortOptions, agree
 from bridge.simulated_can.periodic import PeriodicTask, Sender
 from bridge.simulated_can.protocol import address_of, is_remote
@@ -56,9 +56,7 @@ class BusPlace(Protocol):
     def send(self, message: can.Message, timeout: float | None) -> None:
         """Queue a message, waiting up to `timeout` (s) for room."""
 
-    def receive(
-        self, wanted: Callable[[can.Message], bool], timeout: float | None
-    ) -> can.Message | None:
+    def receive(self, wanted: Wanted | None, timeout: float | None) -> can.Message | None:
         """The oldest message that is `wanted`, waiting up to `timeout` (s; None: for ever)."""
 
     def periodic(
@@ -122,9 +120,7 @@ class LocalChannel:
         """Queue a message, waiting up to `timeout` (s) for room."""
         self._channel.send(self._port, message, timeout)
 
-    def receive(
-        self, wanted: Callable[[can.Message], bool], timeout: float | None
-    ) -> can.Message | None:
+    def receive(self, wanted: Wanted | None, timeout: float | None) -> can.Message | None:
         """The oldest message that is `wanted`, waiting up to `timeout` (s; None: for ever)."""
         return self._channel.receive(self._port, wanted, timeout)
 

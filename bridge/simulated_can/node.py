@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple, Protocol
+from typing import Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.bus.frames import BusEvent, BusFrame, ControllerState
+from cosim.bus.frames import EVENT, BusFrame, ControllerState
 from cosim.bus.settings import BusNodeSettings
 
 
@@ -32,16 +32,9 @@ class WireNode:
         return off and self.settings.recovers
 
 
-class Happening(NamedTuple):
-    """An event of the bus at one node. `time_ps` since the wire exists, `bit` from 0."""
-
-    time_ps: int
-    node: WireNode
-    kind: BusEvent
-    code: int
-    role: int
-    bit: int
-    frame: BusFrame | None
+#: An event of the bus at one node: its time (ps since the wire exists), the node, kind, code, role,
+#: bit (from 0) and frame of the event.
+Happening: TypeAlias = tuple[int, WireNode, int, int, int, int, BusFrame | None]
 
 
 class WireRecorder(Protocol):
@@ -58,15 +51,20 @@ class WireRecorder(Protocol):
 
 
 def told(
-    events: NDArray[np.void], start_ps: int, nodes: Sequence[int], numbers: Sequence[int]
+    events: Sequence[tuple[int, ...]],
+    start_ps: int,
+    nodes: Sequence[int],
+    numbers: Mapping[int, int],
 ) -> NDArray[np.void]:
-    """Events, shape (n,), of a bus that began at `start_ps` (ps) as a recorder has them.
+    """Events of a bus that began at `start_ps` (ps), as a recorder has them: ``EVENT``, shape (n,).
 
-    `nodes`, `numbers`: those of the recorder, for each node and each request of that bus.
+    `events`: tuples with the fields of ``EVENT``. `nodes`, `numbers`: those of the recorder, for
+    each node and each request of that bus.
     """
-    rows = events.copy()
-    rows["time"] += start_ps
-    rows["frame"] = -1
-    rows["node"] = np.array([*nodes, -1], np.int16)[rows["node"]]
-    rows["request"] = np.array([*numbers, -1], np.int64)[rows["request"]]
+    rows = np.array(events, EVENT)
+    if len(rows):
+        rows["time"] += start_ps
+        rows["frame"] = -1
+        rows["node"] = np.array([*nodes, -1], np.int16)[rows["node"]]
+        rows["request"] = [numbers.get(event[1], -1) for event in events]
     return rows

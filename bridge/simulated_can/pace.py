@@ -32,14 +32,44 @@ def act_as(participant: Participant) -> None:
 
 
 def _who() -> Participant:
-    found: Participant = getattr(_acting, "who", None) or threading.current_thread()
+    try:
+        found: Participant = _acting.who
+    except AttributeError:
+        found = _acting.who = threading.current_thread()
     return found
+
+
+@final
+class Changes(threading.Condition):
+    """The lock of a channel, and the wait for what others change there.
+
+    In the way of each message: to hold `held` is to hold the lock, and to tell of a change costs
+    nothing while no thread waits.
+    """
+
+    def __init__(self) -> None:
+        self.held = threading.RLock()
+        super().__init__(self.held)
+        self._sleepers = 0
+
+    def wait(self, timeout: float | None = None) -> bool:
+        """Wait to be told, for up to `timeout` (s); False if nobody told."""
+        self._sleepers += 1
+        try:
+            return super().wait(timeout)
+        finally:
+            self._sleepers -= 1
+
+    def notify_all(self) -> None:
+        """Wake all threads that wait."""
+        if self._sleepers:
+            super().notify_all()
 
 
 class Paced(Protocol):
     """A channel, as its pace sees it. Times are ps of the channel; `lock` is held."""
 
-    lock: threading.Condition
+    lock: Changes
 
     @property
     def now_ps(self) -> int:
@@ -116,7 +146,7 @@ class WallPace:
             channel.lock.wait(max(min(waits), _LEAST_WAIT) if waits else None)
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, slots=True)
 class _Waiter:
     """A thread in a call that waits."""
 
@@ -158,23 +188,26 @@ class SimulatedPace:
         self, channel: Paced, ready: Callable[[], bool], timeout: float | None, quit_ps: int | None
     ) -> bool:
         """`timeout` is in seconds of the channel; of the wall clock while a thread is away."""
-        thread = _who()
-        self._seen[thread] = monotonic_ns()
-        if ready() or (timeout is not None and timeout <= 0):
-            return ready()
-        end_ns = None if timeout is None else monotonic_ns() + int(timeout * 1e9)
-        later = None if timeout is None else channel.now_ps + round(timeout * 1e12)
-        ends = [t for t in (later, quit_ps) if t is not None]
+        thread, now_ns = _who(), monotonic_ns()
+        self._seen[thread] = now_ns
+        if ready():
+            return True
+        if timeout is not None and timeout <= 0:
+            return False
+        end_ns = until_ps = None
+        if timeout is not None:
+            end_ns, until_ps = now_ns + int(timeout * 1e9), channel.now_ps + round(timeout * 1e12)
         if quit_ps is not None:
-            end_ns = monotonic_ns() + (quit_ps - channel.now_ps) // 1000
-        waiter = _Waiter(ready, min(ends) if ends else None, end_ns, quit_ps is not None)
+            end_ns = now_ns + (quit_ps - channel.now_ps) // 1000
+            until_ps = quit_ps if until_ps is None else min(until_ps, quit_ps)
+        waiter = _Waiter(ready, until_ps, end_ns, quit_ps is not None)
         self._waiters[thread] = waiter
         try:
             while not ready():
                 patience = self._missing()
                 absent = patience is not None and patience <= 0
                 over = absent and not waiter.sleeps and _passed(end_ns)
-                if over or _reached(channel, waiter.until_ps):
+                if over or _reached(channel, until_ps):
                     return False
                 self._move(channel, patience, end_ns)
             return True
@@ -190,12 +223,10 @@ class SimulatedPace:
             patience = PATIENCE_NS
         target = None
         if patience is None or patience <= 0:
-            ends = [
-                waiter.until_ps
-                for waiter in self._waiters.values()
-                if patience is None or (waiter.sleeps and _passed(waiter.end_ns))
-            ]
-            target = min((t for t in (*ends, channel.next_ps()) if t is not None), default=None)
+            target = channel.next_ps()
+            for waiter in self._waiters.values():
+                if patience is None or (waiter.sleeps and _passed(waiter.end_ns)):
+                    target = earlier(target, waiter.until_ps)
         if target is not None:
             channel.advance(target)
             if not alone:
@@ -207,6 +238,8 @@ class SimulatedPace:
 
     def _missing(self) -> int | None:
         """The time to wait for threads that are elsewhere, ns; None: there are none."""
+        if len(self._seen) == len(self._waiters):
+            return None
         latest = 0
         for thread in [t for t in self._seen if t not in self._waiters]:
             if thread.is_alive():
@@ -216,6 +249,13 @@ class SimulatedPace:
         if latest and self._strict:
             return PATIENCE_NS  # until then, whoever has ended is noticed
         return latest + PATIENCE_NS - monotonic_ns() if latest else None
+
+
+def earlier(one_ps: int | None, other_ps: int | None) -> int | None:
+    """The earlier of two times, ps; None: never."""
+    if one_ps is None or (other_ps is not None and other_ps < one_ps):
+        return other_ps
+    return one_ps
 
 
 def _reached(channel: Paced, moment_ps: int | None) -> bool:

@@ -20,6 +20,7 @@ from can.broadcastmanager import (
 )
 from can.typechecking import CanFilters
 
+from bridge.simulated_can.channel import Wanted
 from bridge.simulated_can.options import (
     ChannelOperationError,
     ChannelOptionError,
@@ -131,9 +132,7 @@ class RemoteChannel:
         """Queue a message, waiting up to `timeout` (s) for room."""
         self.call("send", pack_message(message), timeout)
 
-    def receive(
-        self, wanted: Callable[[can.Message], bool], timeout: float | None
-    ) -> can.Message | None:
+    def receive(self, wanted: Wanted | None, timeout: float | None) -> can.Message | None:
         """The oldest message, waiting up to `timeout` (s; None: for ever)."""
         while True:
             try:

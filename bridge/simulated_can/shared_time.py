@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import threading
 from typing import final
 
-from bridge.simulated_can.pace import BusPace, Paced, SimulatedPace
+from bridge.simulated_can.pace import BusPace, Changes, Paced, SimulatedPace
 
 
 @final
@@ -18,7 +17,7 @@ class SharedTime:
     """
 
     def __init__(self, pace: BusPace | None = None) -> None:
-        self.lock = threading.Condition(threading.RLock())
+        self.lock = Changes()
         self.pace: BusPace = pace or SimulatedPace(strict=True)
         self._now = 0
         self._channels: list[Paced] = []

@@ -12,12 +12,10 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import final
 
-import numpy as np
-
 from bridge.simulated_can.busy_time import BusyTime
 from bridge.simulated_can.disturbances import Disturbances
 from bridge.simulated_can.node import Happening, WireNode, WireRecorder, told
-from cosim.bus.frames import EVENT, BusEvent, BusFrame, ControllerState
+from cosim.bus.frames import BusEvent, BusFrame, ControllerState
 from cosim.bus.settings import Disturbance
 from cosim.bus.simulation import SimulatedBus
 from cosim.bus.timing import BusTiming
@@ -25,7 +23,12 @@ from cosim.bus.timing import BusTiming
 _STEP = 16
 """Bits to go on while a frame waits and none is on the wire; shorter than any frame."""
 
-_KINDS = tuple(BusEvent)
+_STARTED, _SENT, _RECEIVED, _DROPPED, _FREE = (
+    int(kind)
+    for kind in (
+        BusEvent.STARTED, BusEvent.SENT, BusEvent.RECEIVED, BusEvent.DROPPED, BusEvent.FREE,
+    )
+)  # fmt: skip
 
 
 @final
@@ -45,13 +48,14 @@ class CanWire:
         self._bus: SimulatedBus | None = None
         self._start_ps = 0
         self._nodes: list[WireNode] = []
+        self._places: dict[WireNode, int] = {}
         self._members: list[WireNode] = []
-        self._stale = False
+        self._stale = self._leaving = False
         self._early: list[tuple[WireNode, BusFrame]] = []
         self._requests: dict[int, tuple[WireNode, BusFrame]] = {}
         self.recorder: WireRecorder | None = None
         self._recorded: dict[WireNode, int] = {}
-        self._numbers: list[int] = []
+        self._numbers: dict[int, int] = {}
         self._requested = 0
         self._offered: deque[tuple[int, WireNode, BusFrame]] = deque()
 
@@ -64,7 +68,7 @@ class CanWire:
 
     def leave(self, node: WireNode) -> None:
         """Remove a node when it has sent what it has."""
-        node.leaving = True
+        node.leaving = self._leaving = True
         self._retire()
 
     def disturb(self, disturbance: Disturbance) -> None:
@@ -74,8 +78,9 @@ class CanWire:
 
     def send(self, node: WireNode, frame: BusFrame) -> None:
         """Put a frame into the transmit queue of a node, now."""
-        self._renew()
-        if self._bus is None or node not in self._nodes:
+        if self._stale:
+            self._renew()
+        if self._bus is None or node not in self._places:
             self._early.append((node, frame))
         else:
             self._request(self._bus, node, frame)
@@ -92,15 +97,15 @@ class CanWire:
     def abort(self, node: WireNode) -> None:
         """Drop the frames of a node that wait; one on the wire is finished."""
         self._early = [entry for entry in self._early if entry[0] is not node]
-        if self._bus is not None and node in self._nodes:
+        if self._bus is not None and node in self._places:
             for request in list(node.pending):
-                self._bus.abort(self._nodes.index(node), request)
+                self._bus.abort(self._places[node], request)
 
     def reset(self, node: WireNode) -> None:
         """Restart the controller of a node; what waits is dropped."""
         self._early = [entry for entry in self._early if entry[0] is not node]
-        if self._bus is not None and node in self._nodes:
-            self._bus.reset(self._nodes.index(node))
+        if self._bus is not None and node in self._places:
+            self._bus.reset(self._places[node])
 
     def count(self) -> None:
         """Bring the error counters of all nodes up to date."""
@@ -121,9 +126,10 @@ class CanWire:
         """The next time at which a frame may be received, ps: never too late; None: nothing is
         sent.
         """
-        end = self._busy.next_end(self.now_ps)
-        if end is not None:
-            return end
+        if self._busy.sending:
+            end = self._busy.next_end(self.now_ps)
+            if end is not None:
+                return end
         if len(self._requests) == 1 and not self._early and not self._offered:
             _, frame = next(iter(self._requests.values()))
             return max(self.now_ps, self._busy.free_ps) + self._busy.length_ps(frame)
@@ -153,16 +159,18 @@ class CanWire:
         if self._busy.under_way or self.now_ps < self._busy.free_ps:
             return False
         self.count()
-        known = self.recorder is not None and self._numbers
-        numbers = [self._numbers[request] for request in self._requests] if known else []
+        numbers = [self._numbers.get(request) for request in self._requests]
+        numbers += [None] * len(self._early)
         waiting = [*self._requests.values(), *self._early]
         self._requests, self._early, self._stale = {}, [], False
         self._members = [node for node in self._members if not (node.leaving and not node.pending)]
+        self._leaving = any(node.leaving for node in self._members)
         self._nodes, self._start_ps = list(self._members), self.now_ps
+        self._places = {node: place for place, node in enumerate(self._nodes)}
         for node in self._nodes:
             node.pending = {}
         self._seed += 1
-        self._numbers = []
+        self._numbers = {}
         if not self._nodes:
             self._bus = None
             return True
@@ -175,22 +183,21 @@ class CanWire:
             disturbances=self._disturbances.left(self.now_ps),
             seed=self._seed,
         )
-        for place, (node, frame) in enumerate(waiting):
-            if node in self._nodes:
-                known = numbers[place] if place < len(numbers) else None
+        for (node, frame), known in zip(waiting, numbers, strict=True):
+            if node in self._places:
                 self._request(self._bus, node, frame, known)
         return True
 
     def _retire(self) -> None:
         """True if a node can go now: the bus is made anew without it."""
-        if any(node.leaving and not self.waiting(node) for node in self._members):
+        if self._leaving and any(n.leaving and not self.waiting(n) for n in self._members):
             self._stale = True
 
     def _feed(self, bus: SimulatedBus, until_ps: int) -> None:
         """Request what was offered for times before `until_ps` (ps)."""
         while self._offered and self._offered[0][0] < until_ps:
             at_ps, node, frame = self._offered.popleft()
-            if node in self._nodes:
+            if node in self._places:
                 self._request(bus, node, frame, at_ps=at_ps)
 
     def _request(
@@ -202,8 +209,9 @@ class CanWire:
         at_ps: int = 0,
     ) -> None:
         """Make a request, now or later; `known`: its number for the recorder, if it was made."""
-        at_ps = max(at_ps, self.now_ps)
-        request = bus.request(self._nodes.index(node), at_ps - self._start_ps, frame)
+        if at_ps < self.now_ps:
+            at_ps = self.now_ps
+        request = bus.request(self._places[node], at_ps - self._start_ps, frame)
         node.pending[request] = frame
         self._requests[request] = (node, frame)
         if self.recorder is None:
@@ -211,26 +219,27 @@ class CanWire:
         if known is None:
             known, self._requested = self._requested, self._requested + 1
             self.recorder.request(known, at_ps, self._recorded[node], frame)
-        self._numbers.append(known)
+        self._numbers[request] = known
 
     def _run(self, until_ps: int) -> list[Happening]:
         bus = self._bus
-        if bus is not None:
+        if bus is not None and self._offered:
             self._feed(bus, until_ps)
-        self.now_ps = max(self.now_ps, until_ps)
+        if until_ps > self.now_ps:
+            self.now_ps = until_ps
         if bus is None:
             return []
         rows = bus.step(self.now_ps - self._start_ps)
         if self.recorder is not None:
             nodes = [self._recorded[node] for node in self._nodes]
-            events = np.array(rows, EVENT)
-            self.recorder.add(told(events, self._start_ps, nodes, self._numbers), self.now_ps)
+            self.recorder.add(told(rows, self._start_ps, nodes, self._numbers), self.now_ps)
         if not rows:
             return []
         found = [happening for row in rows if (happening := self._read(bus, row)) is not None]
         for row in rows:
-            if row[7] == BusEvent.SENT or row[7] == BusEvent.DROPPED:
+            if row[7] == _SENT or row[7] == _DROPPED:
                 self._requests.pop(row[1], None)
+                self._numbers.pop(row[1], None)
         self._busy.forget(self.now_ps)
         self._retire()
         return found
@@ -239,27 +248,39 @@ class CanWire:
         """The meaning of an event for its node; None for events of which no program is told."""
         time, request, frame, bit, number, tec, rec, kind, code, role, _ = row
         time_ps = time + self._start_ps
-        if kind == BusEvent.FREE:
+        if kind == _FREE:
             self._busy.free(time_ps)
             return None
         node = self._nodes[number]
         node.tec, node.rec = tec, rec
         known = self._requests.get(request)
         sent = known[1] if known else None
-        if kind == BusEvent.STARTED:
+        if kind == _STARTED:
             self._busy.start(time_ps, node, sent)
             return None
+        if kind == _SENT:
+            self._end(time_ps, False)
+            node.pending.pop(request, None)
+        elif kind != _RECEIVED:
+            self._change(node, kind, code, request, time_ps)
+        if frame >= 0 and sent is not None and sent.format.fd:
+            sent = bus.frame_of_row(frame)  # with the ESI of its sender
+        return time_ps, node, kind, code, role, bit, sent
+
+    def _change(self, node: WireNode, kind: int, code: int, request: int, time_ps: int) -> None:
+        """Follow an event that is neither the begin nor the end of a frame."""
         if kind == BusEvent.LOST:
             self._busy.lose(node)
-        elif kind == BusEvent.SENT or kind == BusEvent.ERROR or kind == BusEvent.OVERLOAD:
-            for attempted in self._busy.end(time_ps, kind != BusEvent.SENT):
-                self._disturbances.attempted(attempted)
-        if kind == BusEvent.STATE:
+        elif kind == BusEvent.ERROR or kind == BusEvent.OVERLOAD:
+            self._end(time_ps, True)
+        elif kind == BusEvent.STATE:
             node.state = ControllerState(code)
         elif kind == BusEvent.RECOVERED:
             node.state = ControllerState.ACTIVE
-        elif kind == BusEvent.SENT or kind == BusEvent.DROPPED:
+        elif kind == BusEvent.DROPPED:
             node.pending.pop(request, None)
-        if frame >= 0 and sent is not None and sent.format.fd:
-            sent = bus.frame_of_row(frame)  # with the ESI of its sender
-        return Happening(time_ps, node, _KINDS[kind], code, role, bit, sent)
+
+    def _end(self, time_ps: int, failed: bool) -> None:
+        """A transmission is over."""
+        for attempted in self._busy.end(time_ps, failed):
+            self._disturbances.attempted(attempted)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import IntEnum
+from functools import cache
 from typing import Any, cast
 
 import numpy as np
@@ -117,16 +118,20 @@ class BusFrame:
     dlc: int = 0
 
     def __post_init__(self) -> None:
-        width = 29 if self.format.extended else 11
+        kind, length = self.format, len(self.data)
+        width = 29 if kind.extended else 11
         if not 0 <= self.identifier < 1 << width:
             raise TimingError(f"found identifier {self.identifier:#x}, expected {width} bits")
-        if self.format.remote and self.data:
-            raise TimingError("found data in a remote frame, expected none")
-        if not self.format.remote and self.dlc not in (0, len(self.data)):
+        if kind.remote:
+            if length:
+                raise TimingError("found data in a remote frame, expected none")
+            padded(self.dlc, kind.fd)
+        elif self.dlc not in (0, length):
             raise TimingError(
-                f"found DLC {self.dlc} of {len(self.data)} bytes; expected it in remote frames only"
+                f"found DLC {self.dlc} of {length} bytes; expected it in remote frames only"
             )
-        padded(self.length, self.format.fd)
+        elif length > 8:
+            padded(length, kind.fd)
 
     @property
     def length(self) -> int:
@@ -136,8 +141,7 @@ class BusFrame:
     @property
     def flags(self) -> int:
         """``CAN_`` flags of ``cosim/c/bus/length.h``."""
-        f = self.format
-        return f.fd | f.brs << 1 | f.esi << 2 | f.remote << 3 | f.extended << 4
+        return self.format.flags
 
     def row(self) -> np.void:
         """The frame as a row of :data:`FRAME`."""
@@ -147,16 +151,22 @@ class BusFrame:
         return cast(np.void, rows[0])
 
 
+@cache
+def format_of(flags: int) -> FrameFormat:
+    """The format of a frame with these ``CAN_`` flags."""
+    fd, brs, esi, remote, extended = (bool(flags >> place & 1) for place in range(5))
+    return FrameFormat(extended, fd, brs, remote, esi)
+
+
+def frame_of_fields(identifier: int, flags: int, length: int, data: bytes) -> BusFrame:
+    """The frame of the fields of a row; `data` may be longer than the frame."""
+    kind = format_of(flags)
+    if kind.remote:
+        return BusFrame(identifier, b"", kind, length)
+    return BusFrame(identifier, data[:length], kind)
+
+
 def frame_of(row: Any) -> BusFrame:
     """The frame of a row of :data:`FRAME`."""
-    flags, length = int(row["flags"]), int(row["length"])
-    remote = bool(flags & 8)
-    kind = FrameFormat(
-        extended=bool(flags & 16),
-        fd=bool(flags & 1),
-        brs=bool(flags & 2),
-        remote=remote,
-        esi=bool(flags & 4),
-    )
-    data = b"" if remote else row["data"][:length].tobytes()
-    return BusFrame(int(row["id"]), data, kind, length if remote else 0)
+    fields = int(row["id"]), int(row["flags"]), int(row["length"])
+    return frame_of_fields(*fields, row["data"].tobytes())

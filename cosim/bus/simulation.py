@@ -31,6 +31,7 @@ from cosim.bus.frames import (
     BusFrame,
     ControllerState,
     frame_of,
+    frame_of_fields,
 )
 from cosim.bus.settings import BusNodeSettings, Disturbance
 from cosim.bus.shared import library
@@ -41,7 +42,6 @@ _EVENT = struct.Struct("<qqihhhhBBBB")
 _FRAME = struct.Struct("<IBBH64s")
 _REQUEST = struct.Struct("<qiiIBBH64s")
 _FD_ON_CLASSIC = "found an FD frame on a classic bus, expected one with fd"
-_NO_FRAMES = np.empty(0, FRAME)
 
 
 def bits_on_bus(frame: BusFrame) -> tuple[int, int]:
@@ -95,7 +95,7 @@ class SimulatedBus:
         self._bus = self._c.bus_create(start + -start % 16, settings)
         self._make_room(8 * len(nodes) + 1024)
         self._now = 0
-        self._frames: NDArray[np.void] = _NO_FRAMES
+        self._frames = b""
         self._requests = 0
 
     @property
@@ -121,10 +121,11 @@ class SimulatedBus:
         arbitration at that time. Raises BusSimulationError for a time in the past, for more future
         requests than the node's inbox holds, and for an FD frame on a classic bus.
         """
-        if frame.format.fd and not self.timing.fd:
+        kind = frame.format
+        if kind.fd and not self.timing.fd:
             raise BusSimulationError(_FD_ON_CLASSIC)
-        content = (frame.identifier, frame.flags, frame.length, 0, frame.data)
-        row = _REQUEST.pack(at_ps, node, 0, *content)
+        length = frame.dlc if kind.remote else len(frame.data)
+        row = _REQUEST.pack(at_ps, node, 0, frame.identifier, kind.flags, length, 0, frame.data)
         if not self._c.bus_request(self._bus, row, 1):
             raise BusSimulationError(self._refused(np.frombuffer(row, REQUEST)[0]))
         self._requests += 1
@@ -161,46 +162,40 @@ class SimulatedBus:
         in the next call, so that a request made at that time can take part. Raises
         BusSimulationError if `until_ps` is in the past.
         """
-        events, frames, before = [], [], 0
-        for n_events, n_frames in self._parts(until_ps):
-            room, kept = self._room
-            part = room[:n_events].copy()
+        events = []
+        for n_events, before in self._parts(until_ps):
+            part = self._room[0][:n_events].copy()
             if before:
                 part["frame"][part["frame"] >= 0] += before
-            before += n_frames
             events.append(part)
-            frames.append(kept[:n_frames].copy())
-        self._frames = frames[0] if len(frames) == 1 else np.concatenate(frames)
         return events[0] if len(events) == 1 else np.concatenate(events)
 
     def step(self, until_ps: int) -> list[tuple[int, ...]]:
         """Advance and return tuples with the fields of ``EVENT``: quicker for few events."""
         events: list[tuple[int, ...]] = []
-        frames = b""
-        for n_events, n_frames in self._parts(until_ps):
-            room, kept = self._bytes
-            before = len(frames) // _FRAME.size
-            part = _EVENT.iter_unpack(room[: n_events * _EVENT.size])
+        for n_events, before in self._parts(until_ps):
+            part = _EVENT.iter_unpack(self._bytes[0][: n_events * _EVENT.size])
             if before:
                 part = ((*e[:2], e[2] + before if e[2] >= 0 else -1, *e[3:]) for e in part)
             events += part
-            frames += kept[: n_frames * _FRAME.size]
-        self._frames = np.frombuffer(frames, FRAME) if frames else _NO_FRAMES
         return events
 
     def _parts(self, until_ps: int) -> Iterator[tuple[int, int]]:
-        """Simulate until `until_ps` (ps); yield the numbers of buffered events and frames.
+        """Simulate until `until_ps` (ps); yield the number of events in the buffer, and that of
+        the frames before theirs.
 
         Raises BusSimulationError if `until_ps` is in the past.
         """
         if until_ps < self._now:
             raise BusSimulationError(f"found {until_ps} ps, expected {self._now} ps (now) or later")
-        more = True
+        more, self._frames = True, b""
         while more:
-            rows, output = len(self._room[0]), self._output
+            rows, output = self._rows, self._output
             output.n_events = output.n_frames = rows
-            more = self._c.bus_advance(self._bus, until_ps, c.byref(output))
-            yield output.n_events, output.n_frames
+            more = self._c.bus_advance(self._bus, until_ps, self._there)
+            before = len(self._frames) // _FRAME.size
+            self._frames += self._bytes[1][: output.n_frames * _FRAME.size]
+            yield output.n_events, before
             if more and rows < 1 << 18:
                 self._make_room(4 * rows)
         self._now = until_ps
@@ -208,7 +203,8 @@ class SimulatedBus:
     def _make_room(self, rows: int) -> None:
         self._room = np.empty(rows, EVENT), np.empty(rows, FRAME)
         events, frames = (room.ctypes.data for room in self._room)
-        self._output = BusOutputStruct(events, frames, rows, rows)
+        self._rows, self._output = rows, BusOutputStruct(events, frames, rows, rows)
+        self._there = c.byref(self._output)
         self._bytes = tuple(room.view(np.uint8).data for room in self._room)
 
     def next_event(self, until_ps: int, kinds: Sequence[BusEvent] = tuple(BusEvent)) -> int:
@@ -235,11 +231,12 @@ class SimulatedBus:
 
         Raises BusSimulationError for another row.
         """
-        if not 0 <= row < len(self._frames):
+        if not 0 <= row < len(self._frames) // _FRAME.size:
             raise BusSimulationError(
                 f"found an event with frame {row}, expected one of the last call"
             )
-        return frame_of(self._frames[row])
+        identifier, flags, length, _, data = _FRAME.unpack_from(self._frames, row * _FRAME.size)
+        return frame_of_fields(identifier, flags, length, data)
 
     def received(self, node: int) -> list[ReceivedFrame]:
         """Take all frames out of a node's receive FIFO, the oldest first."""

@@ -28,7 +28,7 @@ eq. (1), for the worst case of classic frames: 55 + 10 n and 80 + 10 n bits.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -66,8 +66,13 @@ class FrameFormat:
     brs: bool = False
     remote: bool = False
     esi: bool = False
+    flags: int = field(init=False, repr=False, compare=False)
+    """``CAN_`` flags of ``cosim/c/bus/length.h``."""
 
     def __post_init__(self) -> None:
+        given = (self.fd, self.brs, self.esi, self.remote, self.extended)
+        flags = sum(bool(found) << place for place, found in enumerate(given))
+        object.__setattr__(self, "flags", flags)
         if self.fd and self.remote:
             raise TimingError("found a remote FD frame; CAN FD has none")
         if not self.fd and (self.brs or self.esi):

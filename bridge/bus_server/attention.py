@@ -6,7 +6,7 @@ import select
 import socket
 import threading
 from collections.abc import Container, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from typing import final
 
 
@@ -64,3 +64,10 @@ class Attention:
             return True
         with self._lock:
             return any(thread and thread not in waiting for thread in self._connections.values())
+
+
+def attended(
+    attention: Attention | None, connection: socket.socket
+) -> AbstractContextManager[object]:
+    """The context of a call, for a server whose time is that of programs; else of nothing."""
+    return nullcontext() if attention is None else attention.call(connection)

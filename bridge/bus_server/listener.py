@@ -10,7 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import final
 
-from bridge.bus_server.attention import Attention
+from bridge.bus_server.attention import Attention, attended
 from bridge.simulated_can.protocol import BusAddress
 from cosim.base.errors import CosimError
 
@@ -61,7 +61,7 @@ class Acceptor:
         attention: Attention | None = None,
     ) -> None:
         self._listener, self._serve = listener, serve
-        self._attention = attention or Attention()
+        self._attention = attention
         self._open: set[socket.socket] = set()
         self._thread = threading.Thread(target=self._accept, daemon=True)
         self._thread.start()
@@ -84,11 +84,12 @@ class Acceptor:
     def _accept(self) -> None:
         while True:
             try:
-                with self._attention.call(self._listener):
+                with attended(self._attention, self._listener):
                     connection, _ = self._listener.accept()
-                    self._attention.watch(connection)
+                    if self._attention is not None:
+                        self._attention.watch(connection)
             except OSError:
-                self._attention.forget(self._listener)
+                self._forget(self._listener)
                 return  # closed
             if connection.family != socket.AF_UNIX:
                 connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
@@ -99,6 +100,10 @@ class Acceptor:
         try:
             self._serve(connection)
         finally:
-            self._attention.forget(connection)
+            self._forget(connection)
             self._open.discard(connection)
             connection.close()
+
+    def _forget(self, connection: socket.socket) -> None:
+        if self._attention is not None:
+            self._attention.forget(connection)

@@ -17,7 +17,7 @@ from typing import Any, final
 
 import can
 
-from bridge.bus_server.attention import Attention
+from bridge.bus_server.attention import Attention, attended
 from bridge.bus_server.listener import Acceptor
 from bridge.simulated_can.channel import Channel, ChannelPort
 from bridge.simulated_can.frames import frame_of_message
@@ -62,7 +62,7 @@ class BusServer:
         attention: Attention | None = None,
     ) -> None:
         self._channel = channel
-        self._attention = attention or Attention()
+        self._attention = attention
         self._ports: dict[int, RemotePort] = {}
         self._tokens = itertools.count(1)
         self._threads = threads or RemoteThreads()
@@ -79,14 +79,14 @@ class BusServer:
 
     def _serve(self, connection: socket.socket) -> None:
         calls = CallSocket(connection)
-        with self._attention.call(connection):
+        with attended(self._attention, connection):
             found = self._begin(calls)
         if found is None:
             return
         token, port, thread = found
         try:
             if token:
-                with self._attention.call(connection):
+                with attended(self._attention, connection):
                     calls.receive()  # until the client closes it
                     self._leave(token, port)
             else:
@@ -129,7 +129,7 @@ class BusServer:
     def _answer_all(self, connection: socket.socket, calls: CallSocket, port: RemotePort) -> None:
         """Answer the calls of a connection until its end."""
         while True:
-            with self._attention.call(connection):
+            with attended(self._attention, connection):
                 call = calls.receive_call()
                 if call is None:
                     return

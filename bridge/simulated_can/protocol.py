@@ -21,6 +21,8 @@ SERVED_BUS = "COSIM_BUS"
 """The environment variable of programs that `cosim bus` starts: NAME@ADDRESS of their bus."""
 _MOST = 1 << 24
 """Bytes of a call; more is no call."""
+_READ = 4096
+"""Bytes that are read at once, at least."""
 
 
 class BusAddress(NamedTuple):
@@ -85,7 +87,8 @@ class CallSocket:
 
     def __init__(self, connection: socket.socket) -> None:
         self._socket = connection
-        self._got = bytearray()
+        self._packed = msgpack.Packer().pack
+        self._got = b""
 
     def __del__(self) -> None:
         """A thread's connection ends with the thread."""
@@ -93,7 +96,7 @@ class CallSocket:
 
     def send(self, value: object) -> None:
         """Send a value. Raises OSError when the connection is gone."""
-        content = msgpack.packb(value)
+        content = self._packed(value)
         self._socket.sendall(len(content).to_bytes(4, "big") + content)
 
     def receive(self) -> Any:
@@ -103,12 +106,11 @@ class CallSocket:
         end = 4 + int.from_bytes(self._got[:4], "big")
         if end > _MOST or not self._gather(end):
             return None
+        content, self._got = self._got[4:end], self._got[end:]
         try:
-            value = msgpack.unpackb(self._got[4:end])
+            return msgpack.unpackb(content)
         except (ValueError, RecursionError, msgpack.UnpackException):
             return None
-        del self._got[:end]
-        return value
 
     def receive_call(self) -> list[Any] | None:
         """The next call; None at the end of the connection, or where there is no call."""
@@ -125,47 +127,52 @@ class CallSocket:
 
     def _gather(self, size: int) -> bool:
         """Receive until `size` bytes are there; False at the end of the connection."""
-        while len(self._got) < size:
+        if len(self._got) >= size:
+            return True
+        parts, missing = [self._got], size - len(self._got)
+        while missing > 0:
             try:
-                part = self._socket.recv(65536)
+                part = self._socket.recv(max(_READ, min(missing, _MOST)))
             except OSError:
                 return False
             if not part:
                 return False
-            self._got += part
+            parts.append(part)
+            missing -= len(part)
+        self._got = b"".join(parts)
         return True
 
 
 def pack_message(message: can.Message) -> list[Any]:
     """A message as msgpack can carry it."""
     flags = (
-        bool(message.is_extended_id)
-        | bool(message.is_remote_frame) << 1
-        | bool(message.is_error_frame) << 2
-        | bool(message.is_fd) << 3
-        | bool(message.bitrate_switch) << 4
-        | bool(message.error_state_indicator) << 5
-        | bool(message.is_rx) << 6
+        (1 if message.is_extended_id else 0)
+        | (2 if message.is_remote_frame else 0)
+        | (4 if message.is_error_frame else 0)
+        | (8 if message.is_fd else 0)
+        | (16 if message.bitrate_switch else 0)
+        | (32 if message.error_state_indicator else 0)
+        | (64 if message.is_rx else 0)
     )
     data = bytes(message.data or b"")
-    return [message.arbitration_id, int(flags), message.dlc, data, message.timestamp]
+    return [message.arbitration_id, flags, message.dlc, data, message.timestamp]
 
 
 def unpack_message(packed: list[Any], channel: str) -> can.Message:
     """The message of :func:`pack_message`, as received on `channel`."""
     identifier, flags, dlc, data, timestamp = packed
-    remote = bool(flags & 2)
+    remote = flags & 2 > 0
     return can.Message(
-        timestamp=timestamp,
-        arbitration_id=identifier,
-        is_extended_id=bool(flags & 1),
-        is_remote_frame=remote,
-        is_error_frame=bool(flags & 4),
-        is_fd=bool(flags & 8),
-        bitrate_switch=bool(flags & 16),
-        error_state_indicator=bool(flags & 32),
-        is_rx=bool(flags & 64),
-        dlc=dlc,
-        data=None if remote else data,
-        channel=channel,
+        timestamp,
+        identifier,
+        flags & 1 > 0,
+        remote,
+        flags & 4 > 0,
+        channel,
+        dlc,
+        None if remote else data,
+        flags & 8 > 0,
+        flags & 64 > 0,
+        flags & 16 > 0,
+        flags & 32 > 0,
     )

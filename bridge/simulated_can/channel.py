@@ -22,7 +22,7 @@ from bridge.simulated_can.options import (
     ChannelTimeoutError,
     PortOptions,
 )
-from bridge.simulated_can.pace import BusPace, Changes, Paced, SimulatedPace, WallPace, earlier
+from bridge.simulated_can.pace import BusPace, ChannelLock, Paced, SimulatedPace, WallPace, earlier
 from bridge.simulated_can.shared_time import SharedTime
 from bridge.simulated_can.wire import CanWire
 from cosim.bus.frames import BusEvent, BusFrame, ControllerState
@@ -77,7 +77,7 @@ class Channel:
             seed=options.seed or 0,
         )
         self.timing = options.timing
-        self.lock = time.lock if time else Changes()
+        self.lock = time.lock if time else ChannelLock()
         self.ports: list[ChannelPort] = []
         self._paced: Paced = time or self
         self.pace: BusPace = WallPace(speed) if speed else SimulatedPace()

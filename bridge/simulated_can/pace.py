@@ -40,7 +40,7 @@ def _who() -> Participant:
 
 
 @final
-class Changes(threading.Condition):
+class ChannelLock(threading.Condition):
     """The lock of a channel, and the wait for what others change there.
 
     In the way of each message: to hold `held` is to hold the lock, and to tell of a change costs
@@ -69,7 +69,7 @@ class Changes(threading.Condition):
 class Paced(Protocol):
     """A channel, as its pace sees it. Times are ps of the channel; `lock` is held."""
 
-    lock: Changes
+    lock: ChannelLock
 
     @property
     def now_ps(self) -> int:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import final
 
-from bridge.simulated_can.pace import BusPace, Changes, Paced, SimulatedPace
+from bridge.simulated_can.pace import BusPace, ChannelLock, Paced, SimulatedPace
 
 
 @final
@@ -17,7 +17,7 @@ class SharedTime:
     """
 
     def __init__(self, pace: BusPace | None = None) -> None:
-        self.lock = Changes()
+        self.lock = ChannelLock()
         self.pace: BusPace = pace or SimulatedPace(strict=True)
         self._now = 0
         self._channels: list[Paced] = []

@@ -8,6 +8,8 @@
 #include "slot.h"
 
 enum { LOOK_NS = 30000, SLEEP_NS = 1000000, FLUSH_NS = 1000000 };
+/* The samples for which a node waits: of the next slot; of the end of the run; sent before until_ns. */
+enum { OF_SLOT, OF_END, OF_UNTIL };
 
 /* Samples sent before a time, or at it. */
 static int64_t sent_by(const stream_t *s, int64_t time_ns, int32_t at_it)
@@ -27,6 +29,8 @@ API int64_t lockstep_needed(const stream_t *s, int64_t deadline_ns)
 {
     return s->lead_ns ? sent_by(s, deadline_ns - s->lead_ns, 1) : lockstep_sent(s, deadline_ns);
 }
+
+API int64_t lockstep_sent_before(const stream_t *s, int64_t time_ns) { return sent_by(s, time_ns, 0); }
 
 static int32_t has_command(const node_t *n, int32_t command)
 {
@@ -88,18 +92,19 @@ static void flush(lockstep_t *l)
     l->unsent_ns = 0;
 }
 
-/* Samples of a stream before the next slot of which the node hears in it; `all`: and at the end. */
-static int64_t wanted(const lockstep_t *l, int32_t stream, int32_t all)
+/* Samples of a stream before the next slot of which the node hears in it, or at another point. */
+static int64_t wanted(const lockstep_t *l, int32_t stream, int32_t of)
 {
     const stream_t *s = l->streams + stream;
-    return all ? lockstep_sent(s, last_deadline(l->node)) : lockstep_needed(s, deadline_of(l->node));
+    if (of == OF_UNTIL) return lockstep_sent_before(s, l->until_ns);
+    return of == OF_END ? lockstep_sent(s, last_deadline(l->node)) : lockstep_needed(s, deadline_of(l->node));
 }
 
 /* The first stream that the node waits for, -1: none. */
-static int32_t awaited(const lockstep_t *l, int32_t all)
+static int32_t awaited(const lockstep_t *l, int32_t of)
 {
     for (int32_t i = 0; i < l->n_streams; i++)
-        if (l->streams[i].received < wanted(l, i, all)) return i;
+        if (l->streams[i].received < wanted(l, i, of)) return i;
     return -1;
 }
 
@@ -114,14 +119,14 @@ static int64_t sleep_from(lockstep_t *l, int64_t now)
 }
 
 /* Until the samples are there: 0, or why not. */
-static int32_t wait_for_samples(lockstep_t *l, int32_t all)
+static int32_t wait_for_samples(lockstep_t *l, int32_t of)
 {
     int64_t now = pace_now(), last = now;
     for (;;) {
         const int32_t came = gather(l);
         if (came < 0) return came;
         if (ended(l->node)) return LIVE_STOPPED;
-        if ((l->awaited = awaited(l, all)) < 0) break;
+        if ((l->awaited = awaited(l, of)) < 0) break;
         if (came) last = now;
         if (now - last > l->patience_ns) return LOCKSTEP_STALLED;
         now = sleep_from(l, now);
@@ -143,7 +148,7 @@ static void give(lockstep_t *l)
 {
     for (int32_t i = 0; i < l->n_streams; i++) {
         stream_t *s = l->streams + i;
-        while (s->given < wanted(l, i, 0)) give_sample(l, s);
+        while (s->given < wanted(l, i, OF_SLOT)) give_sample(l, s);
         if (s->lead_ns) s->reception->promised = lockstep_sent(s, deadline_of(l->node)) - 1;
     }
 }
@@ -182,8 +187,10 @@ static int32_t send(lockstep_t *l)
 static int32_t step(lockstep_t *l)
 {
     node_t *n = l->node;
-    int32_t result = wait_for_samples(l, 0);
+    const int32_t there = l->until_ns >= 0 && deadline_of(n) >= l->until_ns;
+    int32_t result = wait_for_samples(l, there ? OF_UNTIL : OF_SLOT);
     if (result) return result;
+    if (there) return LOCKSTEP_UNTIL;
     give(l);
     if ((result = node_slot(n, deadline_of(n), deadline_of(n), 0)) != 0) return result;
     if ((result = send(l)) != 0) return result;
@@ -193,10 +200,10 @@ static int32_t step(lockstep_t *l)
 /* After the last slot: the rest of what the twin hears. */
 static int32_t hear_rest(lockstep_t *l)
 {
-    const int32_t result = wait_for_samples(l, 1);
+    const int32_t result = wait_for_samples(l, OF_END);
     if (result) return result;
     for (int32_t i = 0; i < l->n_streams; i++) {
-        while (l->streams[i].given < wanted(l, i, 1)) {
+        while (l->streams[i].given < wanted(l, i, OF_END)) {
             give_sample(l, l->streams + i);
             node_hear(l->node, last_deadline(l->node));
         }
@@ -204,20 +211,29 @@ static int32_t hear_rest(lockstep_t *l)
     return check_promises(l);
 }
 
-static int32_t run(lockstep_t *l)
+/* Wait for START: 0, or why there is no slot. */
+static int32_t begin(lockstep_t *l)
 {
     node_t *n = l->node;
-    int32_t result = 0;
     while (!has_command(n, COMMAND_START)) {
         if (ended(n)) return LIVE_NEVER_STARTED;
         if (gather(l) < 0) return LOCKSTEP_LOST;
         pace_wait(pace_now() + 1000000, 0, &n->quit);
     }
+    l->begun = 1;
     n->told = 0;
+    if (l->resumed) return 0;
     n->start_ns = 0;
     n->life.state = LIFE_ACTIVE;
     n->life.armed = 1;
     node_enable(n, 0);
+    return 0;
+}
+
+static int32_t run(lockstep_t *l)
+{
+    node_t *n = l->node;
+    int32_t result = l->begun ? 0 : begin(l);
     while (!result && n->slot < n->slots) result = step(l);
     if (result || (result = hear_rest(l)) != 0) return result;
     n->life.state = LIFE_FINISHED;

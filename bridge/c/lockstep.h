@@ -13,6 +13,10 @@
  *
  * What a node sends waits in the queue of its bus until the node has to wait itself, or for FLUSH_NS; so all
  * samples of a window are handed over at once.
+ *
+ * Checkpoints: before the first slot at or after `until_ns` the node waits for all samples that were sent
+ * before this time, and returns LOCKSTEP_UNTIL; the next call goes on. If all nodes stand at the same time
+ * there, no sample is on its way that was sent before.
  */
 #ifndef BRIDGE_LOCKSTEP_H
 #define BRIDGE_LOCKSTEP_H
@@ -20,7 +24,7 @@
 #include "node.h"
 
 /* What lockstep_run returns besides LIVE_FINISHED, LIVE_STOPPED and the engine's results. */
-enum { LOCKSTEP_STALLED = -10, LOCKSTEP_LOST = -11, LOCKSTEP_REFUSED = -12 };
+enum { LOCKSTEP_STALLED = -10, LOCKSTEP_LOST = -11, LOCKSTEP_REFUSED = -12, LOCKSTEP_UNTIL = -13 };
 
 typedef struct {
     const message_t *message; /* whose frames it holds */
@@ -43,6 +47,9 @@ typedef struct {
     int64_t patience_ns; /* without anything new: stalled */
     int64_t found;       /* LOST: number of the sample that came instead, modulo 65536 */
     int64_t unsent_ns;   /* since when something waits to be handed over (CLOCK_MONOTONIC); 0: nothing */
+    int64_t until_ns;    /* relative to the start; < 0: to the end */
+    int32_t resumed;     /* 1: it goes on in the middle of a run, with the state that it had there */
+    int32_t begun;       /* START has come */
 } lockstep_t;
 
 /* Samples sent before a slot at deadline_ns (relative): 0 .. this - 1. */
@@ -50,7 +57,11 @@ API int64_t lockstep_sent(const stream_t *s, int64_t deadline_ns);
 /* Those of them that the slot needs. */
 API int64_t lockstep_needed(const stream_t *s, int64_t deadline_ns);
 
-/* All slots to the end; waits for COMMAND_START first. Reads clocks, to wait and for patience only. */
+/* Those of them that were sent before a time. */
+API int64_t lockstep_sent_before(const stream_t *s, int64_t time_ns);
+
+/* All slots to the end, or to until_ns; waits for COMMAND_START first. Reads clocks, to wait and for patience
+ * only. */
 API int32_t lockstep_run(lockstep_t *l);
 
 #endif

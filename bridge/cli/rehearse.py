@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
     from bridge.deployment.system import System
     from bridge.faults.script import FaultScript
     from bridge.node.handle import SlotImage
+    from bridge.rehearsal.kept_run import KeptRun
     from bridge.rehearsal.supervisor import Settings
     from bridge.results.rehearsal_outcome import RehearsalOutcome
     from bridge.results.verdict import Verdict
@@ -60,6 +62,20 @@ class RehearsalOptions(OutputOptions):
             "(see docs/scale.md).",
         ),
     ] = None
+    checkpoint: Annotated[
+        str | None,
+        typer.Option(
+            metavar="TIME",
+            help="In lock-step, save the state at such intervals of wall time, e.g. 60s.",
+        ),
+    ] = None
+    resume: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="RUN",
+            help="Continue the run of this folder from its checkpoint; --hosts: on other hosts.",
+        ),
+    ] = None
     faults: Annotated[
         Path | None,
         typer.Option(metavar="SCRIPT", help="Fault script: faults to inject (see docs/faults.md)."),
@@ -85,10 +101,10 @@ class RehearsalOptions(OutputOptions):
 
 
 def rehearse(
-    scenario: Annotated[Path, typer.Argument(help="Scenario file (.toml).")],
     deploy: DeployOptions,
     hardware: HardwareOptions,
     options: RehearsalOptions,
+    scenario: Annotated[Path | None, typer.Argument(help="Scenario file (.toml).")] = None,
 ) -> None:
     """Run a scenario in real time, one process per node, on real buses; then check the run.
 
@@ -96,19 +112,24 @@ def rehearse(
     were received that were not sent, or an injected fault is not in the report. Exit status 3 if
     the result is inconclusive because this machine was too slow.
     """
+    from bridge.cli import checkpoints
     from bridge.cli.options import refuse_in_simulated_time
-    from bridge.deployment import spec as deployments
-    from bridge.deployment.changes import clock_settings
     from bridge.deployment.system import load_system
     from bridge.rehearsal.outside import parse
     from bridge.rehearsal.supervisor import Settings
 
-    path = deployments.find(scenario, deploy.deploy)
-    changes = [*deploy.set_]
-    changes += [f"run.seed={options.seed}"] if options.seed is not None else []
-    changes += [] if options.latency else ["deploy.latency=false"]
-    changes += clock_settings(deployments.load(path), _clock(hardware, options))
-    changes += deploy.settings(deployments.load(path))
+    kept = None
+    if options.resume is not None:
+        kept, options = checkpoints.resumed(scenario, deploy, hardware, options)
+        scenario, path = Path(kept.given["scenario"]), Path(kept.given["deployment"])
+        changes: list[str] = kept.given["settings"]
+    elif scenario is None:
+        text = "found no scenario; expected cosim rehearse SCENARIO, or --resume RUN"
+        raise typer.BadParameter(text)
+    else:
+        path, changes = _given(scenario, deploy, hardware, options)
+        if options.checkpoint is not None:
+            kept = checkpoints.begun(scenario, path, changes, options)
     system = load_system(scenario, str(path), changes)
     refuse_in_simulated_time(
         system.deployment,
@@ -117,6 +138,8 @@ def rehearse(
         outside=bool(options.outside),
         hardware=hardware.hardware,
     )
+    if kept is not None:
+        kept.check(system)
     found = checked(system, scenario, changes, options)
     hardware.confirm("run")
     settings = Settings(
@@ -131,7 +154,23 @@ def rehearse(
         say=options.say,
         images=images(system, options.firmware),
     )
-    _run(system, settings, options, found)
+    _run(system, settings, options, found, kept)
+
+
+def _given(
+    scenario: Path, deploy: DeployOptions, hardware: HardwareOptions, options: RehearsalOptions
+) -> tuple[Path, list[str]]:
+    """The deployment, and the changes of scenario and deployment. Raises ScenarioError."""
+    from bridge.deployment import spec as deployments
+    from bridge.deployment.changes import clock_settings
+
+    path = deployments.find(scenario, deploy.deploy)
+    changes = [*deploy.set_]
+    changes += [f"run.seed={options.seed}"] if options.seed is not None else []
+    changes += [] if options.latency else ["deploy.latency=false"]
+    changes += clock_settings(deployments.load(path), _clock(hardware, options))
+    changes += deploy.settings(deployments.load(path))
+    return path, changes
 
 
 def _clock(hardware: HardwareOptions, options: RehearsalOptions) -> str:
@@ -193,7 +232,11 @@ def images(system: System, given: Sequence[str]) -> dict[str, SlotImage]:
 
 
 def _run(
-    system: System, settings: Settings, options: RehearsalOptions, found: list[dict[str, Any]]
+    system: System,
+    settings: Settings,
+    options: RehearsalOptions,
+    found: list[dict[str, Any]],
+    kept: KeptRun | None,
 ) -> None:
     """The rehearsal and its results. Ends the command unless the verdict is good."""
     from dataclasses import replace
@@ -221,12 +264,15 @@ def _run(
         settings = replace(settings, starter=started, warm_up=0.0)
     facts = {
         "settings": list(settings.changes), "faults": settings.script, "real": settings.real,
-        "command": this_command(), "findings": found,
+        "command": kept.given["command"] if kept else this_command(), "findings": found,
     }  # fmt: skip
+    resumed = kept is not None and kept.is_resumed
     with held_folder(folder):
-        if options.force:
-            clear(folder)
-        claim_folder(folder, force=options.force)
+        if options.force or resumed:
+            clear(folder, resumed=resumed)
+        claim_folder(folder, force=options.force or resumed, resumed=resumed)
+        if kept is not None:
+            settings = replace(settings, keeping=kept.begin(system, folder))
         options.say("\n".join([header(system), *(placed.lines() if placed else ())]))
         outcome, interrupted = _rehearsed(system, settings, folder, facts, script, options)
         verdict = _say(system, outcome, options)
@@ -234,7 +280,12 @@ def _run(
             write_json(options.json, "rehearse", as_data(system, outcome))
         if interrupted:
             typer.echo(f"interrupted; recorded until then: {folder}", err=True)
+            if kept is not None:
+                again = f"cosim rehearse --resume {shlex.quote(str(folder))}"
+                typer.echo(f"to continue: {again}", err=True)
             raise typer.Exit(exit_code())
+        if kept is not None and outcome.finished:
+            kept.end(folder)
         if verdict.exit_code:
             raise typer.Exit(verdict.exit_code)
 

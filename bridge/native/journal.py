@@ -152,6 +152,26 @@ class Journal:
         self.struct.rows += 1
         return True
 
+    def extend(self, rows: Rows) -> None:
+        """Append rows (n,). Raises JournalError for other fields or too many, OSError."""
+        after = len(self) + len(rows)
+        if rows.dtype != self._rows.dtype or after > self.struct.capacity:
+            found = f"{after} rows of {rows.dtype.itemsize} bytes"
+            raise JournalError(
+                f"{self.path}: found {found}; expected at most {self.struct.capacity} rows of the "
+                f"{self.struct.row_size} bytes of this journal"
+            )
+        piece = max(1, AHEAD // rows.dtype.itemsize)
+        for i in range(0, len(rows), piece):
+            self.make_room()
+            some = rows[i : i + piece]
+            self._rows[len(self) : len(self) + len(some)] = some
+            self.struct.rows += len(some)
+
+    def sync(self) -> None:
+        """Bring the rows written so far to the disk. Raises OSError."""
+        os.fsync(self._file)
+
     def _has_room(self) -> bool:
         """True if there is room for another row; otherwise it is counted as dropped."""
         if len(self) >= self.struct.limit:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import ctypes as c
 import json
+import queue
 import signal
 import socket
 import threading
@@ -30,6 +31,9 @@ class Control:
     def __init__(self, struct: native.NodeStruct) -> None:
         self._struct = struct
         self._asked = False
+        #: In lock-step with checkpoints: the next time to stop at, ns, and the number of the state
+        #: to be saved before, or -1.
+        self.steps: queue.SimpleQueue[tuple[int, int]] = queue.SimpleQueue()
 
     def start(self, start_ns: int) -> None:
         """Set t = 0 to this time of the monotonic clock, or return the reason for a refusal."""
@@ -62,6 +66,10 @@ class Control:
     def estop(self) -> None:
         """Emergency stop of all nodes on this node's buses."""
         self._struct.alarm = native.RAISED
+
+    def go_on(self, until_ns: int, save: int) -> None:
+        """Run to this time, in lock-step with checkpoints, after saving the state."""
+        self.steps.put((until_ns, save))
 
     def jump(self, by_ns: int) -> None:
         """Let this node take it to be so much later from now on: a clock that was set."""
@@ -200,6 +208,8 @@ def listen_to(stream: Iterable[str]) -> Callable[[Control], None]:
                     control.jump(message["by_ns"])
                 case "estop":
                     control.estop()
+                case "go":
+                    control.go_on(message["until_ns"], message["save"])
         control.stop()
 
     return listen

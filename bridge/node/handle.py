@@ -36,6 +36,7 @@ class NodeStart:
     real: bool = False
     script: str = ""
     image: SlotImage | None = None  # None: its process computes its slots
+    resumes: int | None = None  # lock-step with checkpoints: the number of its state; -1: its start
 
     def text(self) -> str:
         """The report as JSON."""
@@ -77,6 +78,8 @@ class NodeHandle(ABC):
         self.deaf: tuple[str, ...] = ()  # messages that no longer arrive
         self.drives: tuple[str, ...] | None = None  # those that failed; (): all are ready
         self.faults: list[Mapping[str, Any]] = []  # of its emulator, that were carried out
+        self.reached = -1  # lock-step with checkpoints: the time at which it stands, ns
+        self.saved = -1  # and the number of the state that it has saved last
 
     def keep_event(self, event: Mapping[str, Any]) -> None:
         """Keep the content of an event. Events of unknown kinds are discarded."""
@@ -97,6 +100,10 @@ class NodeHandle(ABC):
                 self.deaf = tuple(event["to"])
             case "fault":
                 self.faults.append(event)
+            case "reached":
+                self.reached = event["t_ns"]
+            case "saved":
+                self.saved = event["number"]
 
     def check(self) -> None:
         """Raise RunError if the node has ended unexpectedly."""

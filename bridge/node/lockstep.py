@@ -67,7 +67,10 @@ def _patience(system: System) -> float:
 
 @final
 class Lockstep:
-    """One node in lock-step over its `ends`; use as a context manager. `wired` is the node."""
+    """One node in lock-step over its `ends`; use as a context manager.
+
+    `wired` is the node, `streams` (messages received,) are its samples, `outside` its buses.
+    """
 
     def __init__(
         self,
@@ -86,19 +89,20 @@ class Lockstep:
         self.wired = WiredNode(system, name, inside, journal, nodes.SIMULATED)
         self.wired.struct.heartbeat_slots = self.wired.struct.n_peers = 0
         heard = system.received_by(name)
-        self._streams = (native.StreamStruct * max(1, len(heard)))(*map(self._stream, heard))
+        self.streams = (native.StreamStruct * len(heard))(*map(self._stream, heard))
         structs = [end.bus.struct for end in ends.values()]
         self._outside = (BusStruct * max(1, len(structs)))(*structs)
-        self._ends = [end.bus for end in ends.values()]
-        for i, bus in enumerate(self._ends):
+        self.outside = {name: end.bus for name, end in ends.items()}
+        for i, bus in enumerate(self.outside.values()):
             bus.struct = self._outside[i]
         self.struct = native.LockstepStruct(
             node=c.pointer(self.wired.struct),
             outside=self._outside,
-            streams=self._streams,
+            streams=self.streams,
             n_streams=len(heard),
             awaited=-1,
             patience_ns=round(self._patience * 1e9),
+            until_ns=native.TO_END,
         )
 
     def __enter__(self) -> Self:
@@ -143,7 +147,7 @@ class Lockstep:
         s = self.wired.struct
         if result not in (native.STALLED, native.LOST, native.REFUSED):
             return ""
-        stream = self._streams[self.struct.awaited]
+        stream = self.streams[self.struct.awaited]
         message = self._system.received_by(self._name)[self.struct.awaited]
         sender = self._system.messages[message].node
         at = f"slot {s.slot} (t = {s.slot * s.h:.6g} s)"

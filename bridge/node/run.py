@@ -27,7 +27,7 @@ from bridge.firmware.slots import FAILED
 from bridge.native import node as native
 from bridge.native.message import COUNTERS, Receiver
 from bridge.native.safety import LifeState
-from bridge.node import lockstep
+from bridge.node import checkpoints, lockstep
 from bridge.node.buses import announce, answer, join_run, open_buses
 from bridge.node.control import Control, Helpers, Say, listen_to, room_ahead, signals
 from bridge.node.fault_injection import inject
@@ -64,7 +64,7 @@ class NodeOptions:
 
     `boots`: number in its heartbeats, 0: drawn from the time. `warm_up`: duration of the self-test
     before it is ready, s; `script`: faults to inject; `alone`: no supervisor starts it, so it joins
-    an active run without a command. `image`: computes the slots.
+    an active run without a command. `image`: computes the slots. `resumes`: see NodeStart.
     """
 
     life: Life
@@ -76,6 +76,7 @@ class NodeOptions:
     script: FaultScript | None = None
     alone: bool = False
     image: SlotImage | None = None
+    resumes: int | None = None
 
 
 def run_node(
@@ -117,6 +118,9 @@ def _in_lockstep(
     listen: Callable[[Control], None],
 ) -> Statement:
     """Run a node like :func:`run_node`, without a clock."""
+    resumes = options.resumes
+    if resumes is not None and resumes >= 0:
+        checkpoints.set_aside(options.folder, options.life, system.buses_of(options.life.node))
     with (
         open_buses(system, options.life, options.folder) as buses,
         lockstep.Lockstep(system, options.life.node, buses, journal) as stepping,
@@ -124,11 +128,18 @@ def _in_lockstep(
         control = Control(stepping.wired.struct)
         helping = Helpers(control)
         answer(stepping.wired, buses, control)
+        steps: Callable[[], int] = stepping.run
+        if resumes is not None:
+            place = checkpoints.place(options.folder, options.life)
+            keeping = checkpoints.NodeCheckpoints(stepping, place, control, say)
+            stepping.struct.until_ns, steps = 0, keeping.run
+            if resumes >= 0:
+                keeping.resume(resumes)
         with signals(control):
             announce(buses)
             say({"event": "ready", "refused": [], "warning": ""})
             helping.start("control", lambda: listen(control))
-            result = stepping.run()
+            result = steps()
             helping.check()
             stalled = stepping.error(result)
             report = node_statement(stepping.wired, buses, options, result, {}, "", None, stalled)
@@ -326,6 +337,7 @@ def run_started(
         real=start.real,
         script=load(Path(start.script)) if start.script else None,
         image=start.image,
+        resumes=start.resumes,
     )
     return run_node(system, options, say, listen)
 

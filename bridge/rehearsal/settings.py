@@ -11,6 +11,7 @@ from typing import Any, Protocol
 from bridge.faults.script import FaultEvent
 from bridge.node.handle import NodeHandle, NodeStart, SlotImage
 from bridge.records.records import Note
+from bridge.rehearsal.checkpoints import Keeping
 
 OnHost = Callable[[str], AbstractContextManager[None]]
 
@@ -74,6 +75,7 @@ class Settings:
     starter: NodeStarter | None = None  # of all nodes; None: processes of this host
     say: Callable[[str], None] = lambda text: None
     images: Mapping[str, SlotImage] = field(default_factory=dict)
+    keeping: Keeping | None = None  # checkpoints, in lock-step
 
 
 @dataclass(slots=True)

@@ -35,6 +35,8 @@ from bridge.records.records import (
     Remark,
     record_note,
 )
+from bridge.rehearsal import checkpoints
+from bridge.rehearsal.checkpoints import RunCheckpoints
 from bridge.rehearsal.outside import OutsideNodes
 from bridge.rehearsal.settings import RehearsalRecord as RehearsalRecord
 from bridge.rehearsal.settings import ScheduledEvent
@@ -75,6 +77,10 @@ class Rehearsal:
         alone = any(b.kind == "can" and b.interface == IN_PROCESS for b in buses)
         # without the wall clock nothing says when the end is
         self._timed = not (is_lockstep(system) or is_simulated(system))
+        self._checkpoints: RunCheckpoints | None = None
+        if settings.keeping is not None:
+            longest = max(plan.h for plan in system.nodes.values())
+            self._checkpoints = RunCheckpoints(settings.keeping, round(longest * 1e9))
         self._lags: list[BusLag] = []
         self._addresses: tuple[str, ...] = ()  # of buses that this process serves, as settings
         self._outside: OutsideNodes | None = None
@@ -119,6 +125,7 @@ class Rehearsal:
             real=s.real,
             script=s.script,
             image=s.images.get(name),
+            resumes=None if s.keeping is None else s.keeping.resumes,
         )
         process: NodeHandle
         if s.starter is not None:
@@ -163,6 +170,8 @@ class Rehearsal:
                 self._watch(progress)
         except KeyboardInterrupt:
             acknowledge()
+            if self._checkpoints is not None:
+                self._checkpoints.save_last(self.current)
             self.stop()
             self.ended.interrupted = True
             raise Interrupted(self.t, str(self.folder)) from None
@@ -287,11 +296,15 @@ class Rehearsal:
                 if late > LATE:  # what is to last keeps its length
                     events = [replace(e, t=e.t + late) for e in events]
             self._look()
-            progress(min(max(self.t, 0.0), length), length)
+            if self._checkpoints is not None:
+                self._checkpoints.look(self.current)
+            t = self.t if self._checkpoints is None else self._checkpoints.t
+            progress(min(max(t, 0.0), length), length)
             if self._timed and self.t > length + ENDING and not self._end_late_lives():
                 raise RunError(f"nodes still run {self.t - length:.0f} s after the end; stopped")
             next_ = events[0].t - self.t if events else LOOK
-            sleep(min(LOOK, max(next_, 0.001)))
+            look = LOOK if self._checkpoints is None else checkpoints.LOOK
+            sleep(min(look, max(next_, 0.001)))
         self._look()
 
     def _look(self) -> None:

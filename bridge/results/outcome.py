@@ -64,15 +64,15 @@ TWIN = "twin"
 OF_ANY_RUN = ("command", "findings")
 
 
-def clear(folder: Path) -> None:
+def clear(folder: Path, *, resumed: bool = False) -> None:
     """Delete the files of an earlier rehearsal in a folder that will be reused.
 
-    A folder with other files is left unchanged:
+    Those of the nodes remain if it is `resumed`. A folder with other files is left unchanged:
     :func:`cosim.record.folder.claim_folder` refuses it.
     """
     if not (folder / NODES).is_dir():
         return
-    for name in (NODES, run_folder.BUSES, TWIN):
+    for name in (run_folder.BUSES, TWIN, *(() if resumed else (NODES,))):
         shutil.rmtree(folder / name, ignore_errors=True)
     (folder / STARTED).unlink(missing_ok=True)
 

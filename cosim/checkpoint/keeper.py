@@ -65,10 +65,10 @@ class CheckpointKeeper:
 
     def check(self, engine: Engine, facts: Mapping[str, Any]) -> None:
         """Raise ScenarioError if the run cannot be kept, or is not the one that is resumed."""
-        state.refuse(engine)
+        state.refuse(engine.plan)
         if self._interval.simulated:
             self._every = max(1, round(self._interval.time / engine.plan.h))
-        self._facts = {**facts, "code": code(engine)}
+        self._facts = {**facts, "code": code(engine.plan)}
         if self._from is None:
             state.save(engine)
         else:

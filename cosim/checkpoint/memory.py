@@ -24,21 +24,21 @@ Piece = tuple[str, Rows, tuple[str, ...]]
 def pieces(engine: Engine) -> Iterator[Piece]:
     """All pieces of an engine that has been initialised, in an order that the plan determines."""
     bound = engine.bound
-    yield _whole("signals", bound.signals.ctypes.data, bound.signals.nbytes)
+    yield whole("signals", bound.signals.ctypes.data, bound.signals.nbytes)
     yield _numbers("segments", structs.SegmentStruct, bound.segments)
     if len(bound.links):
         yield _numbers("links", structs.LinkStruct, rows_of(bound.links))
         senders = rows_of(bound.senders)
         yield _numbers("senders", structs.SenderStruct, senders)
         size = int((senders["capacity"] * senders["width"]).sum())
-        yield _whole("samples", int(senders["history"][0]), 8 * size)
+        yield whole("samples", int(senders["history"][0]), 8 * size)
     if len(bound.players):
         yield _numbers("players", structs.PlayerStruct, rows_of(bound.players))
     if bound.divided is not None:
         parts = bound.divided.parts
         yield "parts", parts, ("tick",)  # the number of spans depends on addresses
         first, n = int(parts["segments"][0]), int(parts["n_segments"].sum())
-        yield _array("parts.segments", structs.SegmentStruct, first, n)
+        yield array("parts.segments", structs.SegmentStruct, first, n)
     for step, unit in zip(engine.plan.components, bound.units, strict=True):
         if unit.typed:
             yield from _typed(step.name, unit.typed)
@@ -69,63 +69,74 @@ def restore(piece: Piece, data: bytes) -> None:
 def _typed(name: str, address: int) -> Iterator[Piece]:
     """An FMU with other types, events or clocks."""
     typed = structs.TypedStruct.from_address(address)
-    yield _array(f"{name}.typed", structs.TypedStruct, address, 1)
+    yield array(f"{name}.typed", structs.TypedStruct, address, 1)
     held = (structs.AccessStruct * typed.n_discrete).from_address(typed.discrete or 0)
     for i, access in enumerate(held if typed.n_discrete else ()):
-        yield _whole(f"{name}.held.{i}", access.held, 8 * access.count)
+        yield whole(f"{name}.held.{i}", access.held, 8 * access.count)
     if typed.n_clocks:
-        yield _array(f"{name}.clocks", structs.TickerStruct, typed.clocks, typed.n_clocks)
+        yield array(f"{name}.clocks", structs.TickerStruct, typed.clocks, typed.n_clocks)
     if typed.n_partitions:
         count = typed.n_partitions
-        yield _array(f"{name}.partitions", structs.PartitionStruct, typed.partitions, count)
+        yield array(f"{name}.partitions", structs.PartitionStruct, typed.partitions, count)
     if typed.n_clocks + typed.n_triggered:
-        yield _whole(f"{name}.active", typed.active, typed.n_clocks + typed.n_triggered)
+        yield whole(f"{name}.active", typed.active, typed.n_clocks + typed.n_triggered)
 
 
 def _exchange(name: str, address: int) -> Iterator[Piece]:
     """The solver of an FMU for model exchange: vectors of its states, and of its indicators."""
     x = structs.ExchangeStruct.from_address(address)
-    yield _array(f"{name}.solver", structs.ExchangeStruct, address, 1)
+    yield array(f"{name}.solver", structs.ExchangeStruct, address, 1)
     size = 7 * x.n_states + 4 * x.n_indicators
     if size:
-        yield _whole(f"{name}.solver.memory", x.memory, 8 * size)
+        yield whole(f"{name}.solver.memory", x.memory, 8 * size)
 
 
 def _macro(name: str, x: structs.MacroStruct) -> Iterator[Piece]:
     """A group with macro steps. What it saves of its components is saved anew in each period."""
-    yield _array(name, structs.MacroStruct, c.addressof(x), 1)
+    yield array(name, structs.MacroStruct, c.addressof(x), 1)
     size = max(1, 2 * x.n_inputs + 5 * x.n_outputs)
-    yield _whole(f"{name}.memory", x.memory, 8 * size)
+    yield whole(f"{name}.memory", x.memory, 8 * size)
     if x.n_bonds:
-        yield _array(f"{name}.bonds", structs.BondStruct, x.bonds, x.n_bonds)
+        yield array(f"{name}.bonds", structs.BondStruct, x.bonds, x.n_bonds)
     if x.n_loops:
-        yield _array(f"{name}.loops", structs.LoopStruct, x.loops, x.n_loops)
+        yield array(f"{name}.loops", structs.LoopStruct, x.loops, x.n_loops)
         for i, loop in enumerate((structs.LoopStruct * x.n_loops).from_address(x.loops)):
             n, fed = loop.n_outputs, loop.n_fed_back
             size = 4 * n + 2 * fed + loop.n_kept * (n + fed + 1)
-            yield _whole(f"{name}.loops.{i}", loop.memory, 8 * size)
+            yield whole(f"{name}.loops.{i}", loop.memory, 8 * size)
 
 
-def _whole(name: str, address: int, size: int) -> Piece:
-    """`size` bytes at an address."""
+def whole(name: str, address: int, size: int) -> Piece:
+    """A piece of `size` bytes at an address."""
     return name, np.frombuffer(memoryview((c.c_uint8 * size).from_address(address)), np.uint8), ()
 
 
-def _array(name: str, struct: Any, address: int, count: int) -> Piece:
-    return _numbers(name, struct, rows_of((struct * count).from_address(address)))
+def array(name: str, struct: Any, address: int, count: int) -> Piece:
+    """A piece: the numbers of `count` structs at an address."""
+    kind = _number_type(struct)
+    memory = (c.c_uint8 * (count * kind.itemsize)).from_address(address)
+    return name, np.frombuffer(memoryview(memory), kind), kind.names or ()
 
 
 def _numbers(name: str, struct: Any, rows: Rows) -> Piece:
-    return name, rows, _number_fields(struct)
+    return name, rows, _number_type(struct).names or ()
 
 
 @cache
-def _number_fields(struct: Any) -> tuple[str, ...]:
-    """The fields of a struct that are no pointers."""
-    return tuple(name for name, kind in struct._fields_ if not _is_pointer(kind))
+def _number_type(struct: Any) -> np.dtype[np.void]:
+    """The fields of a struct that are no pointers, nor have any."""
+    fields = [(name, kind) for name, kind in struct._fields_ if not _has_pointer(kind)]
+    return np.dtype({
+        "names": [name for name, _ in fields],
+        "formats": [kind for _, kind in fields],
+        "offsets": [getattr(struct, name).offset for name, _ in fields],
+        "itemsize": c.sizeof(struct),
+    })  # fmt: skip
 
 
-def _is_pointer(kind: Any) -> bool:
+def _has_pointer(kind: Any) -> bool:
     while issubclass(kind, c.Array):
         kind = kind._type_
-    return kind is c.c_void_p
+    if issubclass(kind, c.Structure):
+        return any(_has_pointer(field[1]) for field in kind._fields_)
+    return kind is c.c_void_p or issubclass(kind, c._Pointer)

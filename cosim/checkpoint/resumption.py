@@ -16,7 +16,6 @@ import numpy as np
 from cosim.base.errors import RunError, ScenarioError
 from cosim.checkpoint import archive
 from cosim.checkpoint.archive import LATEST, PREVIOUS, Checkpoint
-from cosim.engine.engine import Engine
 from cosim.fmi.components import stepped_fmu
 from cosim.native import shared
 from cosim.record.folder import (
@@ -31,6 +30,7 @@ from cosim.record.folder import (
 from cosim.record.groups import group_rows
 from cosim.record.live import Rows
 from cosim.record.pages import groups
+from cosim.schedule.plan import Plan
 
 #: Entries of ``run.json`` on which a result depends.
 _DECISIVE = (
@@ -49,9 +49,12 @@ class Resumption:
     note: str = ""
 
     @classmethod
-    def open(cls, folder: Path) -> Resumption:
-        """The last valid checkpoint of a run folder. Raises ScenarioError if there is none."""
-        place = folder / CHECKPOINTS
+    def open(cls, folder: Path, part: str = "") -> Resumption:
+        """The last valid checkpoint of a run folder. Raises ScenarioError if there is none.
+
+        `part`: the folder in its checkpoints.
+        """
+        place = folder / CHECKPOINTS / part
         if not folder.is_dir():
             raise ScenarioError("there is no such run folder", str(folder))
         there = [name for name in (LATEST, PREVIOUS) if (place / name).exists()]
@@ -145,10 +148,10 @@ def rows_name(number: int) -> str:
     return f"rows-{number}"
 
 
-def code(engine: Engine) -> dict[str, str]:
+def code(plan: Plan) -> dict[str, str]:
     """SHA-256 sums of what a result depends on beside the facts: engine, and Python components."""
     found = {"engine": _sum(shared.library_path())}
-    for step in engine.plan.components:
+    for step in plan.components:
         if stepped_fmu(step.component) is None:
             try:
                 found[step.name] = _sum(Path(inspect.getfile(type(step.component))))

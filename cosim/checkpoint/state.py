@@ -12,13 +12,13 @@ from cosim.checkpoint import memory, python_state
 from cosim.engine.engine import Engine
 from cosim.fmi import components
 from cosim.native import fmu_log, structs
+from cosim.schedule.plan import Plan
 
 Blobs = Mapping[str, bytes]
 
 
-def refuse(engine: Engine) -> None:
+def refuse(plan: Plan) -> None:
     """Raise ScenarioError, which names all that cannot be saved, if there is any."""
-    plan = engine.plan
     found = [
         f"{step.name} {reason}"
         for step in plan.components
@@ -63,11 +63,12 @@ def save(engine: Engine) -> dict[str, bytes]:
 def restore(engine: Engine, tick: int, state: Blobs) -> None:
     """Bring an engine that has been initialised to `tick` with the `state` saved there.
 
-    The rows of tables before are drawn again, and kept as in a run. Raises ScenarioError, FmuError,
-    RunError; then the engine is of no use.
+    Rows of tables that it has not drawn are drawn again, and kept as in a run. Raises
+    ScenarioError, FmuError, RunError; then the engine is of no use.
     """
     try:
-        engine.draw_again(*json.loads(state["drawn"]))
+        if (drawn := tuple(json.loads(state["drawn"]))) != engine.drawn:
+            engine.draw_again(*drawn)
         for step in engine.plan.components:
             if components.stepped_fmu(step.component) is None:
                 data = state[f"python/{step.name}"]

@@ -1,0 +1,96 @@
+"""A rehearsal in lock-step that is killed and resumed is the twin, to the bit; what is refused."""
+
+from __future__ import annotations
+
+import os
+import signal
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from random import Random
+
+import pytest
+
+from bridge.deployment.system import System, load_system
+from bridge.node.checkpoints import numbers, place
+from bridge.records.node_lives import Life
+from bridge.rehearsal.checkpoints import last_number
+from bridge.rehearsal.kept_run import KeptRun
+from bridge.rehearsal.settings import Settings
+from bridge.rehearsal.supervisor import NODES, Rehearsal
+from bridge.replay import replay
+from cosim.base.errors import ScenarioError
+from tests.bridge.deployments import CONFIGS, run_twin
+from tests.bridge.zenoh.rehearsed import sockets
+
+SCENARIO, DEPLOYMENT = CONFIGS / "teleoperation.toml", CONFIGS / "deploy/zenoh.toml"
+ARMS = ("master", "slave")
+LOCKSTEP = "deploy.buses.net.options.lockstep=true"
+
+
+def changes_in(folder: Path, stop: float) -> tuple[str, ...]:
+    wait = 'deploy.buses.net.options.wait="20 s"'
+    return (LOCKSTEP, wait, f"run.stop={stop}", *sockets(ARMS, folder))
+
+
+def settings_of(kept: KeptRun, system: System, folder: Path, changes: Sequence[str]) -> Settings:
+    kept.check(system)
+    found = Settings(SCENARIO, DEPLOYMENT, tuple(changes), warm_up=0.0)
+    return replace(found, keeping=kept.begin(system, folder))
+
+
+def run(system: System, settings: Settings, folder: Path, kill_at: float = 1e9) -> list[str]:
+    """The run until its end; all nodes are killed at a time of the run (s). Its notes."""
+    with Rehearsal(system, settings, folder) as running:
+
+        def progress(t: float, end: float) -> None:
+            if t >= kill_at:
+                for name in ARMS:
+                    running.current[name].send_signal(signal.SIGKILL)
+
+        return [str(note) for note in running.run(progress).notes]
+
+
+def is_the_twin(system: System, folder: Path) -> None:
+    expected, found = run_twin(system, folder / "alone"), replay.load(folder / NODES)
+    assert set(expected) == set(found)
+    for life, rows in expected.items():
+        assert rows.tobytes() == found[life].tobytes(), life
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_a_run_that_is_killed_is_resumed_to_the_bits_of_the_twin(seed: int, tmp_path: Path) -> None:
+    random, folder = Random(seed), tmp_path / "run"
+    changes = changes_in(tmp_path, 30.0)
+    system = load_system(SCENARIO, str(DEPLOYMENT), changes)
+    folder.mkdir()
+    kept = KeptRun(0.0, {"place": os.getcwd()})
+    for kill_at in sorted(random.uniform(0.0, 29.0) for _ in range(2)):
+        settings = settings_of(kept, system, folder, changes)
+        assert "killed by SIGKILL" in "".join(run(system, settings, folder, kill_at))
+        number, t_ns = last_number(system, folder / NODES) or (-1, -1)
+        assert number > 0 and 0 < t_ns < 30e9
+        kept = KeptRun.open(folder, None)
+        with pytest.raises(ScenarioError, match=r"run\.stop was 30\.0 and is 31"):
+            kept.check(load_system(SCENARIO, str(DEPLOYMENT), [*changes, "run.stop=31"]))
+    assert run(system, settings_of(kept, system, folder, changes), folder) == []
+    is_the_twin(system, folder)
+
+
+def test_a_damaged_state_is_recognised_and_the_one_before_it_is_used(tmp_path: Path) -> None:
+    folder, changes = tmp_path / "run", changes_in(tmp_path, 20.0)
+    system = load_system(SCENARIO, str(DEPLOYMENT), changes)
+    folder.mkdir()
+    kept = KeptRun(0.0, {"place": os.getcwd()})
+    run(system, settings_of(kept, system, folder, changes), folder, 5.0)
+    number, _ = last_number(system, folder / NODES) or (-1, -1)
+    states = place(folder / NODES, Life("slave"))
+    latest = next(name for n, name in numbers(states).items() if n == number)
+    data = bytearray((states / latest).read_bytes())
+    data[len(data) // 2] ^= 1
+    (states / latest).write_bytes(data)
+    before = last_number(system, folder / NODES)
+    assert before is not None and before[0] == number - 1
+    kept = KeptRun.open(folder, None)
+    assert run(system, settings_of(kept, system, folder, changes), folder) == []
+    is_the_twin(system, folder)

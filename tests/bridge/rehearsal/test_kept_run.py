@@ -10,6 +10,7 @@ from pathlib import Path
 from random import Random
 
 import pytest
+from typer.testing import CliRunner
 
 from bridge.deployment.system import System, load_system
 from bridge.node.checkpoints import numbers, place
@@ -19,12 +20,14 @@ from bridge.rehearsal.kept_run import KeptRun
 from bridge.rehearsal.settings import Settings
 from bridge.rehearsal.supervisor import NODES, Rehearsal
 from bridge.replay import replay
-from cosim.base.errors import ScenarioError
+from cosim.base.errors import CosimError, ScenarioError
+from cosim.cli.commands import app
 from tests.bridge.deployments import CONFIGS, run_twin
 from tests.bridge.zenoh.rehearsed import sockets
 
 SCENARIO, DEPLOYMENT = CONFIGS / "teleoperation.toml", CONFIGS / "deploy/zenoh.toml"
 ARMS = ("master", "slave")
+FILE = str(SCENARIO)
 LOCKSTEP = "deploy.buses.net.options.lockstep=true"
 
 
@@ -58,27 +61,28 @@ def is_the_twin(system: System, folder: Path) -> None:
         assert rows.tobytes() == found[life].tobytes(), life
 
 
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("seed", [0, *(pytest.param(n, marks=pytest.mark.slow) for n in (1, 2))])
 def test_a_run_that_is_killed_is_resumed_to_the_bits_of_the_twin(seed: int, tmp_path: Path) -> None:
     random, folder = Random(seed), tmp_path / "run"
-    changes = changes_in(tmp_path, 30.0)
+    changes = changes_in(tmp_path, 20.0)
     system = load_system(SCENARIO, str(DEPLOYMENT), changes)
     folder.mkdir()
     kept = KeptRun(0.0, {"place": os.getcwd()})
-    for kill_at in sorted(random.uniform(0.0, 29.0) for _ in range(2)):
+    for kill_at in sorted(random.uniform(0.0, 19.0) for _ in range(1 + seed)):
         settings = settings_of(kept, system, folder, changes)
         assert "killed by SIGKILL" in "".join(run(system, settings, folder, kill_at))
         number, t_ns = last_number(system, folder / NODES) or (-1, -1)
-        assert number > 0 and 0 < t_ns < 30e9
+        assert number > 0 and 0 < t_ns < 20e9
         kept = KeptRun.open(folder, None)
-        with pytest.raises(ScenarioError, match=r"run\.stop was 30\.0 and is 31"):
+        with pytest.raises(ScenarioError, match=r"run\.stop was 20\.0 and is 31"):
             kept.check(load_system(SCENARIO, str(DEPLOYMENT), [*changes, "run.stop=31"]))
     assert run(system, settings_of(kept, system, folder, changes), folder) == []
     is_the_twin(system, folder)
 
 
+@pytest.mark.slow
 def test_a_damaged_state_is_recognised_and_the_one_before_it_is_used(tmp_path: Path) -> None:
-    folder, changes = tmp_path / "run", changes_in(tmp_path, 20.0)
+    folder, changes = tmp_path / "run", changes_in(tmp_path, 12.0)
     system = load_system(SCENARIO, str(DEPLOYMENT), changes)
     folder.mkdir()
     kept = KeptRun(0.0, {"place": os.getcwd()})
@@ -94,3 +98,36 @@ def test_a_damaged_state_is_recognised_and_the_one_before_it_is_used(tmp_path: P
     kept = KeptRun.open(folder, None)
     assert run(system, settings_of(kept, system, folder, changes), folder) == []
     is_the_twin(system, folder)
+
+
+BAD: list[tuple[list[str], str]] = [
+    ([FILE, "--checkpoint", "1s"],
+     "--checkpoint: found checkpoints on a clock, expected them in lock-step: --clock lockstep"),
+    ([FILE, "--clock", "lockstep", "--checkpoint", "1s", "--set", "components.slave.isolate=true"],
+     "node slave: --checkpoint: found what a checkpoint cannot save: slave is isolated"),
+    ([FILE, "--clock", "lockstep", "--checkpoint", "1s", "--nodes", "master"],
+     "found --nodes with --checkpoint"),
+    ([FILE, "--clock", "lockstep", "--checkpoint", "1s", "--outside", "master"],
+     "found --outside with --checkpoint"),
+    ([FILE, "--clock", "lockstep", "--checkpoint", "soon"], "--checkpoint: found 'soon'"),
+    (["--resume", "run", FILE, "--set", "run.stop=1"], "found a scenario, --set with --resume"),
+    (["--resume", "run", "--clock", "lockstep"], "found --clock with --resume"),
+    (["--resume", "nowhere"], "nowhere: there is no such run folder"),
+    (["--resume", "run"], "run: has no checkpoint"),
+    ([], "found no scenario"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("words", "sentence"), BAD)
+def test_what_cannot_be_kept_is_refused_before_the_run(
+    words: list[str], sentence: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "run").mkdir()
+    deploy = ["--deploy", str(DEPLOYMENT)] if FILE in words and "--resume" not in words else []
+    found = CliRunner().invoke(app, ["rehearse", *words, *deploy])
+    error = found.exception
+    code = error.exit_code if isinstance(error, CosimError) else found.exit_code
+    assert code == 2
+    assert sentence in " ".join(f"{found.output} {error}".split())
+    assert not (tmp_path / "runs").exists()

@@ -30,7 +30,7 @@ LOOK = 0.01
 
 @dataclass(frozen=True, slots=True)
 class Keeping:
-    """How a run is kept: `interval`, s of wall time between two checkpoints.
+    """The checkpoints of a run: `interval`, s of wall time between two of them.
 
     `resumes`: the number of the checkpoint that it begins with, at `t_ns`; -1: at its start.
     """

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from bridge.faults.script import FaultScript
     from bridge.node.handle import SlotImage
     from bridge.rehearsal.kept_run import KeptRun
+    from bridge.rehearsal.replacement import ReplacingRun
     from bridge.rehearsal.supervisor import Settings
     from bridge.results.rehearsal_outcome import RehearsalOutcome
     from bridge.results.verdict import Verdict
@@ -76,6 +77,15 @@ class RehearsalOptions(OutputOptions):
             help="Continue the run of this folder from its checkpoint; --hosts: on other hosts.",
         ),
     ] = None
+    replace: Annotated[
+        int,
+        typer.Option(
+            min=0,
+            metavar="N",
+            help="With --checkpoint: how often nodes and hosts that died are replaced before the "
+            "next checkpoint; all nodes begin again from the last one.",
+        ),
+    ] = 3
     faults: Annotated[
         Path | None,
         typer.Option(metavar="SCRIPT", help="Fault script: faults to inject (see docs/faults.md)."),
@@ -244,6 +254,7 @@ def _run(
     from bridge.faults.load import load
     from bridge.preflight import host
     from bridge.rehearsal import injector
+    from bridge.rehearsal.replacement import ReplacingRun
     from bridge.results.data import as_data
     from bridge.results.outcome import clear
     from cosim.base.interrupts import exit_code
@@ -255,12 +266,13 @@ def _run(
     if script is not None:
         settings = replace(settings, events=injector.events(script, system, images=settings.images))
     folder = options.folder(f"{system.scenario.name}-{system.deployment.name}")
-    started, placed = None, None
+    file, placed = None, None
     if options.hosts is not None:
         from bridge.rehearsal import host_file
         from bridge.rehearsal.remote import on_hosts
 
-        started, placed = on_hosts(system, host_file.load(options.hosts), settings.changes, folder)
+        file = host_file.load(options.hosts)
+        started, placed = on_hosts(system, file, settings.changes, folder)
         settings = replace(settings, starter=started, warm_up=0.0)
     facts = {
         "settings": list(settings.changes), "faults": settings.script, "real": settings.real,
@@ -274,7 +286,9 @@ def _run(
         if kept is not None:
             settings = replace(settings, keeping=kept.begin(system, folder))
         options.say("\n".join([header(system), *(placed.lines() if placed else ())]))
-        outcome, interrupted = _rehearsed(system, settings, folder, facts, script, options)
+        most = 0 if kept is None else options.replace
+        running = ReplacingRun(kept, system, settings, folder, file=file, most=most)
+        outcome, interrupted = _rehearsed(system, running, folder, facts, script, options)
         verdict = _say(system, outcome, options)
         if options.json is not None:
             write_json(options.json, "rehearse", as_data(system, outcome))
@@ -292,7 +306,7 @@ def _run(
 
 def _rehearsed(
     system: System,
-    settings: Settings,
+    running: ReplacingRun,
     folder: Path,
     facts: dict[str, Any],
     script: FaultScript | None,
@@ -300,26 +314,26 @@ def _rehearsed(
 ) -> tuple[RehearsalOutcome, bool]:
     """The outcome, and whether a signal ended the run."""
     from bridge.rehearsal.remote import RemoteHosts
-    from bridge.rehearsal.supervisor import Rehearsal
     from bridge.results.outcome import begin, complete
     from cosim.base.errors import Interrupted
     from cosim.cli.summary import progress_bar
 
+    def tell(sentence: str) -> None:
+        typer.echo(f"note: {sentence}", err=True)
+
     begin(system, folder, facts)
     interrupted = False
-    with Rehearsal(system, settings, folder) as rehearsal:
-        try:
-            with progress_bar(options.quiet) as progress:
-                rehearsal.run(lambda t, end: progress(round(t * 1e3), round(end * 1e3)))
-        except Interrupted:
-            interrupted = True
-        rehearsal.end()
-        if isinstance(settings.starter, RemoteHosts):
-            facts = {**facts, "hosts": settings.starter.facts()}
-        outcome = complete(
-            system, folder, rehearsal.ended, facts,
-            with_twin=options.twin, formats=tuple(options.log), script=script,
-        )  # fmt: skip
+    try:
+        with progress_bar(options.quiet) as progress:
+            running.run(lambda t, end: progress(round(t * 1e3), round(end * 1e3)), tell)
+    except Interrupted:
+        interrupted = True
+    if isinstance(running.starter, RemoteHosts):
+        facts = {**facts, "hosts": running.starter.facts()}
+    outcome = complete(
+        system, folder, running.ended, facts,
+        with_twin=options.twin, formats=tuple(options.log), script=script,
+    )  # fmt: skip
     return outcome, interrupted
 
 

@@ -14,6 +14,14 @@ from bridge.records.node_lives import Life
 from cosim.base.errors import RunError
 
 
+class LostError(RunError):
+    """A node, or `hosts`, ended without a report of its own, or did not start."""
+
+    def __init__(self, text: str, hosts: tuple[str, ...] = ()) -> None:
+        super().__init__(text)
+        self.hosts = hosts
+
+
 @dataclass(frozen=True, slots=True)
 class SlotImage:
     """The image that computes the slots of a node; `token`: of its tables, hexadecimal."""
@@ -106,10 +114,11 @@ class NodeHandle(ABC):
                 self.saved = event["number"]
 
     def check(self) -> None:
-        """Raise RunError if the node has ended unexpectedly."""
+        """Raise RunError if the node has ended unexpectedly; LostError if it told no reason."""
         self.poll()
         if self.failed or (self.code is not None and not self.done):
-            raise RunError(f"node {self.start.life}: {self.reason()}")
+            kind = RunError if self.failed else LostError
+            raise kind(f"node {self.start.life}: {self.reason()}")
 
     @abstractmethod
     def poll(self) -> None:

@@ -23,7 +23,7 @@ from tempfile import TemporaryDirectory
 from typing import Any, Self, final
 
 from bridge.deployment.system import System
-from bridge.node.handle import NodeHandle, NodeStart
+from bridge.node.handle import LostError, NodeHandle, NodeStart
 from bridge.rehearsal.agent import BEAT, HostTask, digest_of, ending
 from bridge.rehearsal.host_file import HostCall, HostFile, Site, fixed
 from bridge.rehearsal.placement import HostPlacement, place, predict, ways
@@ -162,9 +162,9 @@ class HostConnection:
         return max(0.0, seconds - self._ending())
 
     def check(self) -> None:
-        """Raise RunError if the host cannot take part."""
+        """Raise RunError if the host cannot take part; LostError if it has ended."""
         if self.failed:
-            raise RunError(f"host {self.name}: {self.failed}")
+            raise LostError(f"host {self.name}: {self.failed}", (self.name,))
         if self.hello is not None and not self.task.folder:
             ours = digest_of(Path(self.task.scenario), Path(self.task.deployment))
             if self.hello["digest"] != ours:
@@ -304,7 +304,7 @@ class RemoteHosts:
     def _wait(self) -> None:
         """Until all hosts have read the scenario, and their routers are connected.
 
-        Raises RunError that names the missing ones.
+        Raises LostError that names the missing ones.
         """
         patience, elapsed = self._system.deployment.patience, stopwatch()
         while (absent := self._absent()) or self._unconnected():
@@ -314,10 +314,10 @@ class RemoteHosts:
             if elapsed() > patience:
                 after = f"after {patience:g} s (patience)"
                 if absent:
-                    raise RunError(f"host {', '.join(absent)}: not there {after}")
-                raise RunError(
-                    f"{self._cut_off()[1]} {after}; check addresses, ports and certificates"
-                )
+                    raise LostError(f"host {', '.join(absent)}: not there {after}", tuple(absent))
+                host, sentence = self._cut_off()
+                text = f"{sentence} {after}; check addresses, ports and certificates"
+                raise LostError(text, (host,))
             sleep(LOOK)
         for found in self.connections.values():
             found.check()

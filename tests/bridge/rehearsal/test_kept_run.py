@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import json
 import os
+import re
 import signal
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from random import Random
@@ -15,8 +18,10 @@ from typer.testing import CliRunner
 from bridge.deployment.system import System, load_system
 from bridge.node.checkpoints import numbers, place
 from bridge.records.node_lives import Life
+from bridge.records.records import Remark
 from bridge.rehearsal.checkpoints import last_number
 from bridge.rehearsal.kept_run import KeptRun
+from bridge.rehearsal.replacement import ReplacingRun
 from bridge.rehearsal.settings import Settings
 from bridge.rehearsal.supervisor import NODES, Rehearsal
 from bridge.replay import replay
@@ -98,6 +103,75 @@ def test_a_damaged_state_is_recognised_and_the_one_before_it_is_used(tmp_path: P
     kept = KeptRun.open(folder, None)
     assert run(system, settings_of(kept, system, folder, changes), folder) == []
     is_the_twin(system, folder)
+
+
+class Killer:
+    """Kills a process of a run at each of some times (s); `pid` gives it by the number of kills."""
+
+    def __init__(self, times: Sequence[float], pid: Callable[[int], int]) -> None:
+        self.times, self._pid, self.killed, self.said = sorted(times), pid, 0, list[str]()
+
+    def progress(self, t: float, end: float) -> None:
+        while self.killed < len(self.times) and t >= self.times[self.killed]:
+            with suppress(ProcessLookupError):
+                os.kill(self._pid(self.killed), signal.SIGKILL)
+            self.killed += 1
+
+    def tell(self, sentence: str) -> None:
+        self.said.append(sentence)
+
+
+def pid_of(folder: Path, node: str) -> int:
+    """The process of a node that runs now."""
+    return int(json.loads((folder / "rehearsal.json").read_text())["nodes"][node])
+
+
+@pytest.mark.parametrize(
+    "seed", [0, *(pytest.param(n, marks=pytest.mark.slow) for n in range(1, 5))]
+)
+def test_nodes_that_are_killed_are_replaced_and_the_run_is_the_twin(
+    seed: int, tmp_path: Path
+) -> None:
+    random, folder, changes = Random(seed), tmp_path / "run", changes_in(tmp_path, 20.0)
+    system = load_system(SCENARIO, str(DEPLOYMENT), changes)
+    folder.mkdir()
+    kept = KeptRun(random.choice((0.0, 0.2)), {"place": os.getcwd()})
+    killer = Killer(
+        [random.uniform(0.0, 19.0) for _ in range(1 + seed % 3)],
+        lambda number: pid_of(folder, random.choice(ARMS)),
+    )
+    running = ReplacingRun(kept, system, settings_of(kept, system, folder, changes), folder)
+    ended = running.run(killer.progress, killer.tell)
+    assert [type(note) for note in ended.notes] == [Remark] * len(killer.said)
+    assert len(killer.said) == len(killer.times)
+    for sentence in killer.said:
+        assert re.fullmatch(
+            r"node (master|slave) has ended: killed by SIGKILL: all nodes begin again at "
+            r"t = [0-9.]+ s \(replacement [123] of 3 before the next checkpoint\)",
+            sentence,
+        )
+    is_the_twin(system, folder)
+
+
+@pytest.mark.slow
+def test_a_node_that_dies_again_and_again_ends_the_run(tmp_path: Path) -> None:
+    folder, changes = tmp_path / "run", changes_in(tmp_path, 20.0)
+    system = load_system(SCENARIO, str(DEPLOYMENT), changes)
+    folder.mkdir()
+    kept = KeptRun(1e3, {"place": os.getcwd()})  # without a checkpoint after that at the start
+    killer = Killer([2.0] * 9, lambda number: pid_of(folder, "slave"))
+
+    def once(t: float, end: float) -> None:
+        if t >= 2.0 and killer.killed <= len(killer.said):
+            killer.progress(t, end)
+
+    settings = settings_of(kept, system, folder, changes)
+    ended = ReplacingRun(kept, system, settings, folder, most=2).run(once, killer.tell)
+    assert [sentence.partition("(")[2] for sentence in killer.said] == [
+        "replacement 1 of 2 before the next checkpoint)",
+        "replacement 2 of 2 before the next checkpoint)",
+    ]
+    assert str(ended.notes[-1]).endswith("node slave has ended: killed by SIGKILL")
 
 
 BAD: list[tuple[list[str], str]] = [

@@ -16,6 +16,11 @@ nodes (delays of links from 30 ms) and by the least delay of links (16 nodes; wi
 processors that all hosts of this machine share. Its costs are measured first, with two nodes on the
 same paths, and all that follows is predicted before it is measured. Processor time is compared,
 too: other work on the machine changes it less.
+
+    python benchmarks/lockstep.py --checkpoints [--nodes 2,8,16] [--rounds N]
+
+The same on one host without checkpoints and with one a second of wall time, in turns: the best time
+of a run of each, what each checkpoint adds to it, and the bytes of one, of all nodes.
 """
 
 from __future__ import annotations
@@ -36,12 +41,15 @@ from benchmarks import tables
 from bridge.deployment import spec
 from bridge.deployment.system import load_system
 from bridge.rehearsal import host_file
+from bridge.rehearsal.checkpoints import Keeping, last_number
 from bridge.rehearsal.hosts import Hosts, groups, listen_setting
 from bridge.rehearsal.placement import LockstepCosts, predict, ways
 from bridge.rehearsal.remote import on_hosts
 from bridge.rehearsal.settings import Settings
 from bridge.rehearsal.supervisor import LEAD, NODES, Rehearsal
 from bridge.replay import replay, twin
+from cosim.checkpoint.archive import LATEST
+from cosim.record.folder import CHECKPOINTS
 
 ROOT = Path(__file__).resolve().parents[1]
 SCENARIO = ROOT / "configs" / "teleoperation.toml"
@@ -248,6 +256,52 @@ def many(nodes: str, least: str, delay: str, rounds: int) -> None:
     print(tables.grid(header, rows))
 
 
+def measure_kept(n: int, stop: float, interval: float | None) -> tuple[float, int, int]:
+    """Seconds from START to the end of a run; the checkpoints in it, and the bytes of the last."""
+    deployment, changes = spec.find(MANY, "many"), robots(n, LEAST_AT, stop)
+    system = load_system(MANY, str(deployment), changes)
+    with TemporaryDirectory() as name:
+        path, folder = Path(name) / "hosts.toml", Path(name) / "run"
+        path.write_text(hosts_text(1, ""))
+        started, _ = on_hosts(system, host_file.load(path), changes, folder)
+        settings = Settings(MANY, deployment, tuple(changes), warm_up=0.0, starter=started)
+        if interval is not None:
+            settings = replace(settings, keeping=Keeping(interval))
+        with Rehearsal(system, settings, folder) as running:
+            running.run()
+            seconds = running.t + LEAD
+        found = last_number(system, folder / NODES)
+        sizes = [p.stat().st_size for p in (folder / CHECKPOINTS).rglob(LATEST)]
+        return seconds, 0 if found is None else found[0] + 1, sum(sizes)
+
+
+def kept(nodes: str, rounds: int) -> None:
+    """Measure and print the table of checkpoints."""
+    rows = []
+    for n in map(int, nodes.split(",")):
+        stop = 80.0 / n
+        without, with_ = [], []
+        for _ in range(rounds):
+            without.append(measure_kept(n, stop, None))
+            with_.append(measure_kept(n, stop, 1.0))
+        (a, _, _), (b, count, size) = min(without), min(with_)
+        rows.append([
+            str(n), f"{stop:g}", f"{a:.2f}", f"{b:.2f}", str(count),
+            f"{1e3 * (b - a) / count:.0f}", f"{size / 1e6:.2f}",
+        ])  # fmt: skip
+        print(*rows[-1], file=sys.stderr, flush=True)
+    header = (
+        "nodes",
+        "simulated, s",
+        "without, s",
+        "with, s",
+        "number",
+        "each adds, ms",
+        "one, MB",
+    )
+    print(tables.grid(header, rows))
+
+
 def line(name: str, short: list[Measured], long: list[Measured]) -> list[str]:
     """A row of the table: the best of the rounds of each length."""
     a, b = (min(runs, key=lambda m: m.seconds) for runs in (short, long))
@@ -264,14 +318,19 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--delay", help="between hosts (default 25 ms; of many 10 ms)")
     parser.add_argument("--many", action="store_true", help="many nodes on one host and on three")
-    parser.add_argument("--nodes", default="2,8,16,32,64")
+    parser.add_argument("--checkpoints", action="store_true", help="what a checkpoint costs")
+    parser.add_argument("--nodes", help="default 2,8,16,32,64; of checkpoints 2,8,16")
     parser.add_argument("--least", default="1,3,10,30,100,300")
     parser.add_argument("--times", default="0.5,2.5", help="without look-ahead, s")
     parser.add_argument("--ahead", default="20,120", help="with look-ahead, s")
     parser.add_argument("--rounds", type=int, default=2)
     options = parser.parse_args()
     if options.many:
-        many(options.nodes, options.least, options.delay or "10 ms", options.rounds)
+        nodes = options.nodes or "2,8,16,32,64"
+        many(nodes, options.least, options.delay or "10 ms", options.rounds)
+        return
+    if options.checkpoints:
+        kept(options.nodes or "2,8,16", options.rounds)
         return
     rows = []
     for name, ahead, times in (

@@ -8,12 +8,12 @@ writes new ones that begin with these rows.
 from __future__ import annotations
 
 import queue
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import final
 
 from bridge.native import lockstep as native
-from bridge.native.journal import Journal
+from bridge.native.journal import HEADER, Journal, JournalStruct
 from bridge.node import saved_state
 from bridge.node.control import Control, Say
 from bridge.node.lockstep import Lockstep
@@ -25,6 +25,8 @@ from cosim.record.folder import CHECKPOINTS, reason
 
 #: Added to the name of a journal whose first rows a resumed node takes over.
 EARLIER = ".earlier"
+#: Bytes of a part of a journal.
+PART = 1 << 20
 #: s between two looks for commands that come over the network while a node stands.
 LOOK = 0.05
 
@@ -46,6 +48,22 @@ def numbers(folder: Path) -> dict[int, str]:
     return found
 
 
+def journal_parts(path: Path, first: int, rows: int) -> Iterator[tuple[int, bytes]]:
+    """The journal of the first `rows` rows in a file, in parts with their places, without the rows
+    before `first`. Raises OSError.
+    """
+    with path.open("rb") as file:
+        start = file.read(HEADER)
+        header = JournalStruct.from_buffer_copy(start)
+        size, end = header.row_size, HEADER + header.capacity * header.row_size
+        yield 0, start
+        file.seek(end)
+        yield end, file.read(header.description)
+        for at in range(HEADER + first * size, HEADER + rows * size, PART):
+            file.seek(at)
+            yield at, file.read(min(PART, HEADER + rows * size - at))
+
+
 def set_aside(nodes: Path, life: Life, buses: Sequence[str]) -> None:
     """Rename the journals of an earlier process of a life, before new ones are made.
 
@@ -58,6 +76,12 @@ def set_aside(nodes: Path, life: Life, buses: Sequence[str]) -> None:
                 path.replace(earlier)
     except OSError as error:
         raise RunError(f"cannot use {nodes}: {reason(error)}") from error
+
+
+def put_back(nodes: Path) -> None:
+    """Undo :func:`set_aside` for lives that ended before they had taken over all rows."""
+    for earlier in nodes.glob(f"*{EARLIER}"):
+        earlier.replace(earlier.with_name(earlier.name.removesuffix(EARLIER)))
 
 
 @final
@@ -109,14 +133,14 @@ class NodeCheckpoints:
             except queue.Empty:
                 continue
             if number >= 0:
-                self._save(number, told)
-                self._say({"event": "saved", "number": number})
+                rows = self._save(number, told)
+                self._say({"event": "saved", "number": number, "rows": rows})
             struct.until_ns = until
         return result
 
-    def _save(self, number: int, t_ns: int) -> None:
+    def _save(self, number: int, t_ns: int) -> dict[str, int]:
+        """Save a state; the rows of each journal that belong to it. Raises CosimError."""
         try:
-            self._folder.mkdir(parents=True, exist_ok=True)
             for journal in self._journals.values():
                 journal.sync()
         except OSError as error:
@@ -124,3 +148,4 @@ class NodeCheckpoints:
         rows = {name: len(journal) for name, journal in self._journals.items()}
         facts = {"number": number, "t_ns": t_ns, "rows": rows}
         archive.write(self._folder, Checkpoint(facts, saved_state.save(self._node, t_ns)))
+        return rows

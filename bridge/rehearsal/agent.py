@@ -1,10 +1,12 @@
 """The nodes of one host: ``python -m bridge.rehearsal.agent``, started there by a rehearsal.
 
 Lines of JSON come in. The first is a :class:`HostTask`; then ``{"start": NodeStart}``, ``{"to":
-LIFE, "command": …}``, ``{"to": LIFE, "signal": N}``, ``{"collect": true}`` and, as a sign of life,
-``{"beat": true}``. The ``kind`` of a line that goes out is ``hello``, ``router``, ``routers``
+LIFE, "command": …}``, ``{"to": LIFE, "signal": N}``, ``{"put": FILE, …}`` (a part of a journal or
+state with which a life is resumed), ``{"collect": true}`` and, as a sign of life, ``{"beat":
+true}``. The ``kind`` of a line that goes out is ``hello``, ``router``, ``routers``
 (those it is connected to), ``loaded``, ``node`` (an event of a life), ``ended`` (of a life),
-``beat``, ``file`` (a part of one), ``collected`` or ``failed``.
+``beat``, ``part`` (of a journal, when a life has saved its state), ``state``, ``file`` (a part of
+one, at the end), ``collected`` or ``failed``.
 
 The scenario is read once, and each node is a copy of this process. When the lines end or are silent
 for too long, or the router of this host ends, all nodes are killed: a lost connection leaves
@@ -31,14 +33,17 @@ from tempfile import TemporaryDirectory
 from typing import Any, Self, final
 
 from bridge.deployment.system import System, load_system
+from bridge.node import checkpoints
 from bridge.node.control import listen_to
 from bridge.node.handle import NodeStart
 from bridge.node.run import done, run_started
 from bridge.realtime.host_clock import host_clock
+from bridge.records.node_lives import Life
 from cosim.base.clock import sleep, stopwatch
 from cosim.base.errors import CosimError
 from cosim.base.interrupts import die_with
 from cosim.base.python import add_working_directory, python_call
+from cosim.checkpoint.archive import LATEST
 
 #: Bytes of a file in one line, before compression.
 PART = 1 << 20
@@ -149,6 +154,7 @@ class Agent:
         self._system: System | None = None
         self._rest = self._router_rest = b""
         self._over = False
+        self._sent: dict[str, int] = {}  # rows of each journal that the other end has
         self._heard_last = self._said_last = self._looked_last = stopwatch()
         self._alone = task.others > 0  # its router is not connected to all others
 
@@ -293,6 +299,8 @@ class Agent:
             self._start(NodeStart.parse(said["start"]))
         elif "collect" in said:
             self._collect()
+        elif "put" in said:
+            self._put(said)
         elif "beat" in said:
             return
         elif (life := self._lives.get(said["to"])) is not None:
@@ -331,8 +339,27 @@ class Agent:
             os.write(2, f"{type(error).__name__}: {error}\n".encode())
         return code
 
+    def _put(self, said: Mapping[str, Any]) -> None:
+        """A part of a file with which a life is resumed. Raises OSError."""
+        name, states = Path(said["put"]).name, said["states"]
+        folder = checkpoints.place(self.nodes, Life.parse(states)) if states else self.nodes
+        write_part(folder / name, said["at"], unpacked(said["data"]))
+        self._sent[name] = said["rows"]
+
+    def _send_state(self, life: _Life, rows: Mapping[str, int]) -> None:
+        """Send the state that a life has saved, and the rows of its journals until then."""
+        for name, count in rows.items():
+            parts = checkpoints.journal_parts(self.nodes / name, self._sent.get(name, 0), count)
+            for at, data in parts:
+                self.say("part", name=name, at=at, data=packed(data))
+            self._sent[name] = count
+        path = checkpoints.place(self.nodes, Life.parse(life.name)) / LATEST
+        self.say("state", life=life.name, data=packed(path.read_bytes()))
+
     def _heard(self, life: _Life) -> None:
         for event in life.read():
+            if event.get("event") == "saved" and not self.task.folder:
+                self._send_state(life, event["rows"])
             self.say("node", life=life.name, event=event)
         if life.code is not None:
             self._select.unregister(life.events)
@@ -345,18 +372,42 @@ class Agent:
         The journal of a node that was killed has zeros for the rows that it did not write.
         """
         self._end_lives(ENDING)
+        checkpoints.put_back(self.nodes)
         for path in sorted(self.nodes.iterdir()) if not self.task.folder else ():
             with path.open("rb") as file:
                 part = file.read(PART)
                 while True:
+                    at = file.tell() - len(part)
                     if part.count(0) == len(part):
-                        self.say("file", name=path.name, zeros=len(part))
+                        self.say("file", name=path.name, at=at, zeros=len(part))
                     else:
-                        data = base64.b64encode(zlib.compress(part, 1)).decode()
-                        self.say("file", name=path.name, data=data)
+                        self.say("file", name=path.name, at=at, data=packed(part))
                     if not (part := file.read(PART)):
                         break
         self.say("collected")
+
+
+def packed(data: bytes) -> str:
+    """Bytes as a text for a line."""
+    return base64.b64encode(zlib.compress(data, 1)).decode()
+
+
+def unpacked(text: str) -> bytes:
+    """The bytes of which :func:`packed` made a text."""
+    return zlib.decompress(base64.b64decode(text))
+
+
+def write_part(path: Path, at: int, data: bytes, zeros: int = 0) -> None:
+    """Write a part of a file, or so many bytes of `zeros`; the file is made where it is missing.
+
+    Raises OSError.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with path.open("r+b" if path.exists() else "wb") as file:
+        file.seek(at)
+        file.write(data)
+        if zeros:
+            file.truncate(at + zeros)
 
 
 def _descriptors() -> list[int]:

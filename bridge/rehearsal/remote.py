@@ -7,13 +7,11 @@ host is frozen or cut off. So is a host whose Zenoh router is no longer connecte
 
 from __future__ import annotations
 
-import base64
 import json
 import queue
 import signal
 import subprocess
 import threading
-import zlib
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack, suppress
@@ -23,12 +21,23 @@ from tempfile import TemporaryDirectory
 from typing import Any, Self, final
 
 from bridge.deployment.system import System
+from bridge.node import checkpoints
 from bridge.node.handle import LostError, NodeHandle, NodeStart
-from bridge.rehearsal.agent import BEAT, HostTask, digest_of, ending
+from bridge.records.node_lives import Life
+from bridge.rehearsal.agent import (
+    BEAT,
+    HostTask,
+    digest_of,
+    ending,
+    packed,
+    unpacked,
+    write_part,
+)
 from bridge.rehearsal.host_file import HostCall, HostFile, Site, fixed
 from bridge.rehearsal.placement import HostPlacement, place, predict, ways
 from cosim.base.clock import sleep, stopwatch
 from cosim.base.errors import RunError
+from cosim.checkpoint import archive
 from cosim.record.folder import NODES
 
 #: s between two looks.
@@ -98,17 +107,32 @@ class HostConnection:
                 to.flush()
 
     def start_node(self, start: NodeStart) -> RemoteNode:
-        """Start a life of a node there."""
+        """Start a life of a node there, with the files of its state. Raises ScenarioError."""
+        if start.resumes is not None and start.resumes >= 0 and not self.task.folder:
+            self._put_state(start.life, start.resumes)
         found = self.lives[str(start.life)] = RemoteNode(start, self)
         self.send(start=start.text())
         return found
+
+    def _put_state(self, life: Life, number: int) -> None:
+        """Send the state of a life, and its journals."""
+        place = checkpoints.place(self._folder, life)
+        path = place / checkpoints.numbers(place)[number]
+        for name, rows in archive.read(path).facts["rows"].items():
+            for at, data in checkpoints.journal_parts(self._folder / name, 0, rows):
+                self.send(put=name, states="", at=at, rows=rows, data=packed(data))
+        data = packed(path.read_bytes())
+        self.send(put=archive.LATEST, states=str(life), at=0, rows=0, data=data)
 
     def _read(self) -> None:
         assert self._popen.stdout is not None
         for line in self._popen.stdout:
             self._silent = stopwatch()
-            with suppress(ValueError):  # a login shell may print something
-                self._heard(json.loads(line))
+            try:
+                with suppress(ValueError):  # a login shell may print something
+                    self._heard(json.loads(line))
+            except (OSError, RunError) as error:
+                self.fail(f"a file from it cannot be written: {error}")
         code = self._popen.wait()
         said = self._errors.read_text("utf-8", "replace").strip()
         last = f": {said.splitlines()[-1]}" if said else ""
@@ -145,12 +169,15 @@ class HostConnection:
             case "beat":
                 for name, life in self.lives.items():
                     life.stopped = name in said["stopped"]
-            case "file":
-                with (self._folder / Path(said["name"]).name).open("ab") as file:
-                    if "data" in said:
-                        file.write(zlib.decompress(base64.b64decode(said["data"])))
-                    else:
-                        file.truncate(file.tell() + said["zeros"])
+            case "file" | "part":
+                path = self._folder / Path(said["name"]).name
+                if said["kind"] == "file" and said["at"] == 0:
+                    path.unlink(missing_ok=True)
+                data = unpacked(said["data"]) if "data" in said else b""
+                write_part(path, said["at"], data, said.get("zeros", 0))
+            case "state":
+                place = checkpoints.place(self._folder, Life.parse(said["life"]))
+                archive.store(place, [unpacked(said["data"])])
             case "collected":
                 self.collected = True
             case "failed":

@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -41,11 +41,17 @@ def write(folder: Path, found: Checkpoint) -> int:
     total = hashlib.sha256()
     for piece in pieces:
         total.update(piece)
+    store(folder, (*pieces, total.digest()))
+    return sum(map(len, pieces)) + total.digest_size
+
+
+def store(folder: Path, pieces: Iterable[bytes]) -> None:
+    """Write the bytes of a file as the latest checkpoint. Raises RunError with the path."""
     part, latest = folder / _PART, folder / LATEST
     try:
-        folder.mkdir(exist_ok=True)
+        folder.mkdir(parents=True, exist_ok=True)
         with part.open("wb") as file:
-            file.writelines((*pieces, total.digest()))
+            file.writelines(pieces)
             file.flush()
             os.fsync(file.fileno())
         if latest.exists():
@@ -54,7 +60,6 @@ def write(folder: Path, found: Checkpoint) -> int:
         sync(folder)
     except OSError as error:
         raise RunError(f"cannot write {latest}: {reason(error)}") from error
-    return sum(map(len, pieces)) + total.digest_size
 
 
 def sync(folder: Path) -> None:

@@ -7,7 +7,6 @@ import os
 import re
 import signal
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from random import Random
@@ -112,9 +111,10 @@ class Killer:
         self.times, self._pid, self.killed, self.said = sorted(times), pid, 0, list[str]()
 
     def progress(self, t: float, end: float) -> None:
-        while self.killed < len(self.times) and t >= self.times[self.killed]:
-            with suppress(ProcessLookupError):
-                os.kill(self._pid(self.killed), signal.SIGKILL)
+        if self.killed > len(self.said) or self.killed == len(self.times):
+            return  # until the last one is replaced
+        if t >= self.times[self.killed]:
+            os.kill(self._pid(self.killed), signal.SIGKILL)
             self.killed += 1
 
     def tell(self, sentence: str) -> None:
@@ -160,13 +160,9 @@ def test_a_node_that_dies_again_and_again_ends_the_run(tmp_path: Path) -> None:
     folder.mkdir()
     kept = KeptRun(1e3, {"place": os.getcwd()})  # without a checkpoint after that at the start
     killer = Killer([2.0] * 9, lambda number: pid_of(folder, "slave"))
-
-    def once(t: float, end: float) -> None:
-        if t >= 2.0 and killer.killed <= len(killer.said):
-            killer.progress(t, end)
-
     settings = settings_of(kept, system, folder, changes)
-    ended = ReplacingRun(kept, system, settings, folder, most=2).run(once, killer.tell)
+    running = ReplacingRun(kept, system, settings, folder, most=2)
+    ended = running.run(killer.progress, killer.tell)
     assert [sentence.partition("(")[2] for sentence in killer.said] == [
         "replacement 1 of 2 before the next checkpoint)",
         "replacement 2 of 2 before the next checkpoint)",

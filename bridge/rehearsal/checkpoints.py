@@ -20,7 +20,7 @@ from cosim.base.clock import sleep, stopwatch
 from cosim.checkpoint import archive
 
 #: Instants in an interval between two checkpoints, and the wall time between two, s.
-INSTANTS, SHORTEST, LONGEST = 8, 0.05, 5.0
+INSTANTS, SHORTEST, LONGEST = 4, 0.05, 5.0
 #: The least slots between two instants, and how much longer than the last stretch the next may be.
 FIRST, LONGER = 16, 4.0
 #: s to wait for a checkpoint when a run is interrupted.
@@ -92,14 +92,12 @@ class RunCheckpoints:
         since a node has ended or is too slow.
         """
         elapsed = stopwatch()
-        while not self._all_there(nodes):
-            if elapsed() > PATIENCE or any(n.code is not None for n in nodes.values()):
-                return False
-            sleep(LOOK)
-        self._number += 1
-        self._go(nodes, self._until, save=True)
-        while any(node.saved < self._number for node in nodes.values()):
-            if elapsed() > PATIENCE or any(n.code is not None for n in nodes.values()):
+        number, at = self._number + 1, self._until
+        while any(node.saved < number for node in nodes.values()):
+            if self._all_there(nodes) and self._number < number:
+                self._number = number
+                self._go(nodes, at, save=True)
+            if elapsed() > PATIENCE or any(node.code is not None for node in nodes.values()):
                 return False
             sleep(LOOK)
         return True

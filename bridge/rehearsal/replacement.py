@@ -57,7 +57,8 @@ class ReplacingRun:
     def run(
         self, progress: Callable[[float, float], None], tell: Callable[[str], None]
     ) -> RehearsalRecord:
-        """The run to its end; `tell`: called with a sentence at each replacement.
+        """The run to its end. `progress` is called with (t, end), s; `tell` with a sentence at each
+        replacement.
 
         Raises RunError, Interrupted.
         """

@@ -24,7 +24,7 @@ from bridge.rehearsal.replacement import ReplacingRun
 from bridge.rehearsal.settings import Settings
 from bridge.rehearsal.supervisor import NODES, Rehearsal
 from bridge.replay import replay
-from cosim.base.errors import CosimError, ScenarioError
+from cosim.base.errors import CosimError, Interrupted, ScenarioError
 from cosim.cli.commands import app
 from tests.bridge.deployments import CONFIGS, run_twin
 from tests.bridge.zenoh.rehearsed import sockets
@@ -80,6 +80,27 @@ def test_a_run_that_is_killed_is_resumed_to_the_bits_of_the_twin(seed: int, tmp_
         kept = KeptRun.open(folder, None)
         with pytest.raises(ScenarioError, match=r"run\.stop was 20\.0 and is 31"):
             kept.check(load_system(SCENARIO, str(DEPLOYMENT), [*changes, "run.stop=31"]))
+    assert run(system, settings_of(kept, system, folder, changes), folder) == []
+    is_the_twin(system, folder)
+
+
+@pytest.mark.slow
+def test_a_run_that_is_interrupted_saves_its_state_first(tmp_path: Path) -> None:
+    folder, changes = tmp_path / "run", changes_in(tmp_path, 20.0)
+    system = load_system(SCENARIO, str(DEPLOYMENT), changes)
+    folder.mkdir()
+    kept = KeptRun(1e3, {"place": os.getcwd()})
+    settings = settings_of(kept, system, folder, changes)
+
+    def interrupt(t: float, end: float) -> None:
+        if t >= 1.0:
+            os.kill(os.getpid(), signal.SIGTERM)
+
+    with pytest.raises(Interrupted), Rehearsal(system, settings, folder) as running:
+        running.run(interrupt)
+    number, t_ns = last_number(system, folder / NODES) or (-1, -1)
+    assert number == 1 and t_ns >= 1e9  # the first one is of the start
+    kept = KeptRun.open(folder, None)
     assert run(system, settings_of(kept, system, folder, changes), folder) == []
     is_the_twin(system, folder)
 

@@ -121,8 +121,8 @@ class HostConnection:
         for name, rows in archive.read(path).facts["rows"].items():
             for at, data in checkpoints.journal_parts(self._folder / name, 0, rows):
                 self.send(put=name, states="", at=at, rows=rows, data=packed(data))
-        data = packed(path.read_bytes())
-        self.send(put=archive.LATEST, states=str(life), at=0, rows=0, data=data)
+        state = packed(path.read_bytes())
+        self.send(put=archive.LATEST, states=str(life), at=0, rows=0, data=state)
 
     def _read(self) -> None:
         assert self._popen.stdout is not None

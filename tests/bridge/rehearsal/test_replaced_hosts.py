@@ -20,7 +20,7 @@ from bridge.rehearsal.kept_run import KeptRun
 from bridge.rehearsal.remote import RemoteHosts, on_hosts
 from bridge.rehearsal.replacement import ReplacingRun
 from bridge.rehearsal.settings import Settings
-from cosim.base.errors import RunError
+from cosim.base.errors import Interrupted, RunError
 from tests.bridge.rehearsal.test_remote import (
     DEPLOYMENT,
     SCENARIO,
@@ -50,15 +50,19 @@ def with_ssh(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return path
 
 
-def kept_run(path: Path, folder: Path, changes: tuple[str, ...], interval: float) -> ReplacingRun:
+def kept_run(path: Path, folder: Path, changes: tuple[str, ...], kept: KeptRun) -> ReplacingRun:
+    """The run of a folder on the hosts of a file, begun or resumed."""
     system, file = load_system(SCENARIO, str(DEPLOYMENT), changes), host_file.load(path)
-    folder.mkdir()
-    kept = KeptRun(interval, {"place": os.getcwd()})
+    folder.mkdir(exist_ok=True)
     kept.check(system)
     starter, _ = on_hosts(system, file, changes, folder)
     settings = Settings(SCENARIO, DEPLOYMENT, changes, warm_up=0.0, starter=starter)
     settings = replace(settings, keeping=kept.begin(system, folder))
     return ReplacingRun(kept, system, settings, folder, file=file)
+
+
+def new_run(interval: float) -> KeptRun:
+    return KeptRun(interval, {"place": os.getcwd()})
 
 
 def hosts_of(running: ReplacingRun) -> RemoteHosts:
@@ -67,11 +71,10 @@ def hosts_of(running: ReplacingRun) -> RemoteHosts:
 
 
 CASES = [
-    ("local", "host", 0),
     ("ssh", "dead", 1),
     *(pytest.param(*case, marks=pytest.mark.slow) for case in [
-        ("local", "node", 2), ("local", "router", 3), ("ssh", "host", 4), ("ssh", "node", 5),
-        ("local", "host", 6), ("ssh", "dead", 7),
+        ("local", "host", 0), ("local", "node", 2), ("local", "router", 3),
+        ("ssh", "host", 4), ("ssh", "node", 5), ("local", "host", 6), ("ssh", "dead", 7),
     ]),
 ]  # fmt: skip
 
@@ -81,9 +84,9 @@ def test_what_died_is_replaced_and_the_run_is_the_twin(
     start: str, what: str, seed: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = two_local(tmp_path) if start == "local" else with_ssh(tmp_path, monkeypatch)
-    random, changes = Random(seed), robots(6, 5.0)
-    running = kept_run(path, tmp_path / "run", changes, random.choice((0.0, 0.3)))
-    times, said = sorted(random.uniform(1.5, 4.5) for _ in range(1 + seed % 2)), list[str]()
+    random, changes = Random(seed), robots(6, 4.0)
+    running = kept_run(path, tmp_path / "run", changes, new_run(random.choice((0.0, 0.3))))
+    times, said = sorted(random.uniform(1.5, 3.8) for _ in range(1 + seed % 2)), list[str]()
 
     def progress(t: float, end: float) -> None:
         if not times or t < times[0]:
@@ -110,12 +113,30 @@ def test_what_died_is_replaced_and_the_run_is_the_twin(
         assert "host h1: the connection has ended (exit code 255: No route to host)" in said[1]
 
 
+@pytest.mark.slow
+def test_a_run_is_resumed_on_other_hosts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder, changes = tmp_path / "run", robots(6, 4.0)
+    running = kept_run(with_ssh(tmp_path, monkeypatch), folder, changes, new_run(0.3))
+
+    def interrupt(t: float, end: float) -> None:
+        if t > 1.0:
+            os.kill(os.getpid(), signal.SIGTERM)
+
+    with pytest.raises(Interrupted):
+        running.run(interrupt, print)
+    alone = tmp_path / "alone.toml"
+    alone.write_text(f"[hosts.other]\nport = {free_port()}\n")
+    running = kept_run(alone, folder, changes, KeptRun.open(folder, None))
+    assert running.run(lambda t, end: None, print).notes == []
+    is_the_twin(changes, folder)
+
+
 def test_a_host_that_is_not_there_at_the_beginning_ends_the_run(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = with_ssh(tmp_path, monkeypatch)
     (tmp_path / "dead").touch()
-    running, said = kept_run(path, tmp_path / "run", robots(6, 1.0), 1.0), list[str]()
+    running, said = kept_run(path, tmp_path / "run", robots(6, 1.0), new_run(1.0)), list[str]()
     with pytest.raises(RunError, match=r"host h1: the connection has ended .*No route to host"):
         running.run(lambda t, end: None, said.append)
     assert not said

@@ -44,6 +44,8 @@ from cosim.record.folder import NODES
 LOOK = 0.02
 #: s for the end of a host's program, and for the files of its nodes.
 CLOSING, COLLECTING = 5.0, 300.0
+#: Added to the name of a file that is being collected.
+COLLECTED = ".collected"
 #: s in which both ends of a lost connection between two routers, and a lost host, become known.
 APART = 1.0
 
@@ -61,6 +63,7 @@ class HostConnection:
         self.loaded = self.collected = False
         self.failed = ""
         self._gone = False
+        self._collected: dict[Path, Path] = {}  # by file, under which name it arrives
         self.watch: Callable[[], None] = lambda: None  # called at each look
         self._ending: Callable[[], float] | None = None
         self._silent = stopwatch()
@@ -171,14 +174,16 @@ class HostConnection:
                     life.stopped = name in said["stopped"]
             case "file" | "part":
                 path = self._folder / Path(said["name"]).name
-                if said["kind"] == "file" and said["at"] == 0:
-                    path.unlink(missing_ok=True)
+                if said["kind"] == "file":  # until all are there, those of the last state remain
+                    self._collected[path] = path = path.with_name(f"{path.name}{COLLECTED}")
                 data = unpacked(said["data"]) if "data" in said else b""
                 write_part(path, said["at"], data, said.get("zeros", 0))
             case "state":
                 place = checkpoints.place(self._folder, Life.parse(said["life"]))
                 archive.store(place, [unpacked(said["data"])])
             case "collected":
+                for path, collected in self._collected.items():
+                    collected.replace(path)
                 self.collected = True
             case "failed":
                 self.failed = str(said["error"])

@@ -14,14 +14,18 @@ Robotics and Automation 18(1), 2002 (passivity observer).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from math import sqrt
+from typing import TypeAlias
 
 import numpy as np
 
-from cosim.measure.manipulability import running_integral
 from cosim.predict.facts import Array
+from cosim.record.piecewise import PairwiseSum, RunningIntegral
+
+#: Times (n,), s, and forces (n, m) of rows, in pieces that can be iterated over more than once.
+Forces: TypeAlias = Iterable[tuple[Array, Array]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,26 +42,31 @@ class Effort:
     window: float
 
 
-def effort(t: Array, force: Array, window: float = 1.0) -> Effort:
-    """The effort of `force` (n, m) over `t` (n,) s."""
-    length = np.sqrt((force**2).sum(axis=1))
-    tail = t >= t[-1] - window * (1 + 1e-9)
+def effort(force: Forces, span: tuple[float, float], window: float = 1.0) -> Effort:
+    """The effort of a force over `span`, the times of the first and the last row, s."""
+    since = span[1] - window * (1 + 1e-9)
+    squares, lengths, peak = RunningIntegral(), RunningIntegral(), 0.0
+    held = PairwiseSum(count := sum(int((t >= since).sum()) for t, _ in force))
+    for t, f in force:
+        length = np.sqrt((f**2).sum(axis=1))
+        squares.add(length**2, t)
+        lengths.add(length, t)
+        held.add(length[t >= since])
+        peak = float(np.abs(f).max(initial=peak))
     return Effort(
-        norm=sqrt(running_integral(length**2, t)[-1]),
-        integral=float(running_integral(length, t)[-1]),
-        peak=float(np.abs(force).max()),
-        holding=float(length[tail].mean()),
-        window=min(window, float(t[-1] - t[0])),
+        norm=sqrt(squares.value),
+        integral=lengths.value,
+        peak=peak,
+        holding=held.value / count,
+        window=min(window, span[1] - span[0]),
     )
 
 
-def observer(t: Array, ends: Sequence[tuple[Array, Array]]) -> Array:
-    """E(t), (n,), J: the first of `ends`, (torque, velocity) each (n, m), less the others."""
-    return running_integral(net_power(ends), t)
-
-
 def net_power(ends: Sequence[tuple[Array, Array]]) -> Array:
-    """The power into the first of `ends`, as in :func:`observer`, less the others, (n,), W."""
+    """The power into the first of `ends`, (torque, velocity) each (n, m), less the others, W.
+
+    Its integral is E(t); (n,).
+    """
     signs = [1.0, *(-1.0 for _ in ends[1:])]
     power = sum(
         sign * np.einsum("ij,ij->i", torque, rate)

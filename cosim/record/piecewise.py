@@ -174,24 +174,36 @@ def extent(signals: Signals) -> tuple[int, float, float]:
     return len(t), *((float(t[0]), float(t[-1])) if len(t) else (np.nan, np.nan))
 
 
-def at_times(run: Run, names: Sequence[str], t: Array) -> dict[str, Array]:
-    """Scalars at the times `t` (m,), s, ascending, between rows on a line, by name: (m,) each.
+@final
+class AtTimes:
+    """Values at times `t` (m,), ascending, between rows that come in pieces on a line.
 
-    Before the first row and after the last one they have the values there.
+    `values` (m,): before the first row and after the last one those there.
     """
-    found = {name: np.empty(len(t)) for name in names}
-    before: dict[str, Array] = dict.fromkeys(["t", *names], np.empty(0))
-    done = 0
+
+    def __init__(self, t: Array) -> None:
+        self.values = np.empty(len(t))
+        self._times, self._done = t, 0
+        self._t = self._x = np.empty(0)
+
+    def add(self, t: Array, x: Array) -> None:
+        """Take the next rows, (n,): `t` as the times, `x` in one unit."""
+        if not len(t):
+            return
+        t, x = np.concatenate((self._t, t)), np.concatenate((self._x, x))
+        ready = int(np.searchsorted(self._times, t[-1], side="right"))
+        self.values[self._done : ready] = np.interp(self._times[self._done : ready], t, x)
+        self.values[ready:] = x[-1]
+        self._t, self._x, self._done = t[-1:].copy(), x[-1:].copy(), max(self._done, ready)
+
+
+def at_times(run: Run, names: Sequence[str], t: Array) -> dict[str, Array]:
+    """Scalars at the times `t` (m,), s, ascending, by name: (m,) each, as :class:`AtTimes`."""
+    found = {name: AtTimes(t) for name in names}
     for piece in run.pieces(names) if names else ():
-        at = np.concatenate((before["t"], piece.t))
-        ready = int(np.searchsorted(t, at[-1], side="right"))
         for name, values in found.items():
-            x = np.concatenate((before[name], piece.column(name)))
-            values[done:ready] = np.interp(t[done:ready], at, x)
-            values[ready:] = x[-1]
-            before[name] = x[-1:].copy()
-        before["t"], done = at[-1:].copy(), max(done, ready)
-    return found
+            values.add(piece.t, piece.column(name))
+    return {name: values.values for name, values in found.items()}
 
 
 def first_step(run: Run, default: float) -> float:

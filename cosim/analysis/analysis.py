@@ -6,8 +6,6 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-import numpy as np
-
 from cosim.analysis.analyzed_port import Subject
 from cosim.analysis.conditions import unmet_conditions
 from cosim.analysis.contacts import by_grip, by_wall, margin
@@ -22,7 +20,8 @@ from cosim.analysis.force_tests import (
 )
 from cosim.analysis.predicted import MANY, predicted
 from cosim.analysis.quantity import Quantity, absent
-from cosim.analysis.recorded_numbers import RecordedPort, least_feedback, numbers, read
+from cosim.analysis.recorded_numbers import least_feedback, numbers
+from cosim.analysis.recorded_port import RecordedPort
 from cosim.base.errors import CosimError
 from cosim.predict import closed_form as closed
 from cosim.predict.elimination import quick_rows
@@ -36,7 +35,7 @@ from cosim.predict.system import AnalyzedSystem
 class Analysis:
     """The results: `quantities` in two groups, and the data of the figures.
 
-    `bound`: O6 at the times of the run, if it is known and its conditions hold; `swept`: the port
+    `bound`: O6 at times (n,), s, if it is known and its conditions hold; `swept`: the port
     by frequency; `tested`: whether forces were applied, or `tests` are closed forms alone;
     `remarks`: parts that were not possible, with reasons.
     """
@@ -46,7 +45,7 @@ class Analysis:
     run: tuple[Quantity, ...]
     tests: tuple[Quantity, ...]
     recorded: RecordedPort
-    bound: Array | None
+    bound: Callable[[Array], Array] | None
     swept: tuple[PortSweep, ...] = ()
     remarks: tuple[str, ...] = field(default=())
     tested: bool = True
@@ -101,7 +100,7 @@ def analyse(
     next step. Raises ScenarioError for signals that were not recorded.
     """
     port, known, remarks = subject.port, subject.system, list(subject.remarks)
-    recorded = read(subject.signals, port)
+    recorded = RecordedPort(subject.signals, port)
     net, hand = None, None
     if known is not None and known.is_position(port.response):
         net = network(known, port.arm)
@@ -109,9 +108,9 @@ def analyse(
     if known is not None:
         remarks += [f"{name}: its facts failed: {why}" for name, why in known.silent.items()]
     missed = unmet_conditions(known, net) if known is not None and net is not None else ()
-    if net is not None and len(net.names) > 1 and recorded.mean is None:
+    if net is not None and len(net.names) > 1 and not recorded.mean:
         missed += ("recorded positions of all robots",)
-    if net is not None and len(net.names) * recorded.response.shape[1] > quick_rows():
+    if net is not None and len(net.names) * recorded.size > quick_rows():
         remarks.append(
             f"no gain, and no closed forms by frequency: {len(net.names)} robots would take minutes"
             f" (more than {quick_rows()} coordinates)"
@@ -123,7 +122,7 @@ def analyse(
     if known is not None and applied and not port.inject:
         remarks.append("no test forces: no input for them is named ([analysis] inject)")
     elif known is not None and port.inject and tests is not False:
-        bench = Bench(known, port, rest_position(known, port, recorded.response))
+        bench = Bench(known, port, rest_position(known, port, recorded.final()))
         tested = _tests(bench, lowest, swept, progress) if applied else predicted(bench, lowest)
     if not applied and tests is None:
         remarks.append(_UNTESTED)
@@ -134,7 +133,7 @@ def analyse(
         run=tuple(numbers(recorded, net, hand, missed)),
         tests=found,
         recorded=recorded,
-        bound=None if missed else _bound(net, recorded),
+        bound=None if missed else _bound(net),
         swept=tuple(swept),
         remarks=tuple(remarks),
         tested=applied,
@@ -146,10 +145,10 @@ def _few(system: AnalyzedSystem) -> bool:
     return len(system.plan.components) <= MANY
 
 
-def _bound(net: RobotNetwork | None, recorded: RecordedPort) -> Array | None:
+def _bound(net: RobotNetwork | None) -> Callable[[Array], Array] | None:
     if net is None:
         return None
-    return closed.manipulability_bound(net, np.asarray(recorded.t), least_feedback(net))
+    return lambda t: closed.manipulability_bound(net, t, least_feedback(net))
 
 
 def _tests(

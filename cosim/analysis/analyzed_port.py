@@ -112,11 +112,11 @@ def of_run(folder: str | Path, chosen: str = "") -> Subject:
     return Subject(title, signals, port, known, remarks)
 
 
-def _far_end(port: PortSignals, signals: Signals) -> tuple[PortSignals, tuple[str, ...]]:
+def _far_end(port: PortSignals, signals: RunWithInputs) -> tuple[PortSignals, tuple[str, ...]]:
     """The port without its far end where a torque on that was not recorded, and a remark."""
     try:
         if port.far_external:
-            signals.array(port.far_external)
+            next(signals.pieces([port.far_external])).array(port.far_external)
     except ScenarioError as error:
         return replace(port, far_force="", far_external=""), (f"no far end: {error}",)
     return port, ()

@@ -3,101 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from itertools import pairwise
-from math import sqrt
+from math import inf, nan, sqrt
 
 import numpy as np
 
 from cosim.analysis.quantity import Quantity, absent, quantity
+from cosim.analysis.recorded_port import PortRows, RecordedPort
 from cosim.base.units import time_text
-from cosim.measure.energy import effort, observer
-from cosim.measure.felt_impedance import fit_impedance, is_operator
-from cosim.measure.manipulability import growth, manipulability, running_integral
+from cosim.measure.energy import effort
+from cosim.measure.felt_impedance import FITTED, fit_impedance, is_operator
+from cosim.measure.manipulability import Curve, growth
 from cosim.measure.metric_result import with_unit
 from cosim.predict.closed_form import manipulability_bound, poles, quasi_static_poles
 from cosim.predict.facts import Array, Hand
 from cosim.predict.finite_gain import network_gain
 from cosim.predict.network import Complex, RobotNetwork
-from cosim.predict.port import PortSignals
-from cosim.record.signals import Signals
-
-
-@dataclass(frozen=True, slots=True)
-class RecordedPort:
-    """The recorded signals at a port: `t` (n,) s, the others (n, m) by their role.
-
-    `far`: (torque, velocity) at the other end; `units` of force and response; `estimates`: final
-    theta_hat of each robot, () if it was not recorded; `mean`: (n, m), the mean position of all
-    robots of a network, None for a single robot.
-    """
-
-    t: Array
-    force: Array
-    response: Array
-    rate: Array | None
-    far: tuple[Array, Array] | None
-    units: tuple[str, str]
-    estimates: tuple[tuple[float, ...], ...] = ()
-    mean: Array | None = None
-
-    @property
-    def unit(self) -> str:
-        """Unit of response over force."""
-        force, response = self.units
-        return f"{response}/({force})" if "." in force else f"{response}/{force}"
-
-    @property
-    def M(self) -> Array:
-        """M^t, (n,): of the response, and in a network of the mean of its robots, q_c."""
-        moved = self.response if self.mean is None else self.mean
-        return manipulability(self.t, self.force, moved)
-
-    @property
-    def E(self) -> Array | None:
-        """The passivity observer, (n,), J; None where a velocity was not recorded."""
-        if self.rate is None:
-            return None
-        ends = [(self.force, self.rate), *([self.far] if self.far else [])]
-        return observer(self.t, ends)
-
-
-def read(signals: Signals, port: PortSignals) -> RecordedPort:
-    """The port's signals of a run. Raises ScenarioError where one was not recorded."""
-    far = None
-    if port.far_force and port.far_rate:
-        far_force = _total(signals, port.far_force, port.far_external, -1.0)
-        far = (far_force, signals.array(port.far_rate))
-    return RecordedPort(
-        t=np.asarray(signals.t, dtype=np.float64),
-        force=_total(signals, port.force, port.external, 1.0),
-        response=signals.array(port.response),
-        rate=signals.array(port.rate) if port.rate else None,
-        far=far,
-        units=(signals.unit(port.force), signals.unit(port.response)),
-        estimates=tuple(_last(signals, name) for name in port.estimates),
-        mean=_mean(signals, port.members) if port.members else None,
-    )
-
-
-def _mean(signals: Signals, names: Sequence[str]) -> Array:
-    """The mean of signals of one size, (n, m), without a copy of all of them."""
-    total = np.array(signals.array(names[0]), dtype=np.float64)
-    for name in names[1:]:
-        total += signals.array(name)
-    return np.asarray(total / len(names))
-
-
-def _total(signals: Signals, inside: str, external: str, sign: float) -> Array:
-    """The torque of a grip or wall inside an arm, (n, m), with what other components feed in."""
-    found = signals.array(inside)
-    return found + sign * signals.array(external) if external else found
-
-
-def _last(signals: Signals, name: str) -> tuple[float, ...]:
-    """The last values of a signal; () if nothing was recorded."""
-    rows = signals.array(name)
-    return tuple(float(x) for x in rows[-1]) if len(rows) else ()
+from cosim.record.piecewise import Repeated, RunningIntegral
 
 
 def numbers(
@@ -110,7 +32,8 @@ def numbers(
 
     `broken`: conditions of O6 that do not hold, so that it is no bound of this run.
     """
-    why = "nothing recorded" if len(found.t) < 4 else "" if found.force.any() else "no force acted"
+    acts = any(rows.force.any() for rows in found)
+    why = "nothing recorded" if found.rows < 4 else "" if acts else "no force acted"
     if why:
         yield absent("manipulability", "M^t of this run", found.unit, "run", why)
         yield absent("effort", "effort ‖f‖₂", f"{found.units[0]}.√s", "run", why)
@@ -118,7 +41,7 @@ def numbers(
     yield from _manipulability(found, net, broken)
     yield from _effort(found)
     yield from _energy(found)
-    if found.rate is not None:
+    if found.moving:
         yield from _felt(found)
     if net is not None and hand is not None:
         yield _approach(found, net, hand)
@@ -133,27 +56,28 @@ def least_feedback(net: RobotNetwork) -> float:
 def _manipulability(
     found: RecordedPort, net: RobotNetwork | None, broken: Sequence[str]
 ) -> Iterator[Quantity]:
-    t, M = found.t, found.M
-    limit, why = np.empty(0), ""
+    end = found.last
+    limit, why, M_end = np.empty(0), "", nan
     if net is not None:
-        limit = manipulability_bound(net, t[-1:], least_feedback(net))
+        limit = manipulability_bound(net, np.array([end]), least_feedback(net))
+    for _, M in found.M:
+        M_end = float(M[-1])
     bound = limit
     if broken:
         bounds = ", ".join(with_unit(x, found.unit, 4) for x in limit)
         why = f"no bound: O6 ({bounds}) needs {'; '.join(broken)}"
         limit = np.empty(0)
-    what = "" if found.mean is None else ", y the mean of all robots"
-    end, half = time_text(float(t[-1])), time_text(float(t[-1]) / 2)
-    how = f"‖y‖₂/‖f‖₂ from 0 s to {end}{what}"
+    what = ", y the mean of all robots" if found.mean else ""
+    how = f"‖y‖₂/‖f‖₂ from 0 s to {time_text(end)}{what}"
     yield quantity(
-        "manipulability", "M^t of this run", M[-1], found.unit, how,
+        "manipulability", "M^t of this run", M_end, found.unit, how,
         expected=limit, formula="O6, at most" if len(limit) else "", note=why,
     )  # fmt: skip
     if net is not None:
-        yield _gain(net, found.response[-1], float(t[-1]), bound)
+        yield _gain(net, found.final()[-1], end, bound)
     yield quantity(
-        "growth", "growth of M^t", growth(t, M, t[-1] / 2, t[-1]), "1",
-        f"d log M/d log t, from {half} to {end}",
+        "growth", "growth of M^t", growth(Repeated(lambda: found.M), end / 2, end), "1",
+        f"d log M/d log t, from {time_text(end / 2)} to {time_text(end)}",
         note="constant push 1, hand at rest 1/2, finite 0",
     )  # fmt: skip
 
@@ -178,7 +102,8 @@ def _gain(net: RobotNetwork, q: Array, t: float, limit: Array) -> Quantity:
 
 def _effort(found: RecordedPort) -> Iterator[Quantity]:
     unit = found.units[0]
-    e = effort(found.t, found.force, min(1.0, float(found.t[-1]) / 10))
+    forces = Repeated(lambda: ((rows.t, rows.force) for rows in found))
+    e = effort(forces, (found.first, found.last), min(1.0, found.last / 10))
     yield quantity("effort", "effort ‖f‖₂", e.norm, f"{unit}.√s", "sqrt(∫ |f|² dt)")
     yield quantity("impulse", "effort ∫|f|", e.integral, f"{unit}.s", "∫ |f| dt")
     yield quantity("peak_force", "peak |f_i|", e.peak, unit, "largest entry")
@@ -187,25 +112,34 @@ def _effort(found: RecordedPort) -> Iterator[Quantity]:
 
 
 def _energy(found: RecordedPort) -> Iterator[Quantity]:
-    if found.rate is None or found.E is None:
+    if not found.moving:
         why = "no velocity at the port was recorded"
         yield absent("observer_min", "passivity observer", "J", "min E(t)", why)
         return
-    work = running_integral(np.einsum("ij,ij->i", found.force, found.rate), found.t)[-1]
-    yield quantity("work", "work of the operator", work, "J", "∫ fᵀ dq dt")
-    E = found.E
-    at = int(np.argmin(E))
+    work, least, at, end = RunningIntegral(), inf, nan, nan
+    for rows in found:
+        work.add(np.einsum("ij,ij->i", rows.force, _rate(rows)), rows.t)
+    yield quantity("work", "work of the operator", work.value, "J", "∫ fᵀ dq dt")
+    for t, E in found.E:
+        row, end = int(np.argmin(E)), float(E[-1])
+        if E[row] < least:
+            least, at = float(E[row]), float(t[row])
     how = "min of E(t) = ∫ (τ1ᵀ dq1 - τ2ᵀ dq2)" if found.far else "min of E(t) = ∫ τᵀ dq"
     yield quantity(
-        "observer_min", "passivity observer", E[at], "J", how,
-        note=f"at {time_text(float(found.t[at]))}; E ends at {E[-1]:.4g} J",
+        "observer_min", "passivity observer", least, "J", how,
+        note=f"at {time_text(at)}; E ends at {end:.4g} J",
     )  # fmt: skip
 
 
+def _rate(rows: PortRows) -> Array:
+    assert rows.rate is not None
+    return rows.rate
+
+
 def _felt(found: RecordedPort) -> Iterator[Quantity]:
-    assert found.rate is not None
-    window = max(float(found.t[-1]) / 12, 2.0)
-    windows = fit_impedance(found.t, found.force, found.response, found.rate, window)
+    window = max(found.last / 12, 2.0)
+    moved = Repeated(lambda: ((x.t, x.force, x.response, _rate(x)) for x in found))
+    windows = fit_impedance(moved, (found.first, found.last), window)
     label, how = (
         "felt in windows",
         f"f = I ddq + D dq + S q by least squares, {time_text(window, 3)} each",
@@ -239,14 +173,15 @@ def _felt(found: RecordedPort) -> Iterator[Quantity]:
 
 def _approach(found: RecordedPort, net: RobotNetwork, hand: Hand) -> Quantity:
     """Decay rate of the error to the target of the hand, compared with the slowest pole."""
-    error = np.abs(found.response - np.asarray(hand.place)).max(axis=1)
-    rate, uncertain, seconds = approach(found.t, error)
+    place = np.asarray(hand.place)
+    error = Repeated(lambda: ((x.t, np.abs(x.response - place).max(axis=1)) for x in found))
+    rate, uncertain, seconds = approach(error, found.rows)
     label, how = "rate of approach", "slope of log |q - q_h|, from 1 % of the start down"
     if np.isnan(rate):
         return absent("approach", label, "1/s", how, "the error does not decay so far")
     ended = bool(found.estimates) and all(found.estimates)
     estimates = found.estimates if ended else net.initial_estimates()
-    roots = poles(net, found.response[-1], estimates, hand.stiffness, hand.damping)
+    roots = poles(net, found.final()[-1], estimates, hand.stiffness, hand.damping)
     close, names = _not_told_apart(roots, seconds)
     simple = quasi_static_poles(net.law, least_feedback(net), *_softest(hand))[0].real
     o3 = f"; O3 without inertia {simple:.4g} 1/s" if len(net.laws) == 1 else ""
@@ -279,22 +214,47 @@ def _softest(hand: Hand) -> tuple[float, float]:
     return min(hand.stiffness), min(hand.damping)
 
 
-def approach(t: Array, error: Array) -> tuple[float, float, float]:
-    """Rate (1/s) of the exponential that the envelope of `error` (n,) follows as it decays.
+def approach(error: Curve, rows: int) -> tuple[float, float, float]:
+    """Rate (1/s) of the exponential that the envelope of an error follows as it decays.
 
     From where it is last above 1e-2 of its start to where it is last above 1e-5 of it, and its
     uncertainty (1/s): two standard deviations of the mean rate of its three thirds, as the envelope
     of an error that swings has steps; last, how long that is (s). NaN if the error is not smaller
-    than that at the end, or there are fewer than ten rows in between.
+    than that at the end, or there are fewer than ten rows in between. `rows`: how many there are;
+    of more than FITTED between the two, every second one counts, or every third one, and so on.
     """
-    envelope = np.maximum.accumulate(error[::-1])[::-1]
-    first, last = (int((envelope > share * error[0]).sum()) for share in (1e-2, 1e-5))
-    if error[0] <= 0 or last >= len(t) or last - first < 10:
-        return float("nan"), float("nan"), float("nan")
-    ends = np.linspace(first, last, 4).astype(int)
+    start, first, last, at = nan, 0, 0, 0
+    for _, e in error:
+        start = float(e[0]) if at == 0 else start
+        beyond = [np.flatnonzero(e > share * start) for share in (1e-2, 1e-5)]
+        first, last = (
+            at + int(found[-1]) + 1 if len(found) else so_far
+            for found, so_far in zip(beyond, (first, last), strict=True)
+        )
+        at += len(e)
+    if not start > 0 or last >= rows or last - first < 10:
+        return nan, nan, nan
+    t, envelope = _envelope(error, first, last)
+    ends = np.linspace(0, len(t), 4).astype(int)
     whole, *parts = (
         float(np.polyfit(t[a:b], np.log(envelope[a:b]), 1)[0])
-        for a, b in ((first, last), *pairwise(ends))
+        for a, b in ((0, len(t)), *pairwise(ends))
     )
     uncertain = 2 * float(np.std(parts, ddof=1)) / sqrt(len(parts))
-    return whole, uncertain, float(t[last - 1] - t[first])
+    return whole, uncertain, float(t[-1] - t[0])
+
+
+def _envelope(error: Curve, first: int, last: int) -> tuple[Array, Array]:
+    """Times, s, and the greatest error from then on, (n,) each, from row `first` to before `last`.
+
+    At most FITTED rows, as far from each other as they have to be.
+    """
+    every = -(-(last - first) // FITTED)
+    times, greatest, at = list[Array](), np.zeros(-(-(last - first) // every)), 0
+    for t, e in error:
+        rows = np.arange(max(first, at), at + len(t))
+        place = np.minimum((rows - first) // every, len(greatest) - 1)
+        np.maximum.at(greatest, place, e[rows - at])
+        times.append(t[rows - at][((rows - first) % every == 0) & (rows < last)])
+        at += len(t)
+    return np.concatenate(times), np.maximum.accumulate(greatest[::-1])[::-1]

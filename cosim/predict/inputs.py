@@ -6,11 +6,15 @@ operator component feeds into an arm is such an input, so it is computed from it
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
+from math import inf
 from typing import final
 
 import numpy as np
 
 from cosim.base.errors import ScenarioError
+from cosim.record.piecewise import pieces
 from cosim.record.signals import Array, Signals
 from cosim.schedule.parts import Link, Player, Slot, Step, Wire
 from cosim.schedule.plan import Plan
@@ -39,15 +43,33 @@ def start_value(step: Step, slot: Slot) -> tuple[float, ...]:
 class RunWithInputs:
     """A recorded run that also answers for inputs which were not recorded themselves."""
 
-    def __init__(self, run: Signals, plan: Plan) -> None:
-        self._run = run
+    def __init__(self, run: Signals, plan: Plan, slots: Mapping[str, Slot] | None = None) -> None:
+        self.run = run
         self._plan = plan
-        self._slots = plan.slots()
+        self._slots = plan.slots() if slots is None else slots
+
+    def pieces(self, names: Sequence[str], since: float = -inf) -> Iterator[RunWithInputs]:
+        """The rows in pieces with these signals: :func:`cosim.record.piecewise.pieces`."""
+        recorded = [part for name in names for part in self._sources(name)]
+        for piece in pieces(self.run, recorded, since):
+            yield RunWithInputs(piece, self._plan, self._slots)
+
+    def _sources(self, name: str) -> Iterator[str]:
+        """The signals that are read for one, as far as they were recorded."""
+        slot = self._computed(name)
+        if slot is None:
+            yield name
+            return
+        for feeder in feeders(self._plan, slot):
+            if isinstance(feeder, Wire):
+                with suppress(ScenarioError):
+                    self.run.entries(feeder.source.name)
+                    yield feeder.source.name
 
     @property
     def t(self) -> Array:
         """Time of each row, (n,), s."""
-        return self._run.t
+        return self.run.t
 
     def array(self, prefix: str) -> Array:
         """Entries of a signal, (n, m), in its unit.
@@ -55,22 +77,22 @@ class RunWithInputs:
         Raises ScenarioError for an input whose sources were not recorded.
         """
         slot = self._computed(prefix)
-        return self._run.array(prefix) if slot is None else self._input(slot)
+        return self.run.array(prefix) if slot is None else self._input(slot)
 
     def entries(self, prefix: str) -> tuple[str, ...]:
         """Names of those entries. Raises ScenarioError for a signal that is not there."""
         slot = self._computed(prefix)
-        return self._run.entries(prefix) if slot is None else slot.scalars()
+        return self.run.entries(prefix) if slot is None else slot.scalars()
 
     def unit(self, prefix: str) -> str:
         """Unit of a signal. Raises ScenarioError for a signal that is not there."""
         slot = self._computed(prefix)
-        return self._run.unit(prefix) if slot is None else slot.unit
+        return self.run.unit(prefix) if slot is None else slot.unit
 
     def _computed(self, prefix: str) -> Slot | None:
         """The input `prefix`, if it was not recorded."""
         try:
-            self._run.entries(prefix)
+            self.run.entries(prefix)
         except ScenarioError:
             slot = self._slots.get(prefix)
             inputs = self._plan.component(slot.component).inputs if slot is not None else ()
@@ -94,7 +116,7 @@ class RunWithInputs:
 
     def _source(self, wire: Wire, slot: Slot) -> Array:
         try:
-            return self._run.array(wire.source.name)
+            return self.run.array(wire.source.name)
         except ScenarioError as error:
             raise ScenarioError(
                 f"{slot.name} is fed by {wire.source.name}, and neither was recorded;"

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from math import inf
-from typing import final
+from typing import Generic, TypeVar, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +27,21 @@ def pieces(signals: Signals, names: Sequence[str], since: float = -inf) -> Itera
         yield from signals.pieces(names, since)
     else:
         yield signals
+
+
+T = TypeVar("T")
+
+
+@final
+class Repeated(Generic[T]):
+    """Pieces that can be iterated over more than once: `read` begins anew each time."""
+
+    def __init__(self, read: Callable[[], Iterable[T]]) -> None:
+        self._read = read
+
+    def __iter__(self) -> Iterator[T]:
+        """The pieces."""
+        return iter(self._read())
 
 
 @final

@@ -7,18 +7,21 @@ from __future__ import annotations
 
 import io
 from collections.abc import Sequence
+from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from cosim.analysis.analysis import Analysis
+from cosim.analysis.recorded_port import RecordedPort
 from cosim.base.files import write_file
 from cosim.base.units import printed_unit
-from cosim.measure.manipulability import local_growth
+from cosim.measure.manipulability import Curve, local_growth
 from cosim.predict.facts import Array
+from cosim.record.piecewise import Repeated
 from cosim.reporting.figures import COLOURS, load
-from cosim.reporting.thinning import thin
+from cosim.reporting.thinning import Thinned
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -53,7 +56,7 @@ def draw(found: Analysis, folder: Path) -> list[Path]:
     figures = [("manipulability", _manipulability, 2)]
     if found.swept:
         figures.append(("port", _port, 3 if found.port.collocated else 1))
-    figures.append(("effort", _effort, 2 if found.recorded.E is not None else 1))
+    figures.append(("effort", _effort, 2 if found.recorded.moving else 1))
     paths = []
     with matplotlib.rc_context():
         matplotlib.rcdefaults()
@@ -84,18 +87,17 @@ def _save(found: Analysis, paint: Any, panels: int, path: Path) -> Path:
 def _manipulability(found: Analysis, axes: Sequence[Axes]) -> None:
     above, below = axes
     r = found.recorded
-    M = r.M
-    rows = np.flatnonzero(np.isfinite(M) & (M > 0) & (r.t > r.t[-1] / 3000))
-    rows = rows[_even(r.t[rows])]
-    if len(rows):
-        above.loglog(r.t[rows], M[rows], color=COLOURS[0], label="$M^t$ of the run")
-    if found.bound is not None and len(rows) and np.isfinite(found.bound[rows]).all():
+    t, M = _even(r)
+    if len(t):
+        above.loglog(t, M, color=COLOURS[0], label="$M^t$ of the run")
+    limit = np.full(len(t), inf) if found.bound is None else found.bound(t)
+    if len(t) and np.isfinite(limit).all():
         label = "upper bound O6 (θ known, together, from rest)"
-        above.loglog(r.t[rows], found.bound[rows], color=COLOURS[1], label=label, **_CLOSED)
+        above.loglog(t, limit, color=COLOURS[1], label=label, **_CLOSED)
     above.set_ylabel(f"$M^t$ [{printed_unit(r.unit)}]")
     above.set_title("manipulability: ‖response‖₂ over ‖force‖₂ up to t")
-    t, slope = local_growth(r.t, M)
-    late = t > r.t[-1] / 3000
+    t, slope = local_growth(Repeated(lambda: r.M), r.last)
+    late = t > r.last / 3000
     t, slope = t[late], slope[late]
     below.semilogx(t, slope, color=COLOURS[0], label="slope of the run")
     for value, text in ((1.0, "constant push"), (0.5, "hand at rest"), (0.0, "finite")):
@@ -113,20 +115,29 @@ def _manipulability(found: Analysis, axes: Sequence[Axes]) -> None:
 
 def _effort(found: Analysis, axes: Sequence[Axes]) -> None:
     r = found.recorded
-    length = np.sqrt((r.force**2).sum(axis=1))
-    index = thin(length)
-    axes[0].plot(r.t[index], length[index], color=COLOURS[0])
+    forces = Repeated(lambda: ((x.t, np.sqrt((x.force**2).sum(axis=1))) for x in r))
+    axes[0].plot(*_thinned(forces, r.rows), color=COLOURS[0])
     axes[0].set_ylabel(f"|force| [{printed_unit(r.units[0])}]")
     axes[0].set_title("force of the operator")
-    if r.E is not None:
-        index = thin(r.E)
-        axes[1].plot(r.t[index], r.E[index], color=COLOURS[2])
+    if r.moving:
+        axes[1].plot(*_thinned(Repeated(lambda: r.E), r.rows), color=COLOURS[2])
         axes[1].axhline(0.0, **_REFERENCE)
         axes[1].set_ylabel("E [J]")
         what = "what went in less what came out at the far end" if r.far else "what went in"
         axes[1].set_title(f"passivity observer: {what}")
     axes[-1].set_xlabel("time [s]")
-    axes[-1].set_xlim(r.t[0], r.t[-1])
+    axes[-1].set_xlim(r.first, r.last)
+
+
+def _thinned(curve: Curve, rows: int) -> tuple[Array, Array]:
+    """Times, s, and values of a curve that keep every extreme."""
+    kept, at, times = Thinned(rows), 0, list[Array]()
+    for _, y in curve:
+        kept.add(y)
+    for t, _ in curve:
+        times.append(t[kept.rows[slice(*np.searchsorted(kept.rows, (at, at + len(t))))] - at])
+        at += len(t)
+    return np.concatenate(times), kept.y
 
 
 # ---- over frequency -----------------------------------------------------------------------------
@@ -184,11 +195,25 @@ def _legends(axes: Sequence[Axes]) -> None:
             ax.legend(loc="best")
 
 
-def _even(t: Array, most: int = 2000) -> Array:
-    """Indices of `t` (n,) that are even over log t."""
-    if not len(t):
-        return np.empty(0, np.intp)
-    return np.unique(np.searchsorted(t, np.geomspace(t[0], t[-1], most)).clip(0, len(t) - 1))
+def _even(r: RecordedPort, most: int = 2000) -> tuple[Array, Array]:
+    """Times, s, and M^t, at rows that are even over log t."""
+
+    def good(t: Array, M: Array) -> tuple[Array, Array]:
+        rows = np.isfinite(M) & (M > 0) & (t > r.last / 3000)
+        return t[rows], M[rows]
+
+    ends = [t[[0, -1]] for t, _ in (good(*piece) for piece in r.M) if len(t)]
+    if not ends:
+        return np.empty(0), np.empty(0)
+    wanted, done = np.geomspace(ends[0][0], ends[-1][-1], most), 0
+    found: list[tuple[Array, Array]] = []
+    for t, M in (good(*piece) for piece in r.M):
+        ready = int(np.searchsorted(wanted, t[-1], side="right")) if len(t) else done
+        rows = np.unique(np.searchsorted(t, wanted[done:ready]))
+        found.append((t[rows], M[rows]))
+        done = max(done, ready)
+    times, values = (np.concatenate(x) for x in zip(*found, strict=True))
+    return times, values
 
 
 def _named(title: str) -> str:

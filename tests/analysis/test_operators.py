@@ -90,9 +90,9 @@ def test_torque_on_the_far_robot_leaves_the_passivity_observer() -> None:
     push = {"model": "fmus.models.push", "period": 5e-3, "parameters": {"tau_p": [1.0, 0.0]}}
     parts = {**document["components"], "slave": slave, "hand": push}
     found = analyse(subject(document | {"components": parts}, "master"), tests=False)
-    assert found.recorded.E is not None and found.recorded.far is not None
-    moved = found.recorded.far[1][:, 0]
-    assert found.recorded.E[-1] == pytest.approx(np.trapezoid(moved, found.recorded.t), rel=0.01)
+    (rows,), ((t, E),) = found.recorded, found.recorded.E
+    assert rows.far is not None
+    assert E[-1] == pytest.approx(np.trapezoid(rows.far[1][:, 0], t), rel=0.01)
 
 
 def test_a_recorded_run_gets_the_torque_from_its_source(cosim: Command) -> None:

@@ -94,13 +94,14 @@ def _accelerated(rows: Iterable[Moved], step: float | None) -> Iterator[tuple[Ar
     `step`: between all rows, s, or None if it differs.
     """
     held: tuple[Array, ...] = ()  # the last two rows
+    begin = 0
     for each in rows:
         t, force, response, rate = (
             np.concatenate(pair) for pair in zip(held or [x[:0] for x in each], each, strict=True)
         )
-        ready = slice(1 if held else 0, -1)
-        ddq = _gradient(t, rate, step)
         if len(t) > 1:
+            ready, begin = slice(begin, -1), 1
+            ddq = _gradient(t, rate, step)
             yield t[ready], force[ready], response[ready], rate[ready], ddq[ready]
         held = t[-2:], force[-2:], response[-2:], rate[-2:]
     if held:

@@ -49,7 +49,10 @@ class RunWithInputs:
         self._slots = plan.slots() if slots is None else slots
 
     def pieces(self, names: Sequence[str], since: float = -inf) -> Iterator[RunWithInputs]:
-        """The rows in pieces with these signals: :func:`cosim.record.piecewise.pieces`."""
+        """The rows in pieces with these signals, as :func:`cosim.record.piecewise.pieces`.
+
+        `since`: the time, s, from which on they are needed.
+        """
         recorded = [part for name in names for part in self._sources(name)]
         for piece in pieces(self.run, recorded, since):
             yield RunWithInputs(piece, self._plan, self._slots)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -52,7 +53,7 @@ def test_an_analysis_does_not_depend_on_pieces(
         assert path.read_bytes() == other.read_bytes()
 
 
-def cut(sizes: list[int], *columns: np.ndarray) -> list[tuple[np.ndarray, ...]]:
+def cut(sizes: list[int], *columns: Any) -> list[Any]:
     """Columns in pieces."""
     ends = np.cumsum(sizes)
     edges = [0, *ends[ends < len(columns[0])], len(columns[0])]
@@ -78,7 +79,7 @@ def test_accelerations_are_those_of_numpy(
 @given(SIZES, st.integers(0, 99), st.integers(0, 400))
 def test_numbers_of_a_port_do_not_depend_on_pieces(sizes: list[int], seed: int, more: int) -> None:
     rows = 801 + more
-    t = 0.02 * np.arange(rows)
+    t: Any = 0.02 * np.arange(rows)
     random = np.random.default_rng(seed)
     w = random.uniform(0.5, 3.0, (3, 2))
     q, dq = np.cos(np.outer(t, w[0])), -w[0] * np.sin(np.outer(t, w[0]))
@@ -95,13 +96,13 @@ def test_numbers_of_a_port_do_not_depend_on_pieces(sizes: list[int], seed: int, 
 
 
 def test_of_many_rows_some_are_fitted(monkeypatch: pytest.MonkeyPatch) -> None:
-    t = 1e-3 * np.arange(40_001)
+    t: Any = 1e-3 * np.arange(40_001)
     q, dq, ddq = np.zeros_like(t), np.zeros_like(t), np.zeros_like(t)
     for w in (0.7, 2.3, 5.1):
         q += 1 - np.cos(w * t)
         dq += w * np.sin(w * t)
         ddq += w * w * np.cos(w * t)
-    rows = tuple(x[:, None] for x in (1.5 * ddq + 0.5 * dq + 3.0 * q, q, dq))
+    rows: Any = tuple(x[:, None] for x in (1.5 * ddq + 0.5 * dq + 3.0 * q, q, dq))
     error = np.exp(-0.4 * t)
     monkeypatch.setattr(felt_impedance, "FITTED", 300)
     monkeypatch.setattr(recorded_numbers, "FITTED", 300)

@@ -12,6 +12,8 @@ is raised there after :data:`PATIENCE`, again and again until something acts on 
 
 from __future__ import annotations
 
+# Of signal, without names for numbers, which take most of the time: a run asks in each chunk.
+import _signal  # type: ignore[import-not-found]
 import _thread
 import os
 import signal
@@ -154,22 +156,23 @@ def _noted(*free: object) -> Iterator[bool]:
     Gives false where none is, or outside the main thread: what other code handles or ignores stays
     as it is.
     """
-    before = {}
+    found = {}
     if threading.current_thread() is threading.main_thread():
-        before = {n: h for n in ENDING if (h := signal.getsignal(n)) in (*free, _note)}
-    if before and (wake := signal.getsignal(_WAKE)) in (signal.SIG_DFL, _note):
-        before[_WAKE] = wake
-    outermost = _note not in before.values()
-    if before and outermost:
+        found = {n: h for n in ENDING if (h := _signal.getsignal(n)) in (*free, _note)}
+    if found and (wake := _signal.getsignal(_WAKE)) in (signal.SIG_DFL, _note):
+        found[_WAKE] = wake
+    before = {number: earlier for number, earlier in found.items() if earlier is not _note}
+    outermost = len(before) == len(found)
+    if found and outermost:
         _received[0] = _Received()
     try:
         for number in before:
-            signal.signal(number, _note)
-        yield bool(before)
+            _signal.signal(number, _note)
+        yield bool(found)
     finally:
         for number, earlier in before.items():
-            signal.signal(number, earlier)
-        if before and outermost:
+            _signal.signal(number, earlier)
+        if found and outermost:
             _received[0].over.set()
 
 

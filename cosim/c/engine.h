@@ -288,6 +288,8 @@ typedef struct {
     double *values;  /* its values, which `inputs` and `outputs` then number; or NULL */
     int32_t repeats; /* its steps may be done again: it must be able to go back */
     int32_t in_rows; /* these values follow each other: those of `inputs`, and those of `outputs` */
+    int32_t plain;   /* its kind, if it is called through FMI only and its step begins at its tick; else 0 */
+    int32_t reserved;
 } unit_t;
 
 /* Memory of the engine that is part of the state of a unit; `size` in bytes. */

@@ -102,7 +102,7 @@ INLINE void enter_all(const many_t *m, stepped_t *s, int64_t place)
         for (int64_t i = 0; i < s->each; i++) {
             const unit_t *u = e->units + e->operations[place + i].index;
             s->instances[s->n * s->each + i] = u->instance;
-            set_inputs(u, u->kind, e->signals);
+            set_inputs(u, u->kind, 0, e->signals);
         }
     }
 }

@@ -25,7 +25,22 @@ enum { REFUSED = 2 };            /* fmi2Discard: a trial state that the FMU cann
 INLINE int not_finite(const double *x, int64_t n)
 {
     uint64_t carry = 0;
-    for (int64_t i = 0; i < n; i++) {
+    int64_t i = 0;
+#if defined(__GNUC__)
+    typedef uint64_t pair_t __attribute__((vector_size(16)));
+    if (n >= 4) {
+        pair_t carries = {0, 0};
+        for (; i + 4 <= n; i += 4) {
+            pair_t a, b;
+            memcpy(&a, x + i, sizeof a);
+            memcpy(&b, x + i + 2, sizeof b);
+            carries |= ((a & 0x7ff0000000000000u) + 0x0010000000000000u) |
+                       ((b & 0x7ff0000000000000u) + 0x0010000000000000u);
+        }
+        carry = carries[0] | carries[1];
+    }
+#endif
+    for (; i < n; i++) {
         uint64_t bits;
         memcpy(&bits, x + i, sizeof bits);
         carry |= (bits & 0x7ff0000000000000u) + 0x0010000000000000u;
@@ -135,7 +150,8 @@ SHARED int interpolate(const exchanging_t *d, double t, double end, double *y);
 SHARED NOINLINE int step_exchange(unit_t *u, double *s, double t, int *status, int32_t *failed);
 
 /* fmi_steps.c */
-HOT int set_inputs(const unit_t *u, int32_t kind, const double *s);
+HOT int set_inputs(const unit_t *u, int32_t kind, int plain, const double *s);
+HOT int step_plain(unit_t *u, double *s, int64_t tick, double t, int *status, int32_t *signal);
 HOT int step_from(const engine_t *e, int64_t tick, double t, int32_t index, failure_t *failure);
 HOT int step_unit(const engine_t *e, int64_t tick, int32_t index, failure_t *failure);
 HOT int take_outputs(const engine_t *e, int32_t index, int status, failure_t *failure);

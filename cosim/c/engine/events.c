@@ -58,8 +58,10 @@ SHARED int changed(const access_t *a, int64_t n, const double *s)
 SHARED int input_event(const doing_t *d, int64_t hit, double t)
 {
     const typed_t *x = d->unit->typed;
-    int result, needed = changed(x->discrete, x->n_discrete, d->signals);
+    int result, needed;
 
+    if (!x->n_discrete && !x->n_clocks) return RUN_OK;
+    needed = changed(x->discrete, x->n_discrete, d->signals);
     if (!(wake(d, hit, t) | needed)) return RUN_OK;
     result = enter_event_mode(d, t);
     if (result == RUN_OK && needed)

@@ -2,11 +2,11 @@
 #include "engine_internal.h"
 
 /* The inputs of a unit of `kind`, UNIT_FMI2 or UNIT_FMI3; returns the FMU's status. The values of our own
- * FMUs are open between steps. */
-HOT int set_inputs(const unit_t *u, int32_t kind, const double *s)
+ * FMUs are open between steps; not those of a unit that is `plain`. */
+HOT int set_inputs(const unit_t *u, int32_t kind, int plain, const double *s)
 {
     s += u->input;
-    if (u->values) {
+    if (!plain && u->values) {
         if (u->in_rows) copy(u->values + u->inputs[0], s, u->n_inputs);
         else
             for (int64_t i = 0; i < u->n_inputs; i++) u->values[u->inputs[i]] = s[i];
@@ -18,10 +18,10 @@ HOT int set_inputs(const unit_t *u, int32_t kind, const double *s)
 }
 
 /* The same of the outputs. */
-INLINE int get_outputs(const unit_t *u, int32_t kind, double *s)
+INLINE int get_outputs(const unit_t *u, int32_t kind, int plain, double *s)
 {
     s += u->output;
-    if (u->values) {
+    if (!plain && u->values) {
         if (u->in_rows) copy(s, u->values + u->outputs[0], u->n_outputs);
         else
             for (int64_t i = 0; i < u->n_outputs; i++) s[i] = u->values[u->outputs[i]];
@@ -32,30 +32,43 @@ INLINE int get_outputs(const unit_t *u, int32_t kind, double *s)
     return ((get3_t)u->get)(u->instance, u->outputs, (size_t)u->n_outputs, s, (size_t)u->output_count);
 }
 
-INLINE int step_fmi2(const unit_t *u, double *s, double t, int *status)
+INLINE int step_fmi2(const unit_t *u, int plain, double *s, double t, int *status)
 {
-    *status = set_inputs(u, UNIT_FMI2, s);
+    *status = set_inputs(u, UNIT_FMI2, plain, s);
     if (failed_call(*status)) return RUN_SET;
-    *status = ((step2_t)u->step)(u->instance, t, u->h, !u->repeats);
+    *status = ((step2_t)u->step)(u->instance, t, u->h, plain || !u->repeats);
     if (failed_call(*status)) return RUN_STEP;
-    *status = get_outputs(u, UNIT_FMI2, s);
+    *status = get_outputs(u, UNIT_FMI2, plain, s);
     return failed_call(*status) ? RUN_GET : RUN_OK;
 }
 
-INLINE int step_fmi3(unit_t *u, double *s, double t, int *status)
+INLINE int step_fmi3(unit_t *u, int plain, double *s, double t, int *status)
 {
     _Bool event = 0, terminate = 0, early = 0;
+    const int no_way_back = plain || !u->repeats;
     double reached = t;
-    *status = set_inputs(u, UNIT_FMI3, s);
+    *status = set_inputs(u, UNIT_FMI3, plain, s);
     if (failed_call(*status)) return RUN_SET;
-    *status = ((step3_t)u->step)(u->instance, t, u->h, !u->repeats, &event, &terminate, &early, &reached);
+    *status = ((step3_t)u->step)(u->instance, t, u->h, no_way_back, &event, &terminate, &early, &reached);
     if (failed_call(*status)) return RUN_STEP;
     if (early && !terminate) return RUN_EARLY_RETURN;
-    *status = get_outputs(u, UNIT_FMI3, s);
+    *status = get_outputs(u, UNIT_FMI3, plain, s);
     if (failed_call(*status)) return RUN_GET;
     if (!terminate) return RUN_OK;
     u->reached = reached;
     return RUN_TERMINATED;
+}
+
+/* A step of a unit that is plain, from t (s), the time of a tick. */
+HOT int step_plain(unit_t *u, double *s, int64_t tick, double t, int *status, int32_t *signal)
+{
+    int result;
+
+    if (u->plain == UNIT_FMI2) result = step_fmi2(u, 1, s, t, status);
+    else if (u->plain == UNIT_FMI3) result = step_fmi3(u, 1, s, t, status);
+    else result = step_typed(u, s, t, u->period == 1 ? tick : tick / u->period, status, signal);
+    if (result != RUN_OK && result != RUN_TERMINATED) return result;
+    return not_finite(s + u->output, u->output_count) ? RUN_NOT_FINITE : result;
 }
 
 /* A step of a unit from t (s); `tick`: the one in which it ends. */
@@ -66,9 +79,9 @@ HOT int step_from(const engine_t *e, int64_t tick, double t, int32_t index, fail
     int status = 0, result = RUN_OK;
 
     if (u->kind == UNIT_FMI2) {
-        result = step_fmi2(u, s, t, &status);
+        result = step_fmi2(u, 0, s, t, &status);
     } else if (u->kind == UNIT_FMI3) {
-        result = step_fmi3(u, s, t, &status);
+        result = step_fmi3(u, 0, s, t, &status);
     } else if (u->kind == UNIT_TYPED) {
         result = step_typed(u, s, t, (tick - u->lag) / u->period, &status, &failure->signal);
     } else if (u->kind == UNIT_EXCHANGE) {
@@ -101,7 +114,7 @@ HOT int take_outputs(const engine_t *e, int32_t index, int status, failure_t *fa
     const unit_t *u = e->units + index;
 
     if (!failed_call(status)) {
-        get_outputs(u, u->kind, e->signals);
+        get_outputs(u, u->kind, 0, e->signals);
         return RUN_OK;
     }
     failure->index = index;
@@ -113,8 +126,8 @@ HOT int take_outputs(const engine_t *e, int32_t index, int status, failure_t *fa
 API int32_t engine_unit(unit_t *u, double *s, double t, int64_t hit, int32_t *status, int32_t *failed)
 {
     switch (u->kind) {
-    case UNIT_FMI2: return step_fmi2(u, s, t, status);
-    case UNIT_FMI3: return step_fmi3(u, s, t, status);
+    case UNIT_FMI2: return step_fmi2(u, 0, s, t, status);
+    case UNIT_FMI3: return step_fmi3(u, 0, s, t, status);
     case UNIT_EXCHANGE: return step_exchange(u, s, t, status, failed);
     default: return step_typed(u, s, t, hit, status, failed);
     }

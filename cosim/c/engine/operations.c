@@ -143,19 +143,95 @@ static void run_often(const engine_t *e, int64_t tick, int64_t *ticks, const ope
     *failure = found;
 }
 
+/* Copies, records, and steps of units that are plain: most of what a plan has, apart from the rest, so that a compiler
+ * keeps in registers what they take. Returns the first operation that is another, or whose step was not RUN_OK, which
+ * is then in *result and *failure. */
+INLINE const operation_t *run_plain(engine_t *e, int64_t tick, const operation_t *op, const operation_t *end,
+                                    failure_t *failure, int *result)
+{
+    double *const s = e->signals;
+    const double t = time_of(e, tick);
+
+    for (; op < end; op++) {
+        if (op->code == OP_COPY) {
+            if (op->count == 1) s[op->target] = s[op->source];
+            else copy(s + op->target, s + op->source, op->count);
+        } else if (op->code == OP_STEP) {
+            unit_t *const u = e->units + op->index;
+            int status = 0;
+            if (!u->plain) break;
+            *result = step_plain(u, s, tick, t, &status, &failure->signal);
+            if (*result == RUN_OK) continue;
+            failure->index = op->index;
+            failure->status = status;
+            break;
+        } else if (op->code == OP_RECORD) {
+            if (e->record) record(e, tick, op);
+        } else break;
+    }
+    return op;
+}
+
+/* The same, for ticks in which there is more than that. */
+static NOINLINE const operation_t *run_some(engine_t *e, int64_t tick, const operation_t *op,
+                                            const operation_t *end, failure_t *failure, int *result)
+{
+    return run_plain(e, tick, op, end, failure, result);
+}
+
+/* Runs ticks up to `end` of a plan that has nothing else, in one segment; the operation whose step ended that, or NULL. */
+static NOINLINE const operation_t *run_ticks(engine_t *e, int64_t end, failure_t *failure, int *result)
+{
+    segment_t *const segment = e->segments;
+    const operation_t *const first = e->operations + segment->first, *const last =
+                                                                         e->operations + segment->last;
+
+    for (; e->tick < end && !*(volatile int32_t *)&e->stop; e->tick++) {
+        const operation_t *op;
+        segment->next = e->tick + 1;
+        op = run_plain(e, e->tick, first, last, failure, result);
+        if (op < last) return op;
+    }
+    return NULL;
+}
+
+/* Finds the units that are plain; returns whether a plan has nothing else, in one segment. */
+static int find_plain(engine_t *e)
+{
+    int all = e->n_segments == 1 && e->segments->period == 1;
+
+    for (const segment_t *x = e->segments; x < e->segments + e->n_segments; x++) {
+        for (const operation_t *op = e->operations + x->first; op < e->operations + x->last; op++) {
+            if (op->code == OP_STEP) {
+                unit_t *const u = e->units + op->index;
+                const int numbers = (u->kind == UNIT_FMI2 || u->kind == UNIT_FMI3) && !u->values;
+                u->plain = (numbers || u->kind == UNIT_TYPED) && !u->lag && !u->repeats ? u->kind : 0;
+                all = all && u->plain;
+            } else all = all && (op->code == OP_COPY || op->code == OP_RECORD);
+        }
+    }
+    return all;
+}
+
 /* Executes operations from `first` to before `last`; steps of a tick are made `ticks` times. An FMU that ends the
- * simulation is kept in *ended, and the others go on; anything else that goes wrong ends it, and is in *failure. */
+ * simulation is kept in *ended, and the others go on; anything else that goes wrong ends it, and is in *failure.
+ * If that has an operation already, it is the first one, whose step was made. */
 INLINE int run_operations(engine_t *e, int64_t tick, int64_t ticks, int64_t first, int64_t last,
                           failure_t *failure, failure_t *ended)
 {
     double *const s = e->signals;
     const operation_t *const end = e->operations + last;
     int64_t left = ticks;
+    int result = failure->operation < 0 ? RUN_OK : failure->result;
 
-    for (const operation_t *op = e->operations + first; op < end; op++) {
-        const operation_t *const last_done = op->code == OP_STEP ? op + op->count : op;
-        int result = RUN_OK;
-        if (ticks > 1 && op->code == OP_STEP && op->period == 1) run_often(e, tick, &left, op, failure);
+    for (const operation_t *op = e->operations + first;; op++) {
+        const operation_t *last_done;
+        if (result == RUN_OK && op < end && op->code == OP_STEP && e->units[op->index].plain)
+            op = run_some(e, tick, op, end, failure, &result);
+        if (op >= end) break;
+        last_done = op->code == OP_STEP ? op + op->count : op;
+        if (result != RUN_OK) last_done = op;
+        else if (ticks > 1 && op->code == OP_STEP && op->period == 1) run_often(e, tick, &left, op, failure);
         else result = run_operation(e, tick, s, op, failure);
         if (result == RUN_OK) {
             op = last_done;
@@ -169,6 +245,7 @@ INLINE int run_operations(engine_t *e, int64_t tick, int64_t ticks, int64_t firs
         if (result != RUN_TERMINATED) return result;
         *ended = *failure;
         failure->operation = -1;
+        result = RUN_OK;
         if (e->units[op->index].kind == UNIT_REMOTE) op = last_done;
     }
     return left < ticks ? failure->result : RUN_OK;

@@ -41,7 +41,7 @@ SHARED int step_often(const engine_t *e, int64_t tick, int64_t *ticks, const ope
     for (int64_t i = 0; i < n; i++) {
         const unit_t *u = e->units + op[i].index;
         instances[i] = u->instance;
-        set_inputs(u, u->kind, e->signals);
+        set_inputs(u, u->kind, 0, e->signals);
     }
     for (int64_t k = 0; k < done; k++) times[k] = time_of(e, tick + k - first->lag);
     ((steps_t)first->steps)(instances, (size_t)n, times, (size_t)done, first->h, status, made);

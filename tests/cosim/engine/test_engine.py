@@ -15,6 +15,7 @@ from cosim.fmi.alike import CommonInstance
 from cosim.loading.files import load
 from cosim.scenario.assemble import assemble
 from tests.bridge.zenoh.rehearsed import CONFIGS
+from tests.cosim import blocks
 from tests.cosim.oracle import execute
 from tests.cosim.scenarios import plan
 
@@ -133,6 +134,21 @@ def test_links_of_one_channel_share_their_delays():
         tables[bool(channel)] = [x.table.stream().rows(99).tolist() for x in p.links]
     assert tables[True][0] == tables[True][1]
     assert tables[False][0] != tables[False][1]
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize("place", range(6))
+def test_a_value_that_is_not_finite_is_found_at_any_place(monkeypatch, place, value):
+    def step(self, t, h, u):
+        y = np.full(6, -np.finfo(float).max)
+        y[place] = value
+        return {"y": y.reshape(2, 3)}
+
+    monkeypatch.setattr(blocks.Wide, "step", step)
+    with Engine(plan({"wide": {"model": "Wide"}})) as engine:
+        engine.initialize()
+        with pytest.raises(RunError, match=rf"y\[{place // 3},{place % 3}\] = {value}"):
+            engine.run(1)
 
 
 @pytest.mark.parametrize(

@@ -22,7 +22,7 @@ ENDS, EVENT = 6, 7
 
 
 def scenario(folder: Path, fmi: str, how: int, when: float, kind: str = "continuous") -> Path:
-    """One strict FMU, and a plant that goes on."""
+    """One strict FMU, and plants that go on: their steps come before its, and after."""
     text = strict2() if fmi == "2.0" else strict3('hasEventMode="true"')
     export(text, folder / "strict.fmu")
     path = folder / "s.toml"
@@ -39,6 +39,9 @@ model = "strict.fmu"
 kind = "{kind}"
 parameters = {{ how = {how}, when = {when} }}
 inputs = {{ u = "other.y" }}
+[components.z]
+model = "strict.fmu"
+start = {{ u = 1.0 }}
 """
     )
     return path
@@ -77,6 +80,7 @@ def test_a_run_ends_where_an_fmu_ends_it(tmp_path, fmi, how, when, kind, time, r
     assert read_metadata(tmp_path / "run")["error"] is None
     expected = [1.0 + 0.2 * k for k in range(rows)]
     assert found.column("other.y") == pytest.approx(expected)
+    assert found.column("z.y") == pytest.approx(expected)
 
 
 @CASES

@@ -43,7 +43,7 @@ from cosim.schedule.parts import Slot
 from cosim.schedule.plan import Plan
 
 #: Ticks in a chunk at the most, and signals a chunk may hold: it should stay in the cache.
-CHUNK_TICKS, CHUNK_VALUES = 8192, 1 << 17
+CHUNK_TICKS, CHUNK_VALUES = 16384, 1 << 17
 #: Ticks that are kept when a run fails: of everything, or of what is recorded if there are more
 #: signals than this, since copying them all would cost as much as the run.
 FLIGHT_RECORDER, EVERYTHING = 1000, 8192

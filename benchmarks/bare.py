@@ -115,8 +115,9 @@ class Floor:
             self._alive.append(array)
             setattr(fmu, f"{name}s", c.addressof(array))
             setattr(fmu, f"n_{name}s", len(references))
-        fmu.u, fmu.n_u = self._place(step.inputs[0].start), sum(s.size for s in step.inputs)
-        fmu.y, fmu.n_y = self._place(step.outputs[0].start), sum(s.size for s in step.outputs)
+        for place, count, slots in (("u", "n_u", step.inputs), ("y", "n_y", step.outputs)):
+            setattr(fmu, place, self._place(slots[0].start if slots else 0))
+            setattr(fmu, count, sum(slot.size for slot in slots))
         return fmu
 
     def _copies(self, plan: Plan) -> Any:

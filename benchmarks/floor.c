@@ -45,7 +45,7 @@ typedef struct {
 
 static int step2(const fmu_t *f, double t, double h)
 {
-    if (((set2_t *)f->set)(f->instance, f->inputs, f->n_inputs, f->u) > 1) return 1;
+    if (f->n_inputs && ((set2_t *)f->set)(f->instance, f->inputs, f->n_inputs, f->u) > 1) return 1;
     if (((step2_t *)f->step)(f->instance, t, h, 1) > 1) return 1;
     return ((get2_t *)f->get)(f->instance, f->outputs, f->n_outputs, f->y) > 1;
 }
@@ -54,7 +54,7 @@ static int step3(const fmu_t *f, double t, double h)
 {
     _Bool event, terminate, early;
     double last;
-    if (((set3_t *)f->set)(f->instance, f->inputs, f->n_inputs, f->u, f->n_u) > 1) return 1;
+    if (f->n_inputs && ((set3_t *)f->set)(f->instance, f->inputs, f->n_inputs, f->u, f->n_u) > 1) return 1;
     if (((step3_t *)f->step)(f->instance, t, h, 1, &event, &terminate, &early, &last) > 1) return 1;
     return ((get3_t *)f->get)(f->instance, f->outputs, f->n_outputs, f->y, f->n_y) > 1;
 }

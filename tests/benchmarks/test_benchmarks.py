@@ -14,6 +14,7 @@ import pytest
 from benchmarks import macro_steps
 from benchmarks.peers import Absent, imported
 from benchmarks.race import Contestant, race
+from fmus.models import decaying_push
 
 FOLDER = Path(__file__).parents[2] / "benchmarks"
 CASES = ["ring1", "ring2", "ring12", "wide4", "teleoperation"]
@@ -60,10 +61,10 @@ def test_a_race_compares_relates_and_names_who_is_absent() -> None:
         nobody()
 
 
-def run(script: str, folder: Path) -> tuple[dict[str, Any], str]:
+def run(script: str, folder: Path, *given: str) -> tuple[dict[str, Any], str]:
     """The JSON file and what is printed."""
     path = folder / f"{script}.json"
-    command = [sys.executable, str(FOLDER / script), "--quick", "--json", str(path)]
+    command = [sys.executable, str(FOLDER / script), *given, "--quick", "--json", str(path)]
     done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     return json.loads(path.read_text(encoding="utf-8")), done.stdout
@@ -135,6 +136,15 @@ def test_tables_drawn_before_the_run_are_those_drawn_in_it(
 
 
 @pytest.mark.slow
+def test_fmus_of_others_are_called_alike_by_the_engine_and_the_bare_loop(tmp_path: Path) -> None:
+    fmu = decaying_push.fmu("2.0")
+    found, text = run("foreign.py", tmp_path, str(fmu))
+    cases = [f"{fmu.stem}, {n}" for n in (1, 4)]
+    assert [r["case"] for r in found["cases"]] == [n for n in CASES for _ in range(2)] + cases
+    assert all(row["same"] for r in found["cases"] for row in r["rows"])
+    assert all(r["title"] in text for r in found["cases"])
+
+
 def test_the_tables_name_everybody(engine: tuple[dict[str, Any], str]) -> None:
     found, text = engine
     for _, row in rows(found):

@@ -66,7 +66,7 @@ def fleet(way: str, folder: Path) -> Iterator[Fleet]:
                 text += f'to = "{name}"\n'
             elif way == "ssh":
                 options = stack.enter_context(sshd(folder / f"ssh{i}", name))
-                text += f'to = "{address}"\n{there}options = {json.dumps(options)}\n'
+                text += f'to = "root@{address}"\n{there}options = {json.dumps(options)}\n'
             else:
                 inside = lambda n=name: namespaces.in_namespace(n)  # noqa: E731
                 conf = stack.enter_context(running_slurm(folder / "slurm", address, inside))
@@ -181,6 +181,8 @@ def test_a_kill_at_any_moment_of_the_start_names_the_host(
         found = run.of(host, *kinds)
         assert run.process.poll() is None
     pid = draw.choice(sorted(found))
+    if found[pid].startswith(("ssh ", "srun ")):  # it is here, and keeps the connection to another
+        host = next((f"far{i}" for i in (0, 1) if f"@10.78.0.{i + 2}" in found[pid]), "far0")
     told = f"{host}, after {wait:.2f} s: {pid} {found[pid]}; {len(found)} of them"
     os.kill(pid, signal.SIGKILL)
     code, said = run.ended(STOPPING)

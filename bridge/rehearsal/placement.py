@@ -24,10 +24,10 @@ class LockstepCosts:
     window to the next one on a host without other work. Between hosts their latency is added.
     """
 
-    slot: float = 6e-6
-    payload: float = 120e-6
-    crossing: float = 120e-6
-    exchange: float = 0.3e-3
+    slot: float = 0.8e-6
+    payload: float = 121e-6
+    crossing: float = 276e-6
+    exchange: float = 0.33e-3
 
 
 #: How much more than its share a host may have.

@@ -32,7 +32,7 @@ SLOW = (
 BUSES = ("-i", "socketcan", "-c", "left=vcan0", "-c", "right=vcan1")
 
 
-@pytest.mark.timeout(600)
+@pytest.mark.timeout(900)
 def test_a_participant_keeps_the_rules(vcan: tuple[str, str], tmp_path: Path) -> None:
     system = load_system(SCENARIO, "can", SLOW)
     write_participant(system, "master_control", "c", tmp_path / "c")
@@ -42,7 +42,7 @@ def test_a_participant_keeps_the_rules(vcan: tuple[str, str], tmp_path: Path) ->
         [sys.executable, "-m", "cosim", "conform", str(SCENARIO), "--node", "master_control",
          *BUSES, *settings(*SLOW), "--rules", RULES, "--json", str(path),
          "--", str(tmp_path / "c" / "participant"), "{left}", "{right}"],
-        cwd=tmp_path, capture_output=True, text=True, timeout=500, check=False,
+        cwd=tmp_path, capture_output=True, text=True, timeout=800, check=False,
     )  # fmt: skip
     found = json.loads(path.read_text())["rules"]
     failed = [f"{r['rule']}: {r['came']}" for r in found if r["verdict"] == "failed"]

@@ -20,7 +20,7 @@ import can
 from bridge.bus_server.attention import Attention, attended
 from bridge.bus_server.listener import Acceptor
 from bridge.simulated_can.channel import Channel, ChannelPort
-from bridge.simulated_can.frames import frame_of_message
+from bridge.simulated_can.frames import ERROR, EXTENDED, frame_of_message
 from bridge.simulated_can.options import (
     ChannelOperationError,
     ChannelOptionError,
@@ -31,7 +31,7 @@ from bridge.simulated_can.options import (
 )
 from bridge.simulated_can.pace import act_as
 from bridge.simulated_can.periodic import PeriodicTask
-from bridge.simulated_can.protocol import CallSocket, pack_message, unpack_message
+from bridge.simulated_can.protocol import PACKED, CallSocket, unpack_frame, unpack_message
 from cosim.base.convert import convert
 from cosim.base.errors import CosimError
 from cosim.bus.settings import Disturbance, ErrorRate, Interruption, QueueKind, ScriptedError
@@ -128,19 +128,13 @@ class BusServer:
 
     def _answer_all(self, connection: socket.socket, calls: CallSocket, port: RemotePort) -> None:
         """Answer the calls of a connection until its end."""
-        while True:
-            with attended(self._attention, connection):
-                call = calls.receive_call()
-                if call is None:
-                    return
-                try:
-                    answer = ["ok", port.call(*call)]
-                except _REFUSED as error:
-                    answer = _refusal(error)
-                try:
-                    calls.send(answer)
-                except OSError:
-                    return  # the client is gone
+        there = True
+        while there:
+            if self._attention is None:
+                there = _answer(calls, port)
+            else:
+                with self._attention.call(connection):
+                    there = _answer(calls, port)
 
     def _open(self, name: str, options: dict[str, Any], port: dict[str, Any]) -> int:
         if name != self._channel.name:
@@ -156,7 +150,7 @@ class BusServer:
         agree(name, self._channel.options, given)
         asked = PortOptions(**{**port, "queue": QueueKind(port["queue"])})
         token = next(self._tokens)
-        self._ports[token] = RemotePort(self._channel, self._channel.open(asked))
+        self._ports[token] = RemotePort(self._channel, self._channel.open(asked, PACKED))
         return token
 
 
@@ -194,6 +188,22 @@ class RemoteThreads:
         """The thread of this name; it is made when it is new."""
         with self._lock:
             return self._known.setdefault(name, RemoteThread())
+
+
+def _answer(calls: CallSocket, port: RemotePort) -> bool:
+    """Answer the next call; False if there is none, or the client is gone."""
+    call = calls.receive_call()
+    if call is None:
+        return False
+    try:
+        answer = ["ok", port.call(*call)]
+    except _REFUSED as error:
+        answer = _refusal(error)
+    try:
+        calls.send(answer)
+    except OSError:
+        return False
+    return True
 
 
 def _refusal(error: Exception) -> list[str]:
@@ -237,7 +247,7 @@ class RemotePort:
             "flush": lambda: channel.flush(port),
             "reset": lambda: channel.reset(port),
             "filter": self._filter,
-            "send": lambda m, t: channel.send(port, unpack_message(m, ""), t),
+            "send": self._send,
             "receive": self._receive,
             "periodic": self._periodic,
             "start": lambda n: self._tasks[n].start(),
@@ -260,15 +270,13 @@ class RemotePort:
             task.stop()
         self._channel.close(self._port)
 
+    def _send(self, packed: list[Any], timeout: float | None) -> None:
+        channel = self._channel
+        channel.send_frame(self._port, unpack_frame(packed, channel.name, channel.timing), timeout)
+
     def _receive(self, timeout: float | None, most: int) -> list[Any]:
-        found = []
-        message = self._channel.receive(self._port, self._wanted, timeout)
-        while message is not None:
-            found.append(pack_message(message))
-            if len(found) == most:
-                break
-            message = self._channel.received(self._port, self._wanted)
-        return found
+        wanted = self._wanted if self._filters else None
+        return self._channel.receive_several(self._port, wanted, timeout, most)
 
     def _filter(self, filters: list[list[Any]]) -> None:
         self._filters = [
@@ -276,15 +284,11 @@ class RemotePort:
             for identifier, mask, extended in filters
         ]
 
-    def _wanted(self, message: can.Message) -> bool:
-        return (
-            message.is_error_frame
-            or not self._filters
-            or any(
-                (identifier ^ message.arbitration_id) & mask == 0
-                and extended in (None, message.is_extended_id)
-                for identifier, mask, extended in self._filters
-            )
+    def _wanted(self, packed: list[Any]) -> bool:
+        found, flags = packed[:2]
+        return flags & ERROR > 0 or any(
+            (identifier ^ found) & mask == 0 and extended in (None, flags & EXTENDED > 0)
+            for identifier, mask, extended in self._filters
         )
 
     def _disturb(self, kind: str, fields: dict[str, Any]) -> None:

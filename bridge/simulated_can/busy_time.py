@@ -13,6 +13,7 @@ from cosim.bus.timing import BusTiming
 
 HISTORY_S = 10
 """How long the wire remembers when it was busy, s."""
+_HISTORY_PS = HISTORY_S * 10**12
 _INTERMISSION = 3
 """Bits after a frame before the next can start."""
 _AFTER_ERROR = 6 + 8 + _INTERMISSION
@@ -48,7 +49,9 @@ class BusyTime:
     def start(self, time_ps: int, node: WireNode, frame: BusFrame | None) -> None:
         """A node sends a start of frame."""
         if not self._sent:
-            self._spans.extend(self._current(time_ps))
+            if self._began_ps is not None:
+                ended_ps = time_ps if self._troubled else self.free_ps
+                self._spans.append((self._began_ps, ended_ps))
             self._began_ps = time_ps
         if frame is not None:
             self._sent[node] = (time_ps, frame)
@@ -82,10 +85,11 @@ class BusyTime:
 
     def forget(self, now_ps: int) -> None:
         """Drop what is over: frames that should have ended, and times before HISTORY_S."""
-        for node, (start_ps, frame) in list(self._sent.items()):
-            if start_ps + self.length_ps(frame) <= now_ps:
-                del self._sent[node]
-        oldest = now_ps - HISTORY_S * 10**12
+        if self._sent:
+            for node, (start_ps, frame) in list(self._sent.items()):
+                if start_ps + self.length_ps(frame) <= now_ps:
+                    del self._sent[node]
+        oldest = now_ps - _HISTORY_PS
         while self._spans and self._spans[0][1] < oldest:
             self._spans.popleft()
 

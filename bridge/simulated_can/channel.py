@@ -7,13 +7,13 @@ import itertools
 from collections import deque
 from collections.abc import Callable, Hashable, Iterable
 from dataclasses import dataclass, field
-from typing import Protocol, TypeAlias, final
+from typing import Any, Protocol, TypeAlias, final
 
 import can
 
 from bridge.simulated_can.busy_time import HISTORY_S
 from bridge.simulated_can.error_frames import error_message
-from bridge.simulated_can.frames import frame_of_message, message_of_frame
+from bridge.simulated_can.frames import MESSAGES, MessageForm, frame_of_message
 from bridge.simulated_can.node import Happening, WireNode, WireRecorder
 from bridge.simulated_can.options import (
     ChannelOperationError,
@@ -28,7 +28,7 @@ from bridge.simulated_can.wire import CanWire
 from cosim.bus.frames import BusEvent, BusFrame, ControllerState
 from cosim.bus.settings import BusNodeSettings, Disturbance, ErrorRate
 
-Wanted: TypeAlias = Callable[[can.Message], bool]
+Wanted: TypeAlias = Callable[[Any], bool]
 _SENT, _RECEIVED = int(BusEvent.SENT), int(BusEvent.RECEIVED)
 _CHANGES = (BusEvent.STATE, BusEvent.RECOVERED)
 
@@ -46,7 +46,9 @@ class ChannelPort:
 
     node: WireNode
     options: PortOptions
-    inbox: deque[can.Message] = field(default_factory=deque)
+    form: MessageForm = MESSAGES
+    inbox: deque[Any] = field(default_factory=deque)
+    """Messages, in that form."""
     lost: int = 0
     """Frames that were received while the queue was full."""
 
@@ -96,8 +98,12 @@ class Channel:
         """The time that the channel has reached, ps."""
         return self._wire.now_ps
 
-    def open(self, options: PortOptions) -> ChannelPort:
-        """A new port."""
+    def open(
+        self,
+        options: PortOptions,
+        form: MessageForm = MESSAGES,
+    ) -> ChannelPort:
+        """A new port, which receives messages in this form."""
         with self.lock:
             self._catch_up()
             settings = BusNodeSettings(
@@ -108,7 +114,7 @@ class Channel:
                 recovers=options.auto_restart,
                 inbox=options.tx_queue_size,
             )
-            port = ChannelPort(WireNode(settings), options)
+            port = ChannelPort(WireNode(settings), options, form)
             self._by_node[port.node] = port
             self.ports.append(port)
             self._wire.join(port.node)
@@ -149,7 +155,10 @@ class Channel:
 
         Raises ChannelOperationError: no room, bus-off, or no frame of this channel.
         """
-        frame = frame_of_message(message, self.name, self.timing)
+        self.send_frame(port, frame_of_message(message, self.name, self.timing), timeout)
+
+    def send_frame(self, port: ChannelPort, frame: BusFrame, timeout: float | None) -> None:
+        """The same for a frame that this channel can carry."""
         with self.lock.held:
             self._catch_up()
             if port.node.state == ControllerState.OFF:
@@ -173,6 +182,17 @@ class Channel:
         `wanted` None: every message. Raises ChannelOperationError when the port is closed
         meanwhile.
         """
+        found = self.receive_several(port, wanted, timeout, 1)
+        return found[0] if found else None
+
+    def receive_several(
+        self, port: ChannelPort, wanted: Wanted | None, timeout: float | None, most: int
+    ) -> list[Any]:
+        """The oldest messages that are `wanted`, up to `most` of them, in the form of the port.
+
+        It waits for the first, up to `timeout` (s; None: for ever). Raises
+        ChannelOperationError when the port is closed meanwhile.
+        """
         inbox, node = port.inbox, port.node
 
         def ready() -> bool:
@@ -186,7 +206,10 @@ class Channel:
                 raise ChannelOperationError(
                     f"channel {self.name!r}: found a bus that was shut down while it waited"
                 )
-            return port.inbox.popleft() if found else None
+            messages = [inbox.popleft()] if found else []
+            while inbox and len(messages) < most and ready():
+                messages.append(inbox.popleft())
+            return messages
 
     def has_room(self, port: ChannelPort) -> bool:
         """True if the transmit queue of a port has room for a frame."""
@@ -316,16 +339,16 @@ class Channel:
         own = kind == _SENT
         if own or kind == _RECEIVED:
             if frame and (not own or port.options.receive_own_messages):
-                _keep(port, message_of_frame(frame, own, self.stamp(time_ps), self.name))
+                _keep(port, port.form.of_frame(frame, own, self.stamp(time_ps), self.name))
         elif kind in _CHANGES or port.options.bus_errors:
             report = error_message(kind, code, role, bit, (node.tec, node.rec))
             if report:
                 report.timestamp = self.stamp(time_ps)
                 report.channel = self.name  # type: ignore[assignment]
-                _keep(port, report)
+                _keep(port, port.form.of_message(report))
 
 
-def _keep(port: ChannelPort, message: can.Message) -> None:
+def _keep(port: ChannelPort, message: Any) -> None:
     size = port.options.rx_queue_size
     if size and len(port.inbox) >= size:
         port.lost += 1

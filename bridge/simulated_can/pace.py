@@ -200,6 +200,9 @@ class SimulatedPace:
         if quit_ps is not None:
             end_ns = now_ns + (quit_ps - channel.now_ps) // 1000
             until_ps = quit_ps if until_ps is None else min(until_ps, quit_ps)
+        if len(self._seen) == 1 and _move_alone(channel, ready, until_ps):
+            self._seen[thread] = monotonic_ns()
+            return ready()
         waiter = _Waiter(ready, until_ps, end_ns, quit_ps is not None)
         self._waiters[thread] = waiter
         try:
@@ -249,6 +252,17 @@ class SimulatedPace:
         if latest and self._strict:
             return PATIENCE_NS  # until then, whoever has ended is noticed
         return latest + PATIENCE_NS - monotonic_ns() if latest else None
+
+
+def _move_alone(channel: Paced, ready: Callable[[], bool], until_ps: int | None) -> bool:
+    """Advance for the only thread until it is `ready`, or to its end; False if neither comes."""
+    while True:
+        target = earlier(channel.next_ps(), until_ps)
+        if target is None:
+            return False
+        channel.advance(target)
+        if ready() or _reached(channel, until_ps):
+            return True
 
 
 def earlier(one_ps: int | None, other_ps: int | None) -> int | None:

@@ -15,7 +15,22 @@ from typing import Any, NamedTuple, final
 import can
 import msgpack  # type: ignore[import-untyped]
 
+from bridge.simulated_can.frames import (
+    BRS,
+    ERROR,
+    ESI,
+    EXTENDED,
+    FD,
+    REMOTE,
+    RX,
+    MessageForm,
+    flags_of,
+    frame_to_send,
+    received_flags,
+)
 from bridge.simulated_can.options import ChannelOptionError
+from cosim.bus.frames import BusFrame
+from cosim.bus.timing import BusTiming
 
 SERVED_BUS = "COSIM_BUS"
 """The environment variable of programs that `cosim bus` starts: NAME@ADDRESS of their bus."""
@@ -101,10 +116,10 @@ class CallSocket:
 
     def receive(self) -> Any:
         """The next value; None at the end of the connection, or where there is no such value."""
-        if not self._gather(4):
+        if len(self._got) < 4 and not self._gather(4):
             return None
         end = 4 + int.from_bytes(self._got[:4], "big")
-        if end > _MOST or not self._gather(end):
+        if len(self._got) < end and not (end <= _MOST and self._gather(end)):
             return None
         content, self._got = self._got[4:end], self._got[end:]
         try:
@@ -127,52 +142,59 @@ class CallSocket:
 
     def _gather(self, size: int) -> bool:
         """Receive until `size` bytes are there; False at the end of the connection."""
-        if len(self._got) >= size:
-            return True
-        parts, missing = [self._got], size - len(self._got)
-        while missing > 0:
+        while len(self._got) < size:
             try:
-                part = self._socket.recv(max(_READ, min(missing, _MOST)))
+                part = self._socket.recv(max(_READ, size))
             except OSError:
                 return False
             if not part:
                 return False
-            parts.append(part)
-            missing -= len(part)
-        self._got = b"".join(parts)
+            self._got += part
         return True
 
 
 def pack_message(message: can.Message) -> list[Any]:
     """A message as msgpack can carry it."""
-    flags = (
-        (1 if message.is_extended_id else 0)
-        | (2 if message.is_remote_frame else 0)
-        | (4 if message.is_error_frame else 0)
-        | (8 if message.is_fd else 0)
-        | (16 if message.bitrate_switch else 0)
-        | (32 if message.error_state_indicator else 0)
-        | (64 if message.is_rx else 0)
-    )
     data = bytes(message.data or b"")
-    return [message.arbitration_id, flags, message.dlc, data, message.timestamp]
+    return [message.arbitration_id, flags_of(message), message.dlc, data, message.timestamp]
+
+
+def pack_frame(frame: BusFrame, own: bool, stamp: float, _: Hashable) -> list[Any]:
+    """The same for a frame that a bus has received at `stamp` (s); `own`: it is the sender."""
+    kind = frame.format
+    length = frame.dlc if kind.remote else len(frame.data)
+    return [frame.identifier, received_flags(kind.flags, own), length, frame.data, stamp]
+
+
+PACKED = MessageForm(pack_frame, pack_message)
+"""Messages as msgpack can carry them."""
+
+
+def unpack_frame(packed: list[Any], channel: Hashable, timing: BusTiming) -> BusFrame:
+    """The frame to send of :func:`pack_message`. Raises ChannelOperationError, ValueError,
+    TypeError.
+    """
+    identifier, flags, dlc, data, _ = packed
+    if not isinstance(data, bytes):
+        raise TypeError(f"found data of {type(data).__name__}, expected bytes")
+    return frame_to_send((identifier, flags, dlc, data), channel, timing)
 
 
 def unpack_message(packed: list[Any], channel: str) -> can.Message:
     """The message of :func:`pack_message`, as received on `channel`."""
     identifier, flags, dlc, data, timestamp = packed
-    remote = flags & 2 > 0
+    remote = flags & REMOTE > 0
     return can.Message(
         timestamp,
         identifier,
-        flags & 1 > 0,
+        flags & EXTENDED > 0,
         remote,
-        flags & 4 > 0,
+        flags & ERROR > 0,
         channel,
         dlc,
         None if remote else data,
-        flags & 8 > 0,
-        flags & 64 > 0,
-        flags & 16 > 0,
-        flags & 32 > 0,
+        flags & FD > 0,
+        flags & RX > 0,
+        flags & BRS > 0,
+        flags & ESI > 0,
     )

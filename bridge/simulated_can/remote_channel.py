@@ -7,6 +7,7 @@ import socket
 import threading
 from collections import deque
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import asdict
 from threading import get_ident
 from typing import Any, final
@@ -134,16 +135,15 @@ class RemoteChannel:
 
     def receive(self, wanted: Wanted | None, timeout: float | None) -> can.Message | None:
         """The oldest message, waiting up to `timeout` (s; None: for ever)."""
-        while True:
-            try:
+        if self._inbox:
+            with suppress(IndexError):  # another thread was first
                 return self._inbox.popleft()
-            except IndexError:
-                found = self.call("receive", timeout, _BATCH)
-            if not found:
-                return None
-            first, *others = (unpack_message(m, self.name) for m in found)
-            self._inbox.extend(others)
-            return first
+        found = self.call("receive", timeout, _BATCH)
+        if not found:
+            return None
+        if len(found) > 1:
+            self._inbox.extend(unpack_message(m, self.name) for m in found[1:])
+        return unpack_message(found[0], self.name)
 
     def periodic(
         self,

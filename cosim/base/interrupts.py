@@ -12,8 +12,6 @@ is raised there after :data:`PATIENCE`, again and again until something acts on 
 
 from __future__ import annotations
 
-# Of signal, without names for numbers, which take most of the time: a run asks in each chunk.
-import _signal  # type: ignore[import-not-found]
 import _thread
 import os
 import signal
@@ -158,8 +156,8 @@ def _noted(*free: object) -> Iterator[bool]:
     """
     found = {}
     if threading.current_thread() is threading.main_thread():
-        found = {n: h for n in ENDING if (h := _signal.getsignal(n)) in (*free, _note)}
-    if found and (wake := _signal.getsignal(_WAKE)) in (signal.SIG_DFL, _note):
+        found = {n: h for n in ENDING if (h := signal.getsignal(n)) in (*free, _note)}
+    if found and (wake := signal.getsignal(_WAKE)) in (signal.SIG_DFL, _note):
         found[_WAKE] = wake
     before = {number: earlier for number, earlier in found.items() if earlier is not _note}
     outermost = len(before) == len(found)
@@ -167,11 +165,11 @@ def _noted(*free: object) -> Iterator[bool]:
         _received[0] = _Received()
     try:
         for number in before:
-            _signal.signal(number, _note)
+            signal.signal(number, _note)
         yield bool(found)
     finally:
         for number, earlier in before.items():
-            _signal.signal(number, earlier)
+            signal.signal(number, earlier)
         if found and outermost:
             _received[0].over.set()
 

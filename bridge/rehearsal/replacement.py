@@ -106,7 +106,7 @@ class ReplacingRun:
         t = keeping.t_ns * 1e-9
         self._notes.append(Remark(t=t, remark=f"{why}; all nodes began again from here"))
         tell(
-            f"{why}: all nodes begin again at t = {t:.6g} s (replacement {self._tries} of "
+            f"{why}; all nodes begin again at t = {t:.6g} s (replacement {self._tries} of "
             f"{self._most} before the next checkpoint)"
         )
         starter: RemoteHosts | None = None

@@ -167,7 +167,7 @@ def test_nodes_that_are_killed_are_replaced_and_the_run_is_the_twin(
     assert len(killer.said) == len(killer.times)
     for sentence in killer.said:
         assert re.fullmatch(
-            r"node (master|slave) has ended: killed by SIGKILL: all nodes begin again at "
+            r"node (master|slave) has ended: killed by SIGKILL; all nodes begin again at "
             r"t = [0-9.]+ s \(replacement [123] of 3 before the next checkpoint\)",
             sentence,
         )

@@ -103,7 +103,7 @@ def test_what_died_is_replaced_and_the_run_is_the_twin(
 
     running.run(progress, said.append)
     is_the_twin(changes, tmp_path / "run")
-    again = [re.search(r": all nodes begin again at t = ([0-9.]+) s ", text) for text in said]
+    again = [re.search(r"; all nodes begin again at t = ([0-9.]+) s ", text) for text in said]
     assert said and all(again) and max(float(found[1]) for found in again if found) > 0.0
     hosts = {"h0"} if what == "dead" else {"h0", "h1"}
     assert set(hosts_of(running).facts()) == hosts

@@ -37,6 +37,40 @@ def peak(folder: Path, stop: float, every: int) -> float:
     return float(json.loads(done.stdout)) / 1e6
 
 
+INTERRUPTED = """
+import json, os, resource, sys
+from pathlib import Path
+from warnings import simplefilter
+import numpy as np
+from cosim.record import Column, Recorder, Run
+folder, rows, step = Path(sys.argv[1]), int(sys.argv[2]), 1 << 13
+folder.mkdir()
+if not os.fork():
+    columns = [Column(name, "m", i) for i, name in enumerate("abc")]
+    recorder = Recorder(folder, columns, h=0.001, n_signals=3, rows_per_chunk=step)
+    for k in range(0, rows, step):
+        buffer = recorder.buffer()
+        buffer[:step] = np.arange(k, k + step)[:, None]
+        recorder.submit(buffer, k, step)
+    os.kill(os.getpid(), 9)
+os.wait()
+simplefilter("ignore")
+run = Run.open(folder)
+total = sum(float(piece.column("b").sum()) for piece in run.pieces(["b"]))
+assert len(run) > rows - 10 * step and total == len(run) * (len(run) - 1) / 2, len(run)
+print(json.dumps(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1000))
+"""
+
+
+def interrupted(folder: Path, rows: int) -> float:
+    """Largest resident memory, MB, of a process that reads `rows` rows of a killed one."""
+    done = subprocess.run(
+        [sys.executable, "-c", INTERRUPTED, str(folder), str(rows)],
+        cwd=ROOT, capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    return float(json.loads(done.stdout))
+
+
 def test_memory_is_flat_in_the_length_of_a_run(tmp_path: Path) -> None:
     short = peak(tmp_path / "short", 60.0, every=1000)
     long = peak(tmp_path / "long", 1200.0, every=1000)
@@ -52,12 +86,32 @@ def test_memory_is_flat_in_what_is_recorded(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+def test_commands_take_no_more_memory_for_more_rows(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """2·10^6 rows are 64 MB as whole columns, and read in pieces of 8 MB."""
+    monkeypatch.chdir(tmp_path)
+    commands = ["run", "analyze", "mat", "mcap"]
+    short, long = rows(100_000, commands), rows(2_000_000, commands)
+    for few, many in zip(short, long, strict=True):
+        assert few["exit"] == many["exit"] == 0
+        assert many["mb"] - few["mb"] < 60.0, (few, many)
+
+
+@pytest.mark.slow
+def test_an_interrupted_recording_is_read_in_little_memory(tmp_path: Path) -> None:
+    """The rows of a process that was killed, 100 MB as whole columns, as its files have them."""
+    peaks = [interrupted(tmp_path / str(rows), rows) for rows in (100_000, 4_000_000)]
+    assert peaks[1] - peaks[0] < 60.0, peaks
+
+
+@pytest.mark.slow
 def test_a_long_recording_is_read_in_little_memory(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """10^7 rows, which take 240 MB as whole columns, and more in sums over them."""
     monkeypatch.chdir(tmp_path)
-    commands = ["run", "report", "png", "show", "diff", "csv", "parquet"]
+    commands = ["run", "report", "png", "show", "diff", "analyze", "mat", "csv", "parquet"]
     for row in rows(10_000_000, commands):
         assert row["exit"] == 0
         assert 30 < row["mb"] < GOAL, row

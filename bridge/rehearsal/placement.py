@@ -24,7 +24,7 @@ class LockstepCosts:
     window to the next one on a host without other work. Between hosts their latency is added.
     """
 
-    slot: float = 0.8e-6
+    slot: float = 3.5e-6
     payload: float = 121e-6
     crossing: float = 276e-6
     exchange: float = 0.33e-3

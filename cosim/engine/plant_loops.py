@@ -10,12 +10,12 @@ From 1 on the iteration leaves the solution, whatever the step, for another one 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from math import lcm
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from cosim.base.convert import Struct
 from cosim.base.errors import ScenarioError
 from cosim.engine.binding import Vector, Views
 from cosim.fmi import components
@@ -30,8 +30,7 @@ if TYPE_CHECKING:
 KEPT = 1 - 1e-5
 
 
-@dataclass(frozen=True, slots=True)
-class PlantLoop:
+class PlantLoop(Struct, frozen=True):
     """A loop along `wires`; `factor`: of a difference from the solution, in one base step."""
 
     wires: tuple[Wire, ...]

@@ -7,13 +7,13 @@ many links a thread draws the next stretch while the engine runs, which has no p
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from threading import Thread
 from typing import Any, Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cosim.base.convert import Struct
 from cosim.engine.binding import Vector
 from cosim.schedule.parts import RunningBus
 from cosim.schedule.plan import Plan
@@ -62,8 +62,7 @@ class Aside(Generic[T]):
             self._thread = None
 
 
-@dataclass(frozen=True, slots=True)
-class LinkRows:
+class LinkRows(Struct, frozen=True):
     """Rows of the tables of all links of a plan, in their order.
 
     `rows`: one link after the other; `counts` (links,): how many each has.
@@ -78,8 +77,7 @@ class LinkRows:
         return [self.rows[end - n : end] for end, n in zip(ends, self.counts.tolist(), strict=True)]
 
 
-@dataclass(frozen=True, slots=True)
-class DrawnRows:
+class DrawnRows(Struct, frozen=True):
     """Rows of links from tick `start` up to `end`, and where C finds them, (links,); values of
     players.
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+from cosim.base.convert import Struct, field
 from cosim.fmi import clocks
 from cosim.fmi.exchange import ExchangeLayout, exchange_layout
 from cosim.fmi.file.ports import REAL, VariableGroup
@@ -21,8 +21,7 @@ if TYPE_CHECKING:
 Key = tuple[str, str, tuple[int, ...]]
 
 
-@dataclass(frozen=True, slots=True)
-class Moves:
+class Moves(Struct, frozen=True):
     """Variables by when they move; `events`: whether the FMU is run with event mode.
 
     `scheduled`: its clocks activate its partitions. `exchange`: it is integrated by the engine, and

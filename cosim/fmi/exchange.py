@@ -10,13 +10,13 @@ from __future__ import annotations
 import ctypes as c
 import weakref
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import lru_cache
 from importlib.util import find_spec
 from math import isfinite
 from pathlib import Path
 from typing import Any
 
+from cosim.base.convert import Struct
 from cosim.base.errors import FmuError
 from cosim.fmi.file.binaries import platform_folder
 from cosim.fmi.file.model_structure import ContinuousStates
@@ -31,8 +31,7 @@ TOLERANCE = 1e-6
 SOLVERS = {kind.name.lower(): kind for kind in enums.SolverKind}
 
 
-@dataclass(frozen=True, slots=True)
-class ExchangeLayout:
+class ExchangeLayout(Struct, frozen=True):
     """The integration of an FMU; `longest`: a step of the solver (s), `tolerance`: CVODE's."""
 
     name: str

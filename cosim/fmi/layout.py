@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import ctypes as c
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import chain, pairwise
 from typing import Any
 
+from cosim.base.convert import Struct
 from cosim.base.errors import FmuError
 from cosim.fmi.exchange import ExchangeLayout, bind_exchange
 from cosim.fmi.file.intervals import Interval, NextTick
@@ -52,8 +52,7 @@ def _signatures(fmi: str) -> int:
     return 3 if fmi == "3.0" else 2
 
 
-@dataclass(frozen=True, slots=True)
-class Move:
+class Move(Struct, frozen=True):
     """Variables of one FMI type: their value references, and the place of every scalar."""
 
     type: str
@@ -61,8 +60,7 @@ class Move:
     places: tuple[int, ...]
 
 
-@dataclass(frozen=True, slots=True)
-class Ticker:
+class Ticker(Struct, frozen=True):
     """An input clock: `period` and first tick `shift` of a periodic one in steps of its FMU, or in
     scheduled execution its `interval`; `place` in the signals of one that is wired; `exact`: the
     FMU is asked for fractions.
@@ -77,8 +75,7 @@ class Ticker:
     exact: bool = False
 
 
-@dataclass(frozen=True, slots=True)
-class Partition:
+class Partition(Struct, frozen=True):
     """Variables that are set and got while one of `clocks` (value references) is active."""
 
     clocks: tuple[int, ...]
@@ -87,8 +84,7 @@ class Partition:
     texts: tuple[Clocked, ...] = ()
 
 
-@dataclass(frozen=True, slots=True)
-class StepLayout:
+class StepLayout(Struct, frozen=True):
     """The steps of an FMU: `h` s, every `period` ticks, `lag` ticks after its interval began.
 
     `discrete` inputs are set in Event Mode when they change, `partitions` when a clock ticks.

@@ -9,11 +9,11 @@ from __future__ import annotations
 
 import ctypes as c
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple, NoReturn, Protocol
 
+from cosim.base.convert import Struct
 from cosim.base.errors import FmuError
 from cosim.fmi.file.binaries import is_sandboxed, missing_bytes
 from cosim.fmi.file.intervals import Interval, Intervals, NextTick
@@ -183,16 +183,14 @@ class NativeCall(NamedTuple):
     value: Any = c.c_double
 
 
-@dataclass(frozen=True, slots=True)
-class TriggeredClock:
+class TriggeredClock(Struct, frozen=True):
     """A clock that the FMU ticks; `clocks`: it can do so only while one of these is active."""
 
     reference: int
     clocks: tuple[int, ...]
 
 
-@dataclass(frozen=True, slots=True)
-class Clocked:
+class Clocked(Struct, frozen=True):
     """An output of `count` scalars that can be got while one of `clocks` is active; or a clock."""
 
     name: str
@@ -202,8 +200,7 @@ class Clocked:
     clocks: tuple[int, ...]
 
 
-@dataclass(frozen=True, slots=True)
-class Clocks:
+class Clocks(Struct, frozen=True):
     """The questions to clocks: when those tick next that are changing or count down (by value
     reference), which of `triggered` tick, and what then belongs to them. `fractions`: of which
     intervals are asked for as fractions.

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
 from typing import Any
+
+from cosim.base.convert import Struct, field
 
 #: How long (s) an FMU in a process of its own, or in a sandbox, may take to answer by default.
 PATIENCE = 60.0
 
 
-@dataclass(frozen=True, slots=True)
-class FmuOptions:
+class FmuOptions(Struct, frozen=True):
     """`sizes`: structural parameters that are sizes of arrays; `texts`: start values of String and
     Binary variables (hexadecimal).
 

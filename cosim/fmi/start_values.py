@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import ctypes as c
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 
+from cosim.base.convert import Struct
 from cosim.base.errors import FmuError
 from cosim.fmi.file.ports import REAL, VariableGroup, together
 from cosim.fmi.file.variables import TEXTS
@@ -14,8 +14,7 @@ from cosim.fmi.library import Instance
 Found = Sequence[float] | Sequence[str]
 
 
-@dataclass(frozen=True, slots=True)
-class StartValue:
+class StartValue(Struct, frozen=True):
     """A variable and what was set: numbers, or texts (Binary: hexadecimal); all scalars."""
 
     group: VariableGroup

@@ -21,12 +21,12 @@ end reaches to the last time at which the formula in it can be judged: until its
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from math import inf
 from typing import final
 
 import numpy as np
 
+from cosim.base.convert import Struct
 from cosim.formulas import windows
 from cosim.formulas.syntax import TimeInterval
 from cosim.formulas.terms import Term, value
@@ -49,8 +49,7 @@ class _AtOnce:
 
 
 @final
-@dataclass(frozen=True, slots=True)
-class HeldInequality(_AtOnce):
+class HeldInequality(_AtOnce, Struct, frozen=True):
     """`margin >= 0` for every entry; its unit is `scale` in SI. `negated`: by an odd number of
     ``not`` around it.
     """
@@ -86,8 +85,7 @@ class HeldInequality(_AtOnce):
 
 
 @final
-@dataclass(frozen=True, slots=True)
-class Not(_AtOnce):
+class Not(_AtOnce, Struct, frozen=True):
     """The negation of a formula."""
 
     of: Robust
@@ -112,8 +110,7 @@ class Not(_AtOnce):
 
 
 @final
-@dataclass(frozen=True, slots=True)
-class Both(_AtOnce):
+class Both(_AtOnce, Struct, frozen=True):
     """The conjunction of two formulas, or with `either` the disjunction."""
 
     left: Robust
@@ -143,8 +140,7 @@ class Both(_AtOnce):
 
 
 @final
-@dataclass(frozen=True, slots=True)
-class Extreme:
+class Extreme(Struct, frozen=True):
     """``always``, or with `eventually` that, within an interval."""
 
     of: Robust
@@ -202,8 +198,7 @@ class Extreme:
 
 
 @final
-@dataclass(frozen=True, slots=True)
-class Until:
+class Until(Struct, frozen=True):
     """`left` holds until `right` does, within an interval."""
 
     left: Robust

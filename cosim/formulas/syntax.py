@@ -8,17 +8,16 @@ the sign. ``until``, ``always`` and ``eventually`` may have an interval: ``withi
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from math import inf
 from typing import Literal, TypeAlias, final
 
+from cosim.base.convert import Struct
 from cosim.base.errors import UnitError
 from cosim.base.units import conversion
 from cosim.formulas.tokens import FUNCTIONS, FormulaError, Token, tokens
 
 
-@dataclass(frozen=True, slots=True)
-class Literals:
+class Literals(Struct, frozen=True):
     """A number with its unit, or a list of them; `unit` None: there is none."""
 
     values: tuple[float, ...]
@@ -26,16 +25,14 @@ class Literals:
     column: int
 
 
-@dataclass(frozen=True, slots=True)
-class Name:
+class Name(Struct, frozen=True):
     """The name of a signal, or of a metric."""
 
     text: str
     column: int
 
 
-@dataclass(frozen=True, slots=True)
-class Arithmetic:
+class Arithmetic(Struct, frozen=True):
     """``+ - * /`` of two expressions, the sign ``neg`` or a function of some."""
 
     operator: str
@@ -46,8 +43,7 @@ class Arithmetic:
 Expression: TypeAlias = Literals | Name | Arithmetic
 
 
-@dataclass(frozen=True, slots=True)
-class Inequality:
+class Inequality(Struct, frozen=True):
     """`large` is at least `small`."""
 
     large: Expression
@@ -55,8 +51,7 @@ class Inequality:
     column: int
 
 
-@dataclass(frozen=True, slots=True)
-class TimeInterval:
+class TimeInterval(Struct, frozen=True):
     """A closed interval of time from now on, s; `end` inf: to the end of the run."""
 
     begin: float = 0.0
@@ -68,8 +63,7 @@ class TimeInterval:
         return self.begin if self.end == inf else self.end
 
 
-@dataclass(frozen=True, slots=True)
-class Connective:
+class Connective(Struct, frozen=True):
     """``and``, ``or``, ``implies`` of two formulas, or ``not`` of one."""
 
     word: Literal["and", "or", "implies", "not"]
@@ -77,8 +71,7 @@ class Connective:
     column: int
 
 
-@dataclass(frozen=True, slots=True)
-class Temporal:
+class Temporal(Struct, frozen=True):
     """``always`` or ``eventually`` of one formula, or ``until`` of two, in an interval."""
 
     word: Literal["always", "eventually", "until"]

@@ -6,11 +6,11 @@ A value is (m, n): entries of a vector or one number, and a row a time, or (m, 1
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from math import inf
 
 import numpy as np
 
+from cosim.base.convert import Struct
 from cosim.base.errors import ScenarioError, UnitError
 from cosim.base.units import Unit, conversion, parse, unit_text
 from cosim.formulas.syntax import Arithmetic, Expression, Inequality, Literals, Name
@@ -21,16 +21,14 @@ from cosim.formulas.windows import Array
 Lookup = Callable[[str], Array]
 
 
-@dataclass(frozen=True, slots=True)
-class Known:
+class Known(Struct, frozen=True):
     """A signal or metric: the number of its entries and its unit."""
 
     size: int
     unit: str
 
 
-@dataclass(frozen=True, slots=True)
-class Term:
+class Term(Struct, frozen=True):
     """An expression: `kind` is ``constant``, ``signal``, or the operator or function of `of`.
 
     `exponents` of its unit as in :data:`cosim.base.units.BASE`; `size`: of its vector; `unit`: that
@@ -114,8 +112,7 @@ _VALUES: Mapping[str, Callable[[Sequence[Array]], Array]] = {
 # ---- from the syntax ----------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, slots=True)
-class Binder:
+class Binder(Struct, frozen=True):
     """Turns expressions of `text` into terms; `known` finds a signal by its name.
 
     `known` raises ScenarioError for a name that is not there.

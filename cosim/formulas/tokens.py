@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
 from typing import Literal
 
+from cosim.base.convert import Struct
 from cosim.base.errors import ScenarioError, UnitError
 from cosim.base.units import is_unit, parse
 
@@ -23,8 +23,7 @@ _QUOTED = re.compile(r"'([^']*)'")
 _OPERATOR = re.compile(r"<=|>=|==|!=|[<>+*/()\[\],-]")
 
 
-@dataclass(frozen=True, slots=True)
-class Token:
+class Token(Struct, frozen=True):
     """A token and the column where it begins, counted from 1."""
 
     kind: Kind

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from math import inf
 from typing import Any, Protocol, final
 
 import numpy as np
 
+from cosim.base.convert import Struct
 from cosim.formulas import windows
 from cosim.formulas.syntax import TimeInterval
 from cosim.formulas.terms import Lookup
@@ -19,8 +19,7 @@ SAME = 1e-6
 
 
 @final
-@dataclass(frozen=True, slots=True)
-class TraceRow:
+class TraceRow(Struct, frozen=True):
     """A row of a run: its number and its time, s."""
 
     number: int

@@ -38,13 +38,13 @@ Source: the paper, eq. (61), for `signal`; the rules for packets are our own con
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from fractions import Fraction
 from math import ceil, floor, gcd, isfinite
 from typing import Any, Literal, Protocol
 
 import numpy as np
 
+from cosim.base.convert import Struct
 from cosim.base.errors import ScenarioError
 from cosim.links.keys import Drop, Take
 from cosim.links.laws import IntArray, Law, decimal_fraction
@@ -76,8 +76,7 @@ class Rule(Protocol):
         """The delays it takes from a law for `rows` rows: their period (s) and number."""
 
 
-@dataclass(frozen=True, slots=True)
-class SignalSemantics:
+class SignalSemantics(Struct, frozen=True):
     """j = the nearest to (K - T/h)/n_s among the samples sent: ξ(t - T(t)), paper Sec. V, VI."""
 
     def facts(self) -> dict[str, Any]:
@@ -110,8 +109,7 @@ def _nearest(T: float, grid: Grid) -> int:
     return floor(T / grid.h + (0.5 * grid.n_s + TOLERANCE))
 
 
-@dataclass(frozen=True, slots=True)
-class PacketSemantics:
+class PacketSemantics(Struct, frozen=True):
     """Packets that arrive ceil(T/h) ticks after they were sent, and the order that counts."""
 
     order: Ordering
@@ -141,8 +139,7 @@ class PacketSemantics:
         return grid.sending_period, grid.sent(rows)
 
 
-@dataclass(frozen=True, slots=True)
-class PlayoutSemantics:
+class PlayoutSemantics(Struct, frozen=True):
     """Plays the newest sample sent at or before t - buffer (s) if it has arrived, else holds."""
 
     buffer: float
@@ -178,8 +175,7 @@ class PlayoutSemantics:
         return grid.sending_period, max(0, last // grid.n_s + 1) if rows else 0
 
 
-@dataclass(frozen=True, slots=True)
-class QueueSemantics:
+class QueueSemantics(Struct, frozen=True):
     """Packets wait in a queue of `depth`; a look takes one, or all and holds the last."""
 
     depth: int
@@ -243,8 +239,7 @@ class QueueSemantics:
 TOLERANCE = 1e-9  # ticks; 0.3 s / 5 ms is 60 of them, not 61
 
 
-@dataclass(frozen=True, slots=True)
-class Grid:
+class Grid(Struct, frozen=True):
     """Times of sending and receiving: every n_s and n_r ticks of h (s)."""
 
     n_s: int
@@ -282,8 +277,7 @@ class Grid:
         return -(-ticks // g) * g
 
 
-@dataclass(frozen=True, slots=True)
-class Cycle:
+class Cycle(Struct, frozen=True):
     """A cycle of `length` (s), read every `period` (s) from t = 0, in exact fractions.
 
     Looks are counted in parts: a look is `p` parts after the one before, and `q` parts are the

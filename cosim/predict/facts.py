@@ -25,6 +25,7 @@ from typing import Literal, TypeAlias, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from cosim.base.convert import Struct
 from cosim.mujoco import PREFIX
 
 Array = NDArray[np.float64]
@@ -35,8 +36,7 @@ Gravity = Literal["none", "compensated", "adapted"]
 GRAVITY: tuple[Gravity, ...] = get_args(Gravity)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Spring:
+class Spring(Struct, frozen=True, kw_only=True):
     """A spring and a damper to `place` (rad): stiffness N.m/rad, damping N.m.s/rad.
 
     `names`: what stiffness, damping and place are called in the model, so that they can be set.
@@ -118,8 +118,7 @@ class Arm:
         return float(values[k, 0]), joint, tuple(self.postures[k].tolist())
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class TipTask:
+class TipTask(Struct, frozen=True, kw_only=True):
     """The coordinates of a tip, (k,), in which a law couples in place of the joints, (m,).
 
     `jacobian(q)` is J (k, m), and `feedback(q)` the gain of s, (m, m), N.m.s/rad; `regular(q)` how
@@ -194,8 +193,7 @@ class DynamicFeedback:
         return (0.0,) * len(self.K) if self.lambda_c else self.K
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SpringDamper:
+class SpringDamper(Struct, frozen=True, kw_only=True):
     """A coupling by a spring with the delayed position of another robot, and damping to the ground.
 
     `feedback`: total gain of the own velocity, N.m.s/rad, of which `ground` is to the ground;
@@ -216,8 +214,7 @@ class SpringDamper:
     torque: str = "tau"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Hand:
+class Hand(Struct, frozen=True, kw_only=True):
     """An operator as a separate component: tau_h = -k_d dq - k_p (q - q_h), sampled."""
 
     stiffness: Vector
@@ -245,8 +242,7 @@ def combined_hand(hands: Sequence[Hand], m: int) -> Hand | None:
     )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Servo:
+class Servo(Struct, frozen=True, kw_only=True):
     """The inner loop of a robot that takes positions or velocities, between an arm and commands.
 
     tau = K_v (f dq_r - dq) + K_p (q_r - q): `feed_forward` f, 1 for velocities. `command`: the name
@@ -264,16 +260,14 @@ class Servo:
     tau_max: Vector = (inf,)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ServoCommand:
+class ServoCommand(Struct, frozen=True, kw_only=True):
     """A component that turns a torque (input `torque`) into a command of a servo like `servo`."""
 
     servo: Servo
     torque: str = "tau"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class TipContact:
+class TipContact(Struct, frozen=True, kw_only=True):
     """Springs and dampers at the tip of an arm, in a separate, sampled component.
 
     `hand` and `wall`: stiffness N/m and damping N.s/m of the stiffest direction; `jacobian(q)`

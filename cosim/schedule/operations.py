@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, TypeVar
 
 from cosim.base.convert import Struct, replace
@@ -35,8 +34,7 @@ class Operation(Struct, frozen=True, gc=False):
     offset: float = 0.0
 
 
-@dataclass(frozen=True, slots=True)
-class Line:
+class Line(Struct, frozen=True):
     """A wire whose values are taken as lines over a step: their means, or value and `slope`."""
 
     wire: Wire
@@ -48,8 +46,7 @@ class Line:
         return self.wire.target.size * (2 if self.slope else 1)
 
 
-@dataclass(frozen=True, slots=True)
-class Connections:
+class Connections(Struct, frozen=True):
     """Wires, links and players by the component they end at; links also by where they begin.
 
     Links, players and gates come with their number in the plan. `last`: a wire that is

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 
 from cosim.base import archive
+from cosim.base.convert import Struct
 from cosim.base.errors import FmuError
 
 
-@dataclass(frozen=True, slots=True)
-class Archive:
+class Archive(Struct, frozen=True):
     """An unpacked FMU: its source file, its folder and its hash."""
 
     path: Path

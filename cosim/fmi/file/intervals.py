@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
+from cosim.base.convert import Struct
 from cosim.base.errors import FmuError
 from cosim.fmi.file.variables import FmuVariable
 
 
-@dataclass(frozen=True, slots=True)
-class Interval:
+class Interval(Struct, frozen=True):
     """Interval and shift of a periodic clock: `seconds` and `shift_seconds`; with a `resolution`
     exactly `counter` / `resolution` and `shift` / `resolution`.
     """
@@ -22,8 +21,7 @@ class Interval:
     resolution: int = 0
 
 
-@dataclass(frozen=True, slots=True)
-class NextTick:
+class NextTick(Struct, frozen=True):
     """The next tick of a clock (s); exactly `count` / `resolution` after the start, if that is not
     0.
     """

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from xml.etree.ElementTree import Element
 
+from cosim.base.convert import Struct
 from cosim.fmi.file.ports import REAL
 from cosim.fmi.file.variables import FmuVariable
 
@@ -24,8 +24,7 @@ _STARTING = {
 }
 
 
-@dataclass(frozen=True, slots=True)
-class ContinuousStates:
+class ContinuousStates(Struct, frozen=True):
     """The states of an FMU for model exchange, in the order of the vectors that it gives and takes.
 
     `references` and `rates`: value references of the states and of their derivatives (arrays of

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
 from math import isfinite, prod
 from typing import Any
 from xml.etree.ElementTree import Element
+
+from cosim.base.convert import Struct, field
 
 TYPES2 = ("Real", "Integer", "Boolean", "String", "Enumeration")
 TYPES3 = (
@@ -24,8 +25,7 @@ VARIABILITIES = ("constant", "fixed", "tunable", "discrete", "continuous")
 LARGEST = 1_000_000
 
 
-@dataclass(frozen=True, slots=True)
-class FmuVariable:
+class FmuVariable(Struct, frozen=True):
     """One variable: a scalar in FMI 2.0, possibly an array in FMI 3.0.
 
     `limits` are min and max in `unit`; `items` the names of an enumeration; `dimensions` what

@@ -121,12 +121,12 @@ class Channel:
             return port
 
     def record(self, recorder: WireRecorder | None) -> None:
-        """Tell `recorder` of all nodes that join from now on, their requests and all events.
+        """Tell `recorder` of all nodes, and of their requests and all events from now on.
 
         None ends the record: the one before is told nothing more and can be read.
         """
         with self.lock:
-            self._wire.recorder = recorder
+            self._wire.record(recorder)
 
     def add_node(self, name: str) -> WireNode:
         """A node that only sends (`offer`), the most urgent first; it stays with the channel."""

@@ -59,6 +59,13 @@ class CanWire:
         self._requested = 0
         self._offered: deque[tuple[int, WireNode, BusFrame]] = deque()
 
+    def record(self, recorder: WireRecorder | None) -> None:
+        """Tell `recorder` of the nodes there are, and from now on of requests and events."""
+        self.recorder, self._numbers = recorder, {}
+        self._recorded = {}
+        if recorder is not None:
+            self._recorded = {node: recorder.node(node.settings.name) for node in self._members}
+
     def join(self, node: WireNode) -> None:
         """Add a node, from the end of the transmission under way on."""
         self._members.append(node)

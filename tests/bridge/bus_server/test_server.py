@@ -379,6 +379,18 @@ def test_the_command_runs_a_dbc_file_in_simulated_time(cosim: Command) -> None:
     assert "0.200 s: load" in done.out
 
 
+def test_a_record_knows_the_nodes_that_were_there_before(served: Served) -> None:
+    """A client may join between the address of a bus and its record."""
+    a, b = served.bus(), served.bus()
+    record = BusRecord()
+    served.channel.record(record)
+    a.send(message(0x123))
+    assert b.recv(1).arbitration_id == 0x123
+    a.sleep(0.01)
+    assert len(record.names) == 2
+    assert any(line.startswith("123") for line in record.lines(served.channel.timing))
+
+
 def test_what_happens_after_the_end_is_not_in_the_account(
     cosim: Command, monkeypatch: pytest.MonkeyPatch
 ) -> None:

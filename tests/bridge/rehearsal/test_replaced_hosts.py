@@ -85,7 +85,7 @@ def test_what_died_is_replaced_and_the_run_is_the_twin(
 ) -> None:
     path = two_local(tmp_path) if start == "local" else with_ssh(tmp_path, monkeypatch)
     random, changes = Random(seed), robots(6, 4.0)
-    running = kept_run(path, tmp_path / "run", changes, new_run(random.choice((0.0, 0.3))))
+    running = kept_run(path, tmp_path / "run", changes, new_run(0.0))
     times, said = sorted(random.uniform(1.5, 3.8) for _ in range(1 + seed % 2)), list[str]()
 
     def progress(t: float, end: float) -> None:

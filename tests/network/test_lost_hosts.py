@@ -140,7 +140,7 @@ class Run:
 
     def running(self) -> None:
         """Wait until t = 0 has passed."""
-        until(lambda: (self.folder / "rehearsal.json").is_file(), 120.0)
+        until(lambda: (self.folder / "rehearsal.json").is_file(), 300.0)
         time.sleep(1.0)
 
     def ended(self, within: float) -> tuple[int, str]:

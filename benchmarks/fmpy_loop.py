@@ -12,7 +12,8 @@ from benchmarks.peers import Unit, imported, units
 from cosim.base.clock import stopwatch
 from cosim.engine.engine import Engine
 from cosim.native.enums import Code
-from cosim.schedule.plan import Operation, Plan
+from cosim.schedule.operations import Operation
+from cosim.schedule.plan import Plan
 
 Getter = Callable[[], list[float]]
 Setter = Callable[[list[float]], None]

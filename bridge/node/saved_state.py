@@ -23,6 +23,7 @@ from bridge.node.lockstep import Lockstep
 from cosim.base.errors import RunError, ScenarioError
 from cosim.checkpoint import memory, state
 from cosim.checkpoint.memory import Piece, array, whole
+from cosim.fmi.components import stepped_fmu
 
 #: Fields of a node that come from outside at any time.
 _OUTSIDE = ("asked_ns", "told", "quit", "alarm")
@@ -37,6 +38,13 @@ def refuse(system: System) -> None:
             state.refuse(plan.plan)
         except ScenarioError as error:
             raise ScenarioError(f"node {name}: {error}") from error
+        for step in plan.plan.components:
+            fmu = stepped_fmu(step.component)
+            if fmu is not None and (fmu.options.isolate or fmu.options.wasm):
+                raise ScenarioError(
+                    f"node {name}: --checkpoint: found what a checkpoint cannot save: {step.name} "
+                    "is isolated; expected isolate = false in lock-step"
+                )
         if plan.forwards:
             raise ScenarioError(f"node {name} forwards messages; expected no gateway")
 

@@ -1,94 +1,44 @@
 """The memory of the C engine that changes during a run, in pieces that can be saved.
 
 What a plan is in memory follows from the plan; so another process that binds the same plan has the
-same pieces at other addresses. Of structs all numbers are saved, and no pointers.
+same pieces at other addresses.
 """
 
 from __future__ import annotations
 
 import ctypes as c
 from collections.abc import Iterator
-from functools import cache
-from typing import Any
 
-import numpy as np
-
-from cosim.engine.arrays import Rows, rows_of
+from cosim.engine.arrays import rows_of
 from cosim.engine.engine import Engine
 from cosim.native import structs
+from cosim.native.memory import Piece, array, numbers, restore, save, unit_pieces, whole
 
-#: A piece: its name, its entries, and the fields of these that are saved.
-Piece = tuple[str, Rows, tuple[str, ...]]
+__all__ = ["Piece", "array", "pieces", "restore", "save", "whole"]
 
 
 def pieces(engine: Engine) -> Iterator[Piece]:
     """All pieces of an engine that has been initialised, in an order that the plan determines."""
     bound = engine.bound
     yield whole("signals", bound.signals.ctypes.data, bound.signals.nbytes)
-    yield _numbers("segments", structs.SegmentStruct, bound.segments)
+    yield numbers("segments", structs.SegmentStruct, bound.segments)
     if len(bound.links):
-        yield _numbers("links", structs.LinkStruct, rows_of(bound.links))
+        yield numbers("links", structs.LinkStruct, rows_of(bound.links))
         senders = rows_of(bound.senders)
-        yield _numbers("senders", structs.SenderStruct, senders)
+        yield numbers("senders", structs.SenderStruct, senders)
         size = int((senders["capacity"] * senders["width"]).sum())
         yield whole("samples", int(senders["history"][0]), 8 * size)
     if len(bound.players):
-        yield _numbers("players", structs.PlayerStruct, rows_of(bound.players))
+        yield numbers("players", structs.PlayerStruct, rows_of(bound.players))
     if bound.divided is not None:
         parts = bound.divided.parts
         yield "parts", parts, ("tick",)  # the number of spans depends on addresses
         first, n = int(parts["segments"][0]), int(parts["n_segments"].sum())
         yield array("parts.segments", structs.SegmentStruct, first, n)
     for step, unit in zip(engine.plan.components, bound.units, strict=True):
-        if unit.typed:
-            yield from _typed(step.name, unit.typed)
-        if unit.exchange:
-            yield from _exchange(step.name, unit.exchange)
+        yield from unit_pieces(step.name, unit)
     for i, macro in enumerate(engine.macros or ()):
         yield from _macro(f"groups.{i}", macro)
-
-
-def save(piece: Piece) -> bytes:
-    """The values of a piece."""
-    _, rows, fields = piece
-    return b"".join(rows[name].tobytes() for name in fields) if fields else rows.tobytes()
-
-
-def restore(piece: Piece, data: bytes) -> None:
-    """Write such values into a piece. Raises ValueError if they are of another size."""
-    _, rows, fields = piece
-    views = [rows[name] for name in fields] if fields else [rows]
-    if len(data) != sum(view.nbytes for view in views):
-        raise ValueError(f"{piece[0]} has {len(data)} bytes")
-    at = 0
-    for view in views:
-        view[...] = np.frombuffer(data, view.dtype, view.size, at).reshape(view.shape)
-        at += view.nbytes
-
-
-def _typed(name: str, address: int) -> Iterator[Piece]:
-    """An FMU with other types, events or clocks."""
-    typed = structs.TypedStruct.from_address(address)
-    yield array(f"{name}.typed", structs.TypedStruct, address, 1)
-    held = (structs.AccessStruct * typed.n_discrete).from_address(typed.discrete or 0)
-    for i, access in enumerate(held if typed.n_discrete else ()):
-        yield whole(f"{name}.held.{i}", access.held, 8 * access.count)
-    if typed.n_clocks:
-        yield array(f"{name}.clocks", structs.TickerStruct, typed.clocks, typed.n_clocks)
-    if typed.n_partitions:
-        count = typed.n_partitions
-        yield array(f"{name}.partitions", structs.PartitionStruct, typed.partitions, count)
-    if typed.n_clocks + typed.n_triggered:
-        yield whole(f"{name}.active", typed.active, typed.n_clocks + typed.n_triggered)
-
-
-def _exchange(name: str, address: int) -> Iterator[Piece]:
-    """The solver of an FMU for model exchange: vectors of its states, and of its indicators."""
-    x = structs.ExchangeStruct.from_address(address)
-    yield array(f"{name}.solver", structs.ExchangeStruct, address, 1)
-    size = 7 * x.n_states + 4 * x.n_indicators
-    if size:
-        yield whole(f"{name}.solver.memory", x.memory, 8 * size)
 
 
 def _macro(name: str, x: structs.MacroStruct) -> Iterator[Piece]:
@@ -104,39 +54,3 @@ def _macro(name: str, x: structs.MacroStruct) -> Iterator[Piece]:
             n, fed = loop.n_outputs, loop.n_fed_back
             size = 4 * n + 2 * fed + loop.n_kept * (n + fed + 1)
             yield whole(f"{name}.loops.{i}", loop.memory, 8 * size)
-
-
-def whole(name: str, address: int, size: int) -> Piece:
-    """A piece of `size` bytes at an address."""
-    return name, np.frombuffer(memoryview((c.c_uint8 * size).from_address(address)), np.uint8), ()
-
-
-def array(name: str, struct: Any, address: int, count: int) -> Piece:
-    """A piece: the numbers of `count` structs at an address."""
-    kind = _number_type(struct)
-    memory = (c.c_uint8 * (count * kind.itemsize)).from_address(address)
-    return name, np.frombuffer(memoryview(memory), kind), kind.names or ()
-
-
-def _numbers(name: str, struct: Any, rows: Rows) -> Piece:
-    return name, rows, _number_type(struct).names or ()
-
-
-@cache
-def _number_type(struct: Any) -> np.dtype[np.void]:
-    """The fields of a struct that are no pointers, nor have any."""
-    fields = [(name, kind) for name, kind in struct._fields_ if not _has_pointer(kind)]
-    return np.dtype({
-        "names": [name for name, _ in fields],
-        "formats": [kind for _, kind in fields],
-        "offsets": [getattr(struct, name).offset for name, _ in fields],
-        "itemsize": c.sizeof(struct),
-    })  # fmt: skip
-
-
-def _has_pointer(kind: Any) -> bool:
-    while issubclass(kind, c.Array):
-        kind = kind._type_
-    if issubclass(kind, c.Structure):
-        return any(_has_pointer(field[1]) for field in kind._fields_)
-    return kind is c.c_void_p or issubclass(kind, c._Pointer)

@@ -207,10 +207,8 @@ def reason_not_serialized(component: Component) -> str:
     if fmu is None:
         missing = [m for m in ("get_state", "set_state") if m not in dir(component)]
         return f"has no {' and no '.join(missing)}; expected these two methods" if missing else ""
-    if fmu.options.isolate or fmu.options.wasm:
-        return "is isolated; expected isolate = false"
-    if fmu.sandboxed:
-        return "is run in WebAssembly; expected a binary for here"
+    if fmu.options.isolate and fmu.options.memory:
+        return "has a limit of memory, which saving exceeds; expected no memory"
     flag = "canSerializeFMUstate" if fmu.description.fmi == "2.0" else "canSerializeFMUState"
     if not fmu.description.flags.get(flag):
         return f"does not declare {flag}; expected an FMU exported with it"
@@ -361,9 +359,7 @@ def set_serialized(component: Component, state: bytes, ticked: Mapping[str, list
     fmu = stepped_fmu(component)
     assert fmu is not None
     fmu.instance.set_serialized(state)
-    found = fmu.instance.clocked_texts()
-    assert isinstance(found, dict)
-    found.update(ticked)
+    fmu.instance.set_clocked_texts(dict(ticked))
 
 
 def logged(component: Component) -> Log | None:

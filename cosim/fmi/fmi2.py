@@ -126,6 +126,9 @@ class Instance2(CommonInstance):
         """FMI 2.0 has no clocks."""
         return {}
 
+    def set_clocked_texts(self, found: dict[str, list[str]]) -> None:
+        """There are none in FMI 2.0."""
+
     def take_texts(self, found: Clocked) -> None:
         """Take texts of clocked variables: FMI 2.0 has no clocks. Raises FmuError."""
         raise FmuError(f"{self._calls.name}: FMI {self.VERSION} has no clocks")

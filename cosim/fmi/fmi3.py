@@ -145,6 +145,10 @@ class Instance3(CommonInstance):
         """Texts of clocks as they were when these last ticked."""
         return self._ticking.texts
 
+    def set_clocked_texts(self, found: dict[str, list[str]]) -> None:
+        """Go back to the texts of clocks at an earlier time."""
+        self._ticking.texts.update(found)
+
     def take_texts(self, found: Clocked) -> None:
         """Get such a text, now that its clock ticks."""
         self._ticking.texts[found.name] = self.get_texts(found.type, found.references, found.count)

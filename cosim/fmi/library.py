@@ -99,6 +99,9 @@ class Instance(Protocol):
     def clocked_texts(self) -> dict[str, list[str]]:
         """Texts of clocks as they were when these last ticked, by name."""
 
+    def set_clocked_texts(self, found: dict[str, list[str]]) -> None:
+        """Go back to such texts of an earlier time."""
+
     def take_texts(self, found: Clocked) -> None:
         """Get such a text, now that its clock ticks."""
 

@@ -182,6 +182,23 @@ def _free_state(entry: Entry, place: int) -> int:
     return OK
 
 
+def _state_size(entry: Entry, number: int, size: int) -> int:
+    c.c_size_t.from_address(size).value = len(entry.states[number])
+    return OK
+
+
+def _write_state(entry: Entry, number: int, place: int, size: int) -> int:
+    c.memmove(place, entry.states[number], size)
+    return OK
+
+
+def _read_state(entry: Entry, place: int, size: int, state: int) -> int:
+    number = next(HANDLES)
+    entry.states[number] = c.string_at(place, size)
+    c.c_void_p.from_address(state).value = number
+    return OK
+
+
 def _directional(entry: Entry, unknowns: int, n: int, knowns: int, m: int, *rest: int) -> int:
     seed, k, out, size = rest
     given = _list(c.c_uint32, unknowns, n), _list(c.c_uint32, knowns, m), _list(c.c_double, seed, k)
@@ -229,5 +246,8 @@ FUNCTIONS: Mapping[str, Function] = {
     "GetFMUState": Function((_P,), _get_state),
     "SetFMUState": Function((_P,), _set_state),
     "FreeFMUState": Function((_P,), _free_state),
+    "SerializedFMUStateSize": Function((_P, _P), _state_size),
+    "SerializeFMUState": Function((_P, _P, _N), _write_state),
+    "DeserializeFMUState": Function((_P, _N, _P), _read_state),
     "GetDirectionalDerivative": Function((_P, _N, _P, _N, _P, _N, _P, _N), _directional),
 }

@@ -32,6 +32,12 @@ class WorkerCalls(Protocol):
     def bind(self, layout: StepLayout) -> None:
         """Get ready to step."""
 
+    def serialized(self) -> bytes:
+        """The state of the FMU as bytes, after that of the structs which step it."""
+
+    def set_serialized(self, data: bytes) -> None:
+        """Go to a state that was serialized."""
+
     def late_clock_ticks(self) -> tuple[int, float]:
         """Number of late clock ticks, and their greatest delay (s)."""
 

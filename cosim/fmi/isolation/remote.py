@@ -211,6 +211,10 @@ class RemoteInstance:
         found: dict[str, list[str]] = self._call("clocked_texts")
         return found
 
+    def set_clocked_texts(self, found: dict[str, list[str]]) -> None:
+        """Go back to such texts of an earlier time."""
+        self._call("set_clocked_texts", found)
+
     def take_texts(self, found: Clocked) -> None:
         """Get such a text, now that its clock ticks."""
         self._call("take_texts", found)
@@ -298,12 +302,13 @@ class RemoteInstance:
         self._call("free_state", state)
 
     def serialized(self) -> bytes:
-        """The state as bytes: it is not asked of another process. Raises FmuError."""
-        raise FmuError(f"{self._name}: its state is in another process")
+        """The state there as bytes, with that of its clocks and of its solver."""
+        found: bytes = self._call("serialized")
+        return found
 
     def set_serialized(self, data: bytes) -> None:
-        """Go to a state that was serialized: another process is not told. Raises FmuError."""
-        raise FmuError(f"{self._name}: its state is in another process")
+        """Go to a state that was serialized in such a process."""
+        self._call("set_serialized", data)
 
     def bind(self, here: StepLayout, there: StepLayout, stop: int) -> structs.UnitStruct:
         """The engine's unit for it. `here`, `there`: where its signals are in each process; there,

@@ -65,6 +65,25 @@ class Worker:
         self._unit = bind(self._instance, layout, self._alive, stop)
         self.end.unit = c.addressof(self._unit)
 
+    def serialized(self) -> bytes:
+        """The state of the FMU as bytes, after that of the structs which step it."""
+        from cosim.native import memory  # NumPy: few runs save the state
+
+        assert self._instance is not None
+        stepped = [memory.save(piece) for piece in memory.unit_pieces("", self._unit)]
+        return b"".join((*stepped, self._instance.serialized()))
+
+    def set_serialized(self, data: bytes) -> None:
+        """Go to a state that was serialized. Raises ValueError if it is too short."""
+        from cosim.native import memory
+
+        assert self._instance is not None
+        for piece in memory.unit_pieces("", self._unit):
+            end = memory.size(piece)
+            memory.restore(piece, data[:end])
+            data = data[end:]
+        self._instance.set_serialized(data)
+
     def late_clock_ticks(self) -> tuple[int, float]:
         """Number of late clock ticks, and their greatest delay (s)."""
         return late_clock_ticks(self._unit)

@@ -23,6 +23,8 @@ from cosim.record.folder import read_metadata
 from tests.bridge.zenoh.rehearsed import CONFIGS
 from tests.cosim.checkpoint.cuts import contents
 from tests.cosim.checkpoint.test_same_bytes import MODEL
+from tests.cosim.fmi.exporter import events3, exchange2, export
+from tests.cosim.fmi.test_scheduled import scheduled3
 
 FILE = CONFIGS / "teleoperation.toml"
 STOP = "3"
@@ -190,10 +192,22 @@ def test_what_cannot_be_saved_is_named_before_the_run(
     assert not (tmp_path / "run").exists()
 
 
-def test_an_isolated_fmu_is_named(tmp_path: Path) -> None:
-    isolated = ("--set", "components.master.isolate=true")
-    found = run(FILE, *isolated, "--checkpoint", "60s", "--out", tmp_path / "run")
-    assert found.exit_code == 2 and "master is isolated; expected isolate = false" in found.output
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        (events3(), "x does not declare canSerializeFMUState; expected an FMU exported with it"),
+        (scheduled3(), "x does not declare canSerializeFMUState"),
+        (exchange2('canGetAndSetFMUstate="true"'), "x does not declare canSerializeFMUstate"),
+    ],
+    ids=["events", "scheduled", "only within a run"],
+)
+def test_an_fmu_that_does_not_serialize_is_named(tmp_path: Path, text: str, reason: str) -> None:
+    path = export(text, tmp_path / "x.fmu")
+    file = tmp_path / "s.toml"
+    file.write_text(f'run = {{ step = 0.01, stop = 1.0 }}\n[components.x]\nmodel = "{path}"\n')
+    found = run(file, "--checkpoint", "60s", "--out", tmp_path / "run")
+    assert found.exit_code == 2 and reason in found.output
+    assert not (tmp_path / "run").exists()
 
 
 @pytest.mark.parametrize(
@@ -260,3 +274,10 @@ def fail(*_: object) -> None:
 def test_no_scenario_is_a_sentence() -> None:
     found = run()
     assert found.exit_code == 2 and "expected cosim run SCENARIO, or --resume RUN" in found.output
+
+
+def test_an_fmu_with_a_limit_of_memory_is_named(tmp_path: Path) -> None:
+    keys = ("components.master.isolate=true", "components.master.memory=100")
+    settings = [x for key in keys for x in ("--set", key)]
+    found = run(FILE, *settings, "--checkpoint", "60s", "--out", tmp_path / "run")
+    assert found.exit_code == 2 and "master has a limit of memory" in found.output

@@ -23,6 +23,7 @@ from tests.cosim.fmi.test_exchange import BALL
 from tests.cosim.fmi.test_scheduled import scheduled3
 from tests.cosim.fmi.test_texts import mail3
 from tests.cosim.fmi.test_within import WITHIN, within3
+from tests.tiers import first_fast
 
 SAVES = 'canGetAndSetFMUState="true" canSerializeFMUState="true"'
 NOISE = {"model": "tests.cosim.checkpoint.blocks:Noise"}
@@ -159,3 +160,47 @@ def test_a_policy_with_recurrent_tensors(tmp_path: Path) -> None:
         },
     }  # fmt: skip
     same_after_cuts(tmp_path, built(tmp_path, document))
+
+
+@pytest.mark.parametrize("name", first_fast(TIMED, 2))
+def test_isolated_fmus(tmp_path: Path, name: str) -> None:
+    """In a process of its own, whose clocks are part of the state."""
+    text, keys = TIMED[name]
+    path = export(saving(text), tmp_path / "x.fmu")
+    document = {
+        "run": {"step": 0.01, "stop": 4.0, "record": {"signals": "all"}},
+        "components": {
+            "noise": NOISE, "steps": STEPS, "x": {"model": str(path), "isolate": True, **keys}
+        },
+    }  # fmt: skip
+    same_after_cuts(tmp_path, built(tmp_path, document), cuts=2)
+
+
+def test_an_isolated_fmu_with_a_solver(tmp_path: Path) -> None:
+    path = export(exchange3(SAVES), tmp_path / "ball.fmu")
+    document = {
+        "run": {"step": 0.003, "stop": 3.0},
+        "components": {"x": {"model": str(path), "parameters": {"model": BALL}, "log": True,
+                             "isolate": True}},
+    }  # fmt: skip
+    same_after_cuts(tmp_path, built(tmp_path, document), cuts=2)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("isolate", ["wasm", True])
+def test_fmus_in_webassembly(tmp_path: Path, isolate: bool | str) -> None:
+    """Our arm in its sandbox, and an FMU with events that has only WebAssembly."""
+    pytest.importorskip("wasmtime")
+    from fmus.models import planar2r
+    from tests.cosim.sandbox.test_same_bits import both, with_wasm
+
+    arm = with_wasm(planar2r.model(), tmp_path)
+    _, events = both(saving(events3()), tmp_path)
+    document = {
+        "run": {"step": 0.005, "stop": 2.0},
+        "components": {
+            "arm": {"model": str(arm), "isolate": "wasm", "start": {"q": [1.0, -0.5]}},
+            "x": {"model": str(events), "isolate": isolate},
+        },
+    }
+    same_after_cuts(tmp_path, built(tmp_path, document), cuts=2)

@@ -174,7 +174,7 @@ def test_files_come_over_a_connection_and_rows_that_were_not_written_do_not(
     monkeypatch.setattr(agent, "say", lambda kind, **facts: lines.append({"kind": kind, **facts}))
     agent._collect()
     connection = object.__new__(HostConnection)
-    connection._folder = here
+    connection._folder, connection._collected = here, {}
     for line in lines:
         connection._heard(line)
     assert connection.collected

@@ -40,9 +40,15 @@ def changes_in(folder: Path, stop: float) -> tuple[str, ...]:
     return (LOCKSTEP, wait, f"run.stop={stop}", *sockets(ARMS, folder))
 
 
-def settings_of(kept: KeptRun, system: System, folder: Path, changes: Sequence[str]) -> Settings:
+def settings_of(
+    kept: KeptRun,
+    system: System,
+    folder: Path,
+    changes: Sequence[str],
+    files: tuple[Path, Path] = (SCENARIO, DEPLOYMENT),
+) -> Settings:
     kept.check(system)
-    found = Settings(SCENARIO, DEPLOYMENT, tuple(changes), warm_up=0.0)
+    found = Settings(*files, tuple(changes), warm_up=0.0)
     return replace(found, keeping=kept.begin(system, folder))
 
 
@@ -52,8 +58,8 @@ def run(system: System, settings: Settings, folder: Path, kill_at: float = 1e9) 
 
         def progress(t: float, end: float) -> None:
             if t >= kill_at:
-                for name in ARMS:
-                    running.current[name].send_signal(signal.SIGKILL)
+                for node in running.current.values():
+                    node.send_signal(signal.SIGKILL)
 
         return [str(note) for note in running.run(progress).notes]
 
@@ -122,6 +128,43 @@ def test_a_damaged_state_is_recognised_and_the_one_before_it_is_used(tmp_path: P
     assert before is not None and before[0] == number - 1
     kept = KeptRun.open(folder, None)
     assert run(system, settings_of(kept, system, folder, changes), folder) == []
+    is_the_twin(system, folder)
+
+
+BLOCKS = "tests.cosim.checkpoint.blocks"
+#: A hand at the slave follows the mean of random numbers: two components in Python in one node.
+PYTHON = (
+    f'components.noise={{model="{BLOCKS}:Noise", period="5 ms"}}',
+    f'components.mean={{model="{BLOCKS}:Mean", period="5 ms", inputs={{u="noise.y"}}}}',
+    'components.slave.inputs.q_h="mean.y"',
+    "components.slave.parameters={k_p=10.0, k_d=5.0}",
+    'deploy.nodes.slave.components=["slave", "slave_control", "noise", "mean"]',
+)
+#: Six robots whose graph is drawn again every 150 ms.
+SWITCHING = CONFIGS / "network.toml", CONFIGS / "deploy/network.toml"
+ROBOTS = tuple(f"robot{i}" for i in range(1, 7))
+KINDS = {
+    "python": ((SCENARIO, DEPLOYMENT), ARMS, PYTHON),
+    "switching": (SWITCHING, ROBOTS, ()),
+}
+
+
+@pytest.mark.parametrize("kind", ["python", pytest.param("switching", marks=pytest.mark.slow)])
+def test_python_components_and_switching_graphs_are_resumed_as_the_twin(
+    kind: str, tmp_path: Path
+) -> None:
+    files, names, own = KINDS[kind]
+    wait = 'deploy.buses.net.options.wait="20 s"'
+    changes = (LOCKSTEP, wait, "run.stop=6", *own, *sockets(names, tmp_path))
+    system, folder = load_system(files[0], str(files[1]), changes), tmp_path / "run"
+    folder.mkdir()
+    kept = KeptRun(0.0, {"place": os.getcwd()})
+    settings = settings_of(kept, system, folder, changes, files)
+    assert "killed by SIGKILL" in "".join(run(system, settings, folder, 2.0))
+    number, t_ns = last_number(system, folder / NODES) or (-1, -1)
+    assert number > 0 and 0 < t_ns < 6e9
+    kept = KeptRun.open(folder, None)
+    assert run(system, settings_of(kept, system, folder, changes, files), folder) == []
     is_the_twin(system, folder)
 
 
@@ -196,6 +239,12 @@ BAD: list[tuple[list[str], str]] = [
      "--checkpoint: found checkpoints on a clock, expected them in lock-step: --clock lockstep"),
     ([FILE, "--clock", "lockstep", "--checkpoint", "1s", "--set", "components.slave.isolate=true"],
      "node slave: --checkpoint: found what a checkpoint cannot save: slave is isolated"),
+    ([FILE, "--clock", "lockstep", "--checkpoint", "1s",
+      "--set", f'components.other={{model="{BLOCKS}:Silent", period="5 ms"}}',
+      "--set", 'deploy.nodes.slave.components=["slave", "slave_control", "other"]'],
+     "node slave: --checkpoint: found what a checkpoint cannot save: other "),
+    ([FILE, "--clock", "lockstep", "--checkpoint", "1s", "--deploy", str(CONFIGS / "deploy/can.toml")],
+     "is CAN, which may lose frames; expected a deployment over Zenoh alone"),
     ([FILE, "--clock", "lockstep", "--checkpoint", "1s", "--nodes", "master"],
      "found --nodes with --checkpoint"),
     ([FILE, "--clock", "lockstep", "--checkpoint", "1s", "--outside", "master"],
@@ -215,7 +264,8 @@ def test_what_cannot_be_kept_is_refused_before_the_run(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "run").mkdir()
-    deploy = ["--deploy", str(DEPLOYMENT)] if FILE in words and "--resume" not in words else []
+    own = {"--resume", "--deploy"}.isdisjoint(words)
+    deploy = ["--deploy", str(DEPLOYMENT)] if FILE in words and own else []
     found = CliRunner().invoke(app, ["rehearse", *words, *deploy])
     error = found.exception
     code = error.exit_code if isinstance(error, CosimError) else found.exit_code

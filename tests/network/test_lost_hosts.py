@@ -10,7 +10,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,7 +18,7 @@ from pathlib import Path
 import pytest
 
 from bridge.relay import namespaces
-from tests.bridge.rehearsal.test_remote import SCENARIO, robots
+from tests.bridge.rehearsal.test_remote import SCENARIO, is_the_twin, robots
 from tests.network.wired import sshd, wired
 from tests.system.runs import ROOT
 from tests.system.slurm_cluster import needed, running_slurm
@@ -110,7 +110,9 @@ def parent(pid: int) -> int:
 class Run:
     """``cosim rehearse`` on a fleet, and the processes that were there before it."""
 
-    def __init__(self, hosts: Fleet, folder: Path, stop: float = 200.0) -> None:
+    def __init__(
+        self, hosts: Fleet, folder: Path, stop: float = 200.0, options: Sequence[str] = ()
+    ) -> None:
         self.hosts, self.folder = hosts, folder / "run"
         (folder / "hosts.toml").write_text(hosts.text)
         self._before = {pid for name in hosts.hosts.values() for pid in inside(name)}
@@ -118,6 +120,7 @@ class Run:
         words += ["--hosts", str(folder / "hosts.toml"), "--out", str(self.folder), "--no-plot"]
         words += [f"--set={change}" for change in robots(6, stop)]
         words += ["--no-twin", "--set=deploy.buses.net.options.lookahead=false"]  # slowly
+        words += options
         self._output = folder / "output"
         with namespaces.in_namespace(hosts.command_in), self._output.open("wb") as to:
             self.process = subprocess.Popen(
@@ -147,7 +150,11 @@ class Run:
         """Exit code and output; nothing is left on any host soon after."""
         code = self.process.wait(within)
         until(lambda: not self.left(), SILENCE + STOPPING, self.left)
-        return code, self._output.read_text(errors="replace")
+        return code, self.said()
+
+    def said(self) -> str:
+        """The output so far."""
+        return self._output.read_text(errors="replace")
 
     def left(self) -> dict[int, str]:
         """What still runs."""
@@ -252,3 +259,36 @@ def test_a_host_that_is_cut_off_is_named_in_time(hosts: Fleet, tmp_path: Path) -
     assert code == 1 and "Traceback" not in said, said
     assert f"host {host}: " in said, said
     rows_are_there(run, host)
+
+
+@pytest.mark.parametrize("how", ["agent", "host", "cut off"])
+def test_a_host_that_is_frozen_or_cut_off_is_replaced_and_the_run_is_the_twin(
+    hosts: Fleet, how: str, tmp_path: Path
+) -> None:
+    stop = 4.0
+    run = Run(hosts, tmp_path, stop, ["--checkpoint=200ms", "--set=deploy.patience=30"])
+    host = list(hosts.hosts)[-1]
+    run.running()
+    until(lambda: len(list(run.folder.glob("**/previous"))) == 6, 100.0, run.said)  # of each node
+    agents = run.of(host, "bridge.rehearsal.agent")
+    stopped = {
+        "agent": [pid for pid in agents if parent(pid) not in agents],
+        "host": [*agents, *run.of(host, "bridge.zenoh.router")], "cut off": [],
+    }[how]  # fmt: skip
+    link = ["ip", "-n", hosts.hosts[host], "link", "set", "eth0"]
+    try:
+        if how == "cut off":
+            subprocess.run([*link, "down"], check=True)
+        for pid in stopped:
+            os.kill(pid, signal.SIGSTOP)
+        code = run.process.wait(300.0)
+    finally:
+        subprocess.run([*link, "up"], check=True)
+        for pid in stopped:
+            with suppress(ProcessLookupError):
+                os.kill(pid, signal.SIGCONT)
+    said = run.ended(1.0)[1]
+    assert code == 0 and "Traceback" not in said, said
+    found = re.search(r"host (\w+): .*; all nodes begin again at t = ([0-9.]+) s ", said)
+    assert found and found[1] == host and 0.0 < float(found[2]) < stop, said
+    is_the_twin(robots(6, stop), run.folder)

@@ -243,7 +243,7 @@ BAD: list[tuple[list[str], str]] = [
       "--set", f'components.other={{model="{BLOCKS}:Silent", period="5 ms"}}',
       "--set", 'deploy.nodes.slave.components=["slave", "slave_control", "other"]'],
      "node slave: --checkpoint: found what a checkpoint cannot save: other "),
-    ([FILE, "--clock", "lockstep", "--checkpoint", "1s", "--deploy", str(CONFIGS / "deploy/can.toml")],
+    ([FILE, "--clock", "lockstep", "--checkpoint", "1s", "--deploy", f"{CONFIGS}/deploy/can.toml"],
      "is CAN, which may lose frames; expected a deployment over Zenoh alone"),
     ([FILE, "--clock", "lockstep", "--checkpoint", "1s", "--nodes", "master"],
      "found --nodes with --checkpoint"),

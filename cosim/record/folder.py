@@ -64,19 +64,30 @@ def claim_folder(folder: str | Path, *, force: bool = False, resumed: bool = Fal
                 f"the folder contains {_some(present)} but no earlier run; nothing is overwritten",
                 str(folder),
             )
+        if not resumed:
+            _unfinish(folder)
         for path in _own_files(folder):
             path.unlink()
-        if not resumed:
-            shutil.rmtree(folder / CHECKPOINTS, ignore_errors=True)
     except OSError as error:
         raise ScenarioError(f"cannot use this folder: {reason(error)}", str(folder)) from error
     return folder
 
 
+def _unfinish(folder: Path) -> None:
+    """A run whose files are about to be deleted can no longer be resumed, and is not finished."""
+    shutil.rmtree(folder / CHECKPOINTS, ignore_errors=True)
+    with suppress(ScenarioError, RunError):  # unreadable: not finished; full disk: it gets space
+        metadata = read_metadata(folder)
+        if metadata.get("status") == FINISHED:
+            write_metadata(folder, metadata | {"status": RUNNING})
+
+
 def _own_files(folder: Path) -> list[Path]:
-    single = [folder / name for name in (*_SINGLE, *_MADE, *_named(folder))]
+    """The files that this package writes; the last one is ``run.json``, which names some of them."""
+    names = [name for name in (*_MADE, *_named(folder), *_SINGLE) if name != METADATA]
     tables = [p for kind in ("*.parquet", f"*{ROWS}") for p in sorted((folder / LINKS).glob(kind))]
-    return [path for path in single if path.is_file()] + tables
+    single = [folder / name for name in names]
+    return [path for path in (*single, *tables, folder / METADATA) if path.is_file()]
 
 
 def _named(folder: Path) -> Iterator[str]:

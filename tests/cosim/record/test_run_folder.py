@@ -56,6 +56,38 @@ def test_force_deletes_the_files_of_a_run_and_nothing_else(tmp_path: Path) -> No
         pass
 
 
+def test_a_run_that_is_partly_deleted_is_not_finished_and_is_deleted_later(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its deletion ends (as by a kill) before the first file, before the second one and so on."""
+
+    class Killed(BaseException):
+        """As a signal that ends the process."""
+
+    unlink, left = Path.unlink, 0
+
+    def unlink_some(path: Path, missing_ok: bool = False) -> None:
+        nonlocal left
+        left -= path.name in names
+        if left < 0:
+            raise Killed
+        unlink(path, missing_ok=missing_ok)
+
+    names = ("run.json", "trajectories.parquet", "report.html", "trajectories.csv", "q.png")
+    for before in range(len(names)):
+        for name in names:
+            (tmp_path / name).write_text("x")
+        write_metadata(tmp_path, {"status": "finished", "scenario": {"figures": {"q": {}}}})
+        left = before
+        with monkeypatch.context() as patch, pytest.raises(Killed):
+            patch.setattr(Path, "unlink", unlink_some)
+            claim_folder(tmp_path, force=True)
+        assert len(list(tmp_path.iterdir())) == len(names) - before
+        assert read_metadata(tmp_path)["status"] == "running"
+        claim_folder(tmp_path, force=True)
+        assert not list(tmp_path.iterdir())
+
+
 def test_force_does_not_touch_a_folder_that_is_no_run(tmp_path: Path) -> None:
     (tmp_path / "thesis.tex").write_text("x")
     with pytest.raises(ScenarioError, match=r"contains thesis\.tex but no earlier run"):

@@ -22,6 +22,7 @@ TESTS = (
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(1800)
 @pytest.mark.skipif(bool(sanitized.missing()), reason=sanitized.missing())
 def test_no_access_is_outside_the_memory_given(tmp_path: Path) -> None:
     """Every array of settings is an allocation of its own, and so is the memory of the bus."""

@@ -45,6 +45,7 @@ def test_kills_at_some_changes_of_files(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(1800)
 @pytest.mark.parametrize("stage", ["run", "resume"])
 def test_kills_at_all_changes_of_files(tmp_path: Path, stage: str) -> None:
     """Also within a checkpoint, and between the end of the run and its verdict."""
@@ -53,6 +54,7 @@ def test_kills_at_all_changes_of_files(tmp_path: Path, stage: str) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(1800)
 @pytest.mark.parametrize("interval", ["0s", "0.05", "t=0.5s"])
 @pytest.mark.parametrize("name", RUNS)
 def test_kills_at_random_times(tmp_path: Path, name: str, interval: str) -> None:

@@ -26,12 +26,14 @@ TESTS = (
     FOLDER / "fmi" / "test_timed_clocks.py",
     FOLDER / "fmi" / "test_types.py",
     FOLDER / "fmi" / "test_within.py",
+    FOLDER / "record" / "test_recorder.py",
     FOLDER / "sweeps" / "test_batch.py",
 )
 
 
 pytestmark = [
     pytest.mark.slow,
+    pytest.mark.timeout(1800),
     pytest.mark.skipif(bool(sanitized.missing()), reason=sanitized.missing()),
 ]
 

@@ -7,6 +7,7 @@ some tools change the working directory; paths of this process must not follow.
 from __future__ import annotations
 
 import os
+import re
 import stat
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator
@@ -58,6 +59,12 @@ def written_aside(path: Path) -> Iterator[Path]:
         if not special:
             with suppress(OSError):
                 part.unlink(missing_ok=True)
+
+
+def aside_for(name: str) -> str:
+    """The name of the file that is written aside under a name; "" if nothing is."""
+    found = re.fullmatch(r"\.(.+)-\d+\.part(\.[^.]+)?", name)
+    return f"{found[1]}{found[2] or ''}" if found else ""
 
 
 def write_file(path: Path, data: str | bytes | Iterable[bytes]) -> None:

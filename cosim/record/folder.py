@@ -12,7 +12,7 @@ from typing import Any
 from urllib.parse import quote, unquote
 
 from cosim.base.errors import RunError, ScenarioError
-from cosim.base.files import write_file
+from cosim.base.files import aside_for, write_file
 
 TRAJECTORIES = "trajectories.parquet"
 #: While a run goes on: row groups without a footer yet, and what is still in memory.
@@ -83,10 +83,11 @@ def _unfinish(folder: Path) -> None:
 
 
 def _own_files(folder: Path) -> list[Path]:
-    """The files that this package writes; the last one is ``run.json``, which names some of them."""
+    """The files that this package writes; the last one is ``run.json``, which names others."""
     names = [name for name in (*_MADE, *_named(folder), *_SINGLE) if name != METADATA]
     tables = [p for kind in ("*.parquet", f"*{ROWS}") for p in sorted((folder / LINKS).glob(kind))]
-    single = [folder / name for name in names]
+    killed = [path.name for path in folder.iterdir() if aside_for(path.name) in (*names, METADATA)]
+    single = [folder / name for name in (*names, *killed)]
     return [path for path in (*single, *tables, folder / METADATA) if path.is_file()]
 
 

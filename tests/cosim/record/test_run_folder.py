@@ -47,8 +47,9 @@ def test_force_deletes_the_files_of_a_run_and_nothing_else(tmp_path: Path) -> No
     write_metadata(tmp_path, {"scenario": {"components": {"a": {}}, "figures": {"q": {}}}})
     link_file(tmp_path, "old").write_text("x")
     made = ("report.html", "trajectories.csv", "a.fmu.log", "q.png", "q.pdf")
-    mine = ["b.fmu.log", "notes.txt", "photo.png"]
-    for name in (*made, *mine):
+    killed = (".run-7.part.json", ".SHA256SUMS-8.part", ".a.fmu-9.part.log", ".q-10.part.png")
+    mine = ["b.fmu.log", "notes.txt", "photo.png", ".notes-7.part.txt", ".run.part.json"]
+    for name in (*made, *killed, *mine):
         (tmp_path / name).write_text("x")
     claim_folder(tmp_path, force=True)
     assert sorted(p.name for p in tmp_path.rglob("*")) == sorted([*mine, "links"])

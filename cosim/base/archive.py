@@ -55,8 +55,8 @@ def unpack(path: Path, what: str, description: str, place: str) -> tuple[Path, s
 
     `what`: "FMU" or "SSP", for messages; `description`: the required entry. Raises ArchiveError for
     a missing file, a file that is not a ZIP archive or is damaged, one without its description, and
-    for unsafe content: too much data, encrypted entries, duplicate names, compression other than
-    deflate, and entries outside the folder.
+    for unsafe content: too much data, encrypted entries, different entries with one name,
+    compression other than deflate, and entries outside the folder.
     """
     try:
         found = _state(path)
@@ -213,7 +213,8 @@ def _check(archive: zipfile.ZipFile, what: str, description: str, free: int) -> 
     size, most = sum(e.file_size for e in entries), min(LARGEST, free)
     if size > most:
         raise ArchiveError(f"would unpack to {size} bytes; expected at most {most}")
-    counts = Counter(e.filename for e in entries)
+    # Tools write an entry twice (CMake's tar of two lists that overlap); a copy is harmless.
+    counts = Counter(name for name, _, _ in {(e.filename, e.CRC, e.file_size) for e in entries})
     if description not in counts:
         article = "an" if what[0] in "FS" else "a"
         raise ArchiveError(f"the archive contains no {description}; expected {article} {what}")
@@ -231,7 +232,7 @@ def _check_entry(entry: zipfile.ZipInfo, count: int) -> None:
     if inside.is_absolute() or ".." in inside.parts or ":" in (inside.parts or ("",))[0]:
         raise ArchiveError(f"entry {name!r} would be written outside the folder")
     if count > 1:
-        raise ArchiveError(f"has {count} entries with the name {name!r}; expected one")
+        raise ArchiveError(f"has {count} different entries with the name {name!r}; expected one")
     if entry.flag_bits & 1:
         raise ArchiveError(f"entry {name!r} is encrypted; expected entries without encryption")
     if entry.compress_type not in _METHODS:

@@ -120,7 +120,10 @@ CASES: dict[str, tuple[Callable[[Path], object], str]] = {
     "says to be huge": (directory(put("<I", 24, 0xFFFFFFF0)), "xml has 4294967280 bytes"),
     "offset": (directory(put("<I", 42, 0x7FFFFFFF)), "ZIP archive"),
     "lzma": (lambda p: whole(p, zipfile.ZIP_LZMA), "compressed by method 14"),
-    "twice": (lambda p: _twice(p), f"has 2 entries with the name '{DESCRIPTION}'"),
+    "twice": (
+        lambda p: _twice(p, passing3() + "\n"),
+        f"has 2 different entries with the name '{DESCRIPTION}'",
+    ),
     "absolute": (lambda p: packed(p, {DESCRIPTION: b"", "/etc/x": b""}), "outside the folder"),
     "drive": (lambda p: packed(p, {DESCRIPTION: b"", "C:\\x": b""}), "outside the folder"),
     "up": (lambda p: packed(p, {DESCRIPTION: b"", "a/../../x": b""}), "outside the folder"),
@@ -136,11 +139,20 @@ CASES: dict[str, tuple[Callable[[Path], object], str]] = {
 }  # fmt: skip
 
 
-def _twice(path: Path) -> None:
+def _twice(path: Path, second: str) -> None:
     with warnings.catch_warnings(), zipfile.ZipFile(path, "w") as target:
         warnings.simplefilter("ignore")
-        for _ in range(2):
-            target.writestr(DESCRIPTION, passing3())
+        for data in (passing3(), second):
+            target.writestr("extra/", b"")
+            target.writestr(DESCRIPTION, data)
+
+
+def test_copies_of_an_entry_are_harmless(tmp_path: Path) -> None:
+    """The Reference FMU Roberts, built with CMake, has the files of its extra folder twice."""
+    path = tmp_path / "x.fmu"
+    _twice(path, passing3())
+    packed(tmp_path / "y.fmu", {DESCRIPTION: passing3().encode()})
+    assert FmuComponent(path).description == FmuComponent(tmp_path / "y.fmu").description
 
 
 @pytest.mark.parametrize("name", CASES)

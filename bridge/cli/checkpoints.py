@@ -13,7 +13,7 @@ from cosim.cli.options import OutputOptions, wall_seconds
 
 if TYPE_CHECKING:
     from bridge.cli.options import DeployOptions, HardwareOptions
-    from bridge.cli.rehearse import RehearsalOptions
+    from bridge.cli.rehearsal_options import RehearsalOptions
     from bridge.rehearsal.kept_run import KeptRun
 
 #: Options that a command with --resume may have beside those of the output.

@@ -158,7 +158,10 @@ class Channel:
         self.send_frame(port, frame_of_message(message, self.name, self.timing), timeout)
 
     def send_frame(self, port: ChannelPort, frame: BusFrame, timeout: float | None) -> None:
-        """The same for a frame that this channel can carry."""
+        """Queue a frame that this channel can carry; `timeout` (s) as for :meth:`send`.
+
+        Raises ChannelOperationError: no room, or bus-off.
+        """
         with self.lock.held:
             self._catch_up()
             if port.node.state == ControllerState.OFF:

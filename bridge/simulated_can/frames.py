@@ -57,7 +57,10 @@ def frame_of_message(message: can.Message, channel: Hashable, timing: BusTiming)
 def frame_to_send(
     fields: tuple[int, int, int, bytes], channel: Hashable, timing: BusTiming
 ) -> BusFrame:
-    """The same for its fields: identifier, flags, DLC and data."""
+    """The frame of a message with these fields: identifier, flags, DLC and data.
+
+    Raises ChannelOperationError for what a bus with this timing cannot carry.
+    """
     identifier, flags, dlc, data = fields
     if flags & ERROR:
         raise ChannelOperationError(

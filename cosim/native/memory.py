@@ -89,7 +89,7 @@ def array(name: str, struct: Any, address: int, count: int) -> Piece:
 
 
 def numbers(name: str, struct: Any, rows: NDArray[np.void]) -> Piece:
-    """A piece: the numbers of structs in an array."""
+    """A piece: the numbers of structs in an array, (n,)."""
     return name, rows, _number_type(struct).names or ()
 
 

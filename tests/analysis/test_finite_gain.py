@@ -86,12 +86,12 @@ def test_m_t_of_a_pair_is_that_of_the_mean_of_its_arms() -> None:
     """The definition that `cosim reproduce` has, Sec. V: q_c = (q_1 + q_2)/2."""
     found = analyse(subject(DOCUMENTS["pair-10"]), tests=False)
     assert found.port.members == ("master.q", "slave.q")
-    r = found.recorded
-    assert r.mean is not None
-    y = r.mean - r.mean[0]
+    assert found.recorded.mean
+    (r,) = found.recorded
+    y = r.moved - r.moved[0]
     ratio = np.sqrt(np.trapezoid((y**2).sum(1), r.t) / np.trapezoid((r.force**2).sum(1), r.t))
     assert number(found, "manipulability").values == pytest.approx([ratio], rel=1e-9)
-    assert not np.allclose(r.mean, r.response)
+    assert not np.allclose(r.moved, r.response)
 
 
 @pytest.mark.parametrize(

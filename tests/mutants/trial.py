@@ -109,6 +109,8 @@ def run(
 
     def child(pipe: int) -> int:
         words = ["-q", "-p", "no:cacheprovider", "--hypothesis-profile=mutants", *tests]
+        # The thread of this process's faulthandler, which a test's end would wait for, is not here.
+        words += ["-p", "no:faulthandler"]
         words += [f"--basetemp={log.with_suffix('.tmp')}"]  # others may tidy up the usual one
         words += [] if to_the_end else ["-x"]
         return int(pytest.main(words, plugins=[Reporter(pipe, selection)]))

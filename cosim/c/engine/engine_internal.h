@@ -178,6 +178,10 @@ SHARED NOINLINE int run_macro(engine_t *e, int64_t tick, macro_t *m, failure_t *
 HOT int run_operation(engine_t *e, int64_t tick, double *s, const operation_t *op, failure_t *failure);
 HOT int run_tick(engine_t *e, int64_t tick, int64_t ticks, segment_t *segments, int64_t n_segments,
                  failure_t *failure, failure_t *ended);
+HOT int run_operations(engine_t *e, int64_t tick, int64_t ticks, int64_t first, int64_t last,
+                       failure_t *failure, failure_t *ended);
+SHARED int find_plain(engine_t *e);
+SHARED NOINLINE const operation_t *run_ticks(engine_t *e, int64_t end, failure_t *failure, int *result);
 HOT void catch_up(segment_t *segments, int64_t n_segments, int64_t tick);
 SHARED NOINLINE int32_t keep_failure(engine_t *e, const failure_t *f, int32_t result);
 

@@ -180,7 +180,7 @@ static NOINLINE const operation_t *run_some(engine_t *e, int64_t tick, const ope
 }
 
 /* Runs ticks up to `end` of a plan that has nothing else, in one segment; the operation whose step ended that, or NULL. */
-static NOINLINE const operation_t *run_ticks(engine_t *e, int64_t end, failure_t *failure, int *result)
+SHARED NOINLINE const operation_t *run_ticks(engine_t *e, int64_t end, failure_t *failure, int *result)
 {
     segment_t *const segment = e->segments;
     const operation_t *const first = e->operations + segment->first, *const last =
@@ -196,7 +196,7 @@ static NOINLINE const operation_t *run_ticks(engine_t *e, int64_t end, failure_t
 }
 
 /* Finds the units that are plain; returns whether a plan has nothing else, in one segment. */
-static int find_plain(engine_t *e)
+SHARED int find_plain(engine_t *e)
 {
     int all = e->n_segments == 1 && e->segments->period == 1;
 
@@ -216,8 +216,8 @@ static int find_plain(engine_t *e)
 /* Executes operations from `first` to before `last`; steps of a tick are made `ticks` times. An FMU that ends the
  * simulation is kept in *ended, and the others go on; anything else that goes wrong ends it, and is in *failure.
  * If that has an operation already, it is the first one, whose step was made. */
-INLINE int run_operations(engine_t *e, int64_t tick, int64_t ticks, int64_t first, int64_t last,
-                          failure_t *failure, failure_t *ended)
+HOT int run_operations(engine_t *e, int64_t tick, int64_t ticks, int64_t first, int64_t last,
+                       failure_t *failure, failure_t *ended)
 {
     double *const s = e->signals;
     const operation_t *const end = e->operations + last;

@@ -196,4 +196,4 @@ def test_a_sample_in_lock_step_has_its_format(flags, counter, result, kept, tmp_
     incoming.put(system.services["net"].estop.frame([1, 0], Header()))
     with Lockstep(system, "master", ends, tmp_path / "master.journal") as found:
         assert found.run() == result
-        assert found._streams[0].received == kept
+        assert found.streams[0].received == kept

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sysconfig
 import traceback
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -23,7 +22,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 #: Folders of installed packages and of Python's own modules.
-_LIBRARIES = {"site-packages", "dist-packages", Path(sysconfig.get_path("stdlib")).name}
+_LIBRARIES = {"site-packages", "dist-packages", Path(traceback.__file__).parent.name}
 
 
 def sentence(error: BaseException, name: str = "") -> str:

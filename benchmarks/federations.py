@@ -1,19 +1,21 @@
-"""Two processes on one host that exchange a vector every 5 ms: our lock-step, HELICS and mosaik.
+"""Processes on one host in a ring that exchange a vector every 5 ms: our lock-step, HELICS, mosaik.
 
-    python benchmarks/federations.py [--times 2,12] [--rounds N]
+    python benchmarks/federations.py [--nodes 2,4,8] [--times 2,12] [--rounds N]
 
-Ours are the nodes of configs/teleoperation.toml over Zenoh (TCP on loopback) in lock-step: arms,
-controllers, guards and journals are computed, and the signals are those of the twin. The federates
-of HELICS (a broker and two cores of type zmq) and the simulators of mosaik (a world and two remote
-simulators over TCP) compute nothing: theirs is the exchange alone, by the step of 5 ms that both
-wait for. A run of each of two lengths (s), in turns, gives the time of a simulated second without
-start and end. HELICS and mosaik: pip install 'cosim-bridge[bench]'.
+Each receives from the one before it. Ours are the nodes of configs/many.toml over Zenoh (TCP on
+loopback) in lock-step: arms, controllers and journals are computed, and the signals are those of
+the twin. The federates of HELICS (a broker, and a core of type zmq each) and the simulators of
+mosaik (a world, and remote simulators over TCP) compute nothing: theirs is the exchange alone, by
+the step of 5 ms that all wait for. A run of each of two lengths (s), in turns, gives the time of a
+simulated second without start and end, and its processor time in all processes. HELICS and mosaik:
+pip install 'cosim-bridge[bench]'.
 """
 
 from __future__ import annotations
 
 import argparse
 import importlib
+import os
 import socket
 import subprocess
 import sys
@@ -35,10 +37,10 @@ from bridge.rehearsal.settings import Settings
 from bridge.rehearsal.supervisor import Rehearsal
 from cosim.base.clock import stopwatch
 
-SCENARIO = Path(__file__).resolve().parents[1] / "configs" / "teleoperation.toml"
+SCENARIO = Path(__file__).resolve().parents[1] / "configs" / "many.toml"
 NET = "deploy.buses.net.options"
-#: The time of an exchange, s, and the names of both sides.
-STEP, SIDES = 0.005, ("master", "slave")
+#: The time of an exchange, s.
+STEP = 0.005
 
 
 def ports(count: int) -> list[int]:
@@ -51,14 +53,16 @@ def ports(count: int) -> list[int]:
     return found
 
 
-def ours(lookahead: bool, stop: float) -> None:
-    """Both nodes in lock-step, from the start of their processes to their end."""
-    deployment = spec.find(SCENARIO, "zenoh")
+def ours(lookahead: bool, count: int, stop: float) -> None:
+    """The nodes in lock-step, from the start of their processes to their end."""
+    deployment = spec.find(SCENARIO, "many")
     changes = [
-        f"run.stop={stop}", f"{NET}.lockstep=true", f"{NET}.lookahead={str(lookahead).lower()}",
+        f'graphs.net={{kind="ring", n={count}}}', f"deploy.nodes.node.count={count}",
+        f"deploy.messages.xi.count={count}", f"run.stop={stop}",
+        f"{NET}.lookahead={str(lookahead).lower()}",
     ]  # fmt: skip
-    for node, port in zip(SIDES, ports(2), strict=True):
-        changes.append(listen_setting("net", node, f"127.0.0.1:{port}", ("tcp/{}",)))
+    for i, port in enumerate(ports(count), 1):
+        changes.append(listen_setting("net", f"node{i}", f"127.0.0.1:{port}", ("tcp/{}",)))
     system = load_system(SCENARIO, str(deployment), changes)
     settings = replace(Settings(SCENARIO, deployment, tuple(changes)), warm_up=0.0)
     with TemporaryDirectory() as folder, Rehearsal(system, settings, Path(folder, "run")) as run:
@@ -68,22 +72,22 @@ def ours(lookahead: bool, stop: float) -> None:
 # ---- HELICS -------------------------------------------------------------------------------------
 
 
-def helics(stop: float) -> None:
-    """A broker in this process, a federate in each of two."""
+def helics(count: int, stop: float) -> None:
+    """A broker in this process, a federate in each of the others."""
     api: Any = importlib.import_module("helics")
     [port] = ports(1)
-    broker = api.helicsCreateBroker("zmq", "broker", f"-f 2 --localport={port}")
+    broker = api.helicsCreateBroker("zmq", "broker", f"-f {count} --localport={port}")
     command = [sys.executable, __file__, "--federate"]
-    sides = [subprocess.Popen([*command, name, str(port), str(stop)]) for name in SIDES]
-    for side in sides:
+    words = [[str(word) for word in (i, (i - 1) % count, port, stop)] for i in range(count)]
+    for side in [subprocess.Popen([*command, *each]) for each in words]:
         if side.wait():
             raise RuntimeError("a federate of HELICS has failed")
     api.helicsBrokerDisconnect(broker)
     api.helicsBrokerFree(broker)
 
 
-def federate(name: str, port: int, stop: float) -> None:
-    """One side: publish, wait for the next step, read what the other one has published."""
+def federate(name: str, before: str, port: int, stop: float) -> None:
+    """One of them: publish, wait for the next step, read what the one before has published."""
     api: Any = importlib.import_module("helics")
     info = api.helicsCreateFederateInfo()
     api.helicsFederateInfoSetCoreTypeFromString(info, "zmq")
@@ -92,8 +96,7 @@ def federate(name: str, port: int, stop: float) -> None:
     side = api.helicsCreateValueFederate(name, info)
     kind = api.HELICS_DATA_TYPE_VECTOR
     said = api.helicsFederateRegisterGlobalPublication(side, f"{name}.xi", kind, "")
-    other = SIDES[name == SIDES[0]]
-    heard = api.helicsFederateRegisterSubscription(side, f"{other}.xi", "")
+    heard = api.helicsFederateRegisterSubscription(side, f"{before}.xi", "")
     api.helicsFederateEnterExecutingMode(side)
     for k in range(round(stop / STEP)):
         api.helicsPublicationPublishVector(said, [float(k), 0.0])
@@ -107,20 +110,22 @@ def federate(name: str, port: int, stop: float) -> None:
 # ---- mosaik -------------------------------------------------------------------------------------
 
 
-def mosaik(stop: float) -> None:
-    """A world in this process, a simulator in each of two; values arrive a step later."""
+def mosaik(count: int, stop: float) -> None:
+    """A world in this process, a simulator in each of the others; values arrive a step later."""
     api: Any = importlib.import_module("mosaik")
     command = f"{sys.executable} {__file__} --simulator %(addr)s"
-    world = api.World({"Side": {"cmd": command}}, skip_greetings=True, configure_logging=False)
-    master, slave = (world.start("Side", sim_id=name).Side() for name in SIDES)
+    patient = {"start_timeout": 60.0}
+    quiet = {"skip_greetings": True, "configure_logging": False}
+    world = api.World({"Side": {"cmd": command}}, mosaik_config=patient, **quiet)
+    sides = [world.start("Side", sim_id=f"side{i}").Side() for i in range(count)]
     first = {"time_shifted": True, "initial_data": {"xi": [-1.0, 0.0]}}
-    world.connect(master, slave, ("xi", "xi_in"), **first)
-    world.connect(slave, master, ("xi", "xi_in"), **first)
+    for before, side in zip(sides[-1:] + sides, sides, strict=False):
+        world.connect(before, side, ("xi", "xi_in"), **first)
     world.run(until=round(stop / STEP), print_progress=False)
 
 
 def simulator() -> None:
-    """One side, as mosaik starts it; the step is mosaik's unit of time."""
+    """One of them, as mosaik starts it; the step is mosaik's unit of time."""
     api: Any = importlib.import_module("mosaik_api_v3")
 
     @final
@@ -145,7 +150,7 @@ def simulator() -> None:
             return time + 1
 
         def get_data(self, outputs: dict[str, list[str]]) -> dict[str, Any]:
-            """The number of the step, for the other side."""
+            """The number of the step, for the next one."""
             return {"side": {"xi": [float(self._k), 0.0]}}
 
     sys.argv[1:] = sys.argv[2:]
@@ -154,12 +159,19 @@ def simulator() -> None:
 
 # ---- both lengths, in turns ---------------------------------------------------------------------
 
-ENTRANTS: dict[str, Callable[[float], None]] = {
+ENTRANTS: dict[str, Callable[[int, float], None]] = {
     "lock-step over Zenoh, with look-ahead": partial(ours, True),
     "lock-step over Zenoh, each exchange waited for": partial(ours, False),
     "HELICS, zmq": helics,
     "mosaik, remote simulators": mosaik,
 }
+
+
+def timed(run: Callable[[], None]) -> tuple[float, float]:
+    """The wall time and the processor time, s, of a run with all its processes."""
+    watch, before = stopwatch(), os.times()
+    run()
+    return watch(), sum(os.times()[:4]) - sum(before[:4])
 
 
 def main() -> None:
@@ -168,28 +180,40 @@ def main() -> None:
         simulator()
         return
     if sys.argv[1:2] == ["--federate"]:
-        federate(sys.argv[2], int(sys.argv[3]), float(sys.argv[4]))
+        name, before, port, stop = sys.argv[2:]
+        federate(name, before, int(port), float(stop))
         return
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("--nodes", default="2,4,8", help="processes in the ring")
     parser.add_argument("--times", default="2,12", help="lengths of both runs, s")
     parser.add_argument("--rounds", type=int, default=3)
     asked = parser.parse_args()
     short, long = map(float, asked.times.split(","))
-    seconds: dict[str, list[tuple[float, float]]] = {name: [] for name in ENTRANTS}
+    counts = [int(text) for text in asked.nodes.split(",")]
+    cases = [(name, count) for count in counts for name in ENTRANTS]
+    seconds: dict[tuple[str, int], list[tuple[float, ...]]] = {case: [] for case in cases}
     for _ in range(asked.rounds):
-        for name, run in ENTRANTS.items():
-            took = []
-            for stop in (short, long):
-                watch = stopwatch()
-                run(stop)
-                took.append(watch())
-            seconds[name].append((took[0], took[1]))
+        for name, count in cases:
+            first, last = (timed(partial(ENTRANTS[name], count, stop)) for stop in (short, long))
+            seconds[name, count].append((*first, *last))
+            took = ", ".join(f"{value:.2f}" for value in (*first, *last))
+            print(f"{count} nodes, {name}: {took} s", file=sys.stderr, flush=True)
     rows = []
-    for name, pairs in seconds.items():
-        each = median(b - a for a, b in pairs) / (long - short)
-        start = median(a for a, _ in pairs) - short * each
-        rows.append([name, f"{each:.3f}", f"{1e6 * each * STEP:.0f}", f"{start:.1f}"])
-    heads = ["", "s a simulated second", "us an exchange of 5 ms", "start and end, s"]
+    for (name, count), found in seconds.items():
+        each = median(b - a for a, _, b, _ in found) / (long - short)
+        used = median(b - a for _, a, _, b in found) / (long - short)
+        start = median(a for a, *_ in found) - short * each
+        rows.append(
+            [
+                name,
+                str(count),
+                f"{each:.3f}",
+                f"{1e6 * each * STEP:.0f}",
+                f"{used:.3f}",
+                f"{start:.1f}",
+            ]
+        )
+    heads = ["", "nodes", "s a simulated second", "us a step", "processor s", "start and end, s"]
     print(tables.grid(heads, rows))
     print(tables.machine())
 

@@ -76,7 +76,8 @@ def command(target: str, seed: int, count: int, seconds: float) -> tuple[list[st
 def compiled(sources: Sequence[Path], folder: Path) -> Path:
     """A library of these sources; unoptimized, so that what is read and not used is seen, too."""
     made = folder / "sanitized.so"
-    command = ["gcc", *FLAGS, "-O0", "-o", str(made), *map(str, sources), "-lm"]
+    include = [f"-I{place}" for place in sorted({source.parent for source in sources})]
+    command = ["gcc", *FLAGS, "-O0", *include, "-o", str(made), *map(str, sources), "-lm"]
     subprocess.run(command, check=True)
     return made
 

@@ -16,7 +16,7 @@ import yaml
 from tests.system.runs import ROOT
 from tests.system.slurm_cluster import needed, running_slurm
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(1800)]
 
 
 @pytest.fixture

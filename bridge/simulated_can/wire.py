@@ -240,39 +240,41 @@ class CanWire:
         if self.recorder is not None:
             nodes = [self._recorded[node] for node in self._nodes]
             self.recorder.add(told(rows, self._start_ps, nodes, self._numbers), self.now_ps)
-        if not rows:
-            return []
-        found = [happening for row in rows if (happening := self._read(bus, row)) is not None]
-        for row in rows:
-            if row[7] == _SENT or row[7] == _DROPPED:
-                self._requests.pop(row[1], None)
-                self._numbers.pop(row[1], None)
+        return self._read(bus, rows) if rows else []
+
+    def _read(self, bus: SimulatedBus, rows: list[tuple[int, ...]]) -> list[Happening]:
+        """The meaning of events for their nodes, without events of which no program is told."""
+        found: list[Happening] = []
+        over: list[int] = []
+        for time, request, frame, bit, number, tec, rec, kind, code, role, _ in rows:
+            time_ps = time + self._start_ps
+            if kind == _FREE:
+                self._busy.free(time_ps)
+                continue
+            node = self._nodes[number]
+            node.tec, node.rec = tec, rec
+            known = self._requests.get(request)
+            sent = known[1] if known else None
+            if kind == _STARTED:
+                self._busy.start(time_ps, node, sent)
+                continue
+            if kind == _SENT:
+                self._end(time_ps, False)
+                node.pending.pop(request, None)
+                over.append(request)
+            elif kind != _RECEIVED:
+                self._change(node, kind, code, request, time_ps)
+                if kind == _DROPPED:
+                    over.append(request)
+            if frame >= 0 and sent is not None and sent.format.fd:
+                sent = bus.frame_of_row(frame)  # with the ESI of its sender
+            found.append((time_ps, node, kind, code, role, bit, sent))
+        for request in over:  # only now: a frame is received after it was sent
+            self._requests.pop(request, None)
+            self._numbers.pop(request, None)
         self._busy.forget(self.now_ps)
         self._retire()
         return found
-
-    def _read(self, bus: SimulatedBus, row: tuple[int, ...]) -> Happening | None:
-        """The meaning of an event for its node; None for events of which no program is told."""
-        time, request, frame, bit, number, tec, rec, kind, code, role, _ = row
-        time_ps = time + self._start_ps
-        if kind == _FREE:
-            self._busy.free(time_ps)
-            return None
-        node = self._nodes[number]
-        node.tec, node.rec = tec, rec
-        known = self._requests.get(request)
-        sent = known[1] if known else None
-        if kind == _STARTED:
-            self._busy.start(time_ps, node, sent)
-            return None
-        if kind == _SENT:
-            self._end(time_ps, False)
-            node.pending.pop(request, None)
-        elif kind != _RECEIVED:
-            self._change(node, kind, code, request, time_ps)
-        if frame >= 0 and sent is not None and sent.format.fd:
-            sent = bus.frame_of_row(frame)  # with the ESI of its sender
-        return time_ps, node, kind, code, role, bit, sent
 
     def _change(self, node: WireNode, kind: int, code: int, request: int, time_ps: int) -> None:
         """Follow an event that is neither the begin nor the end of a frame."""

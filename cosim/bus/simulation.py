@@ -47,7 +47,9 @@ _FD_ON_CLASSIC = "found an FD frame on a classic bus, expected one with fd"
 def bits_on_bus(frame: BusFrame) -> tuple[int, int]:
     """Bits at the nominal and at the data bit rate, as ``cosim.bus.timing.frame_bits``; by C."""
     found = BitsStruct()
-    row = _FRAME.pack(frame.identifier, frame.flags, frame.length, 0, frame.data)
+    kind = frame.format
+    length = frame.dlc if kind.remote else len(frame.data)
+    row = _FRAME.pack(frame.identifier, kind.flags, length, 0, frame.data)
     library().bus_frame_bits(row, c.byref(found))
     return found.nominal, found.data
 
@@ -193,8 +195,9 @@ class SimulatedBus:
             rows, output = self._rows, self._output
             output.n_events = output.n_frames = rows
             more = self._c.bus_advance(self._bus, until_ps, self._there)
-            before = len(self._frames) // _FRAME.size
-            self._frames += self._bytes[1][: output.n_frames * _FRAME.size]
+            before, n_frames = len(self._frames) // _FRAME.size, output.n_frames
+            if n_frames:
+                self._frames += self._bytes[1][: n_frames * _FRAME.size]
             yield output.n_events, before
             if more and rows < 1 << 18:
                 self._make_room(4 * rows)

@@ -330,25 +330,23 @@ class Channel:
         return self._wire.waiting(port.node) < port.options.tx_queue_size
 
     def _hand_out(self, happenings: list[Happening]) -> None:
-        for found in happenings:
-            port = self._by_node.get(found[1])
-            if port is not None:
-                self._deliver(port, found)
-        if happenings:
-            self.lock.notify_all()
-
-    def _deliver(self, port: ChannelPort, found: Happening) -> None:
-        time_ps, node, kind, code, role, bit, frame = found
-        own = kind == _SENT
-        if own or kind == _RECEIVED:
-            if frame and (not own or port.options.receive_own_messages):
-                _keep(port, port.form.of_frame(frame, own, self.stamp(time_ps), self.name))
-        elif kind in _CHANGES or port.options.bus_errors:
-            report = error_message(kind, code, role, bit, (node.tec, node.rec))
-            if report:
-                report.timestamp = self.stamp(time_ps)
-                report.channel = self.name  # type: ignore[assignment]
-                _keep(port, port.form.of_message(report))
+        if not happenings:
+            return
+        for time_ps, node, kind, code, role, bit, frame in happenings:
+            port = self._by_node.get(node)
+            if port is None:
+                continue
+            own = kind == _SENT
+            if own or kind == _RECEIVED:
+                if frame and (not own or port.options.receive_own_messages):
+                    _keep(port, port.form.of_frame(frame, own, self.stamp(time_ps), self.name))
+            elif kind in _CHANGES or port.options.bus_errors:
+                report = error_message(kind, code, role, bit, (node.tec, node.rec))
+                if report:
+                    report.timestamp = self.stamp(time_ps)
+                    report.channel = self.name  # type: ignore[assignment]
+                    _keep(port, port.form.of_message(report))
+        self.lock.notify_all()
 
 
 def _keep(port: ChannelPort, message: Any) -> None:

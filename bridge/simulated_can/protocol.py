@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import os
 import socket
+import struct
 from collections.abc import Hashable
 from typing import Any, NamedTuple, final
 
@@ -38,6 +39,7 @@ _MOST = 1 << 24
 """Bytes of a call; more is no call."""
 _READ = 4096
 """Bytes that are read at once, at least."""
+_LENGTH = struct.Struct(">I")
 
 
 class BusAddress(NamedTuple):
@@ -112,13 +114,13 @@ class CallSocket:
     def send(self, value: object) -> None:
         """Send a value. Raises OSError when the connection is gone."""
         content = self._packed(value)
-        self._socket.sendall(len(content).to_bytes(4, "big") + content)
+        self._socket.sendall(_LENGTH.pack(len(content)) + content)
 
     def receive(self) -> Any:
         """The next value; None at the end of the connection, or where there is no such value."""
         if len(self._got) < 4 and not self._gather(4):
             return None
-        end = 4 + int.from_bytes(self._got[:4], "big")
+        end = 4 + _LENGTH.unpack_from(self._got)[0]
         if len(self._got) < end and not (end <= _MOST and self._gather(end)):
             return None
         content, self._got = self._got[4:end], self._got[end:]

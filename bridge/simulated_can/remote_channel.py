@@ -71,11 +71,12 @@ class RemoteChannel:
 
     def call(self, method: str, *arguments: object) -> Any:
         """The answer to a call, on the connection of this thread."""
-        if getattr(self._own, "socket", None) is None:
-            self._own.socket = CallSocket(connect(self._address))
-            self._connections.add(self._own.socket)
-            self._answer(self._own.socket, "join", self._token, f"{_PROCESS} {get_ident()}")
-        return self._answer(self._own.socket, method, *arguments)
+        connection = getattr(self._own, "socket", None)
+        if connection is None:
+            connection = self._own.socket = CallSocket(connect(self._address))
+            self._connections.add(connection)
+            self._answer(connection, "join", self._token, f"{_PROCESS} {get_ident()}")
+        return self._answer(connection, method, *arguments)
 
     def _answer(self, connection: CallSocket, *call: object) -> Any:
         try:

@@ -133,15 +133,16 @@ class CanWire:
         """The next time at which a frame may be received, ps: never too late; None: nothing is
         sent.
         """
-        if self._busy.sending:
-            end = self._busy.next_end(self.now_ps)
+        busy = self._busy
+        if busy.sending:
+            end = busy.next_end(self.now_ps)
             if end is not None:
                 return end
         if len(self._requests) == 1 and not self._early and not self._offered:
             _, frame = next(iter(self._requests.values()))
-            return max(self.now_ps, self._busy.free_ps) + self._busy.length_ps(frame)
+            return max(self.now_ps, busy.free_ps) + busy.length_ps(frame)
         if self._early or any(node.pending or node.recovering for node in self._nodes):
-            return max(self.now_ps, self._busy.free_ps) + _STEP * self._bit_ps
+            return max(self.now_ps, busy.free_ps) + _STEP * self._bit_ps
         if self._offered:
             return max(self.now_ps, self._offered[0][0]) + _STEP * self._bit_ps
         return None

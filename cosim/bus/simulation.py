@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import ctypes as c
 import struct
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -98,6 +98,7 @@ class SimulatedBus:
         self._make_room(8 * len(nodes) + 1024)
         self._now = 0
         self._frames = b""
+        self._more = False
         self._requests = 0
 
     @property
@@ -164,8 +165,9 @@ class SimulatedBus:
         in the next call, so that a request made at that time can take part. Raises
         BusSimulationError if `until_ps` is in the past.
         """
-        events = []
-        for n_events, before in self._parts(until_ps):
+        events, more = [], True
+        while more:
+            n_events, before, more = self._part(until_ps)
             part = self._room[0][:n_events].copy()
             if before:
                 part["frame"][part["frame"] >= 0] += before
@@ -175,33 +177,36 @@ class SimulatedBus:
     def step(self, until_ps: int) -> list[tuple[int, ...]]:
         """Advance and return tuples with the fields of ``EVENT``: quicker for few events."""
         events: list[tuple[int, ...]] = []
-        for n_events, before in self._parts(until_ps):
+        more = True
+        while more:
+            n_events, before, more = self._part(until_ps)
             part = _EVENT.iter_unpack(self._bytes[0][: n_events * _EVENT.size])
             if before:
                 part = ((*e[:2], e[2] + before if e[2] >= 0 else -1, *e[3:]) for e in part)
             events += part
         return events
 
-    def _parts(self, until_ps: int) -> Iterator[tuple[int, int]]:
-        """Simulate until `until_ps` (ps); yield the number of events in the buffer, and that of
-        the frames before theirs.
+    def _part(self, until_ps: int) -> tuple[int, int, bool]:
+        """Simulate until `until_ps` (ps), or until the buffer is full, then with more room.
 
-        Raises BusSimulationError if `until_ps` is in the past.
+        Returns the number of events in the buffer, that of the frames before theirs, and True if
+        there are more. Raises BusSimulationError if `until_ps` is in the past.
         """
         if until_ps < self._now:
             raise BusSimulationError(f"found {until_ps} ps, expected {self._now} ps (now) or later")
-        more, self._frames = True, b""
-        while more:
-            rows, output = self._rows, self._output
-            output.n_events = output.n_frames = rows
-            more = self._c.bus_advance(self._bus, until_ps, self._there)
-            before, n_frames = len(self._frames) // _FRAME.size, output.n_frames
-            if n_frames:
-                self._frames += self._bytes[1][: n_frames * _FRAME.size]
-            yield output.n_events, before
-            if more and rows < 1 << 18:
-                self._make_room(4 * rows)
-        self._now = until_ps
+        if not self._more:
+            self._frames = b""
+        elif self._rows < 1 << 18:
+            self._make_room(4 * self._rows)
+        output = self._output
+        output.n_events = output.n_frames = self._rows
+        self._more = more = bool(self._c.bus_advance(self._bus, until_ps, self._there))
+        before, n_frames = len(self._frames) // _FRAME.size, output.n_frames
+        if n_frames:
+            self._frames += self._bytes[1][: n_frames * _FRAME.size]
+        if not more:
+            self._now = until_ps
+        return output.n_events, before, more
 
     def _make_room(self, rows: int) -> None:
         self._room = np.empty(rows, EVENT), np.empty(rows, FRAME)

@@ -30,9 +30,6 @@ from cosim.base.streams import complete_output
 
 #: The end of the pipe in a child that is supervised.
 _told: list[int] = []
-#: Parameters of mallopt(3), in <malloc.h> of the GNU C library, and what sets them from outside.
-_TRIM_THRESHOLD, _MMAP_THRESHOLD = -1, -3
-_OWN_LIMITS = {"MALLOC_TRIM_THRESHOLD_", "MALLOC_MMAP_THRESHOLD_", "GLIBC_TUNABLES"}
 
 
 def announce_run_folder(folder: Path) -> None:
@@ -99,26 +96,11 @@ def supervised(command: Callable[[], None]) -> int:
 def _work(command: Callable[[], None], writing: int) -> NoReturn:
     """The child: run the command, and tell its exit code before the interpreter shuts down."""
     codes: list[int] = []
-    _keep_memory()
     atexit.register(_end, codes)
     _told.append(writing)
     codes.append(_code(command))
     os.write(writing, f"code {codes[0]}\n".encode())
     sys.exit(codes[0])
-
-
-def _keep_memory() -> None:
-    """Let the GNU C library keep freed memory, which it would return and fetch again page by page.
-
-    The limits are those to which it raises its own in time (mallopt(3)): 32 MiB for memory of the
-    system's own (M_MMAP_THRESHOLD), and twice as much for what is kept (M_TRIM_THRESHOLD). Limits
-    in the environment stay.
-    """
-    set_limit = getattr(ctypes.CDLL(None), "mallopt", None)
-    if set_limit is None or not _OWN_LIMITS.isdisjoint(os.environ):
-        return
-    set_limit(_MMAP_THRESHOLD, 32 << 20)
-    set_limit(_TRIM_THRESHOLD, 64 << 20)
 
 
 def _end(codes: list[int]) -> None:

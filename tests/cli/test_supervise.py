@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import json
-import mmap
 import os
-import platform
 import signal
 import subprocess
 import sys
@@ -35,34 +33,6 @@ def work():
 
 sys.exit(supervised(work))
 """
-
-
-FAULTS = """
-import resource, sys
-from cosim.cli.supervise import supervised
-
-def work():
-    before = resource.getrusage(resource.RUSAGE_SELF).ru_minflt
-    for size in range(1, 17):  # each larger than all before, so that the library's limit is below
-        bytearray(b"x") * (size << 20)
-    print(resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before)
-
-sys.exit(supervised(work))
-"""
-
-
-@pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="a property of its malloc")
-@pytest.mark.parametrize("limited", [False, True])
-def test_a_command_does_not_fetch_the_pages_of_freed_memory_again(limited: bool) -> None:
-    """1 to 16 MiB one after the other are 136 MiB of pages, and one place of 16 MiB serves all."""
-    kept = {k: v for k, v in os.environ.items() if not k.startswith(("MALLOC_", "GLIBC_"))}
-    limits = {"MALLOC_MMAP_THRESHOLD_": "131072"} if limited else {}
-    done = subprocess.run(
-        [sys.executable, "-c", FAULTS],
-        capture_output=True, text=True, timeout=60, check=True, env={**kept, **limits},
-    )  # fmt: skip
-    fetched = int(done.stdout) * mmap.PAGESIZE / 2**20
-    assert fetched > 100 if limited else fetched < 60
 
 
 @pytest.mark.parametrize("code", [0, 3])

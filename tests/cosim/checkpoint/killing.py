@@ -67,7 +67,7 @@ def completed(given: list[str]) -> int:
     except ScenarioError as error:
         if "the run is finished" not in str(error):
             return forked(command(given))
-        for part in Path("kept").glob(".run.json-*.part"):
+        for part in Path("kept").glob(".run-*.part.json"):
             part.unlink()  # the earlier run is whole, and the next --force deletes this, too
         return 0
     return forked(command(RESUME))

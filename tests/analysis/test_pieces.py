@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -16,35 +15,25 @@ from cosim.analysis import recorded_numbers
 from cosim.analysis.analysis import analyse
 from cosim.analysis.analyzed_port import of_run
 from cosim.analysis.recorded_numbers import approach
-from cosim.engine.simulate import simulate
-from cosim.loading.files import load
 from cosim.measure import felt_impedance
 from cosim.measure.energy import effort
 from cosim.measure.felt_impedance import _accelerated, fit_impedance
-from cosim.record import groups, run
 from cosim.reporting.analysis import draw
-from tests.system.runs import ROOT
+from tests.cosim.record.in_pieces import read_in_pieces, recorded
 
 SIZES = st.lists(st.integers(1, 40), min_size=1, max_size=30)
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
-    """A recording in row groups of 1024 rows."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(groups, "_GROUP_MOST", 1024)
-        place = tmp_path_factory.mktemp("run") / "teleoperation"
-        scenario = load(ROOT / "configs" / "teleoperation.toml", ["run.stop=9 s"])
-        simulate(scenario, place)
-        yield place
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return recorded(tmp_path_factory.mktemp("run"), "teleoperation", "9 s")
 
 
 def test_an_analysis_does_not_depend_on_pieces(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     expected = analyse(of_run(folder), tests=False)
-    monkeypatch.setattr(run, "WHOLE", 0)
-    monkeypatch.setattr(run, "PIECE", 1)
+    read_in_pieces(monkeypatch)
     found = analyse(of_run(folder), tests=False)
     assert len(list(found.recorded)) == 9 and found.recorded.far
     assert found.as_data() == expected.as_data() and len(found.run) > 8

@@ -40,6 +40,13 @@ def changes_in(folder: Path, stop: float) -> tuple[str, ...]:
     return (LOCKSTEP, wait, f"run.stop={stop}", *sockets(ARMS, folder))
 
 
+def prepared(tmp_path: Path, stop: float) -> tuple[System, Path, tuple[str, ...]]:
+    """The teleoperation in lock-step, its new run folder, and the changes that make it so."""
+    changes = changes_in(tmp_path, stop)
+    (tmp_path / "run").mkdir()
+    return load_system(SCENARIO, str(DEPLOYMENT), changes), tmp_path / "run", changes
+
+
 def settings_of(
     kept: KeptRun,
     system: System,
@@ -73,10 +80,7 @@ def is_the_twin(system: System, folder: Path) -> None:
 
 @pytest.mark.parametrize("seed", [0, *(pytest.param(n, marks=pytest.mark.slow) for n in (1, 2))])
 def test_a_run_that_is_killed_is_resumed_to_the_bits_of_the_twin(seed: int, tmp_path: Path) -> None:
-    random, folder = Random(seed), tmp_path / "run"
-    changes = changes_in(tmp_path, 20.0)
-    system = load_system(SCENARIO, str(DEPLOYMENT), changes)
-    folder.mkdir()
+    random, (system, folder, changes) = Random(seed), prepared(tmp_path, 20.0)
     kept = KeptRun(0.0, {"place": os.getcwd()})
     for kill_at in sorted(random.uniform(0.0, 19.0) for _ in range(1 + seed)):
         settings = settings_of(kept, system, folder, changes)
@@ -92,9 +96,7 @@ def test_a_run_that_is_killed_is_resumed_to_the_bits_of_the_twin(seed: int, tmp_
 
 @pytest.mark.slow
 def test_a_run_that_is_interrupted_saves_its_state_first(tmp_path: Path) -> None:
-    folder, changes = tmp_path / "run", changes_in(tmp_path, 20.0)
-    system = load_system(SCENARIO, str(DEPLOYMENT), changes)
-    folder.mkdir()
+    system, folder, changes = prepared(tmp_path, 20.0)
     kept = KeptRun(1e3, {"place": os.getcwd()})
     settings = settings_of(kept, system, folder, changes)
 
@@ -113,9 +115,7 @@ def test_a_run_that_is_interrupted_saves_its_state_first(tmp_path: Path) -> None
 
 @pytest.mark.slow
 def test_a_damaged_state_is_recognised_and_the_one_before_it_is_used(tmp_path: Path) -> None:
-    folder, changes = tmp_path / "run", changes_in(tmp_path, 12.0)
-    system = load_system(SCENARIO, str(DEPLOYMENT), changes)
-    folder.mkdir()
+    system, folder, changes = prepared(tmp_path, 12.0)
     kept = KeptRun(0.0, {"place": os.getcwd()})
     run(system, settings_of(kept, system, folder, changes), folder, 5.0)
     number, _ = last_number(system, folder / NODES) or (-1, -1)
@@ -196,9 +196,7 @@ def pid_of(folder: Path, node: str) -> int:
 def test_nodes_that_are_killed_are_replaced_and_the_run_is_the_twin(
     seed: int, tmp_path: Path
 ) -> None:
-    random, folder, changes = Random(seed), tmp_path / "run", changes_in(tmp_path, 20.0)
-    system = load_system(SCENARIO, str(DEPLOYMENT), changes)
-    folder.mkdir()
+    random, (system, folder, changes) = Random(seed), prepared(tmp_path, 20.0)
     kept = KeptRun(random.choice((0.0, 0.2)), {"place": os.getcwd()})
     killer = Killer(
         [random.uniform(0.0, 19.0) for _ in range(1 + seed % 3)],
@@ -219,9 +217,7 @@ def test_nodes_that_are_killed_are_replaced_and_the_run_is_the_twin(
 
 @pytest.mark.slow
 def test_a_node_that_dies_again_and_again_ends_the_run(tmp_path: Path) -> None:
-    folder, changes = tmp_path / "run", changes_in(tmp_path, 20.0)
-    system = load_system(SCENARIO, str(DEPLOYMENT), changes)
-    folder.mkdir()
+    system, folder, changes = prepared(tmp_path, 20.0)
     kept = KeptRun(1e3, {"place": os.getcwd()})  # without a checkpoint after that at the start
     killer = Killer([2.0] * 9, lambda number: pid_of(folder, "slave"))
     settings = settings_of(kept, system, folder, changes)

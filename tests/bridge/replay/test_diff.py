@@ -20,8 +20,9 @@ from bridge.replay.page import write_diff_page, write_junit
 from bridge.results.outcome import run_twin
 from cosim.base.errors import ScenarioError
 from cosim.cli.options import flat
-from cosim.record import Column, Recorder, Run, groups, run, write_metadata
+from cosim.record import Column, Recorder, Run, groups, write_metadata
 from tests.bridge.deployments import SHORT, TELEOPERATION, named, offline
+from tests.cosim.record.in_pieces import read_in_pieces
 
 app = typer.Typer()
 app.command()(flat(diff))
@@ -171,8 +172,7 @@ def test_a_comparison_does_not_depend_on_pieces(tmp_path, monkeypatch, values, e
     a = made(tmp_path / "a", {"x": x[0], "y": x[1], "z": gaps})
     b = made(tmp_path / "b", {"x": x[0] + x[1] / 9, "y": x[1], "z": gaps + 1}, every=every)
     expected = compare_runs(a, b)
-    monkeypatch.setattr(run, "WHOLE", 0)
-    monkeypatch.setattr(run, "PIECE", values)
+    read_in_pieces(monkeypatch, values)
     monkeypatch.setattr(aligned, "VALUES", values)
     assert compare_runs(a, b) == expected
     monkeypatch.undo()

@@ -11,11 +11,12 @@ from hypothesis import strategies as st
 
 from cosim.measure.joint_limits import beyond
 from cosim.measure.metrics import Metric, metric
-from cosim.record import Column, Run, run
+from cosim.record import Column, Run
 from cosim.record.digest import digest
 from cosim.record.groups import GroupWriter
 from cosim.record.piecewise import PairwiseSum, RunningIntegral, Trapezoids
 from tests.cosim.formulas.recorded import requirement
+from tests.cosim.record.in_pieces import read_in_pieces
 
 ROWS = 7001  # seven row groups of 1024 rows
 
@@ -41,8 +42,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def in_pieces(folder: Path, values: int, monkeypatch: pytest.MonkeyPatch) -> Run:
     """A run of which a piece has about so many values."""
-    monkeypatch.setattr(run, "WHOLE", 0)
-    monkeypatch.setattr(run, "PIECE", values)
+    read_in_pieces(monkeypatch, values)
     return Run.open(folder)
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -10,29 +9,20 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from cosim.engine.simulate import simulate
-from cosim.loading.files import load
-from cosim.record import Run, groups, run
+from cosim.record import Run
 from cosim.record.piecewise import at_times
 from cosim.reporting.run_report import write_report
 from cosim.reporting.thinning import Thinned, thin
-from tests.system.runs import ROOT
+from tests.cosim.record.in_pieces import read_in_pieces, recorded
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
-    """A recording in row groups of 1024 rows."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(groups, "_GROUP_MOST", 1024)
-        place = tmp_path_factory.mktemp("run") / "teaching"
-        scenario = load(ROOT / "configs" / "teaching.toml", ["run.stop=7 s"])
-        simulate(scenario, place)
-        yield place
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return recorded(tmp_path_factory.mktemp("run"), "teaching", "7 s")
 
 
 def in_pieces(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Run:
-    monkeypatch.setattr(run, "WHOLE", 0)
-    monkeypatch.setattr(run, "PIECE", 1)
+    read_in_pieces(monkeypatch)
     return Run.open(folder)
 
 

@@ -91,7 +91,7 @@ def message_of_frame(frame: BusFrame, own: bool, stamp: float, channel: Hashable
         kind.remote,
         False,
         channel,  # type: ignore[arg-type]
-        frame.dlc if kind.remote else len(data),
+        frame.length,
         data,
         kind.fd,
         not own,

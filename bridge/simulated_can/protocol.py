@@ -163,9 +163,8 @@ def pack_message(message: can.Message) -> list[Any]:
 
 def pack_frame(frame: BusFrame, own: bool, stamp: float, _: Hashable) -> list[Any]:
     """The same for a frame that a bus has received at `stamp` (s); `own`: it is the sender."""
-    kind = frame.format
-    length = frame.dlc if kind.remote else len(frame.data)
-    return [frame.identifier, received_flags(kind.flags, own), length, frame.data, stamp]
+    flags = received_flags(frame.flags, own)
+    return [frame.identifier, flags, frame.length, frame.data, stamp]
 
 
 PACKED = MessageForm(pack_frame, pack_message)

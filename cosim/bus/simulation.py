@@ -47,9 +47,7 @@ _FD_ON_CLASSIC = "found an FD frame on a classic bus, expected one with fd"
 def bits_on_bus(frame: BusFrame) -> tuple[int, int]:
     """Bits at the nominal and at the data bit rate, as ``cosim.bus.timing.frame_bits``; by C."""
     found = BitsStruct()
-    kind = frame.format
-    length = frame.dlc if kind.remote else len(frame.data)
-    row = _FRAME.pack(frame.identifier, kind.flags, length, 0, frame.data)
+    row = _FRAME.pack(frame.identifier, frame.flags, frame.length, 0, frame.data)
     library().bus_frame_bits(row, c.byref(found))
     return found.nominal, found.data
 
@@ -124,11 +122,10 @@ class SimulatedBus:
         arbitration at that time. Raises BusSimulationError for a time in the past, for more future
         requests than the node's inbox holds, and for an FD frame on a classic bus.
         """
-        kind = frame.format
-        if kind.fd and not self.timing.fd:
+        if frame.format.fd and not self.timing.fd:
             raise BusSimulationError(_FD_ON_CLASSIC)
-        length = frame.dlc if kind.remote else len(frame.data)
-        row = _REQUEST.pack(at_ps, node, 0, frame.identifier, kind.flags, length, 0, frame.data)
+        content = (frame.identifier, frame.flags, frame.length, 0, frame.data)
+        row = _REQUEST.pack(at_ps, node, 0, *content)
         if not self._c.bus_request(self._bus, row, 1):
             raise BusSimulationError(self._refused(np.frombuffer(row, REQUEST)[0]))
         self._requests += 1

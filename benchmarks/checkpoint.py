@@ -81,10 +81,10 @@ def killed(scenario: Any, place: Path, interval: float | None) -> tuple[float, f
 
 def one(scenario: Any, place: Path) -> tuple[float, int]:
     """The mean time (s) of a checkpoint after every chunk, and the bytes of the last one."""
-    from cosim.checkpoint import CheckpointKeeper
+    from cosim.checkpoint import CheckpointInterval, CheckpointKeeper
     from cosim.engine.simulate import Execution, simulate
 
-    every = CheckpointKeeper(0.0, {})
+    every = CheckpointKeeper(CheckpointInterval(0.0), {})
     shutil.rmtree(place, ignore_errors=True)
     simulate(scenario, place, execution=Execution(1, every))
     return every.spent / every.count, every.size
@@ -129,7 +129,7 @@ def of_fmus(scenario: Any, path: Path, rounds: int) -> tuple[float, float]:
 
 def measure(name: str, rounds: int, scale: float) -> dict[str, Any]:
     """One row."""
-    from cosim.checkpoint import CheckpointKeeper
+    from cosim.checkpoint import CheckpointInterval, CheckpointKeeper
     from cosim.engine.simulate import Execution, simulate
     from cosim.loading.files import load
 
@@ -144,7 +144,7 @@ def measure(name: str, rounds: int, scale: float) -> dict[str, Any]:
         place = Path(folder) / "run"
         for _ in range(rounds):
             note("without", simulate(scenario, place, force=True).wall)
-            keeper = Execution(1, CheckpointKeeper(1.0, {}))
+            keeper = Execution(1, CheckpointKeeper(CheckpointInterval(1.0), {}))
             note("with", simulate(scenario, place, force=True, execution=keeper).wall)
             seconds, size = one(scenario, place)
             note("one", seconds)

@@ -32,19 +32,18 @@ class CheckpointInterval:
 class CheckpointKeeper:
     """Keeps the state of one run (:class:`cosim.engine.simulate.Keeper`).
 
-    `interval`: time between two checkpoints, s; a number: wall time. `given`: what the command was
-    given, for one that resumes the run. `resumption`: from where this run is resumed; None: from
-    its start. Its caller ends the keeper once what is made of the run is complete, too.
+    `interval`: between two checkpoints. `given`: what the command was given, for one that resumes
+    the run. `resumption`: from where this run is resumed; None: from its start. Its
+    caller ends the keeper once what is made of the run is complete, too.
     """
 
     def __init__(
         self,
-        interval: float | CheckpointInterval,
+        interval: CheckpointInterval,
         given: Mapping[str, Any],
         resumption: Resumption | None = None,
     ) -> None:
-        self._interval = CheckpointInterval(interval) if isinstance(interval, float) else interval
-        self._given, self._from = dict(given), resumption
+        self._interval, self._given, self._from = interval, dict(given), resumption
         self._every = 0  # ticks between two checkpoints; 0: wall time
         facts = {} if resumption is None else resumption.found.facts
         self._number = 0 if resumption is None else resumption.number + 1

@@ -12,7 +12,7 @@ from pathlib import Path
 from random import Random
 from typing import Any
 
-from cosim.checkpoint import CheckpointKeeper, Resumption
+from cosim.checkpoint import CheckpointInterval, CheckpointKeeper, Resumption
 from cosim.engine.simulate import Execution, simulate
 from cosim.record.folder import CHECKPOINTS
 from cosim.scenario.assemble import assemble
@@ -41,7 +41,7 @@ def kept(folder: Path, scenario: Scenario, copies: dict[int, Path], threads: int
         while left and done >= left[0]:
             shutil.copytree(folder, copies[left.pop(0)])
 
-    keeper = CheckpointKeeper(0.0, {})
+    keeper = CheckpointKeeper(CheckpointInterval(0.0), {})
     simulate(scenario, folder, copy, execution=Execution(threads, keeper))
     keeper.end()
     assert not left and not (folder / CHECKPOINTS).exists()
@@ -50,7 +50,7 @@ def kept(folder: Path, scenario: Scenario, copies: dict[int, Path], threads: int
 def resumed(folder: Path, scenario: Scenario, threads: int = 1, interval: float = 1e9) -> int:
     """Resume a run to its end; the tick from which on."""
     found = Resumption.open(folder)
-    keeper = CheckpointKeeper(interval, {}, found)
+    keeper = CheckpointKeeper(CheckpointInterval(interval), {}, found)
     simulate(scenario, folder, execution=Execution(threads, keeper))
     keeper.end()
     return found.tick

@@ -14,7 +14,7 @@ import pytest
 from typer.testing import CliRunner
 
 from cosim.base.errors import CosimError, RunError
-from cosim.checkpoint import CheckpointKeeper, archive
+from cosim.checkpoint import CheckpointInterval, CheckpointKeeper, archive
 from cosim.cli.commands import app
 from cosim.engine import simulate as simulation
 from cosim.engine.simulate import Execution, simulate
@@ -62,7 +62,7 @@ def cut(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         "links": None,
     }  # fmt: skip
     scenario = load(FILE, [f"run.stop={STOP}"])
-    keeper = CheckpointKeeper(0.0, given)
+    keeper = CheckpointKeeper(CheckpointInterval(0.0), given)
     further = {"command": "cosim run"}
     simulate(scenario, folder, copy, further=further, execution=Execution(1, keeper))
     keeper.end()
@@ -249,7 +249,7 @@ def test_an_interval_of_the_run_is_kept_at_its_ticks(
 def test_a_run_that_is_finished_without_a_verdict_is_completed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """As after a kill between the last tick and the requirements."""
+    """The run folder is as after a kill between the last tick and the requirements."""
     monkeypatch.chdir(tmp_path)
     given = [FILE, "--stop", STOP, "--no-plot"]
     assert run(*given, "--out", "whole").exit_code == 0

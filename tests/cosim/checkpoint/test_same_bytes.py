@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from cosim.checkpoint import CheckpointKeeper, Resumption
+from cosim.checkpoint import CheckpointInterval, CheckpointKeeper, Resumption
 from cosim.engine import simulate as simulation
 from cosim.engine.simulate import Execution, simulate
 from cosim.loading.files import load
@@ -80,7 +80,7 @@ def test_a_run_may_be_resumed_again_and_again(tmp_path: Path) -> None:
                 shutil.copytree(place, after)
 
         interval = 1e9 if number % 2 else 0.0
-        keeper = CheckpointKeeper(interval, {}, Resumption.open(place))
+        keeper = CheckpointKeeper(CheckpointInterval(interval), {}, Resumption.open(place))
         simulate(make(), place, copy, execution=Execution(1, keeper))
         keeper.end()
         assert contents(place) == contents(tmp_path / "whole")
@@ -100,7 +100,12 @@ def stopped(tmp_path: Path) -> Iterator[Path]:
 
     scenario = load(CONFIGS / "teleoperation.toml", ["run.stop=3"])
     with pytest.raises(RuntimeError):
-        simulate(scenario, folder, stop, execution=Execution(1, CheckpointKeeper(0.0, {})))
+        simulate(
+            scenario,
+            folder,
+            stop,
+            execution=Execution(1, CheckpointKeeper(CheckpointInterval(0.0), {})),
+        )
     yield folder
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from cosim.base.errors import ScenarioError
-from cosim.checkpoint import CheckpointKeeper
+from cosim.checkpoint import CheckpointInterval, CheckpointKeeper
 from cosim.engine.simulate import Execution, simulate
 from cosim.loading.files import load
 from cosim.scenario.assemble import assemble
@@ -56,7 +56,7 @@ def test_it_is_refused_before_the_run(
     tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.syspath_prepend(str((ROOT / name).parent))
-    execution = Execution(1, CheckpointKeeper(0.0, {}))
+    execution = Execution(1, CheckpointKeeper(CheckpointInterval(0.0), {}))
     with pytest.raises(ScenarioError, match=REFUSED[name]):
         simulate(load(ROOT / name), tmp_path / "run", execution=execution)
     assert not (tmp_path / "run").exists()

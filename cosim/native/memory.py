@@ -30,15 +30,13 @@ def unit_pieces(name: str, unit: structs.UnitStruct) -> Iterator[Piece]:
 
 def save(piece: Piece) -> bytes:
     """The values of a piece."""
-    _, rows, fields = piece
-    return b"".join(rows[name].tobytes() for name in fields) if fields else rows.tobytes()
+    return b"".join(view.tobytes() for view in _views(piece))
 
 
 def restore(piece: Piece, data: bytes) -> None:
     """Write such values into a piece. Raises ValueError if they are of another size."""
-    _, rows, fields = piece
-    views = [rows[name] for name in fields] if fields else [rows]
-    if len(data) != sum(view.nbytes for view in views):
+    views = _views(piece)
+    if len(data) != size(piece):
         raise ValueError(f"{piece[0]} has {len(data)} bytes")
     at = 0
     for view in views:
@@ -48,7 +46,13 @@ def restore(piece: Piece, data: bytes) -> None:
 
 def size(piece: Piece) -> int:
     """The number of bytes of a piece."""
-    return len(save(piece))
+    return sum(view.nbytes for view in _views(piece))
+
+
+def _views(piece: Piece) -> list[NDArray[Any]]:
+    """The arrays whose values are saved, one after the other."""
+    _, rows, fields = piece
+    return [rows[name] for name in fields] if fields else [rows]
 
 
 def _typed(name: str, address: int) -> Iterator[Piece]:

@@ -25,7 +25,7 @@ from cosim.record.folder import CHECKPOINTS, reason
 
 #: Added to the name of a journal whose first rows a resumed node takes over.
 EARLIER = ".earlier"
-#: Bytes of a part of a journal.
+#: Bytes of a part of a file that is sent.
 PART = 1 << 20
 #: s between two looks for commands that come over the network while a node stands.
 LOOK = 0.05

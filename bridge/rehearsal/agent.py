@@ -45,8 +45,6 @@ from cosim.base.interrupts import die_with
 from cosim.base.python import add_working_directory, python_call
 from cosim.checkpoint.archive import LATEST
 
-#: Bytes of a file in one line, before compression.
-PART = 1 << 20
 _READ = 1 << 16
 #: s between two signs of life, both ways.
 BEAT = 0.5
@@ -375,14 +373,14 @@ class Agent:
         checkpoints.put_back(self.nodes)
         for path in sorted(self.nodes.iterdir()) if not self.task.folder else ():
             with path.open("rb") as file:
-                part = file.read(PART)
+                part = file.read(checkpoints.PART)
                 while True:
                     at = file.tell() - len(part)
                     if part.count(0) == len(part):
                         self.say("file", name=path.name, at=at, zeros=len(part))
                     else:
                         self.say("file", name=path.name, at=at, data=packed(part))
-                    if not (part := file.read(PART)):
+                    if not (part := file.read(checkpoints.PART)):
                         break
         self.say("collected")
 

@@ -347,8 +347,8 @@ class RemoteHosts:
                 after = f"after {patience:g} s (patience)"
                 if absent:
                     raise LostError(f"host {', '.join(absent)}: not there {after}", tuple(absent))
-                host, sentence = self._cut_off()
-                text = f"{sentence} {after}; check addresses, ports and certificates"
+                host, what = self._cut_off()
+                text = f"host {host}: {what} {after}; check addresses, ports and certificates"
                 raise LostError(text, (host,))
             sleep(LOOK)
         for found in self.connections.values():
@@ -368,15 +368,12 @@ class RemoteHosts:
         ]
 
     def _cut_off(self) -> tuple[str, str]:
-        """The host that is not connected to the most others, of two the last, and a sentence."""
+        """The host that is not connected to the most others, of two the last, and what is wrong."""
         pairs = self._unconnected()
         order, counted = list(self.connections), Counter(name for pair in pairs for name in pair)
         host = max(counted, key=lambda name: (counted[name], order.index(name)))
         others = [a if b == host else b for a, b in pairs if host in (a, b)]
-        return (
-            host,
-            f"host {host}: its Zenoh router is not connected to that of {', '.join(others)}",
-        )
+        return host, f"its Zenoh router is not connected to that of {', '.join(others)}"
 
     def _watch_routers(self) -> None:
         """Give up a host whose router has lost the others."""
@@ -385,12 +382,10 @@ class RemoteHosts:
             return
         self._apart = self._apart or stopwatch()
         if self._apart() > APART:
-            host, sentence = self._cut_off()
+            host, what = self._cut_off()
             self._apart = None
             limit = self._file.silence
-            self.connections[host].fail(
-                f"{sentence.partition(': ')[2]} any more, for {limit:g} s (silence)"
-            )
+            self.connections[host].fail(f"{what} any more, for {limit:g} s (silence)")
 
     def start_node(self, start: NodeStart) -> NodeHandle:
         """Start a life of a node on its host."""

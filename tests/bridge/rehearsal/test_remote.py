@@ -12,8 +12,9 @@ from typing import Any
 import pytest
 
 from bridge.deployment.system import load_system
+from bridge.node.checkpoints import PART
 from bridge.rehearsal import host_file
-from bridge.rehearsal.agent import PART, Agent, HostTask
+from bridge.rehearsal.agent import Agent, HostTask
 from bridge.rehearsal.remote import HostConnection, RemoteHosts, on_hosts
 from bridge.rehearsal.settings import Settings
 from bridge.rehearsal.supervisor import NODES, Rehearsal

@@ -1,4 +1,4 @@
-"""What a step of FMUs of other tools costs: the engine against a bare C loop over the same calls.
+"""The cost of a step of FMUs of other tools: the engine against a bare C loop over the same calls.
 
     python benchmarks/foreign.py [FMU...] [--quick] [--json FILE] [--rounds N]
 

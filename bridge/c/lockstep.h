@@ -15,7 +15,7 @@
  * samples of a window are handed over at once.
  *
  * Checkpoints: before the first slot at or after `until_ns` the node waits for all samples that were sent
- * before this time, and returns LOCKSTEP_UNTIL; the next call goes on. If all nodes stand at the same time
+ * before this time, and returns LOCKSTEP_UNTIL; the next call continues. If all nodes stand at the same time
  * there, no sample is on its way that was sent before.
  */
 #ifndef BRIDGE_LOCKSTEP_H
@@ -48,7 +48,7 @@ typedef struct {
     int64_t found;       /* LOST: number of the sample that came instead, modulo 65536 */
     int64_t unsent_ns;   /* since when something waits to be handed over (CLOCK_MONOTONIC); 0: nothing */
     int64_t until_ns;    /* relative to the start; < 0: to the end */
-    int32_t resumed;     /* 1: it goes on in the middle of a run, with the state that it had there */
+    int32_t resumed;     /* 1: it continues a run from the middle, with the state that it had there */
     int32_t begun;       /* START has come */
 } lockstep_t;
 

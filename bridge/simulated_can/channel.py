@@ -98,11 +98,7 @@ class Channel:
         """The time that the channel has reached, ps."""
         return self._wire.now_ps
 
-    def open(
-        self,
-        options: PortOptions,
-        form: MessageForm = MESSAGES,
-    ) -> ChannelPort:
+    def open(self, options: PortOptions, form: MessageForm = MESSAGES) -> ChannelPort:
         """A new port, which receives messages in this form."""
         with self.lock:
             self._catch_up()

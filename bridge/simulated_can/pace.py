@@ -53,7 +53,7 @@ class ChannelLock(threading.Condition):
         self._sleepers = 0
 
     def wait(self, timeout: float | None = None) -> bool:
-        """Wait to be told, for up to `timeout` (s); False if nobody told."""
+        """Wait to be told, for up to `timeout` (s); false when that is over."""
         self._sleepers += 1
         try:
             return super().wait(timeout)

@@ -28,8 +28,8 @@ from cosim.record.live import Column, Live, RecordLayout, Rows
 
 __all__ = ["Column", "Recorder"]
 
-#: Buffers: the engine goes on filling some while the thread writes a row group, which takes as long
-#: as several of them; no more than hold so many numbers (8 MiB), but a few.
+#: Buffers: the engine continues to fill some while the thread writes a row group, which takes as
+#: long as several of them; no more than hold so many numbers (8 MiB), but a few.
 _WAITING, _BUFFERS, _BUFFERS_LEAST = 1 << 20, 8, 3
 
 

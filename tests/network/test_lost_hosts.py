@@ -129,7 +129,7 @@ class Run:
             )  # fmt: skip
 
     def of(self, host: str, *kinds: str) -> dict[int, str]:
-        """What runs on a host now because of this run and is of one of the kinds."""
+        """The processes of these kinds that this run has on a host now."""
         return {
             pid: words
             for pid, words in inside(self.hosts.hosts[host]).items()
@@ -157,7 +157,7 @@ class Run:
         return self._output.read_text(errors="replace")
 
     def left(self) -> dict[int, str]:
-        """What still runs."""
+        """The processes that still run."""
         return {
             pid: words
             for name in self.hosts.hosts.values()

@@ -378,7 +378,7 @@ def test_who_starts_at_once_says_when(tmp_path):
 @pytest.mark.parametrize("kept", [0, 1])
 @pytest.mark.parametrize("same", [True, False])
 def test_two_hosts_on_can_with_one_number_are_told_apart(tmp_path, same, kept):
-    """What a node says at its start, as a node hears it whose host has the same number."""
+    """A node hears the EPOCH of a node whose host has the same number, and HOST before it."""
     ours = HostClock("ours", kept=False)
     names = (HostClock(f"{i}", kept=False) for i in range(10_000))
     sender = ours if same else next(host for host in names if host.number == ours.number)

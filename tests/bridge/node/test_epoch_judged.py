@@ -159,7 +159,7 @@ def test_on_can_every_message_may_contradict_and_no_identity_is_missed(on_can):
 
 
 def test_a_host_frame_counts_for_the_next_epoch_within_a_second(on_can):
-    """Of the sender's number; behind it the date counts, as for who sends none."""
+    """A HOST of another number, or an old one, is as none: then the date counts."""
     near = replace(SOON, date=(HOST & 63, 0.0, 0.5))
     for number, ago, expected in (
         (HOST & 63, 0.5, "refused"), (HOST - 1 & 63, 0.5, "believed"), (HOST & 63, 1.5, "believed"),

@@ -143,7 +143,7 @@ def test_a_ros_topic_is_heard_over_zenoh(
             date = realtime_ns()
             session.put(
                 JOINTS, _joint_state(date - 3 * MS), attachment=_attached(k, date),
-                congestion_control=CongestionControl.BLOCK,  # where nobody reads, none is dropped
+                congestion_control=CongestionControl.BLOCK,  # none is dropped if none is read yet
             )  # fmt: skip
 
         with _repeated(send):

@@ -58,7 +58,7 @@ def test_kills_at_all_changes_of_files(tmp_path: Path, stage: str) -> None:
 @pytest.mark.parametrize("interval", ["0s", "0.05", "t=0.5s"])
 @pytest.mark.parametrize("name", RUNS)
 def test_kills_at_random_times(tmp_path: Path, name: str, interval: str) -> None:
-    """Of the process that computes, again and again until it is finished."""
+    """The process that computes is killed again and again until it is finished."""
     if name == "mujoco":
         pytest.importorskip("mujoco")
     file, *settings = RUNS[name]

@@ -63,7 +63,7 @@ def test_a_run_that_is_partly_deleted_is_not_finished_and_is_deleted_later(
     """Its deletion ends (as by a kill) before the first file, before the second one and so on."""
 
     class Killed(BaseException):
-        """As a signal that ends the process."""
+        """A stand-in for a signal that ends the process."""
 
     unlink, left = Path.unlink, 0
 

@@ -111,7 +111,10 @@ class Ours(StrictDrive):
             self._live(INACTIVE, now, "reset")
 
     def _epoch(self, data: bytes, now: float) -> None:
-        origin = (int.from_bytes(data[2:8], "little") >> 15) * 1e-5
+        bits = int.from_bytes(data[2:8], "little")
+        if bits >> 6 & 255 == 0:
+            return  # HOST or DATE, which have no t = 0
+        origin = (bits >> 15) * 1e-5
         t0 = origin + round((now - origin) / TURN) * TURN
         if abs(t0 - self.t0) > 1e-3:
             self.log(now, self.number, "epoch", t0=round(t0, 5))

@@ -287,6 +287,27 @@ def test_cia402_loses_its_host_and_needs_an_edge() -> None:
 # ---- ours --------------------------------------------------------------------------------------
 
 
+def epoch(host: int, origin: float, kept: int = 0) -> bytes:
+    """An EPOCH without a right CRC, which the drive does not look at; `origin` in s."""
+    bits = 1 | host << 6 | kept << 14 | round(origin * 1e5) << 15
+    return bytes(2) + bits.to_bytes(6, "little")
+
+
+@pytest.mark.parametrize("identity", [0, 1, 2**31, 2**32 - 1])
+def test_our_drive_starts_at_an_epoch_and_at_no_host_or_date(identity: int) -> None:
+    """The origin of a HOST is any number of 32 bits: hours before or behind the present date."""
+    line = Line(Ours, 1, Setup(timeout=0.1, host=2, fd=True))
+    line.send(1, 0x000, b"\x80\x01")
+    line.send(2, 0x002, epoch(0, identity * 1e-5, kept=1))
+    line.send(3, 0x002, epoch(0, 1000.003))
+    assert not line.drive.enabled and not line.drive.t0
+    line.send(4, 0x002, epoch(77, 1000.05))
+    assert line.drive.enabled and line.drive.t0 == pytest.approx(1000.05)
+    line.at(59)
+    stamps = [m.data[4:8] for _, m in line.drive.out if m.arbitration_id == 0x4A1]
+    assert stamps[-1] == struct.pack("<I", 5000)
+
+
 def test_our_drive_takes_torques_only_when_started_and_fed() -> None:
     from tests.strict_drives.ours import profile5
 

@@ -19,13 +19,13 @@ API int64_t epoch_origin_us(int64_t date_ns) { return (date_ns + UNIT_NS / 2) % 
 
 API int32_t epoch_run(int64_t origin_ns) { return (int32_t)(origin_ns / 1000 % EPOCH_RUNS) + 1; }
 
-void epoch_host_values(const epoch_t *e, double *values)
+void epoch_host_values(const double *epoch, double *values)
 {
     for (int32_t i = 0; i < EPOCH_VALUES; i++) values[i] = 0.0;
-    values[EPOCH_RUN] = e->host & EPOCH_DATE_RUN;
+    values[EPOCH_RUN] = (int32_t)epoch[EPOCH_HOST] & EPOCH_DATE_RUN;
     values[EPOCH_HOST] = EPOCH_DATE_HOST;
     values[EPOCH_KEPT] = 1.0;
-    values[EPOCH_ORIGIN] = e->identity[0] * 10.0;
+    values[EPOCH_ORIGIN] = epoch[EPOCH_IDENTITY] * 10.0;
 }
 
 int32_t epoch_host_is(const epoch_t *e, const double *values)

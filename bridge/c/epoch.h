@@ -11,7 +11,8 @@
  * whose run is the low bits of the sender's number: HOST, whose `kept` is 1 and whose origin is the first of
  * these values, and DATE, whose `kept` is 0 and whose origin is the date at which it is sent. A node without a
  * date (a microcontroller) takes that one, believes the EPOCH behind it, and sends none. A receiver that does
- * not know HOST takes it for a DATE, which the DATE behind it corrects.
+ * not know HOST takes it for a DATE, which the DATE behind it corrects. A gateway makes the HOST of an EPOCH from
+ * Zenoh of the identity in it, since t = 0 is in the clock of that host; a DATE only if it has the same clock.
  */
 #ifndef BRIDGE_EPOCH_H
 #define BRIDGE_EPOCH_H
@@ -54,8 +55,9 @@ typedef struct {
 API int32_t epoch_run(int64_t origin_ns);
 /* On this process's clock: t = 0 of a message with this origin (us) that came at arrival_ns. */
 int64_t epoch_origin_ns(double us, int64_t arrival_ns);
-/* The values of the HOST of this host, and whether a HOST is ours: 1, or another: -1; 0: ours is not known. */
-void epoch_host_values(const epoch_t *e, double *values);
+/* The values of the HOST that goes before an EPOCH with these values. */
+void epoch_host_values(const double *epoch, double *values);
+/* Whether a HOST is ours: 1, or another: -1; 0: ours is not known. */
 int32_t epoch_host_is(const epoch_t *e, const double *values);
 /* The value in the message for a date of t = 0 (ns since 1970): us, a multiple of 10, modulo 2^33 * 10 us. */
 API int64_t epoch_origin_us(int64_t date_ns);

@@ -12,22 +12,31 @@ static const int64_t BELIEVED_NS = 2000000000; /* a date may differ so much from
 static const int64_t FRESH_NS = 1000000000;    /* START belongs to the EPOCH that came so long before */
 static const int64_t AHEAD_NS = 5000000000;    /* the latest t = 0 of a host that only a number tells */
 
-/* The next frame of this kind; HOST and DATE first where it has no room for the identity of the host. */
+/* HOST, and DATE if that host has the date of this one, before an EPOCH with these values on a bus whose EPOCH
+ * has no room for the identity of the host. */
+static void introduce(node_t *n, int32_t bus, const double *v, int32_t dated, header_t header)
+{
+    const message_t *m = n->services[bus].epoch;
+    const int64_t t = pace_now();
+    const double date[EPOCH_VALUES] = {(int32_t)v[EPOCH_HOST] & EPOCH_DATE_RUN, EPOCH_DATE_HOST, 0,
+                                       (double)epoch_origin_us(t + pace_date())};
+    double host[EPOCH_VALUES];
+    if (!m || m->n_fields > EPOCH_IDENTITY) return;
+    epoch_host_values(v, host);
+    header.counter = n->epoch.said++;
+    node_service(n, bus, m, host, header, t - n->start_ns);
+    if (!dated) return;
+    header.counter = n->epoch.said++;
+    node_service(n, bus, m, date, header, t - n->start_ns);
+}
+
+/* The next EPOCH, with what goes before it. */
 static void say(node_t *n, int32_t bus, const double *v)
 {
     const message_t *m = n->services[bus].epoch;
     header_t header = {0, n->simulated ? STATUS_SIMULATED : 0, 0, 0};
     if (!m || n->epoch.adopts) return;
-    if (m->n_fields <= EPOCH_IDENTITY) {
-        const double date = (double)epoch_origin_us(pace_now() + pace_date());
-        const double now[EPOCH_VALUES] = {n->epoch.host & EPOCH_DATE_RUN, EPOCH_DATE_HOST, 0, date};
-        double host[EPOCH_VALUES];
-        epoch_host_values(&n->epoch, host);
-        header.counter = n->epoch.said++;
-        node_service(n, bus, m, host, header, pace_now() - n->start_ns);
-        header.counter = n->epoch.said++;
-        node_service(n, bus, m, now, header, pace_now() - n->start_ns);
-    }
+    introduce(n, bus, v, 1, header);
     header.counter = n->epoch.said++;
     node_service(n, bus, m, v, header, pace_now() - n->start_ns);
 }
@@ -84,6 +93,20 @@ static int32_t identified(const epoch_t *e, const message_t *m, const double *v,
     return same ? 1 : -1;
 }
 
+/* Whether both hosts' dates are kept by time servers. */
+static int32_t kept_both(const epoch_t *e, const double *v) { return v[EPOCH_KEPT] != 0.0 && e->kept; }
+
+/* A gateway passes it on. The HOST before it is that of its sender, not of the gateway, whose DATE is of use only
+ * if both have one clock. An EPOCH from CAN has no identity, and its own HOST and DATE pass like it. */
+static void pass(node_t *n, const message_t *m, const double *v, header_t header, const frame_t *came)
+{
+    const epoch_t *e = &n->epoch;
+    const int32_t dated = kept_both(e, v) || identified(e, m, v, came->t_ns) > 0;
+    for (int32_t b = 0; b < n->n_buses; b++)
+        if (b != came->bus && v[EPOCH_IDENTITY] != 0.0) introduce(n, b, v, dated, header);
+    node_pass(n, offsetof(services_t, epoch), v, header, came);
+}
+
 /* The same for its date: a DATE of this host came, and it is ours or not. */
 static int32_t dated(const epoch_t *e, const double *v, int64_t t_ns)
 {
@@ -111,7 +134,7 @@ enum { REFUSED = -1, UNKNOWN, BELIEVED };
 static int32_t judged(const node_t *n, const message_t *m, const double *v, int64_t origin, int64_t t_ns)
 {
     const epoch_t *e = &n->epoch;
-    const int32_t kept = v[EPOCH_KEPT] != 0.0 && e->kept;
+    const int32_t kept = kept_both(e, v);
     const int32_t who = identified(e, m, v, t_ns), date = dated(e, v, t_ns);
     const int32_t ours = (int32_t)v[EPOCH_HOST] == e->host || (e->adopts && date > 0);
     if (!kept && (!ours || who < 0)) return REFUSED;
@@ -134,12 +157,13 @@ void node_epoch_heard(node_t *n, const frame_t *frame)
         return;
     }
     e->heard++;
-    if (n->gateway) node_pass(n, offsetof(services_t, epoch), v, header, frame);
+    if (n->gateway) pass(n, m, v, header, frame);
     const int64_t origin = epoch_origin_ns(v[EPOCH_ORIGIN], frame->t_ns);
     if ((int32_t)v[EPOCH_HOST] == EPOCH_DATE_HOST && v[EPOCH_KEPT] != 0.0) {
         e->named = epoch_host_is(e, v);
         e->named_ns = frame->t_ns;
         e->named_host = (int32_t)v[EPOCH_RUN];
+        e->dated_ns = 0; /* a DATE before it belongs to another EPOCH */
         return;
     }
     if ((int32_t)v[EPOCH_HOST] == EPOCH_DATE_HOST) {

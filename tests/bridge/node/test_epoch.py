@@ -22,12 +22,14 @@ from bridge.realtime.host_clock import HostClock, host_clock
 from bridge.wiring.wiring import WiredNode
 from cosim.base.clock import realtime_ns, realtime_offset_ns
 from tests.bridge.bench import PATIENCE, Bench, until
-from tests.bridge.deployments import TELEOPERATION
+from tests.bridge.deployments import TELEOPERATION, named
+from tests.bridge.gates import Gate
 
 RUN, HOST, OTHER = 7, 3, 4
 IDENTITY = 2.0**32 - 1
 INACTIVE, ACTIVE = 1, 2
 START, STOP = 1, 2
+STATUS = int(Status.SIMULATED)
 UNIT = 10_000  # ns
 TURN = UNIT * 2**33
 
@@ -380,8 +382,7 @@ def test_who_starts_at_once_says_when(tmp_path):
 def test_two_hosts_on_can_with_one_number_are_told_apart(tmp_path, same, kept):
     """A node hears the EPOCH of a node whose host has the same number, and HOST before it."""
     ours = HostClock("ours", kept=False)
-    names = (HostClock(f"{i}", kept=False) for i in range(10_000))
-    sender = ours if same else next(host for host in names if host.number == ours.number)
+    sender = ours if same else namesake(ours)
     with of(Alone(tmp_path), sender, kept) as bench:
         bench.control.begin(2.0)
         until(lambda: bench.epochs)
@@ -397,10 +398,86 @@ def test_two_hosts_on_can_with_one_number_are_told_apart(tmp_path, same, kept):
         assert bool(epoch.origin_ns) == (same or bool(kept))
 
 
+def namesake(ours, other="other"):
+    """The clock of another host whose number is that of ours."""
+    names = (HostClock(f"{other}{i}", kept=False) for i in range(10_000))
+    return next(host for host in names if host.number == ours.number)
+
+
+def through_gateway(folder, sender, gateway, kept):
+    """The frames on CAN of an EPOCH that a host says on Zenoh; `kept`: of (sender, gateway)."""
+    with Gate(named("gateway", "run.stop=1000"), "left_gateway", folder, start=False) as gate:
+        of(gate, gateway, kept[1])
+        origin = now() + seconds(0.6)
+        said = native.values(
+            RUN, sender.number, bool(kept[0]), origin + realtime_offset_ns(), sender.identity
+        )
+        gate.put("net", gate.system.services["net"].epoch.frame(said, Header(status=STATUS)))
+        epoch = gate.system.services["left"].epoch
+        values = [said for said, _ in gate.forwarded(epoch, "left")]
+        assert gate.frames(gate.system.services["net"].epoch, "net") == []
+    return origin, [epoch.frame(one, Header(status=STATUS)) for one in values], values
+
+
+@pytest.mark.parametrize("kept", [(0, 0), (0, 1), (1, 0), (1, 1)])
+@pytest.mark.parametrize("where", ["sender's", "another"])
+def test_a_gateway_names_the_host_of_an_epoch_from_zenoh(tmp_path, where, kept):
+    """It is on another host than the sender; DATE is of use where both hosts have one clock."""
+    sender = HostClock("sender", kept=False)
+    gateway = sender if where == "sender's" else namesake(sender)
+    origin, _, (host, *dated, epoch) = through_gateway(tmp_path, sender, gateway, kept)
+    number = sender.number & 63
+    assert host == [number, 0, 1, 10 * sender.identity[0]]
+    assert len(dated) == (gateway is sender or kept == (1, 1))
+    date = (origin + realtime_offset_ns()) % TURN
+    for one in dated:
+        assert one[:3] == [number, 0, 0] and abs(one[3] * 1000 - date) < seconds(PATIENCE)
+    assert epoch[:3] == [RUN, sender.number, kept[0]]
+    assert abs(epoch[3] * 1000 - date) < 50_000_000
+
+
+def test_a_gateway_passes_the_epoch_of_can_on_as_it_is(tmp_path):
+    """HOST and DATE are frames of their own, which go to Zenoh like any EPOCH, and on to CAN."""
+    system = named("gateway", "run.stop=1000")
+    with Gate(system, "right_gateway", tmp_path, start=False) as gate:
+        encodings = [system.services[bus].epoch for bus in ("net", "right")]
+        clock = HostClock("sender", kept=False)
+        date = realtime_ns()
+        said = [*native.before(clock.number, date, clock.identity),
+                native.values(RUN, clock.number, False, date)]  # fmt: skip
+        for one in said:
+            gate.put("net", encodings[0].frame([*one, *[0.0] * (8 - len(one))], Header()))
+        found = []
+        until(lambda: found.extend(gate.frames(encodings[1], "right")) or len(found) >= 3)
+        found += gate.frames(encodings[1], "right", 0.1)
+        assert [values for values, _ in found] == said
+
+
+@pytest.mark.parametrize("gateway", ["sender", "receiver", "third"])
+@pytest.mark.parametrize("same", [True, False])
+def test_behind_a_gateway_an_epoch_counts_on_the_host_of_its_sender(tmp_path, same, gateway):
+    """All numbers are equal; the gateway is on the host of either, or on a third one."""
+    sender = HostClock("sender", kept=False)
+    receiver = sender if same else namesake(sender)
+    hosts = {"sender": sender, "receiver": receiver, "third": namesake(sender, "third")}
+    origin, frames, _ = through_gateway(tmp_path, sender, hosts[gateway], (0, 0))
+    (tmp_path / "receiver").mkdir()
+    with of(Alone(tmp_path / "receiver"), receiver, 0) as waiting:
+        for frame in frames:
+            frame.t_ns = now()
+            waiting.put("left", frame)
+        epoch = waiting.struct.epoch
+        until(lambda: epoch.heard == len(frames))
+        until(lambda: epoch.origin_ns or epoch.unshared)
+        assert bool(epoch.origin_ns) == same
+        if same:
+            assert abs(epoch.origin_ns - origin) < 50_000_000
+
+
 def of(bench, clock, kept):
     """A bench on a host with this clock."""
     epoch = bench.struct.epoch
-    bench.host = clock.number
+    bench.host = epoch.host = clock.number
     epoch.identity[:], epoch.kept = clock.identity, kept
     return bench
 

@@ -131,6 +131,18 @@ def expect_active(stage: ParticipantStage, mark: int, seconds: float, what: str)
     return f"ACTIVE through {seconds:.3g} s of {what}"
 
 
+def needs_program(stage: ParticipantStage) -> None:
+    """Raise InapplicableRuleError if the kit cannot start the participant."""
+    if not stage.program.given:
+        raise InapplicableRuleError("the kit has no command to start the participant again")
+
+
+def needs_epoch(stage: ParticipantStage) -> None:
+    """Raise InapplicableRuleError if no bus of the participant has EPOCH."""
+    if not any(s.epoch for s in stage.cast.services.values()):
+        raise InapplicableRuleError("no bus of the participant has the service EPOCH")
+
+
 def state_text(stage: ParticipantStage) -> str:
     """The state in the newest heartbeat."""
     beat = stage.hearing.latest_beat()

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
-from bridge.conform.cast import EpochFields, copy_of
+from bridge.conform.cast import EpochFields
 from bridge.conform.checks import (
     TOLERANCE,
     BrokenRuleError,
     Check,
     CheckScene,
-    InapplicableRuleError,
     expect_stop,
+    needs_epoch,
+    needs_program,
     nominal_ns,
     seconds_since,
     state_text,
@@ -21,8 +20,7 @@ from bridge.conform.checks import (
 from bridge.conform.hearing import Heard, HeardFrame
 from bridge.conform.rules import ConformityRule
 from bridge.conform.stage import OBEYS, ParticipantStage
-from bridge.native.enums import EPOCH_LEAD_NS, NMT_START, NMT_STOP, LifeState, Why
-from bridge.native.frame import Frame
+from bridge.native.enums import NMT_STOP, LifeState, Why
 from cosim.base.clock import monotonic_ns, sleep
 
 #: s from joining to the end of the run, and s of silence that are looked at.
@@ -78,20 +76,10 @@ def _no_torque(stage: ParticipantStage, what: str) -> str:
 # ---- another life -----------------------------------------------------------------------------
 
 
-def _needs_program(stage: ParticipantStage) -> None:
-    if not stage.program.given:
-        raise InapplicableRuleError("the kit has no command to start the participant again")
-
-
-def _needs_epoch(stage: ParticipantStage) -> None:
-    if not any(s.epoch for s in stage.cast.services.values()):
-        raise InapplicableRuleError("no bus of the participant has the service EPOCH")
-
-
 def _join(stage: ParticipantStage) -> HeardFrame:
     """A new life joins a run that ends `LEFT` s later; its first ACTIVE heartbeat."""
-    _needs_program(stage)
-    _needs_epoch(stage)
+    needs_program(stage)
+    needs_epoch(stage)
     stage.end_life()
     stage.begin()
     mark = len(stage.hearing)
@@ -130,7 +118,7 @@ def _rejoins(stage: ParticipantStage) -> str:
 
 def _boots(stage: ParticipantStage) -> str:
     """Heartbeats of two lives differ in boots; in one life they are equal."""
-    _needs_program(stage)
+    needs_program(stage)
     while len(stage.lives) < 2:
         stage.end_life()
         stage.begin()
@@ -213,63 +201,6 @@ def _silent_after_end(stage: ParticipantStage) -> str:
     return came
 
 
-def _damaged_epoch(stage: ParticipantStage) -> str:
-    def damage(frame: Frame) -> Frame:
-        data = bytearray(frame.payload)
-        data[8 if len(data) > 8 else 0] ^= 0x04  # in the CRC of P04 or P02: the rest is plausible
-        return copy_of(frame, bytes(data))
-
-    return _starts_without(stage, "that is damaged", damage=damage)
-
-
-def _other_date(stage: ParticipantStage) -> str:
-    if any(stage.system.deployment.buses[b].kind != "can" for b in stage.buses):
-        raise InapplicableRuleError("EPOCH has the identity of the host, and no DATE, on Zenoh")
-    return _starts_without(stage, "of another clock", date_error_ns=3 * 10**9)
-
-
-def _other_host(stage: ParticipantStage) -> str:
-    return _starts_without(stage, "of another host", other=True)
-
-
-def _starts_without(
-    stage: ParticipantStage,
-    what: str,
-    date_error_ns: int = 0,
-    damage: Callable[[Frame], Frame] | None = None,
-    *,
-    other: bool = False,
-) -> str:
-    """A new life gets an EPOCH that it must reject, and START: t = 0 is 0.1 s after that."""
-    _needs_program(stage)
-    _needs_epoch(stage)
-    stage.end_life()
-    stage.begin()
-    stage.cast.silent = False
-    sleep(0.3)
-    since, mark = monotonic_ns(), len(stage.hearing)
-    false_ns = monotonic_ns() + round(0.7e9)
-    said = EpochFields(false_ns, date_error_ns=date_error_ns, damage=damage, other=other)
-    stage.cast.epoch(said)
-    t0_ns = monotonic_ns() + EPOCH_LEAD_NS
-    stage.command(NMT_START)
-    stage.begin_run(t0_ns)
-    first = stage.hearing.wait(
-        lambda f: f.kind in (Heard.SAMPLE, Heard.HEARTBEAT) and f.state is LifeState.ACTIVE,
-        mark, 1.5,
-    )  # fmt: skip
-    if first is None:
-        raise BrokenRuleError(f"{state_text(stage)} 1.5 s after START without a valid EPOCH")
-    away = (first.t_ns - t0_ns) * 1e-9
-    slack = 0.1 + stage.late(since)
-    if not -0.02 - EPOCH_LEAD_NS * 1e-9 <= away <= slack + stage.slot:
-        raise BrokenRuleError(
-            f"ACTIVE {away * 1e3 + 100:.0f} ms after START, expected 100 ms: it believed an EPOCH "
-            f"{what}"
-        )
-    return f"{first.text()} {away * 1e3 + 100:.0f} ms after START"
-
-
 def _rule(number: str, title: str, clause: str, expected: str) -> ConformityRule:
     return ConformityRule(number, title, clause, expected)
 
@@ -283,10 +214,6 @@ END_CHECKS = (
         _rule("C-71", "silence after STOP", "safety.md#1-life-cycle-of-a-node",
               "After the ramp of STOP no torque comes, and no frame has the state ACTIVE."),
         CheckScene.OTHER_LIFE, _silent_after_stop),
-    Check(
-        _rule("C-72", "damaged EPOCH", "can.md#messages",
-              "A damaged EPOCH is rejected: t = 0 is 0.1 s after START."),
-        CheckScene.OTHER_LIFE, _damaged_epoch),
     Check(
         _rule("C-73", "rejoining", "rehearsal.md#rejoining",
               "A participant that is started again joins the running run by its EPOCH; its stamps "
@@ -304,14 +231,4 @@ END_CHECKS = (
         _rule("C-76", "boots", "can.md#messages",
               "All heartbeats of a life have the same boots, and each life has others."),
         CheckScene.OTHER_LIFE, _boots),
-    Check(
-        _rule("C-77", "EPOCH of another clock", "can.md#messages",
-              "An EPOCH is rejected if the DATE before it differs by more than 2 s from the "
-              "receiver's own date: t = 0 is 0.1 s after START."),
-        CheckScene.OTHER_LIFE, _other_date),
-    Check(
-        _rule("C-78", "EPOCH of another host", "can.md#messages",
-              "An EPOCH is rejected if the HOST before it, or on Zenoh its identity, is of another "
-              "host with the same number: t = 0 is 0.1 s after START."),
-        CheckScene.OTHER_LIFE, _other_host),
 )  # fmt: skip

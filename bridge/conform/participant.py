@@ -14,6 +14,7 @@ from bridge.conform.checks import (
     VoidAttemptError,
 )
 from bridge.conform.end_checks import END_CHECKS
+from bridge.conform.epoch_checks import EPOCH_CHECKS
 from bridge.conform.input_checks import INPUT_CHECKS
 from bridge.conform.life_checks import LIFE_CHECKS
 from bridge.conform.rules import Conformity, ConformityReport, ConformityRule, JudgedRule, RuleBook
@@ -34,9 +35,12 @@ PARTS = {
     **dict.fromkeys(("C-73", "C-74", "C-75"), "joining"),
     **{c.rule.number: "watchdogs" for c in INPUT_CHECKS if c.rule.number not in ("C-57", "C-58")},
 }
-CHECKS = (*SENT_CHECKS, *LIFE_CHECKS, *INPUT_CHECKS, *END_CHECKS)
+#: Rules of participants that leave a part out, with this part.
+IN_PLACE = {"C-79": "date", "C-80": "date"}
+CHECKS = (*SENT_CHECKS, *LIFE_CHECKS, *INPUT_CHECKS, *END_CHECKS, *EPOCH_CHECKS)
 PARTICIPANT_RULES = RuleBook(
-    replace(check.rule, part=PARTS.get(check.rule.number, "")) for check in CHECKS
+    replace(check.rule, part=PARTS.get(check.rule.number, ""))
+    for check in sorted(CHECKS, key=lambda check: check.rule.number)
 )
 #: A rule is broken if it is in so many attempts in which the kit was in time, of at most so many.
 BROKEN, ATTEMPTS = 2, 5
@@ -111,6 +115,10 @@ class ParticipantKit:
 
         if PARTS.get(check.rule.number) in self._without:
             came = f"left out: {PARTS[check.rule.number]}"
+            return verdict(Conformity.NOT_APPLICABLE)
+
+        if (part := IN_PLACE.get(check.rule.number)) and part not in self._without:
+            came = f"of participants without a part that this one has: {part}"
             return verdict(Conformity.NOT_APPLICABLE)
 
         for _ in range(ATTEMPTS if check.scene is not CheckScene.RECORD else 1):

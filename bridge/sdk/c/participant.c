@@ -277,6 +277,7 @@ static void take_epoch(participant_t *p, const frame_t *frame)
         p->named = v[EPOCH_ORIGIN];
         p->named_ns = frame->t_ns;
         p->named_host = (int32_t)v[EPOCH_RUN];
+        p->date_ns = 0; /* a DATE before it belongs to another EPOCH */
         return;
     }
     if ((int32_t)v[EPOCH_HOST] == DATE_HOST) {

@@ -174,6 +174,22 @@ def test_a_host_frame_counts_for_the_next_epoch_within_a_second(on_can):
     assert on_can.thinks(near) == "believed"
 
 
+@pytest.mark.parametrize("adopts", [0, 1])
+def test_a_date_before_a_host_frame_belongs_to_another_epoch(on_can, adopts):
+    """That of another sender with this number: a gateway may send HOST without DATE."""
+    e = on_can.epoch
+    e.adopts, e.host = adopts, 0 if adopts else HOST  # a board has no number of a host
+    for named in (False, True):
+        on_can.put(HOST & 63, 0, 0, now() + 700 * SECOND, now(), NONE)
+        on_can.slots.step()
+        if named:
+            on_can.name(HOST & 63, OURS[0], 0.1)
+        e.origin_ns = 0
+        on_can.put(RUN, HOST, 0, now() + SECOND, now(), NONE)
+        on_can.slots.step()
+        assert (e.origin_ns > 0) == (bool(adopts) != named)
+
+
 def test_what_a_node_that_runs_hears_moves_nothing(waiting):
     waiting.slots.struct.begun = 1
     assert waiting.thinks(US) == waiting.thinks(Case(host=OTHER)) == "unknown"

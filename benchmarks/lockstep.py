@@ -48,6 +48,7 @@ from bridge.rehearsal.remote import on_hosts
 from bridge.rehearsal.settings import Settings
 from bridge.rehearsal.supervisor import LEAD, NODES, Rehearsal
 from bridge.replay import replay, twin
+from cosim.base.interrupts import exit_code, signals_as_interrupt
 from cosim.checkpoint.archive import LATEST
 from cosim.record.folder import CHECKPOINTS
 
@@ -305,8 +306,18 @@ def line(name: str, short: list[Measured], long: list[Measured]) -> list[str]:
     ]  # fmt: skip
 
 
-def main() -> None:
-    """Measure and print the table."""
+def main() -> int:
+    """Measure and print a table; a signal leaves no host behind. Returns the exit code."""
+    try:
+        with signals_as_interrupt():
+            measured()
+    except KeyboardInterrupt:
+        return exit_code()
+    return 0
+
+
+def measured() -> None:
+    """Measure and print the table that the command line asks for."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("--delay", help="between hosts (default 25 ms; of many 10 ms)")
     parser.add_argument("--many", action="store_true", help="many nodes on one host and on three")
@@ -338,4 +349,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -218,3 +219,25 @@ def test_checkpoints_have_a_size_and_a_price(tmp_path: Path) -> None:
     (row,) = found["rows"]
     assert row["bytes"] > 1000 and row["one"] > 0 and row["resume"] > 0
     assert "overhead" in said
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("hosts", [1, 3])
+def test_the_hosts_of_a_stopped_measurement_are_removed(hosts: int) -> None:
+    """SIGTERM, in the run of a row."""
+    folder = Path("/run/netns")
+    code = (
+        "import sys; from benchmarks import lockstep as b;"
+        f"b.many = lambda *_: b.run_many(b.Case(4, {hosts}, 30), '10 ms', 1e4);"
+        "sys.argv = ['lockstep', '--many']; sys.exit(b.main())"
+    )
+    words = [sys.executable, "-c", code]
+    with subprocess.Popen(words, cwd=FOLDER.parent, stderr=subprocess.PIPE, text=True) as process:
+        mine = f"cosim-{process.pid}-*"
+        while process.poll() is None and len([*folder.glob(mine)]) < hosts:
+            time.sleep(0.02)
+        time.sleep(0.5)
+        process.terminate()
+        said = process.communicate(timeout=120)[1]
+    assert process.returncode == 143, said
+    assert not [*folder.glob(mine)]

@@ -24,10 +24,10 @@ class LockstepCosts:
     window to the next one on a host without other work. Between hosts their latency is added.
     """
 
-    slot: float = 3.5e-6
-    payload: float = 121e-6
-    crossing: float = 276e-6
-    exchange: float = 0.33e-3
+    slot: float = 2.5e-6
+    payload: float = 63e-6
+    crossing: float = 774e-6
+    exchange: float = 0.12e-3
 
 
 #: How much more than its share a host may have.

@@ -2,7 +2,8 @@
 
 The program at the other end is :mod:`bridge.rehearsal.agent`. The end of a connection is the end of
 all nodes of its host. A connection without a line for `silence` of the host file is given up: the
-host is frozen or cut off. So is a host whose Zenoh router is no longer connected to the others.
+host is frozen or cut off. So is a host whose Zenoh router has lost its connection to the others,
+also if it is connected again: what was sent meanwhile is lost.
 """
 
 from __future__ import annotations
@@ -60,11 +61,12 @@ class HostConnection:
         self.hello: Mapping[str, Any] | None = None
         self.router = 0
         self.router_id, self.routers = "", frozenset[str]()  # its own, and those it is connected to
+        self._lost: set[str] = set()  # routers whose connection was lost in the run
         self.loaded = self.collected = False
         self.failed = ""
         self._gone = False
         self._collected: dict[Path, Path] = {}  # by file, under which name it arrives
-        self.watch: Callable[[], None] = lambda: None  # called at each look
+        self.watch: Callable[[], None] | None = None  # called at each look of the run
         self._ending: Callable[[], float] | None = None
         self._silent = stopwatch()
         self._lines: queue.SimpleQueue[str] = queue.SimpleQueue()
@@ -150,7 +152,8 @@ class HostConnection:
 
     def look(self) -> None:
         """Give the host up if it has been silent for too long."""
-        self.watch()
+        if self.watch is not None:
+            self.watch()
         limit = self.task.silence
         if self.loaded and not self._gone and self._silent() > limit:
             self._gone = True
@@ -164,7 +167,7 @@ class HostConnection:
             case "router":
                 self.router = int(said["pid"])
             case "routers":
-                self.router_id, self.routers = said["own"], frozenset(said["others"])
+                self._heard_of_routers(said["own"], frozenset(said["others"]))
             case "loaded":
                 self.loaded = True
             case "node" | "ended":
@@ -187,6 +190,12 @@ class HostConnection:
                 self.collected = True
             case "failed":
                 self.failed = str(said["error"])
+
+    def _heard_of_routers(self, own: str, others: frozenset[str]) -> None:
+        """A connection that was lost in the run is not made good by another: samples were lost."""
+        if self.watch is not None:
+            self._lost |= self.routers - others
+        self.router_id, self.routers = own, others - self._lost
 
     def left(self, seconds: float) -> float:
         """The rest of `seconds` since the first call, s: all nodes end at once."""
@@ -347,8 +356,11 @@ class RemoteHosts:
                 after = f"after {patience:g} s (patience)"
                 if absent:
                     raise LostError(f"host {', '.join(absent)}: not there {after}", tuple(absent))
-                host, what = self._cut_off()
-                text = f"host {host}: {what} {after}; check addresses, ports and certificates"
+                host, others = self._cut_off()
+                text = (
+                    f"host {host}: its Zenoh router is not connected to that of {others} {after}; "
+                    "check addresses, ports and certificates"
+                )
                 raise LostError(text, (host,))
             sleep(LOOK)
         for found in self.connections.values():
@@ -368,12 +380,12 @@ class RemoteHosts:
         ]
 
     def _cut_off(self) -> tuple[str, str]:
-        """The host that is not connected to the most others, of two the last, and what is wrong."""
+        """The host that is not connected to the most others, of two the last; and the others."""
         pairs = self._unconnected()
         order, counted = list(self.connections), Counter(name for pair in pairs for name in pair)
         host = max(counted, key=lambda name: (counted[name], order.index(name)))
         others = [a if b == host else b for a, b in pairs if host in (a, b)]
-        return host, f"its Zenoh router is not connected to that of {', '.join(others)}"
+        return host, ", ".join(others)
 
     def _watch_routers(self) -> None:
         """Give up a host whose router has lost the others."""
@@ -382,10 +394,13 @@ class RemoteHosts:
             return
         self._apart = self._apart or stopwatch()
         if self._apart() > APART:
-            host, what = self._cut_off()
+            host, others = self._cut_off()
             self._apart = None
             limit = self._file.silence
-            self.connections[host].fail(f"{what} any more, for {limit:g} s (silence)")
+            self.connections[host].fail(
+                f"its Zenoh router lost its connection to that of {others}: nothing came for "
+                f"{limit:g} s (silence)"
+            )
 
     def start_node(self, start: NodeStart) -> NodeHandle:
         """Start a life of a node on its host."""

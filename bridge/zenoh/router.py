@@ -4,8 +4,8 @@ It serves nodes in client mode if no zenohd is available. It prints ``ready`` on
 and ends when its standard input is closed or on SIGTERM. With ``--insecure`` it may listen without
 encryption beyond this machine; ``--keys FOLDER`` replaces ``{keys}`` in the file, ``--name NAME``
 ``{node}``, and ``--connect ENDPOINT`` joins it to another router; repeatable. With ``--tell`` it
-prints its Zenoh id and those of the routers that it is connected to, a line each time that they
-change.
+prints its Zenoh id and those of the routers that it is connected to, a line for each connection
+that is made or lost, however soon another one takes its place.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ import os
 import select
 import signal
 import sys
+from collections import deque
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -66,18 +67,20 @@ def main(arguments: Sequence[str]) -> int:
 
 def _route(session: zenoh.Session, *, tell: bool) -> None:
     """Until standard input ends."""
-    told = None
-    while True:
-        if select.select([0], [], [], LOOK if tell else None)[0] and not os.read(0, 4096):
-            return
-        if tell and (found := _routers(session)) != told:
-            told = found
-            _print(found)
+    own, told, lost = str(session.info.zid()), [""], deque[str]()
 
+    def heard(event: zenoh.TransportEvent) -> None:
+        if event.kind == zenoh.SampleKind.DELETE:
+            lost.append(str(event.transport.zid))
 
-def _routers(session: zenoh.Session) -> str:
-    own, others = session.info.zid(), session.info.routers_zid()
-    return " ".join([str(own), *sorted(map(str, others))])
+    with session.info.declare_transport_events_listener(heard):
+        while not select.select([0], [], [], LOOK if tell else None)[0] or os.read(0, 4096):
+            gone = [lost.popleft() for _ in range(len(lost))]
+            others = sorted(map(str, session.info.routers_zid()))
+            for now in ([name for name in others if name not in gone], others):
+                if tell and now != told:
+                    told = now
+                    _print(" ".join([own, *told]))
 
 
 def _print(line: str) -> None:

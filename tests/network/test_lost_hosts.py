@@ -56,7 +56,7 @@ def fleet(way: str, folder: Path) -> Iterator[Fleet]:
     with ExitStack() as stack:
         found = stack.enter_context(wired(2 if way == "srun" else 3))
         (near, first), *others = found
-        text = f'insecure = true\nsilence = "{SILENCE} s"\n[hosts.near]\naddress = "{first}"\n'
+        text = f'insecure = true\n[hosts.near]\naddress = "{first}"\n'
         hosts, environment = {"near": near}, dict[str, str]()
         for i, (name, address) in enumerate(others):
             host = f"far{i}"
@@ -111,10 +111,15 @@ class Run:
     """``cosim rehearse`` on a fleet, and the processes that were there before it."""
 
     def __init__(
-        self, hosts: Fleet, folder: Path, stop: float = 200.0, options: Sequence[str] = ()
+        self,
+        hosts: Fleet,
+        folder: Path,
+        stop: float = 200.0,
+        options: Sequence[str] = (),
+        silence: float = SILENCE,
     ) -> None:
         self.hosts, self.folder = hosts, folder / "run"
-        (folder / "hosts.toml").write_text(hosts.text)
+        (folder / "hosts.toml").write_text(f'silence = "{silence} s"\n{hosts.text}')
         self._before = {pid for name in hosts.hosts.values() for pid in inside(name)}
         words = [sys.executable, "-m", "cosim", "rehearse", str(SCENARIO.relative_to(ROOT))]
         words += ["--hosts", str(folder / "hosts.toml"), "--out", str(self.folder), "--no-plot"]
@@ -227,7 +232,7 @@ def test_a_frozen_host_is_named_in_time_and_the_others_are_collected(
         "agent": f"host {host}: nothing came from it for {SILENCE:g} s",
         "host": f"host {host}: ",
         "node": f"stopped by a signal for {SILENCE:g} s (silence), on host {host}",
-        "router": f"host {host}: its Zenoh router is not connected to that of near",
+        "router": f"host {host}: its Zenoh router lost its connection to that of near",
     }[frozen]
     assert wanted in said, said
     assert taken < SILENCE + STOPPING
@@ -259,6 +264,36 @@ def test_a_host_that_is_cut_off_is_named_in_time(hosts: Fleet, tmp_path: Path) -
     assert code == 1 and "Traceback" not in said, said
     assert f"host {host}: " in said, said
     rows_are_there(run, host)
+
+
+@pytest.mark.parametrize(
+    ("outage", "silence", "options"),
+    [(1.0, 10.0, ()), (3.0, 10.0, ()), (3.0, 4.0, ()), (3.0, 4.0, ("--checkpoint=200ms",))],
+    ids=["short", "a third of silence", "nearly silence", "nearly silence, with checkpoints"],
+)
+def test_an_outage_that_heals_is_survived_to_the_bit_or_named(
+    hosts: Fleet, outage: float, silence: float, options: Sequence[str], tmp_path: Path
+) -> None:
+    """TCP sends again up to as long after an outage as it lasted."""
+    stop, patience = 3.0, "--set=deploy.patience=300"
+    run = Run(hosts, tmp_path, stop, [patience, *options], silence)
+    host = list(hosts.hosts)[-1]
+    run.running()
+    if options:
+        until(lambda: len(list(run.folder.glob("**/previous"))) == 6, 300.0, run.said)
+    link = ["ip", "-n", hosts.hosts[host], "link", "set", "eth0"]
+    subprocess.run([*link, "down"], check=True)
+    try:
+        time.sleep(outage)
+    finally:
+        subprocess.run([*link, "up"], check=True)
+    code, said = run.ended(250.0)  # less than `patience`: no node waits in vain
+    assert "Traceback" not in said, said
+    if code and not options and outage > silence / 3:
+        assert re.search(rf"host {host}: (its Zenoh router lost|nothing came|the conn)", said), said
+        return
+    assert code == 0, said
+    is_the_twin(robots(6, stop), run.folder)
 
 
 @pytest.mark.parametrize("how", ["agent", "host", "cut off"])

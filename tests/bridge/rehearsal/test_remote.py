@@ -131,8 +131,9 @@ def connected(**routers: str) -> RemoteHosts:
     hosts.connections = {}
     for name, others in routers.items():
         found = hosts.connections[name] = object.__new__(HostConnection)
-        found.name, found.failed = name, ""
-        found.router_id, found.routers = name, frozenset(others)
+        found.name, found.failed, found.watch = name, "", None
+        found._lost, found.routers = set(), frozenset()
+        found._heard_of_routers(name, frozenset(others))
     return hosts
 
 
@@ -148,9 +149,21 @@ def connected(**routers: str) -> RemoteHosts:
 def test_the_host_that_is_cut_off_is_the_one_with_the_fewest_connections(
     routers: dict[str, str], host: str, others: str
 ) -> None:
-    found, sentence = connected(**routers)._cut_off()
-    assert found == host
-    assert sentence == f"its Zenoh router is not connected to that of {others}"
+    assert connected(**routers)._cut_off() == (host, others)
+
+
+def test_a_connection_that_was_lost_in_the_run_stays_lost() -> None:
+    """Before it, routers may connect as often as they like."""
+    hosts = connected(a="b", b="a")
+    a = hosts.connections["a"]
+    a._heard_of_routers("a", frozenset())
+    assert hosts._unconnected() == [("a", "b")]
+    a._heard_of_routers("a", frozenset("b"))
+    assert hosts._unconnected() == []
+    a.watch = lambda: None
+    a._heard_of_routers("a", frozenset())
+    a._heard_of_routers("a", frozenset("b"))
+    assert hosts._unconnected() == [("a", "b")]
 
 
 def test_hosts_that_have_failed_are_not_missed() -> None:

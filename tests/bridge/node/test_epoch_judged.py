@@ -179,15 +179,15 @@ def test_a_date_before_a_host_frame_belongs_to_another_epoch(on_can, adopts):
     """That of another sender with this number: a gateway may send HOST without DATE."""
     e = on_can.epoch
     e.adopts, e.host = adopts, 0 if adopts else HOST  # a board has no number of a host
-    for named in (False, True):
+    for introduced in (False, True):
         on_can.put(HOST & 63, 0, 0, now() + 700 * SECOND, now(), NONE)
         on_can.slots.step()
-        if named:
+        if introduced:
             on_can.name(HOST & 63, OURS[0], 0.1)
         e.origin_ns = 0
         on_can.put(RUN, HOST, 0, now() + SECOND, now(), NONE)
         on_can.slots.step()
-        assert (e.origin_ns > 0) == (bool(adopts) != named)
+        assert (e.origin_ns > 0) == (bool(adopts) != introduced)
 
 
 def test_what_a_node_that_runs_hears_moves_nothing(waiting):

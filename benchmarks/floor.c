@@ -4,6 +4,7 @@
  * master can be faster than. Written apart from the engine that is measured against it; it checks
  * the status of every call and nothing else.
  */
+#include <math.h>
 #include <stddef.h>
 #include <stdint.h>
 #include <string.h>
@@ -21,9 +22,14 @@ typedef int set3_t(void *, const uint32_t *, size_t, const double *, size_t);
 typedef int get3_t(void *, const uint32_t *, size_t, double *, size_t);
 typedef int step3_t(void *, double, double, _Bool, _Bool *, _Bool *, _Bool *, double *);
 
+typedef int mode3_t(void *);
+typedef int update3_t(void *, _Bool *, _Bool *, _Bool *, _Bool *, _Bool *, double *);
+
 typedef struct {
     void *instance, *set, *step, *get;
-    const uint32_t *inputs, *outputs; /* value references */
+    void *enter_event, *update, *enter_step; /* FMI 3.0, or NULL: events are ignored */
+    double next_event;                       /* s, the next one that it has announced; or infinity */
+    const uint32_t *inputs, *outputs;        /* value references */
     size_t n_inputs, n_outputs;
     double *u, *y;   /* in the vector of signals */
     size_t n_u, n_y; /* scalars */
@@ -50,6 +56,44 @@ static int step2(const fmu_t *f, double t, double h)
     return ((get2_t *)f->get)(f->instance, f->outputs, f->n_outputs, f->y) > 1;
 }
 
+/* Event Mode, from Step Mode and back. */
+static int handle_event(fmu_t *f)
+{
+    _Bool again = 1, terminate, nominals, values, defined;
+    double next;
+    if (((mode3_t *)f->enter_event)(f->instance) > 1) return 1;
+    while (again) {
+        if (((update3_t *)f->update)(f->instance, &again, &terminate, &nominals, &values, &defined, &next) >
+            1)
+            return 1;
+        if (terminate) return 1;
+    }
+    f->next_event = defined ? next : HUGE_VAL;
+    return ((mode3_t *)f->enter_step)(f->instance) > 1;
+}
+
+/* A step as FMI 3.0 demands it (2.3.5, 4.2.1): until its time is reached, and with the events in it. */
+static int step_events3(fmu_t *f, double t, double h)
+{
+    const double end = t + h, slack = 1e-9 * h;
+    double now = t, length = h;
+    if (f->n_inputs && ((set3_t *)f->set)(f->instance, f->inputs, f->n_inputs, f->u, f->n_u) > 1) return 1;
+    for (;;) {
+        const double to = f->next_event < end - slack ? f->next_event : end;
+        _Bool event, terminate, early;
+        double last;
+        if (to != end) length = to - now;
+        if (((step3_t *)f->step)(f->instance, now, length, 1, &event, &terminate, &early, &last) > 1)
+            return 1;
+        if (terminate) return 1;
+        now = early ? last : to;
+        if (f->enter_event && (event || f->next_event <= now + slack) && handle_event(f)) return 1;
+        if (now >= end - slack) break;
+        length = end - now;
+    }
+    return ((get3_t *)f->get)(f->instance, f->outputs, f->n_outputs, f->y, f->n_y) > 1;
+}
+
 static int step3(const fmu_t *f, double t, double h)
 {
     _Bool event, terminate, early;
@@ -71,7 +115,7 @@ static void keep_row(loop_t *l)
     l->rows += l->n_signals;
 }
 
-/* `ticks` ticks of a few FMUs that all step together; 1 where a call failed. */
+/* `ticks` ticks of a few FMUs that all step together; 1 where a call failed. `version`: 2, 3, or 4: FMI 3.0 with events. */
 EXPORT int floor_run(loop_t *l, int version, int64_t ticks)
 {
     for (const int64_t end = l->tick + ticks; l->tick < end; l->tick++) {
@@ -79,7 +123,10 @@ EXPORT int floor_run(loop_t *l, int version, int64_t ticks)
         keep_row(l);
         for (int64_t i = 0; i < l->n_copies; i++) copy(l->copies + i);
         for (int64_t i = 0; i < l->n_fmus; i++)
-            if (version == 3 ? step3(l->fmus + i, t, l->h) : step2(l->fmus + i, t, l->h)) return 1;
+            if (version == 4   ? step_events3(l->fmus + i, t, l->h)
+                : version == 3 ? step3(l->fmus + i, t, l->h)
+                               : step2(l->fmus + i, t, l->h))
+                return 1;
     }
     return 0;
 }

@@ -117,6 +117,16 @@ def test_somebody_else_s_handler_is_left_alone() -> None:
         signal.signal(signal.SIGINT, before)
 
 
+def test_python_s_own_handler_is_replaced_again_if_other_code_restores_it() -> None:
+    stopped: list[bool] = []
+    with pytest.raises(KeyboardInterrupt), stop_on_signal(lambda: None):
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+        with stop_on_signal(lambda: stopped.append(True)):
+            signal.raise_signal(signal.SIGINT)
+            assert stopped == [True]
+    assert stopped == [True]
+
+
 def test_a_run_in_another_thread_has_no_handler(tmp_path: Path) -> None:
     done: list[RunOutcome] = []
     work = threading.Thread(

@@ -10,6 +10,7 @@
 #define ENGINE_WHOLE
 
 #include "engine/fmu_log.c"
+#include "engine/numbers.c"
 #include "engine/typed_values.c"
 #include "engine/clocks.c"
 #include "engine/events.c"
@@ -24,6 +25,7 @@
 #include "engine/rollback.c"
 #include "engine/direct_outputs.c"
 #include "engine/macro_steps.c"
+#include "engine/plain_steps.c"
 #include "engine/operations.c"
 #include "engine/partitions.c"
 #include "engine/run.c"

@@ -70,8 +70,9 @@ enum unit_kind {
     UNIT_FMI3 = 3,
     UNIT_TYPED = 4,
     UNIT_EXCHANGE = 5, /* an FMU for model exchange, integrated here */
-    UNIT_REMOTE = 6
-}; /* an FMU in a process of its own, see mailbox.h */
+    UNIT_REMOTE = 6,   /* an FMU in a process of its own, see mailbox.h */
+    UNIT_DIRECT = 7    /* of `plain`: UNIT_TYPED, and direct */
+};
 enum engine_result {
     RUN_OK,
     RUN_STOPPED,
@@ -122,7 +123,7 @@ typedef struct {
     int64_t period;         /* ticks */
     int64_t source, target; /* into signals */
     int64_t count;          /* signals; OP_RECORD: 1, the row is complete with it, else 0; OP_STEP: how
-                             * many more of those behind it are done at once with it */
+                             * many more of those behind it are done at once with it, or in one loop */
     double gain, offset;
 } operation_t;
 
@@ -289,7 +290,7 @@ typedef struct {
     int32_t repeats; /* its steps may be done again: it must be able to go back */
     int32_t in_rows; /* these values follow each other: those of `inputs`, and those of `outputs` */
     int32_t plain;   /* its kind, if it is called through FMI only and its step begins at its tick; else 0 */
-    int32_t reserved;
+    int32_t direct;  /* of UNIT_TYPED: it has float64 values, events and early return, nothing else */
 } unit_t;
 
 /* Memory of the engine that is part of the state of a unit; `size` in bytes. */

@@ -18,7 +18,7 @@ from cosim.base.errors import RunError
 from cosim.base.files import return_to, working_folder
 from cosim.base.interrupts import stop_on_signal
 from cosim.base.python import without_collections
-from cosim.engine.arrays import rows_of
+from cosim.engine.arrays import in_lines, rows_of
 from cosim.engine.binding import Binding, Termination, Vector, Views, part
 from cosim.engine.initialization import initialize
 from cosim.engine.tables import NEVER, DrawnRows, LinkRows, RowTables, filled_rows
@@ -61,7 +61,7 @@ class Engine:
     ) -> None:
         self.plan, self._threads, self._longest = plan, threads, longest
         self._place = working_folder()
-        self.signals: Vector = np.zeros(plan.n_signals)
+        self.signals: Vector = in_lines(plan.n_signals)
         self.ended: Termination | None = None
         self._keep_tables = keep_tables
         self._inputs = SignalViews(self.signals, [s.inputs for s in plan.components], fixed=True)
@@ -218,10 +218,10 @@ class Engine:
         while True:
             ticks = self._next_tables(end - self.tick)
             with self._team if self._team and self._team.window else nullcontext():
-                result = EngineResult(self._library.engine_run(c.byref(self._state), ticks))
+                result = self._library.engine_run(c.byref(self._state), ticks)
             self._keep_filled_tables()
-            if result is not EngineResult.OK or self.tick >= end:
-                return result
+            if result or self.tick >= end:
+                return EngineResult(result)
 
     @property
     def shares(self) -> bool:

@@ -141,10 +141,12 @@ def bind(
         unit.kind, unit.typed = enums.UnitKind.TYPED, c.addressof(_typed(instance, x, alive))
         return unit
     unit.set, unit.step, unit.get = instance.loop_functions()
+    unit.direct = _is_direct(x)
     if x.plain:
         unit.kind = enums.UnitKind.FMI3 if x.fmi == "3.0" else enums.UnitKind.FMI2
         unit.values = instance.values_address()
         unit.steps = instance.steps_function() if unit.values else 0
+    if x.plain or unit.direct:
         unit.in_rows = 1
         for name, moves in (("inputs", x.inputs), ("outputs", x.outputs)):
             references = list(chain.from_iterable(m.references for m in moves))
@@ -153,12 +155,23 @@ def bind(
             unit.in_rows &= all(b == a + 1 for a, b in pairwise(references))
             setattr(unit, name, _array_address(c.c_uint32, references, alive))
             setattr(unit, f"n_{name}", len(references))
+    if x.plain:
         return unit
     unit.kind = enums.UnitKind.TYPED
     typed = _typed(instance, x, alive)
     typed.stop = stop or None
     unit.typed = c.addressof(typed)
     return unit
+
+
+def _is_direct(x: StepLayout) -> bool:
+    """True if only events and early return set an FMU of FMI 3.0 apart from a plain one."""
+    more = (x.discrete, x.partitions, x.clocks, x.triggered, x.slopes)
+    moves = (*x.inputs, *x.outputs)
+    if x.plain or x.fmi != "3.0" or any(more) or any(m.type != "Float64" for m in moves):
+        return False
+    all_of = range(x.input, x.input + x.input_count), range(x.output, x.output + x.output_count)
+    return [i for m in moves for i in m.places] == [*all_of[0], *all_of[1]]
 
 
 def bind_alike(

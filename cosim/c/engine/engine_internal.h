@@ -21,47 +21,11 @@
 enum { CALLS_AT_MOST = 100000 }; /* without getting anywhere, within one step */
 enum { REFUSED = 2 };            /* fmi2Discard: a trial state that the FMU cannot evaluate */
 
-/* An exponent of all ones is not a finite number: one more carries into the sign bit. */
-INLINE int not_finite(const double *x, int64_t n)
-{
-    uint64_t carry = 0;
-    int64_t i = 0;
-#if defined(__GNUC__)
-    typedef uint64_t pair_t __attribute__((vector_size(16)));
-    if (n >= 4) {
-        pair_t carries = {0, 0};
-        for (; i + 4 <= n; i += 4) {
-            pair_t a, b;
-            memcpy(&a, x + i, sizeof a);
-            memcpy(&b, x + i + 2, sizeof b);
-            carries |= ((a & 0x7ff0000000000000u) + 0x0010000000000000u) |
-                       ((b & 0x7ff0000000000000u) + 0x0010000000000000u);
-        }
-        carry = carries[0] | carries[1];
-    }
-#endif
-    for (; i < n; i++) {
-        uint64_t bits;
-        memcpy(&bits, x + i, sizeof bits);
-        carry |= (bits & 0x7ff0000000000000u) + 0x0010000000000000u;
-    }
-    return carry >> 63 != 0;
-}
-
 /* Neither OK nor a warning; this includes values that FMI does not define, such as -1. */
 INLINE int failed_call(int status) { return (unsigned)status > 1u; }
 
 /* The time of a tick, s. */
 INLINE double time_of(const engine_t *e, int64_t tick) { return e->start + (double)tick * e->h; }
-
-/* Copy few numbers, two by two: a call of memcpy for all of them costs more. */
-INLINE void copy(double *target, const double *source, int64_t n)
-{
-    int64_t i = 0;
-
-    for (; i + 1 < n; i += 2) memcpy(target + i, source + i, 2 * sizeof *target);
-    if (i < n) target[i] = source[i];
-}
 
 /* A step being done: what everything in it needs. */
 typedef struct {
@@ -73,6 +37,12 @@ typedef struct {
     int result; /* of call-backs: RUN_..., and then the status of the call that failed in one */
     int refused;
 } doing_t;
+
+/* What fmi3DoStep returns besides its status. */
+typedef struct {
+    _Bool event, terminate, early;
+    double reached;
+} outcome_t;
 
 /* A step of an FMU for model exchange; every function returns RUN_..., and a status that is not OK in *status. */
 typedef struct {
@@ -91,6 +61,12 @@ typedef struct {
 
 /* fmu_log.c */
 SHARED log_t *own_log(void *environment);
+
+/* numbers.c */
+SHARED NOINLINE int any_not_finite(const double *x, int64_t n);
+HOT int not_finite(const double *x, int64_t n);
+SHARED NOINLINE void copy_many(double *target, const double *source, int64_t n);
+HOT void copy(double *target, const double *source, int64_t n);
 
 /* typed_values.c */
 SHARED int call_access(const access_t *a, void *instance);
@@ -116,6 +92,7 @@ SHARED int changed(const access_t *a, int64_t n, const double *s);
 SHARED int input_event(const doing_t *d, int64_t hit, double t);
 SHARED int refused_inside(const doing_t *d);
 SHARED int do_step(doing_t *d, double t);
+SHARED NOINLINE int finish_step(doing_t *d, double t, const outcome_t *a);
 
 /* scheduled.c */
 SHARED int step_scheduled(doing_t *d, double t);
@@ -151,7 +128,9 @@ SHARED NOINLINE int step_exchange(unit_t *u, double *s, double t, int *status, i
 
 /* fmi_steps.c */
 HOT int set_inputs(const unit_t *u, int32_t kind, int plain, const double *s);
-HOT int step_plain(unit_t *u, double *s, int64_t tick, double t, int *status, int32_t *signal);
+HOT int step_plain_typed(unit_t *u, double *s, int64_t tick, double t, int *status, int32_t *signal);
+HOT int step_each(int32_t kind, unit_t **at, const unit_t *last, double *s, double t, int *status,
+                  int32_t *signal);
 HOT int step_from(const engine_t *e, int64_t tick, double t, int32_t index, failure_t *failure);
 HOT int step_unit(const engine_t *e, int64_t tick, int32_t index, failure_t *failure);
 HOT int take_outputs(const engine_t *e, int32_t index, int status, failure_t *failure);
@@ -174,14 +153,22 @@ SHARED int finish_outputs(engine_t *e, macro_t *m, int64_t tick, double t, doubl
 /* macro_steps.c */
 SHARED NOINLINE int run_macro(engine_t *e, int64_t tick, macro_t *m, failure_t *failure);
 
+/* plain_steps.c */
+HOT void push(sender_t *l, const operation_t *op, const double *value);
+HOT int pull(link_t *l, double *target);
+HOT int play(player_t *p, double *target);
+HOT void record(engine_t *e, int64_t tick, const operation_t *op);
+SHARED int find_plain(engine_t *e);
+SHARED NOINLINE const operation_t *run_plain(engine_t *e, int64_t tick, const operation_t *op,
+                                             const operation_t *end, failure_t *failure, int *result);
+SHARED NOINLINE const operation_t *run_ticks(engine_t *e, int64_t end, failure_t *failure, int *result);
+
 /* operations.c */
 HOT int run_operation(engine_t *e, int64_t tick, double *s, const operation_t *op, failure_t *failure);
 HOT int run_tick(engine_t *e, int64_t tick, int64_t ticks, segment_t *segments, int64_t n_segments,
                  failure_t *failure, failure_t *ended);
 HOT int run_operations(engine_t *e, int64_t tick, int64_t ticks, int64_t first, int64_t last,
                        failure_t *failure, failure_t *ended);
-SHARED int find_plain(engine_t *e);
-SHARED NOINLINE const operation_t *run_ticks(engine_t *e, int64_t end, failure_t *failure, int *result);
 HOT void catch_up(segment_t *segments, int64_t n_segments, int64_t tick);
 SHARED NOINLINE int32_t keep_failure(engine_t *e, const failure_t *f, int32_t result);
 

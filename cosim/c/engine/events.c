@@ -116,37 +116,55 @@ SHARED int refused_inside(const doing_t *d)
 
 static int is_stopped(const typed_t *x) { return x->stop && *(const volatile int32_t *)x->stop; }
 
-/* doStep until t + h: the FMU may return early, and is stopped where an event or a tick is known. */
-SHARED int do_step(doing_t *d, double t)
+/* After a call of doStep whose end was `at`, s: *now becomes how far it has come, and events there are handled. */
+static int arrive_at(doing_t *d, const outcome_t *a, double at, double *now, double end)
+{
+    typed_t *x = d->unit->typed;
+
+    if (a->terminate) {
+        d->unit->reached = a->reached;
+        return RUN_TERMINATED;
+    }
+    if (a->early && is_stopped(x)) return RUN_STOPPED;
+    *now = a->early ? a->reached : at;
+    return x->update ? step_event(d, *now, *now < end - SLACK * d->unit->h, a->event) : RUN_OK;
+}
+
+/* doStep from `now`, after `calls` of it, until t + h: the FMU may return early, and is stopped where an event or a tick
+ * is known. */
+static int advance(doing_t *d, double t, double now, int calls)
 {
     unit_t *u = d->unit;
     typed_t *x = u->typed;
     const double end = t + u->h, slack = SLACK * u->h;
-    double now = t;
 
-    for (int calls = 0; calls < CALLS_AT_MOST; calls++) {
-        _Bool event = 0, terminate = 0, early = 0;
-        double length = calls ? end - now : u->h, reached = now + length;
+    for (; calls < CALLS_AT_MOST; calls++) {
+        double length = calls ? end - now : u->h;
+        outcome_t a = {0, 0, 0, now + length};
         const double next = x->variable ? next_time(x) : DBL_MAX;
         const int cut = next < end - slack && next > now + slack;
+        int result;
         if (cut) length = next - now;
         if (x->log) ((log_t *)x->log)->step = d;
-        *d->status =
-            ((step3_t)u->step)(u->instance, now, length, !u->repeats, &event, &terminate, &early, &reached);
+        *d->status = ((step3_t)u->step)(u->instance, now, length, !u->repeats, &a.event, &a.terminate,
+                                        &a.early, &a.reached);
         if (x->log) ((log_t *)x->log)->step = NULL;
         if (d->result != RUN_OK) return refused_inside(d);
         if (failed_call(*d->status)) return RUN_STEP;
-        if (terminate) {
-            u->reached = reached;
-            return RUN_TERMINATED;
-        }
-        if (early && is_stopped(x)) return RUN_STOPPED;
-        now = early ? reached : cut ? next : end;
-        if (x->update) {
-            const int result = step_event(d, now, now < end - slack, event);
-            if (result != RUN_OK) return result;
-        }
-        if (now >= end - slack) return RUN_OK;
+        result = arrive_at(d, &a, cut ? next : end, &now, end);
+        if (result != RUN_OK || now >= end - slack) return result;
     }
     return RUN_STUCK;
+}
+
+SHARED int do_step(doing_t *d, double t) { return advance(d, t, t, 0); }
+
+/* The rest of a step after its first call of doStep, which has not been cut. */
+SHARED int finish_step(doing_t *d, double t, const outcome_t *a)
+{
+    const double h = d->unit->h, end = t + h;
+    double now = t;
+    const int result = arrive_at(d, a, end, &now, end);
+
+    return result != RUN_OK || now >= end - SLACK * h ? result : advance(d, t, now, 1);
 }

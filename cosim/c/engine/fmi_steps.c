@@ -59,16 +59,57 @@ INLINE int step_fmi3(unit_t *u, int plain, double *s, double t, int *status)
     return RUN_TERMINATED;
 }
 
-/* A step of a unit that is plain, from t (s), the time of a tick. */
-HOT int step_plain(unit_t *u, double *s, int64_t tick, double t, int *status, int32_t *signal)
+/* A step of an FMU that is direct: as step_fmi3, as long as no event is near, and none happens. */
+INLINE int step_direct(unit_t *u, double *s, double t, int *status, int32_t *signal)
 {
-    int result;
+    const typed_t *x = u->typed;
+    log_t *const log = x->log;
+    outcome_t a = {0, 0, 0, t};
+    int result = RUN_OK;
+    doing_t d;
 
-    if (u->plain == UNIT_FMI2) result = step_fmi2(u, 1, s, t, status);
-    else if (u->plain == UNIT_FMI3) result = step_fmi3(u, 1, s, t, status);
-    else result = step_typed(u, s, t, u->period == 1 ? tick : tick / u->period, status, signal);
+    if (x->next_event <= t + (u->h + u->h)) return step_typed(u, s, t, 0, status, signal);
+    *status = set_inputs(u, UNIT_FMI3, 1, s);
+    if (failed_call(*status)) return RUN_SET;
+    d.unit = u;
+    d.result = RUN_OK;
+    log->step = &d;
+    *status = ((step3_t)u->step)(u->instance, t, u->h, 1, &a.event, &a.terminate, &a.early, &a.reached);
+    log->step = NULL;
+    if (failed_call(*status)) return RUN_STEP;
+    if (a.event | a.terminate | a.early) {
+        d = (doing_t){u, s, status, signal, t, RUN_OK, 0};
+        result = finish_step(&d, t, &a);
+        if (result != RUN_OK && result != RUN_TERMINATED) return result;
+    }
+    *status = get_outputs(u, UNIT_FMI3, 1, s);
+    return failed_call(*status) ? RUN_GET : result;
+}
+
+/* A step of a unit that is UNIT_TYPED and plain. */
+HOT int step_plain_typed(unit_t *u, double *s, int64_t tick, double t, int *status, int32_t *signal)
+{
+    const int result = step_typed(u, s, t, u->period == 1 ? tick : tick / u->period, status, signal);
+
     if (result != RUN_OK && result != RUN_TERMINATED) return result;
     return not_finite(s + u->output, u->output_count) ? RUN_NOT_FINITE : result;
+}
+
+/* Steps of units that follow each other, plain and of one kind but UNIT_TYPED: from *at on, which becomes the first
+ * whose step was not RUN_OK, or `last`. */
+HOT int step_each(int32_t kind, unit_t **at, const unit_t *last, double *s, double t, int *status,
+                  int32_t *signal)
+{
+    for (unit_t *u = *at;; u++) {
+        int result = kind == UNIT_FMI2   ? step_fmi2(u, 1, s, t, status)
+                     : kind == UNIT_FMI3 ? step_fmi3(u, 1, s, t, status)
+                                         : step_direct(u, s, t, status, signal);
+        if ((result == RUN_OK || result == RUN_TERMINATED) && not_finite(s + u->output, u->output_count))
+            result = RUN_NOT_FINITE;
+        if (result == RUN_OK && u != last) continue;
+        *at = u;
+        return result;
+    }
 }
 
 /* A step of a unit from t (s); `tick`: the one in which it ends. */

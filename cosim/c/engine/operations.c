@@ -1,65 +1,11 @@
 /* operations.c: the operations of a tick: copies, links, records and steps, in the order of the plan. */
 #include "engine_internal.h"
 
-INLINE void push(sender_t *l, const operation_t *op, const double *value)
-{
-    double *sample = l->history + (l->sent & (l->capacity - 1)) * l->width;
-    if (op->gain == 1.0 && op->offset == 0.0) copy(sample, value, l->width);
-    else
-        for (int64_t i = 0; i < l->width; i++) sample[i] = op->gain * value[i] + op->offset;
-    publish(&l->sent, l->sent + 1);
-}
-
-/* The receiver keeps its sample; a value is copied only if the row changes. */
-INLINE int pull(link_t *l, double *target)
-{
-    const sender_t *from = l->sender;
-    const double *value = l->initial;
-    int64_t held;
-
-    if (l->row >= l->rows) return RUN_HISTORY;
-    held = l->table[l->row++] - l->before;
-    if (held < 0) held = -1;
-    if (held == l->held) return RUN_OK;
-    if (held >= 0) {
-        const int64_t sent = published(&from->sent);
-        if (held >= sent || held < sent - from->capacity) return RUN_HISTORY;
-        value = from->history + (held & (from->capacity - 1)) * from->width;
-    }
-    copy(target, value, from->width);
-    l->held = held;
-    return RUN_OK;
-}
-
 /* How old what a link holds is; before anything has arrived, as old as the run. */
 static double age(const engine_t *e, int64_t tick, const operation_t *op)
 {
     int64_t held = e->links[op->index].held;
     return (double)(tick - (held < 0 ? 0 : held) * op->source) * e->h;
-}
-
-/* What is recorded goes to the row of this tick. */
-INLINE void record(engine_t *e, int64_t tick, const operation_t *op)
-{
-    const columns_t *columns = e->columns + op->index;
-    const int64_t n = e->every > 1 && tick % e->every ? 0 : columns->n_stretches;
-    double *row = e->record + (e->row + tick - e->tick) * e->width;
-
-    for (int64_t i = 0; i < n; i++) {
-        const stretch_t *x = columns->stretches + i;
-        if (x->count > 64) memcpy(row + x->place, e->signals + x->source, (size_t)x->count * sizeof *row);
-        else copy(row + x->place, e->signals + x->source, x->count);
-    }
-    if (!op->count) return;
-    e->row++;
-    if (e->recorded) publish(e->recorded, e->row);
-}
-
-static int play(player_t *p, double *target)
-{
-    if (p->row >= p->rows) return RUN_HISTORY;
-    *target = p->values[p->row++];
-    return RUN_OK;
 }
 
 /* The mean over a step of the line through this value and the last one, which is `op->period` ticks
@@ -143,76 +89,6 @@ static void run_often(const engine_t *e, int64_t tick, int64_t *ticks, const ope
     *failure = found;
 }
 
-/* Copies, records, and steps of units that are plain: most of what a plan has, apart from the rest, so that a compiler
- * keeps in registers what they take. Returns the first operation that is another, or whose step was not RUN_OK, which
- * is then in *result and *failure. */
-INLINE const operation_t *run_plain(engine_t *e, int64_t tick, const operation_t *op, const operation_t *end,
-                                    failure_t *failure, int *result)
-{
-    double *const s = e->signals;
-    const double t = time_of(e, tick);
-
-    for (; op < end; op++) {
-        if (op->code == OP_COPY) {
-            if (op->count == 1) s[op->target] = s[op->source];
-            else copy(s + op->target, s + op->source, op->count);
-        } else if (op->code == OP_STEP) {
-            unit_t *const u = e->units + op->index;
-            int status = 0;
-            if (!u->plain) break;
-            *result = step_plain(u, s, tick, t, &status, &failure->signal);
-            if (*result == RUN_OK) continue;
-            failure->index = op->index;
-            failure->status = status;
-            break;
-        } else if (op->code == OP_RECORD) {
-            if (e->record) record(e, tick, op);
-        } else break;
-    }
-    return op;
-}
-
-/* The same, for ticks in which there is more than that. */
-static NOINLINE const operation_t *run_some(engine_t *e, int64_t tick, const operation_t *op,
-                                            const operation_t *end, failure_t *failure, int *result)
-{
-    return run_plain(e, tick, op, end, failure, result);
-}
-
-/* Runs ticks up to `end` of a plan that has nothing else, in one segment; the operation whose step ended that, or NULL. */
-SHARED NOINLINE const operation_t *run_ticks(engine_t *e, int64_t end, failure_t *failure, int *result)
-{
-    segment_t *const segment = e->segments;
-    const operation_t *const first = e->operations + segment->first, *const last =
-                                                                         e->operations + segment->last;
-
-    for (; e->tick < end && !*(volatile int32_t *)&e->stop; e->tick++) {
-        const operation_t *op;
-        segment->next = e->tick + 1;
-        op = run_plain(e, e->tick, first, last, failure, result);
-        if (op < last) return op;
-    }
-    return NULL;
-}
-
-/* Finds the units that are plain; returns whether a plan has nothing else, in one segment. */
-SHARED int find_plain(engine_t *e)
-{
-    int all = e->n_segments == 1 && e->segments->period == 1;
-
-    for (const segment_t *x = e->segments; x < e->segments + e->n_segments; x++) {
-        for (const operation_t *op = e->operations + x->first; op < e->operations + x->last; op++) {
-            if (op->code == OP_STEP) {
-                unit_t *const u = e->units + op->index;
-                const int numbers = (u->kind == UNIT_FMI2 || u->kind == UNIT_FMI3) && !u->values;
-                u->plain = (numbers || u->kind == UNIT_TYPED) && !u->lag && !u->repeats ? u->kind : 0;
-                all = all && u->plain;
-            } else all = all && (op->code == OP_COPY || op->code == OP_RECORD);
-        }
-    }
-    return all;
-}
-
 /* Executes operations from `first` to before `last`; steps of a tick are made `ticks` times. An FMU that ends the
  * simulation is kept in *ended, and the others go on; anything else that goes wrong ends it, and is in *failure.
  * If that has an operation already, it is the first one, whose step was made. */
@@ -227,7 +103,7 @@ HOT int run_operations(engine_t *e, int64_t tick, int64_t ticks, int64_t first, 
     for (const operation_t *op = e->operations + first;; op++) {
         const operation_t *last_done;
         if (result == RUN_OK && op < end && op->code == OP_STEP && e->units[op->index].plain)
-            op = run_some(e, tick, op, end, failure, &result);
+            op = run_plain(e, tick, op, end, failure, &result);
         if (op >= end) break;
         last_done = op->code == OP_STEP ? op + op->count : op;
         if (result != RUN_OK) last_done = op;

@@ -1,6 +1,15 @@
 /* run.c: all of a plan, tick by tick. */
 #include "engine_internal.h"
 
+/* Where the segment of an operation ends. */
+static int64_t last_of(const engine_t *e, int64_t operation)
+{
+    const segment_t *x = e->segments;
+
+    while (operation >= x->last) x++;
+    return x->last;
+}
+
 /* Runs `ticks` ticks; returns RUN_OK or why it stopped. e->tick is then the tick that failed. A tick in
  * which an FMU ends the simulation after its step (RUN_TERMINATED) is done to its end and counted. */
 API int32_t engine_run(engine_t *e, int64_t ticks)
@@ -19,7 +28,10 @@ API int32_t engine_run(engine_t *e, int64_t ticks)
         if (op) {
             failure.result = result;
             failure.operation = op - e->operations;
-            result = run_operations(e, e->tick, 1, failure.operation, e->segments->last, &failure, &ended);
+            result = run_operations(e, e->tick, 1, failure.operation, last_of(e, failure.operation), &failure,
+                                    &ended);
+            if (result == RUN_OK)
+                result = run_tick(e, e->tick, 1, e->segments, e->n_segments, &failure, &ended);
         } else {
             if (e->tick == end) break;
             if (*(volatile int32_t *)&e->stop) return RUN_STOPPED;

@@ -19,7 +19,7 @@ from bridge.bus_server.program_time import ProgramTime
 from bridge.bus_server.server import BusServer
 from bridge.simulated_can.channel import Channel
 from bridge.simulated_can.options import ChannelOptions
-from bridge.simulated_can.protocol import SERVED_BUS, BusAddress
+from bridge.simulated_can.protocol import BUS_TABLE, SERVED_BUS, BusAddress
 from cosim.base.clock import monotonic_ns, sleep
 
 DATE = 1_767_225_600
@@ -70,7 +70,7 @@ class Programs:
                 "LD_PRELOAD": os.pathsep.join(
                     filter(None, (str(preload_path()), os.environ.get("LD_PRELOAD")))
                 ),
-                "COSIM_BUS_TABLE": str(folder / "table"),
+                BUS_TABLE: str(folder / "table"),
                 SERVED_BUS: f"{name}@{address.path}",
                 "COSIM_BUS_SOCKETS": str(folder / "sockets"),
                 "COSIM_BUS_INTERFACE": name,

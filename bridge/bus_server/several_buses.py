@@ -7,7 +7,8 @@ from contextlib import ExitStack, contextmanager
 
 from bridge.bus_server.lag import BusLag, LagWatch
 from bridge.bus_server.listener import listen
-from bridge.bus_server.server import BusServer, RemoteThreads
+from bridge.bus_server.remote_thread import RemoteThreads
+from bridge.bus_server.server import BusServer
 from bridge.simulated_can.channel import Channel
 from bridge.simulated_can.options import ChannelOptions
 from bridge.simulated_can.protocol import BusAddress

@@ -215,6 +215,12 @@ class Channel:
         with self.lock:
             return self._room(port)
 
+    def room(self, port: ChannelPort) -> int:
+        """The number of frames that the transmit queue of a port has room for; 0: bus-off."""
+        if port.node.state == ControllerState.OFF:
+            return 0
+        return port.options.tx_queue_size - self._wire.waiting(port.node)
+
     def received(self, port: ChannelPort, wanted: Wanted | None) -> can.Message | None:
         """The oldest message that is `wanted` of those that are there; time does not move."""
         with self.lock:

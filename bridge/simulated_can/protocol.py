@@ -6,11 +6,12 @@ text]``; each is msgpack with its length in front (4 bytes, big endian), over TC
 
 from __future__ import annotations
 
-import contextlib
 import os
 import socket
 import struct
+import sys
 from collections.abc import Hashable
+from contextlib import suppress
 from typing import Any, NamedTuple, final
 
 import can
@@ -35,10 +36,17 @@ from cosim.bus.timing import BusTiming
 
 SERVED_BUS = "COSIM_BUS"
 """The environment variable of programs that `cosim bus` starts: NAME@ADDRESS of their bus."""
+BUS_TABLE = "COSIM_BUS_TABLE"
+"""The environment variable of programs in bus time: the file of the threads that wait."""
 _MOST = 1 << 24
 """Bytes of a call; more is no call."""
 _READ = 4096
-"""Bytes that are read at once, at least."""
+"""Bytes that are read at once."""
+_LOOKS = 100
+"""Times that a connection looks for an answer before it sleeps, about 1 us each."""
+_LONGEST_PAUSE = 256
+"""Receptions for which it does not look after it has looked in vain, at most."""
+_NEVER = 1 << 62
 _LENGTH = struct.Struct(">I")
 
 
@@ -106,6 +114,7 @@ class CallSocket:
         self._socket = connection
         self._packed = msgpack.Packer().pack
         self._got = b""
+        self._vain, self._pause = 1, 0 if _can_look() else _NEVER
 
     def __del__(self) -> None:
         """A thread's connection ends with the thread."""
@@ -118,15 +127,16 @@ class CallSocket:
 
     def receive(self) -> Any:
         """The next value; None at the end of the connection, or where there is no such value."""
-        if len(self._got) < 4 and not self._gather(4):
-            return None
-        end = 4 + _LENGTH.unpack_from(self._got)[0]
-        if len(self._got) < end and not (end <= _MOST and self._gather(end)):
-            return None
-        content, self._got = self._got[4:end], self._got[end:]
         try:
-            return msgpack.unpackb(content)
-        except (ValueError, RecursionError, msgpack.UnpackException):
+            got = self._got or self._more(b"")
+            while len(got) < 4:
+                got = self._more(got)
+            end = 4 + _LENGTH.unpack_from(got)[0]
+            while len(got) < end <= _MOST:
+                got = self._more(got)
+            self._got = got[end:]
+            return msgpack.unpackb(got[4:end]) if end <= _MOST else None
+        except (OSError, ValueError, RecursionError, msgpack.UnpackException):
             return None
 
     def receive_call(self) -> list[Any] | None:
@@ -138,27 +148,60 @@ class CallSocket:
 
     def close(self) -> None:
         """End the connection; a thread that waits for a value gets None."""
-        with contextlib.suppress(OSError):  # the other side was first
+        with suppress(OSError):  # the other side was first
             self._socket.shutdown(socket.SHUT_RDWR)
         self._socket.close()
 
-    def _gather(self, size: int) -> bool:
-        """Receive until `size` bytes are there; False at the end of the connection."""
-        while len(self._got) < size:
+    def _more(self, got: bytes) -> bytes:
+        """What has come so far, and what comes next. Raises OSError at the end."""
+        part = self._look(_READ)
+        if not part:
+            raise ConnectionResetError
+        return got + part if got else part
+
+    def _look(self, most: int) -> bytes:
+        """What comes next, which another processor may soon send: look for it before this sleeps.
+
+        A processor that sleeps takes longer to wake than most answers take to come. Looks that were
+        in vain are not repeated for a while, twice as long each time.
+        """
+        receive = self._socket.recv
+        if self._pause:
+            self._pause -= 1
+            return receive(most)
+        for _ in range(_LOOKS):
             try:
-                part = self._socket.recv(max(_READ, size))
-            except OSError:
-                return False
-            if not part:
-                return False
-            self._got += part
-        return True
+                found = receive(most, socket.MSG_DONTWAIT)
+            except BlockingIOError:
+                continue
+            self._vain = 1
+            return found
+        self._vain = self._pause = min(2 * self._vain, _LONGEST_PAUSE)
+        return receive(most)
+
+
+def _can_look() -> bool:
+    """True if this thread may look for an answer while another processor makes it.
+
+    Not in bus time, which stands still while a program looks.
+    """
+    if sys.platform != "linux" or BUS_TABLE in os.environ:
+        return False
+    return len(os.sched_getaffinity(0)) > 1
 
 
 def pack_message(message: can.Message) -> list[Any]:
     """A message as msgpack can carry it."""
     data = bytes(message.data or b"")
     return [message.arbitration_id, flags_of(message), message.dlc, data, message.timestamp]
+
+
+def is_plain(packed: list[Any]) -> bool:
+    """True for a classic data frame, which each bus can carry; a quick test of most messages."""
+    identifier, flags, _, data, _ = packed
+    if flags & (REMOTE | ERROR | FD) or len(data) > 8:
+        return False
+    return 0 <= int(identifier) < (1 << 29 if flags & EXTENDED else 1 << 11)
 
 
 def pack_frame(frame: BusFrame, own: bool, stamp: float, _: Hashable) -> list[Any]:

@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-import os
-import socket
 import threading
 from collections import deque
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import asdict
-from threading import get_ident
 from typing import Any, final
-from weakref import WeakSet
 
 import can
 from can.broadcastmanager import (
@@ -32,16 +28,18 @@ from bridge.simulated_can.options import (
 from bridge.simulated_can.protocol import (
     CallSocket,
     connect,
+    is_plain,
     pack_message,
     parse_address,
+    unpack_frame,
     unpack_message,
 )
+from bridge.simulated_can.thread_connection import connection_to, end_connections
 from cosim.bus.frames import ControllerState
 from cosim.bus.settings import Disturbance
 from cosim.bus.timing import BusTiming
 
 _ERRORS = {e.__name__: e for e in (ChannelOptionError, ChannelOperationError, ChannelTimeoutError)}
-_PROCESS = f"{socket.gethostname()} {os.getpid()} {id(object())}"
 _BATCH = 64
 """Messages that one call fetches."""
 
@@ -50,47 +48,46 @@ _BATCH = 64
 class RemoteChannel:
     """A simulated bus of another process, for one bus object here.
 
-    Each thread has a connection of its own, so that one can send while another waits.
+    Each thread has a connection of its own to the server, so that one can send while another waits.
+    A message for which the transmit queue has room is posted: sending it does not wait for the
+    server. The server takes it before all later calls for this bus, whatever their thread.
+
     Raises ChannelOptionError if no server answers at its address or the server has other options.
     """
 
     def __init__(self, channel: str, options: ChannelOptions, port: PortOptions) -> None:
         self._address = parse_address(channel)
         self.name = channel
-        self._connections: WeakSet[CallSocket] = WeakSet()  # a thread's ends with it
-        self._own = threading.local()
         self._main = CallSocket(connect(self._address))
         said = {k: v for k, v in asdict(options).items() if k != "timing" and v is not None}
         if options.timing is not None:
             said["bitrate"] = options.timing.bitrate
-        opened = self._answer(self._main, "open", self._address.channel, said, asdict(port))
-        self._token, bitrate, data_bitrate, fd = opened
+        with suppress(OSError):  # then there is no answer
+            self._main.send(["open", self._address.channel, said, asdict(port)])
+        opened = self._value(self._main.receive())
+        self._server, self._token, bitrate, data_bitrate, fd = opened
         self.timing = BusTiming(bitrate, data_bitrate, fd=fd)
         self._inbox: deque[can.Message] = deque()
-        self._closed = False
+        self._sending = threading.Lock()
+        self._sent, self._most = 0, 0
+        """Messages sent so far, and how many can be before one has to wait for an answer."""
 
     def call(self, method: str, *arguments: object) -> Any:
         """The answer to a call, on the connection of this thread."""
-        connection = getattr(self._own, "socket", None)
-        if connection is None:
-            connection = self._own.socket = CallSocket(connect(self._address))
-            self._connections.add(connection)
-            self._answer(connection, "join", self._token, f"{_PROCESS} {get_ident()}")
-        return self._answer(connection, method, *arguments)
+        connection = connection_to(self._address, self._server, self._token)
+        return self._value(connection.ask(method, self._token, self._sent, *arguments))
 
-    def _answer(self, connection: CallSocket, *call: object) -> Any:
-        try:
-            connection.send(call)
-            found = connection.receive()
-        except OSError:
-            found = None
-        if found is None:
+    def _value(self, answer: Any) -> Any:
+        """The value of an answer. Raises ChannelOperationError and other errors of the server."""
+        if answer is None:
             raise ChannelOperationError(
                 f"channel {self.name!r}: found the connection to {self._address.place} closed"
             )
-        if found[0] == "error":
-            raise _ERRORS.get(found[1], ChannelOperationError)(found[2])
-        return found[1]
+        if answer[0] == "error":
+            raise _ERRORS.get(answer[1], ChannelOperationError)(answer[2])
+        if len(answer) > 2:
+            self._most = answer[2]
+        return answer[1]
 
     def time(self) -> float:
         """Time of the channel in s, plus the date of its opening in wall time."""
@@ -132,7 +129,22 @@ class RemoteChannel:
 
     def send(self, message: can.Message, timeout: float | None) -> None:
         """Queue a message, waiting up to `timeout` (s) for room."""
-        self.call("send", pack_message(message), timeout)
+        packed = pack_message(message)
+        if not is_plain(packed):
+            unpack_frame(packed, self._address.channel, self.timing)  # raises as the server does
+        connection = connection_to(self._address, self._server, self._token)
+        with self._sending:
+            before, self._sent = self._sent, self._sent + 1
+        if before >= self._most:
+            self._value(connection.ask("send", self._token, before, packed, timeout))
+            return
+        refused = None
+        try:
+            refused = connection.post(self._token, before, packed)
+        except OSError:
+            self._value(None)
+        if refused:
+            self._value(refused)
 
     def receive(self, wanted: Wanted | None, timeout: float | None) -> can.Message | None:
         """The oldest message, waiting up to `timeout` (s; None: for ever)."""
@@ -161,9 +173,11 @@ class RemoteChannel:
         return None if modifier else RemotePeriodicTask(self, messages, period, duration)
 
     def leave(self) -> None:
-        """Close all connections; what was queued is still sent."""
-        for connection in (self._main, *self._connections):
-            connection.close()
+        """Leave the bus; what was queued is still sent."""
+        with suppress(OSError):  # the server was first
+            self._main.send(["leave", self._sent])
+        self._main.close()
+        end_connections(self._server, self._token)
 
 
 @final

@@ -1,0 +1,265 @@
+"""Messages to a served bus that do not wait for its answer keep their order all the same."""
+
+from __future__ import annotations
+
+import gc
+import os
+import socket
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from bridge.bus_server.attention import Attention
+from bridge.bus_server.listener import listen
+from bridge.bus_server.remote_port import RemotePort
+from bridge.bus_server.server import BusServer
+from bridge.bus_server.several_buses import served_buses
+from bridge.simulated_can.bus import CosimBus
+from bridge.simulated_can.channel import Channel
+from bridge.simulated_can.options import ChannelOperationError, channel_options
+from bridge.simulated_can.protocol import CallSocket, parse_address
+from cosim.bus.settings import ScriptedError
+from cosim.bus.timing import BusTiming
+from tests.bridge.simulated_can.benches import everything, message
+
+ROOT = Path(__file__).parents[3]
+MILLISECOND = 0.001
+TAKES = 0.02
+"""The wall time that a slow server takes for each message that is posted, s."""
+
+
+@pytest.fixture
+def address(tmp_path: Path) -> Iterator[str]:
+    found = f"bench@{tmp_path}/bench.sock"
+    channel = Channel("bench", channel_options("bench", bitrate=1e6, speed="simulated"))
+    server = BusServer(channel, listen(parse_address(found)))
+    yield found
+    server.close()
+
+
+@pytest.fixture
+def posted(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """The numbers of the messages that are posted, which a slow server takes."""
+    found: list[int] = []
+    post: Callable[..., None] = RemotePort.post
+
+    def slowly(port: RemotePort, number: int, packed: list[Any]) -> None:
+        time.sleep(TAKES)
+        found.append(number)
+        post(port, number, packed)
+
+    monkeypatch.setattr(RemotePort, "post", slowly)
+    return found
+
+
+def in_thread(action: Callable[[], object]) -> None:
+    """Do it in a thread of its own, until its end."""
+    thread = threading.Thread(target=action, daemon=True)
+    thread.start()
+    thread.join(20)
+    assert not thread.is_alive()
+
+
+def test_only_a_message_without_room_waits_for_the_server(address: str, posted: list[int]) -> None:
+    with CosimBus(address, tx_queue_size=4) as a, CosimBus(address) as b:
+        for i in range(4):
+            a.send(message(i))
+        with pytest.raises(ChannelOperationError, match="found 4 frames in the transmit queue"):
+            a.send(message(9))
+        assert [m.arbitration_id for m in everything(b)] == [0, 1, 2, 3]
+        a.send(message(5))
+        assert b.recv(1).arbitration_id == 5
+    assert posted == [1, 2, 3, 4]
+
+
+def test_messages_of_a_bus_keep_their_order_though_threads_take_turns(
+    address: str, posted: list[int]
+) -> None:
+    with CosimBus(address) as a, CosimBus(address) as b:
+        in_thread(lambda: a.send(message(0)))
+        for i in range(1, 7):
+            a.send(message(2 * i - 1))
+            in_thread(lambda i=i: a.send(message(2 * i)))
+        assert [m.arbitration_id for m in everything(b)] == list(range(13))
+    assert posted
+
+
+def test_another_thread_drops_what_was_posted(address: str, posted: list[int]) -> None:
+    with CosimBus(address) as a, CosimBus(address) as b:
+        a.send(message(1))
+        a.send(message(2))
+        in_thread(a.flush_tx_buffer)
+        assert everything(b) == []
+    assert posted == [1, 2]
+
+
+def test_what_is_posted_is_sent_before_the_time_of_another_bus_passes(posted: list[int]) -> None:
+    buses = {"x": BusTiming(1e6), "y": BusTiming(1e6)}
+    with served_buses(buses, simulated=True) as names, ExitStack() as stack:
+        x, other, y = (stack.enter_context(CosimBus(names[name])) for name in ("x", "x", "y"))
+        x.send(message(1))
+        assert other.recv(1) is not None
+        began = y.time
+        x.send(message(2))
+        assert y.recv(MILLISECOND) is None
+        got = other.recv(0)
+        assert got is not None
+        assert got.timestamp - began < MILLISECOND
+    assert posted == [1, 2]
+
+
+def test_what_is_posted_is_sent_though_its_sender_closes_its_bus(
+    address: str, posted: list[int]
+) -> None:
+    with CosimBus(address) as b:
+        with CosimBus(address) as a:
+            for i in range(4):
+                a.send(message(i))
+        assert [m.arbitration_id for m in everything(b)] == [0, 1, 2, 3]
+    assert posted == [1, 2, 3, 4]
+
+
+def test_what_is_posted_is_sent_though_its_sender_dies(address: str, posted: list[int]) -> None:
+    code = (
+        "import can, os\n"
+        f"b = can.Bus(interface='cosim', channel={address!r})\n"
+        "for i in range(4): b.send(can.Message(arbitration_id=i, is_extended_id=False))\n"
+        "os._exit(9)"
+    )
+    with CosimBus(address) as b:
+        subprocess.run([sys.executable, "-c", code], cwd=ROOT, check=False)
+        got: list[int] = []
+        end = time.monotonic() + 10
+        while len(got) < 4 and time.monotonic() < end:
+            got += [m.arbitration_id for m in everything(b, 1e-3)]
+        assert got == [0, 1, 2, 3]
+    assert posted == [1, 2, 3, 4]
+
+
+def test_a_posted_message_that_is_refused_refuses_the_next_call(address: str) -> None:
+    with CosimBus(address, tx_queue_size=1) as a, CosimBus(address) as b:
+        a.send(message(1))
+        a._place._most = 99  # type: ignore[attr-defined]  # more than the server has told
+        a.send(message(2))
+        with pytest.raises(ChannelOperationError, match="found 1 frames in the transmit queue"):
+            a.recv(0)
+        assert [m.arbitration_id for m in everything(b)] == [1]
+        a.send(message(3))
+        assert b.recv(1).arbitration_id == 3
+
+
+def test_a_bus_off_is_told_by_the_message_that_cannot_be_sent(address: str) -> None:
+    with CosimBus(address, auto_restart=False) as a, CosimBus(address):
+        for attempt in range(1, 33):
+            a.disturb(ScriptedError(0x123, 30, attempt))
+        a.send(message(0x123))
+        a.sleep(1.0)
+        with pytest.raises(ChannelOperationError, match="found the node bus-off"):
+            a.send(message(2))
+
+
+def test_the_connection_of_a_thread_ends_with_it(
+    address: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Simulated time waits for a thread as long as it has one."""
+    closed: list[int] = []
+    close = RemotePort.count
+    monkeypatch.setattr(
+        RemotePort, "count", lambda port, n: (close(port, n), closed.append(n), None)[-1]
+    )
+    gc.disable()
+    try:
+        with CosimBus(address) as a:
+            in_thread(lambda: a.send(message(1)))
+            end = time.monotonic() + 10
+            while -1 not in closed and time.monotonic() < end:
+                time.sleep(0.01)
+            assert closed == [1, 1, -1]
+    finally:
+        gc.enable()
+
+
+def test_a_message_that_no_bus_carries_is_refused_at_once(address: str) -> None:
+    with CosimBus(address) as a:
+        a.send(message(1))
+        for wrong in (message(0x800, check=False), message(1, bytes(12), is_fd=True)):
+            with pytest.raises(ChannelOperationError, match="channel 'bench': found"):
+                a.send(wrong)
+
+
+def test_a_server_that_is_gone_is_noticed_by_a_thread_that_only_sends(address: str) -> None:
+    channel = Channel("bench", channel_options("bench", bitrate=1e6, speed="simulated"))
+    other = address.replace("bench.sock", "other.sock")
+    server = BusServer(channel, listen(parse_address(other)))
+    with CosimBus(other) as a:
+        a.send(message(1))
+        server.close()
+        with pytest.raises(ChannelOperationError, match=r"the connection to .* closed"):
+            for _ in range(2000):
+                a.send(message(1))
+
+
+def test_in_bus_time_each_message_waits_for_its_answer() -> None:
+    """A program must not go on before the bus has its message at the program's time."""
+    channel = Channel("bench", channel_options("bench", bitrate=1e6, speed="simulated"))
+    address = parse_address("bench@127.0.0.1:0")
+    server = BusServer(channel, listen(address), attention=Attention())
+    with CosimBus(f"bench@127.0.0.1:{server.port}") as a:
+        a.send(message(1))
+        assert a._place._most == 0  # type: ignore[attr-defined]
+    server.close()
+
+
+def test_a_child_that_is_forked_has_connections_of_its_own(address: str) -> None:
+    code = f"""
+import can, os
+def opened(): return can.Bus(interface="cosim", channel={address!r})
+def said(bus, i): bus.send(can.Message(arbitration_id=i, is_extended_id=False))
+a = opened()
+said(a, 1); said(a, 2)
+if os.fork() == 0:
+    said(opened(), 0x10)
+    os._exit(0)
+print(os.wait()[1])
+said(a, 3)
+print(a.recv(1.0).arbitration_id)
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=ROOT, check=True, text=True, capture_output=True
+    )
+    assert done.stdout.split() == ["0", str(0x10)], done.stderr
+
+
+class Silent:
+    """A socket on which nothing has come when one looks, and then an empty list."""
+
+    def __init__(self) -> None:
+        self.looks = 0
+
+    def recv(self, most: int, flags: int = 0) -> bytes:
+        if flags & socket.MSG_DONTWAIT:
+            self.looks += 1
+            raise BlockingIOError
+        return b"\0\0\0\1\x90"
+
+    def close(self) -> None:
+        pass
+
+
+@pytest.mark.parametrize(("processors", "most"), [({0}, 0), ({0, 1}, 20)])
+def test_looks_in_vain_become_rare(
+    monkeypatch: pytest.MonkeyPatch, processors: set[int], most: int
+) -> None:
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: processors)
+    silent = Silent()
+    calls = CallSocket(silent)  # type: ignore[arg-type]
+    assert [calls.receive() for _ in range(2000)] == [[]] * 2000
+    assert silent.looks <= 100 * most
+    assert (silent.looks > 0) == (most > 0)

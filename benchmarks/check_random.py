@@ -22,12 +22,14 @@ import sys
 from collections import Counter
 from collections.abc import Callable, Iterator
 from copy import deepcopy
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from time import process_time
 from typing import Any
 
 import numpy as np
+
+from cosim.base.copies import replace
 
 sys.path.append(str(Path(__file__).resolve().parents[1]))  # an installed cosim comes first
 

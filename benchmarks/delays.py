@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from typing import Any, final
 
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from benchmarks.cases import Case, Document, delayed, vdp_ring, wide_ring
 from benchmarks.ours import Ours
 from benchmarks.race import Contestant, Session, race
-from cosim.base.convert import replace as replace_struct
+from cosim.base.copies import replace
 from cosim.links.semantics import Grid
 from cosim.links.table import TableSpec, TableStream
 from cosim.schedule.plan import Plan
@@ -76,7 +76,7 @@ def prepared(plan: Plan) -> Plan:
     links = []
     for link in plan.links:
         rows = link.table.stream(plan.ticks).rows(plan.ticks)
-        links.append(replace_struct(link, table=Prepared(link.table, rows)))
+        links.append(replace(link, table=Prepared(link.table, rows)))
     return replace(plan, links=tuple(links))
 
 

@@ -20,12 +20,13 @@ import socket
 import subprocess
 import sys
 from collections.abc import Callable
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from statistics import median
 from tempfile import TemporaryDirectory
 from typing import Any, final
+
+from cosim.base.copies import replace
 
 sys.path.append(str(Path(__file__).resolve().parents[1]))  # an installed cosim comes first
 

@@ -30,10 +30,12 @@ import hashlib
 import os
 import resource
 import sys
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from time import perf_counter
+
+from cosim.base.copies import replace
 
 sys.path.append(str(Path(__file__).resolve().parents[1]))  # an installed cosim comes first
 

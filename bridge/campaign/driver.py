@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache, partial
 from itertools import count, permutations
 from pathlib import Path
@@ -18,6 +18,7 @@ from bridge.campaign.soak_spec import Table
 from bridge.campaign.spec import CampaignRunSpec
 from bridge.deployment.system import System, load_system
 from bridge.rehearsal.hosts import groups
+from cosim.base.copies import replace
 from cosim.record.folder import NODES
 from cosim.study.run_point import StudyRow
 from cosim.study.runner import UNOBSERVED, Observer

@@ -6,7 +6,7 @@ import json
 import shutil
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
@@ -20,6 +20,7 @@ from bridge.faults.load import load
 from bridge.results.page import describe
 from cosim.base.clock import stopwatch
 from cosim.base.convert import convert
+from cosim.base.copies import asdict
 from cosim.base.errors import RunError, ScenarioError
 from cosim.base.interrupts import signals_as_interrupt
 from cosim.base.names import unknown

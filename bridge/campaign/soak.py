@@ -8,7 +8,7 @@ from __future__ import annotations
 import shutil
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +30,7 @@ from bridge.results.outcome import begin, complete
 from bridge.results.rehearsal_outcome import RehearsalOutcome
 from bridge.results.verdict import Verdict, Word
 from cosim.base.clock import stopwatch
+from cosim.base.copies import replace
 from cosim.base.errors import CosimError
 from cosim.base.interrupts import signals_as_interrupt
 from cosim.fmi.failures import sentence

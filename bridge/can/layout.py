@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 import struct
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from difflib import get_close_matches
 from fractions import Fraction
 
 from bridge.native.frame import DATA, Flags
 from bridge.native.message import E2EProfile, FieldKind, header_bytes
+from cosim.base.copies import replace
 from cosim.base.errors import CosimError
 from cosim.bus.timing import LONG
 

@@ -7,7 +7,6 @@ import os
 import sys
 import threading
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from typing import final
 
 import can
@@ -19,6 +18,7 @@ from bridge.native.bus import Accept, Bus, BusState
 from bridge.native.frame import Flags, Frame, Ring
 from bridge.native.journal import Journal
 from cosim.base.clock import stopwatch
+from cosim.base.copies import replace
 
 _LOOK = 0.1
 """s between two looks at whether to stop."""

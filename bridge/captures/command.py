@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -10,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from bridge.ping.predicted import PredictionOptions
+from cosim.base.convert import Struct
 from cosim.cli.options import Json, write_json
 
 if TYPE_CHECKING:
@@ -18,8 +18,7 @@ if TYPE_CHECKING:
     from bridge.captures.report import CaptureResult
 
 
-@dataclass(frozen=True, slots=True)
-class StreamOptions:
+class StreamOptions(Struct, frozen=True):
     """The streams of a recording that are evaluated, and the stamps of their samples."""
 
     topic: Annotated[
@@ -44,8 +43,7 @@ class StreamOptions:
     ] = ""
 
 
-@dataclass(frozen=True, slots=True)
-class ClockOptions:
+class ClockOptions(Struct, frozen=True):
     """Knowledge about the clocks of both ends and the delays between them."""
 
     clocks: Annotated[
@@ -146,9 +144,8 @@ def _of_one(
     recording: ReadRecording, choice: CaptureChoice, out: Path, json: Path | None
 ) -> CaptureResult | None:
     """The only usable stream, or None if there are several: they are listed."""
-    from dataclasses import replace
-
     from bridge.captures.evaluation import of_one_recording, usable_streams
+    from cosim.base.copies import replace
 
     if choice.back:
         from cosim.base.errors import ScenarioError

@@ -5,7 +5,7 @@ Stamps are integers of ns until the last step, so that a table that was recorded
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,7 @@ from bridge.captures.samples import StreamRows
 from bridge.ping.clocks import Floats
 from bridge.ping.exchanges import NONE, Integers
 from bridge.ping.listening import GAP
+from cosim.base.copies import replace
 from cosim.base.errors import ScenarioError
 
 Marks = NDArray[np.bool_]

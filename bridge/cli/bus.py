@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from contextlib import ExitStack
-from dataclasses import asdict, dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from cosim.base.convert import Struct, field
+from cosim.base.copies import asdict
 from cosim.cli.options import drawn, finite
 
 if TYPE_CHECKING:
@@ -21,8 +22,7 @@ _TURN = 0.1
 """Time for which the channel runs before the end is checked again, s of the wall clock."""
 
 
-@dataclass(frozen=True, slots=True)
-class WireOptions:
+class WireOptions(Struct, frozen=True):
     """The wire of the bus, and its time."""
 
     bitrate: Annotated[float, typer.Option(callback=finite, help="Bit rate, bit/s.")] = 500_000.0
@@ -42,8 +42,7 @@ class WireOptions:
     ] = "1.0"
 
 
-@dataclass(frozen=True, slots=True)
-class TrafficOptions:
+class TrafficOptions(Struct, frozen=True):
     """The traffic besides that of programs."""
 
     load: Annotated[
@@ -55,8 +54,7 @@ class TrafficOptions:
     ] = 0.0
 
 
-@dataclass(frozen=True, slots=True)
-class ServerOptions:
+class ServerOptions(Struct, frozen=True):
     """The ways in which programs join."""
 
     listen: Annotated[
@@ -72,8 +70,7 @@ class ServerOptions:
     ] = field(default_factory=list)
 
 
-@dataclass(frozen=True, slots=True)
-class ProgramOptions:
+class ProgramOptions(Struct, frozen=True):
     """The time of programs after ``--``."""
 
     date: Annotated[
@@ -89,8 +86,7 @@ class ProgramOptions:
     ] = 60.0
 
 
-@dataclass(frozen=True, slots=True)
-class BusEndOptions:
+class BusEndOptions(Struct, frozen=True):
     """The end of the bus, and what is drawn then."""
 
     for_: Annotated[

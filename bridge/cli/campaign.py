@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from bridge.cli.options import ChangeOptions, Realtime
+from cosim.base.convert import Struct, field
 from cosim.cli.options import ResultOptions, Retry
 
 if TYPE_CHECKING:
@@ -17,8 +17,7 @@ if TYPE_CHECKING:
     from bridge.deployment.system import System
 
 
-@dataclass(frozen=True, slots=True)
-class ScriptOptions(ChangeOptions):
+class ScriptOptions(ChangeOptions, frozen=True):
     """The scripts of a campaign that are run."""
 
     only: Annotated[
@@ -27,8 +26,7 @@ class ScriptOptions(ChangeOptions):
     ] = field(default_factory=list)
 
 
-@dataclass(frozen=True, slots=True)
-class CampaignOptions:
+class CampaignOptions(Struct, frozen=True):
     """The folder and the processes of a campaign, and faults that are drawn at random."""
 
     out: Annotated[

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from dataclasses import fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from cosim.base.copies import field_names, replace
 from cosim.base.errors import ScenarioError
 from cosim.cli.options import OutputOptions, wall_seconds
 
@@ -55,15 +55,14 @@ def resumed(
     from bridge.rehearsal.kept_run import KeptRun
 
     assert options.resume is not None
-    output = {field.name for field in fields(OutputOptions)} - {"out", "force"}
+    output = {*field_names(OutputOptions)} - {"out", "force"}
     words = ["a scenario"] * (scenario is not None)
     for part in (deploy, hardware, options):
         usual = type(part)()
         words += [
-            f"--{field.name.strip('_').replace('_', '-')}"
-            for field in fields(part)
-            if field.name not in {*output, *_BESIDE}
-            and getattr(part, field.name) != getattr(usual, field.name)
+            f"--{name.strip('_').replace('_', '-')}"
+            for name in field_names(part)
+            if name not in {*output, *_BESIDE} and getattr(part, name) != getattr(usual, name)
         ]
     if words:
         raise ScenarioError(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -18,8 +17,7 @@ if TYPE_CHECKING:
     from bridge.conform.rules import ConformityReport, ConformityRule, JudgedRule
 
 
-@dataclass(frozen=True, slots=True)
-class ConformityOptions(ResultOptions):
+class ConformityOptions(ResultOptions, frozen=True):
     """The rules to judge, and the files of the verdicts."""
 
     rules: Annotated[

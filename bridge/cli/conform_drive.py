@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from cosim.base.convert import Struct
 from cosim.base.errors import ScenarioError
 
 if TYPE_CHECKING:
@@ -19,8 +19,7 @@ if TYPE_CHECKING:
 DRIVES = ("damiao", "odrive", "cia402")
 
 
-@dataclass(frozen=True, slots=True)
-class DriveConformityOptions:
+class DriveConformityOptions(Struct, frozen=True):
     """A drive to judge in place of a participant."""
 
     drive: Annotated[

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from cosim.base.convert import Struct
 from cosim.cli.options import Json, finite, write_json
 
 if TYPE_CHECKING:
@@ -17,8 +17,7 @@ if TYPE_CHECKING:
 SHOWN = 12
 
 
-@dataclass(frozen=True, slots=True)
-class DifferenceFiles:
+class DifferenceFiles(Struct, frozen=True):
     """Files of the differences."""
 
     json: Json = None

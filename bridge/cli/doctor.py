@@ -8,13 +8,14 @@ import shutil
 import socket
 import sys
 from collections.abc import Callable, Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import typer
 
+from cosim.base.copies import asdict
 from cosim.base.errors import CosimError
 from cosim.cli.options import Json, write_json
 

@@ -6,7 +6,6 @@ import os
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import dataclass, field
 from pathlib import Path
 from shutil import get_terminal_size
 from typing import TYPE_CHECKING, Annotated
@@ -14,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from bridge.cli.options import BusOptions
+from cosim.base.convert import Struct, field
 from cosim.base.interrupts import acknowledge, until_signal
 from cosim.cli.options import drawn
 
@@ -29,8 +29,7 @@ if TYPE_CHECKING:
 REFRESH, LINE, DRAIN = 0.2, 1.0, 0.05
 
 
-@dataclass(frozen=True, slots=True)
-class ViewOptions:
+class ViewOptions(Struct, frozen=True):
     """Views, files and servers of the files of a run."""
 
     once: Annotated[
@@ -64,8 +63,7 @@ class ViewOptions:
     force: Annotated[bool, typer.Option("--force", help="Replace an existing file.")] = False
 
 
-@dataclass(frozen=True, slots=True)
-class ListenOptions(BusOptions):
+class ListenOptions(BusOptions, frozen=True):
     """The deployment of a run, and how to listen on its buses."""
 
     scenario: Annotated[

@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from bridge.cli.options import Deploy
+from cosim.base.convert import Struct, field
 
 KINDS = ("controller", "arm", "participant")
 
 
-@dataclass(frozen=True, slots=True)
-class ArmOptions:
+class ArmOptions(Struct, frozen=True):
     """The arm of ``cosim new arm``."""
 
     urdf: Annotated[Path | None, typer.Option(help="For an arm: its URDF file.")] = None
@@ -38,8 +37,7 @@ class ArmOptions:
         return bool(self.urdf or self.base or self.tip or self.fixed)
 
 
-@dataclass(frozen=True, slots=True)
-class ParticipantOptions:
+class ParticipantOptions(Struct, frozen=True):
     """The node that ``cosim new participant`` replaces."""
 
     scenario: Annotated[

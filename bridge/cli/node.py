@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from threading import Event
 from typing import TYPE_CHECKING, Annotated, Any
@@ -12,6 +11,7 @@ import typer
 
 from bridge.cli.options import DeployOptions, HardwareOptions
 from bridge.cli.rehearse import report_findings
+from cosim.base.convert import Struct
 from cosim.cli.options import Strict, unused_folder
 from cosim.cli.supervise import announce_run_folder
 
@@ -31,8 +31,7 @@ UNSHARED = (
 )
 
 
-@dataclass(frozen=True, slots=True)
-class NodeRunOptions:
+class NodeRunOptions(Struct, frozen=True):
     """The node, when it starts, and its folder."""
 
     name: Annotated[str, typer.Option("--node", help="Node of the deployment to run.")]

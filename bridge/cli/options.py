@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from bridge.deployment.changes import interface_settings
+from cosim.base.convert import Struct, field
 from cosim.base.errors import ScenarioError
 
 if TYPE_CHECKING:
@@ -45,8 +45,7 @@ PingDeployment = Annotated[
 ]
 
 
-@dataclass(frozen=True, slots=True)
-class BusOptions:
+class BusOptions(Struct, frozen=True):
     """Changes of the CAN buses of a deployment."""
 
     interface: Interface = None
@@ -81,8 +80,7 @@ class BusOptions:
         return f'deploy.buses.{bus}.channel="{channel}"'
 
 
-@dataclass(frozen=True, slots=True)
-class ChangeOptions:
+class ChangeOptions(Struct, frozen=True):
     """Changes of the scenario and the deployment of many rehearsals."""
 
     set_: Annotated[
@@ -96,8 +94,7 @@ class ChangeOptions:
         return [*BusOptions(self.interface).settings(deployment), *self.set_]
 
 
-@dataclass(frozen=True, slots=True)
-class DeployOptions(BusOptions):
+class DeployOptions(BusOptions, frozen=True):
     """A deployment, and changes of it and of the scenario."""
 
     deploy: Deploy = ""
@@ -112,8 +109,7 @@ class DeployOptions(BusOptions):
     ] = field(default_factory=list)
 
 
-@dataclass(frozen=True, slots=True)
-class HardwareOptions:
+class HardwareOptions(Struct, frozen=True):
     """The permission to move real drives."""
 
     hardware: Annotated[

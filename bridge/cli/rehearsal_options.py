@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from bridge.cli.options import Realtime
+from cosim.base.convert import field
 from cosim.cli.options import OutputOptions
 
 
-@dataclass(frozen=True, slots=True)
-class RehearsalOptions(OutputOptions):
+class RehearsalOptions(OutputOptions, frozen=True):
     """The nodes and the clock of a rehearsal, its faults, and what is made of it."""
 
     seed: Annotated[int | None, typer.Option(help="Seed of links and topology.")] = None

@@ -163,14 +163,13 @@ def _run(
     kept: KeptRun | None,
 ) -> None:
     """The rehearsal and its results. Ends the command unless the verdict is good."""
-    from dataclasses import replace
-
     from bridge.faults.load import load
     from bridge.preflight import host
     from bridge.rehearsal import injector
     from bridge.rehearsal.replacement import ReplacingRun
     from bridge.results.data import as_data
     from bridge.results.outcome import clear
+    from cosim.base.copies import replace
     from cosim.cli.summary import this_command
     from cosim.record import claim_folder, held_folder
 
@@ -329,13 +328,12 @@ def header(system: System) -> str:
 
 def _say(system: System, outcome: RehearsalOutcome, options: OutputOptions) -> Verdict:
     """Draw what is wanted, and print the results."""
-    from dataclasses import replace
-
     from bridge.realtime.lateness import draw
     from bridge.results import verdict as verdicts
     from bridge.results.outcome import lines, metric_lines
     from bridge.results.page import write_page
     from bridge.results.timeline import causes_text, happenings
+    from cosim.base.copies import replace
     from cosim.cli.summary import pictures
     from cosim.measure.metric_result import summary_line
     from cosim.record import Run, seal

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -17,8 +16,7 @@ if TYPE_CHECKING:
     from bridge.deployment.spec import Deployment
 
 
-@dataclass(frozen=True, slots=True)
-class SoakOptions(ChangeOptions):
+class SoakOptions(ChangeOptions, frozen=True):
     """The deployment of a soak test, its runs, and their faults."""
 
     deploy: Annotated[
@@ -152,10 +150,9 @@ def _job(scenario: Path, seconds: float, options: SoakOptions) -> SoakSetup:
 
 def _fit_to_machine(job: SoakSetup) -> tuple[SoakSetup, str]:
     """The job as this machine can do it, and why that is less, if it is."""
-    from dataclasses import replace
-
     from bridge.deployment.system import load_system
     from bridge.rehearsal import hosts
+    from cosim.base.copies import replace
 
     system = load_system(job.scenario, str(job.deployment), job.changes)
     why = own_bus(system.deployment) or hosts.missing()

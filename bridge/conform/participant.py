@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from typing import final
 
 from bridge.conform.checks import (
@@ -22,6 +21,7 @@ from bridge.conform.sent_checks import SENT_CHECKS
 from bridge.conform.stage import ParticipantStage, UnreadyError
 from bridge.deployment.system import System
 from cosim.base.clock import monotonic_ns, stopwatch
+from cosim.base.copies import replace
 from cosim.base.errors import CosimError, ScenarioError
 from cosim.base.names import unknown
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from bridge.deployment.gateways import Forward, carried_signals, entries, gateways
 from bridge.deployment.spec import Deployment
-from cosim.base.convert import replace
+from cosim.base.copies import replace
 from cosim.base.errors import ScenarioError
 from cosim.schedule.parts import Link, Slot, Wire
 from cosim.schedule.plan import Plan

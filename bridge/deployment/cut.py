@@ -8,7 +8,7 @@ the tick of the node, which is the greatest common period of its components.
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import gcd
 
 import numpy as np
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from bridge.deployment.crossing import Crossing, crossings, node_of_component
 from bridge.deployment.gateways import Forward, carried_signals, forwards
 from bridge.deployment.spec import Deployment, MessageSpec, NodeSpec
-from cosim.base.convert import replace as replace_struct
+from cosim.base.copies import replace
 from cosim.base.errors import ScenarioError
 from cosim.engine.engine import Engine
 from cosim.schedule.parts import Gate, Link, Slot, Step, Wire
@@ -225,7 +225,7 @@ def _with_start_values(step: Step, remote: Collection[str], start: Vector) -> St
         for s in step.inputs
         if s.name in remote
     }
-    return replace_struct(step, start={**step.start, **given})
+    return replace(step, start={**step.start, **given})
 
 
 def _steps(here: Sequence[Step], ticks: int) -> tuple[list[Step], dict[str, int]]:
@@ -237,11 +237,11 @@ def _steps(here: Sequence[Step], ticks: int) -> tuple[list[Step], dict[str, int]
         places: list[Slot] = []
         for slot in (*c.inputs, *c.outputs):
             moved[slot.name] = start - slot.start
-            places.append(replace_struct(slot, start=start))
+            places.append(replace(slot, start=start))
             start += slot.size
         n = len(c.inputs)
         steps.append(
-            replace_struct(
+            replace(
                 c, inputs=tuple(places[:n]), outputs=tuple(places[n:]), period=c.period // ticks
             )
         )
@@ -249,16 +249,16 @@ def _steps(here: Sequence[Step], ticks: int) -> tuple[list[Step], dict[str, int]
 
 
 def _move(slot: Slot, moved: Mapping[str, int]) -> Slot:
-    return replace_struct(slot, start=slot.start + moved[_whole(slot)])
+    return replace(slot, start=slot.start + moved[_whole(slot)])
 
 
 def _moved_wire(w: Wire, moved: Mapping[str, int]) -> Wire:
-    return replace_struct(w, source=_move(w.source, moved), target=_move(w.target, moved))
+    return replace(w, source=_move(w.source, moved), target=_move(w.target, moved))
 
 
 def _moved_link(x: Link, moved: Mapping[str, int]) -> Link:
     age = None if x.age is None else _move(x.age, moved)
-    return replace_struct(x, source=_move(x.source, moved), target=_move(x.target, moved), age=age)
+    return replace(x, source=_move(x.source, moved), target=_move(x.target, moved), age=age)
 
 
 def _outlet(

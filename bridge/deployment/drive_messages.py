@@ -6,8 +6,6 @@ encoding stays one table in C: value at the joint = scale · raw + offset.
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 from bridge.can.codec import Codec
 from bridge.can.codec_check import verify
 from bridge.can.layout import MessageLayout
@@ -15,6 +13,7 @@ from bridge.deployment.cut import Outlet
 from bridge.deployment.spec import Deployment, MessageSpec
 from bridge.drives.profile_files import load_profile
 from bridge.drives.profiles import PORTS, DriveProfile, Joint, ProfileMessage
+from cosim.base.copies import replace
 from cosim.base.errors import ScenarioError
 from cosim.base.units import quantity
 

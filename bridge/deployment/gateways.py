@@ -11,7 +11,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from bridge.deployment.spec import Deployment, MessageSpec
-from cosim.base.convert import replace
+from cosim.base.copies import replace
 from cosim.base.errors import ScenarioError
 from cosim.schedule.parts import Slot
 from cosim.schedule.plan import Plan

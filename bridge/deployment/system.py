@@ -6,7 +6,7 @@ Each node, the twin and the replay build it from the same two files and therefor
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 from bridge.can import dbc
@@ -23,6 +23,7 @@ from bridge.deployment.gateways import Forward
 from bridge.deployment.services import Encoding, Service, services_on
 from bridge.deployment.spec import Deployment
 from bridge.native.bus import Accept
+from cosim.base.copies import replace
 from cosim.base.errors import ScenarioError, UnitError
 from cosim.base.units import conversion
 from cosim.fmi.components import has_unit, unit_of

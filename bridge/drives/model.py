@@ -14,6 +14,7 @@ from bridge.native import safety as native
 from bridge.native.safety import DriveRequest, DriveState
 from bridge.safety.limits import PerJoint, WatchdogSpec, address, limits, part, to_si, vector
 from cosim.base.convert import Number
+from cosim.base.copies import replace
 from cosim.base.errors import ScenarioError
 
 Array = NDArray[np.float64]
@@ -50,7 +51,7 @@ class DriveSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
     def over(self, other: DriveSpec) -> DriveSpec:
         """This drive, completed with the values of `other`."""
         missing = [name for name in VALUES if getattr(self, name) is None]
-        return msgspec.structs.replace(self, **{name: getattr(other, name) for name in missing})
+        return replace(self, **{name: getattr(other, name) for name in missing})
 
     def part(self, first: int, joints: int) -> DriveSpec:
         """The drive of `joints` joints from number `first` of the arm on."""
@@ -58,7 +59,7 @@ class DriveSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
 
     def encoders(self) -> DriveSpec:
         """Its encoders alone: no limit of torque, which may be one of more joints."""
-        return msgspec.structs.replace(self, tau_max=None)
+        return replace(self, tau_max=None)
 
     def build(self, joints: int, h: float, place: str = "drive") -> Drive:
         """The drive of so many joints, off, stepped every `h` s. Raises ScenarioError."""

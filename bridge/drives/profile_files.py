@@ -9,7 +9,7 @@ values that are not in the file are those of its base.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -22,6 +22,7 @@ from bridge.drives.status import read_status
 from bridge.native.vendor import VendorKind
 from bridge.safety.limits import to_si
 from cosim.base import toml
+from cosim.base.copies import field_names, replace
 from cosim.base.errors import ScenarioError
 
 SEQUENCES = ("enable", "disable", "clear")
@@ -213,7 +214,7 @@ def _drive(table: Mapping[str, Any], place: str) -> DriveSpec:
 
 
 def _made(kind: type[T], table: Mapping[str, Any], place: str) -> T:
-    _known(table, {field.name for field in fields(kind)}, place)  # type: ignore[arg-type]
+    _known(table, {*field_names(kind)}, place)
     try:
         return kind(**table)
     except TypeError as error:

@@ -10,7 +10,7 @@ a message for each node (``"LINK_{node}"``). Units come from the DBC; beyond
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import pi
 from typing import Literal
 
@@ -21,6 +21,7 @@ from bridge.drives.raw_frames import OwnWatchdog, Raw
 from bridge.drives.status import NO_STATUS, DriveStatus
 from bridge.native.frame import Flags
 from bridge.safety.limits import to_si
+from cosim.base.copies import replace
 from cosim.base.errors import ScenarioError, UnitError
 from cosim.base.units import conversion
 

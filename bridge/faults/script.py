@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import ctypes as c
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
 from hashlib import sha256
 from math import isinf
@@ -24,6 +24,7 @@ from bridge.native.faults import Fault, Injector
 from bridge.native.frame import Flags
 from bridge.native.message import Message
 from bridge.native.vendor import VendorFault
+from cosim.base.copies import replace
 from cosim.base.errors import ScenarioError
 from cosim.base.names import unknown
 

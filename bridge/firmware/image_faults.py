@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import signal
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from typing import final
 
 import numpy as np
 
 from bridge.faults.script import FaultEvent
 from bridge.firmware.emulator import Emulator
+from cosim.base.copies import replace
 
 
 @final

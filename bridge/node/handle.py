@@ -6,11 +6,12 @@ import json
 import signal
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self
 
 from bridge.records.node_lives import Life
+from cosim.base.copies import asdict
 from cosim.base.errors import RunError
 
 

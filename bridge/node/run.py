@@ -12,7 +12,7 @@ import json
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from math import lcm
 from pathlib import Path
 from typing import Any
@@ -48,6 +48,7 @@ from bridge.records.records import LifeEnd, Statement, reason_names
 from bridge.wiring.outlets import forwarded_facts
 from bridge.wiring.wiring import WiredNode
 from cosim.base.clock import monotonic_ns, realtime_ns
+from cosim.base.copies import asdict
 from cosim.base.errors import CosimError
 
 ENDS = {

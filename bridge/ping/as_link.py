@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from bridge.ping.clocks import Floats
 from bridge.ping.figures import PathResult, autocorrelation
 from bridge.ping.losses import lost_ways, runs
-from cosim.base.convert import replace
+from cosim.base.copies import replace
 from cosim.base.errors import ScenarioError
 from cosim.base.random_numbers import generator
 from cosim.links.distributions import Gamma, Lognormal

@@ -18,7 +18,9 @@ responder cannot be used to multiply traffic.
 from __future__ import annotations
 
 import struct
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+
+from cosim.base.copies import replace
 
 _LAYOUT = struct.Struct("<4sBBHQQqQqqqqq")
 _MAGIC, _VERSION = b"CPNG", 1

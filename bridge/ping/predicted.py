@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass
 from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from cosim.base.convert import Struct, field
+from cosim.base.copies import asdict
+
 if TYPE_CHECKING:
     from bridge.ping.prediction import PathTrace
     from bridge.ping.zenoh import PingedNodes
 
 
-@dataclass(frozen=True, slots=True)
-class PredictionOptions:
+class PredictionOptions(Struct, frozen=True):
     """The options of a prediction; nothing is predicted without a `scenario`."""
 
     scenario: Annotated[

@@ -8,10 +8,11 @@ messages outside `buses` are not checked.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import groupby
 
 from bridge.can.messages import BusMessage, Role, SignalRange, bus_responses, bus_share
+from cosim.base.copies import replace
 from cosim.bus.timing import BusTiming, worst
 from cosim.checks import Finding, merge_findings
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 
 from bridge.can.codec import Codec
 from bridge.can.messages import BusMessage, Role
@@ -17,6 +16,7 @@ from bridge.preflight.bus_checks import MessageTimeout, check_buses
 from bridge.preflight.feeding import feeding, slow_states
 from bridge.preflight.identifiers import collisions
 from bridge.safety.limits import limits, to_si
+from cosim.base.copies import replace
 from cosim.bus.timing import BusTiming
 from cosim.checks import Finding
 from cosim.checks.wiring import unconnected_inputs

@@ -10,7 +10,7 @@ sleeps cannot block the machine. Threads and processes started later are not rea
 from __future__ import annotations
 
 from contextlib import ExitStack
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from typing import Any, final
 
 import numpy as np
@@ -18,6 +18,7 @@ import numpy as np
 from bridge.native import pace
 from bridge.realtime.lateness import Lateness, lateness
 from bridge.realtime.os_grants import ASKED, Item, Mode, Realtime, kernel, reason
+from cosim.base.copies import asdict
 from cosim.base.errors import CosimError
 
 #: Greatest p99.9 of the lateness a node may have to be armed, as a share of its period.

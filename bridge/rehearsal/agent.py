@@ -27,7 +27,7 @@ import sys
 import zlib
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Self, final
@@ -40,6 +40,7 @@ from bridge.node.run import done, run_started
 from bridge.realtime.host_clock import host_clock
 from bridge.records.node_lives import Life
 from cosim.base.clock import sleep, stopwatch
+from cosim.base.copies import asdict, replace
 from cosim.base.errors import CosimError
 from cosim.base.interrupts import die_with
 from cosim.base.python import add_working_directory, python_call

@@ -8,7 +8,6 @@ the checkpoint is computed again, to the same bits.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from typing import final
 
@@ -20,6 +19,7 @@ from bridge.rehearsal.kept_run import KeptRun
 from bridge.rehearsal.remote import RemoteHosts, on_hosts
 from bridge.rehearsal.settings import NodeStarter, RehearsalRecord, Settings
 from bridge.rehearsal.supervisor import Rehearsal
+from cosim.base.copies import replace
 
 #: Replacements one after the other, without a new checkpoint between them, if no option says.
 REPLACEMENTS = 3

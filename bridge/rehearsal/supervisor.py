@@ -11,7 +11,6 @@ import os
 import signal
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
-from dataclasses import replace
 from pathlib import Path
 from typing import final
 
@@ -43,6 +42,7 @@ from bridge.rehearsal.settings import ScheduledEvent
 from bridge.rehearsal.settings import Settings as Settings
 from bridge.rehearsal.simulated_buses import served
 from cosim.base.clock import monotonic_ns, realtime_offset_ns, sleep
+from cosim.base.copies import replace
 from cosim.base.errors import Interrupted, RunError
 from cosim.base.files import write_file
 from cosim.base.interrupts import acknowledge, signals_as_interrupt

@@ -16,7 +16,7 @@ verdict, because they integrate every difference.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass
 from math import inf
 from pathlib import Path
 from typing import Any, Literal
@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 
 from bridge.replay.aligned import CLOSE, Changes, CommonTime, common_time, rows_within, together
 from bridge.replay.run_facts import is_compared, period, quanta, stored_scenario
+from cosim.base.copies import asdict, replace
 from cosim.base.errors import CosimError, ScenarioError
 from cosim.base.names import signal_of, unknown
 from cosim.measure import declared_metrics

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
 from math import nan
 from typing import Any
 
@@ -12,6 +11,7 @@ from bridge.results.rehearsal_outcome import RehearsalOutcome
 from bridge.results.report import NodeReport
 from bridge.results.timeline import happenings
 from bridge.results.verdict import judge
+from cosim.base.copies import asdict
 from cosim.measure import requirements
 from cosim.record import Run
 

@@ -8,7 +8,7 @@ removed all frames, or there was no receiver.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import final
 
 import numpy as np
@@ -36,6 +36,7 @@ from bridge.results.findings import Evidence, Place, Sign, Signs
 from bridge.results.symptoms import SIGNS, FinishedRun
 from bridge.results.undetected import frames_of_run
 from bridge.wiring.wiring import Rows
+from cosim.base.copies import replace
 
 
 def find(

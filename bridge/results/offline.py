@@ -11,7 +11,6 @@ recorded run to the last bit, unless something was altered.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +23,7 @@ from bridge.deployment.system import System
 from bridge.recording.run_folder import at_hits, places
 from bridge.records.node_lives import Life
 from bridge.wiring.wiring import Rows
-from cosim.base.convert import replace as replace_struct
+from cosim.base.copies import replace
 from cosim.base.errors import PlanError
 from cosim.base.names import signal_of
 from cosim.engine.memory_run import RepeatedValues
@@ -84,9 +83,7 @@ def _players(
     for slot in (inlet.target, *([inlet.age] if inlet.age else [])):
         for name, place, column in _entries(system, node, slot):
             values = _received_signal(system, rows, node, inlet, column)
-            yield Player(
-                replace_struct(slot, name=name, start=place, shape=()), RepeatedValues(values)
-            )
+            yield Player(replace(slot, name=name, start=place, shape=()), RepeatedValues(values))
 
 
 def _entries(system: System, node: str, slot: Slot) -> Iterator[tuple[str, int, int]]:
@@ -176,5 +173,5 @@ def _silence(
     def told(found: Rows) -> NDArray[Any]:
         return np.asarray(found["signals"][:, at])
 
-    target = replace_struct(whole, name=whole.scalars()[k], start=whole.start + k, shape=())
+    target = replace(whole, name=whole.scalars()[k], start=whole.start + k, shape=())
     return Player(target, RepeatedValues(at_hits(system, rows, node, inlet.ticks, told, 0.0)))

@@ -17,7 +17,6 @@ from __future__ import annotations
 import json
 import shutil
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -41,6 +40,7 @@ from bridge.results.rehearsal_outcome import ComponentFailure, RehearsalOutcome,
 from bridge.results.symptoms import FinishedRun
 from bridge.wiring.wiring import Rows
 from cosim.base.clock import realtime_offset_ns
+from cosim.base.copies import asdict
 from cosim.base.errors import CosimError, Interrupted, RunError, ScenarioError
 from cosim.base.interrupts import acknowledge
 from cosim.engine.simulate import metadata, stop_metadata

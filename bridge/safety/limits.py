@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from bridge.native import safety as native
 from bridge.native.safety import GuardBit, LifeState, LifeStruct, Peer, WatchdogStruct, Why
 from cosim.base.convert import Number
+from cosim.base.copies import replace
 from cosim.base.errors import ScenarioError, UnitError
 from cosim.base.units import quantity
 
@@ -237,7 +238,7 @@ def part(spec: Spec, names: Iterable[str], first: int, joints: int) -> Spec:
     """A spec of which only `joints` joints from number `first` on remain, in the fields `names`."""
     listed = {name: getattr(spec, name) for name in names}
     cut = {n: v[first : first + joints] for n, v in listed.items() if isinstance(v, tuple)}
-    return msgspec.structs.replace(spec, **cut)
+    return replace(spec, **cut)  # type: ignore[type-var]  # of any struct
 
 
 def per_joint(value: PerJoint, joints: int, unit: str, place: str) -> Array | None:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import ctypes as c
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from math import isfinite
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -24,6 +24,7 @@ from bridge.native import message as messages
 from bridge.native import node as native
 from bridge.native.frame import Flags
 from bridge.wiring.wiring import WiredNode
+from cosim.base.copies import asdict
 from cosim.base.errors import ScenarioError
 
 

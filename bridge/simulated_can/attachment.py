@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import Any, final
 
 import can
@@ -18,6 +17,7 @@ from bridge.native.journal import Journal
 from bridge.simulated_can.bus import CosimBus
 from bridge.simulated_can.options import SIMULATED
 from bridge.simulated_can.protocol import is_remote
+from cosim.base.copies import replace
 
 #: Frames that may wait at a node between two of its slots.
 RING = 1024

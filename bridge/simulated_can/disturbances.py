@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import final
 
+from cosim.base.copies import replace
 from cosim.bus.frames import BusFrame
 from cosim.bus.settings import Disturbance, ErrorRate, Interruption, ScriptedError
 

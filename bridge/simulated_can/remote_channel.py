@@ -6,7 +6,6 @@ import threading
 from collections import deque
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import asdict
 from typing import Any, final
 
 import can
@@ -35,6 +34,7 @@ from bridge.simulated_can.protocol import (
     unpack_message,
 )
 from bridge.simulated_can.thread_connection import connection_to, end_connections
+from cosim.base.copies import asdict
 from cosim.bus.frames import ControllerState
 from cosim.bus.settings import Disturbance
 from cosim.bus.timing import BusTiming

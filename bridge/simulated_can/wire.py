@@ -9,12 +9,12 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
 from typing import final
 
 from bridge.simulated_can.busy_time import BusyTime
 from bridge.simulated_can.disturbances import Disturbances
 from bridge.simulated_can.node import Happening, WireNode, WireRecorder, told
+from cosim.base.copies import replace
 from cosim.bus.frames import BusEvent, BusFrame, ControllerState
 from cosim.bus.settings import Disturbance
 from cosim.bus.simulation import SimulatedBus

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from dataclasses import replace
 from typing import final
 
 import zenoh
@@ -21,6 +20,7 @@ from bridge.zenoh.node_channel import rules_of, traffic_of
 from bridge.zenoh.options import options_of
 from bridge.zenoh.session import close_session, configure, open_session
 from cosim.base.clock import monotonic_ns
+from cosim.base.copies import replace
 
 
 @final

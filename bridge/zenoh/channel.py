@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import final
 
 import zenoh
@@ -37,6 +37,7 @@ from bridge.zenoh.session import (
 from bridge.zenoh.socket_release import Linger, release
 from bridge.zenoh.wakeup import Wake
 from cosim.base.clock import monotonic_ns, sleep
+from cosim.base.copies import replace
 
 #: Free places that a receiver in lock-step leaves in its ring, and s between two looks for more.
 ROOM, PAUSE = 256, 0.001

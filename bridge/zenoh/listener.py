@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from typing import final
 
 import zenoh
@@ -25,6 +24,7 @@ from bridge.zenoh.node_channel import rules_of, traffic_of
 from bridge.zenoh.options import ZenohOptions, check_endpoint, endpoints_of, options_of
 from bridge.zenoh.presence import Presence
 from bridge.zenoh.session import close_session, configure, open_session
+from cosim.base.copies import replace
 from cosim.base.errors import ScenarioError
 
 #: Samples kept between two looks, a power of two.

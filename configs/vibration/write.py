@@ -8,12 +8,12 @@ reached it.
 from __future__ import annotations
 
 import sys
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cosim.base.copies import replace
 from cosim.bus.settings import QueueKind
 from cosim.bus.timing import BusTiming
 from cosim.links.traces import write_trace

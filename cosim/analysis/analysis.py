@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 from cosim.analysis.analyzed_port import Subject
@@ -22,6 +22,7 @@ from cosim.analysis.predicted import MANY, predicted
 from cosim.analysis.quantity import Quantity, absent
 from cosim.analysis.recorded_numbers import least_feedback, numbers
 from cosim.analysis.recorded_port import RecordedPort
+from cosim.base.copies import field_names, replace
 from cosim.base.errors import CosimError
 from cosim.predict import closed_form as closed
 from cosim.predict.elimination import quick_rows
@@ -57,10 +58,9 @@ class Analysis:
 
     def as_data(self) -> dict[str, Any]:
         """For JSON."""
-        names = PortSignals.__dataclass_fields__
         return {
             "title": self.title,
-            "port": {name: getattr(self.port, name) for name in names},
+            "port": {name: getattr(self.port, name) for name in field_names(self.port)},
             "run": [q.as_data() for q in self.run],
             "tests": [q.as_data() for q in self.tests],
             "gain": [_gain(s) for s in self.swept],

@@ -8,11 +8,12 @@ start as in the scenario; their motion without a test force is subtracted.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from math import exp, inf, log, sqrt
 
 import numpy as np
 
+from cosim.base.copies import replace
 from cosim.base.errors import RunError, ScenarioError
 from cosim.engine.memory_run import Change, SignalTrace, changed, trace
 from cosim.predict.facts import Arm, Array, DynamicFeedback, Vector

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import inf, log, nan
 
 import numpy as np
@@ -12,6 +12,7 @@ from cosim.analysis.conditions import constant
 from cosim.analysis.experiments import FORCE, HIGHEST, LOWEST, RESOLVED, Bench
 from cosim.analysis.quantity import Quantity, absent, quantity
 from cosim.analysis.recorded_numbers import least_feedback
+from cosim.base.copies import replace
 from cosim.base.errors import CosimError, RunError
 from cosim.measure.manipulability import manipulability
 from cosim.predict import closed_form as closed

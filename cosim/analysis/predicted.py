@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 from math import isfinite, nan
 
 from cosim.analysis.contacts import margin
@@ -17,6 +16,7 @@ from cosim.analysis.force_tests import (
     with_known,
 )
 from cosim.analysis.quantity import Quantity, quantity
+from cosim.base.copies import replace
 from cosim.predict import closed_form as closed
 from cosim.predict.elimination import quick_rows
 

@@ -12,9 +12,11 @@ import msgspec
 
 #: Small frozen objects of which a run has very many, made in a tenth of the time of a dataclass.
 #: With ``gc=False`` Python's search for garbage skips them: for what is in no cycle of references.
+from msgspec import NODEFAULT as NODEFAULT
 from msgspec import Struct as Struct
 from msgspec import field as field
-from msgspec.structs import replace as replace
+from msgspec.structs import FieldInfo as FieldInfo
+from msgspec.structs import fields as fields
 
 from cosim.base.errors import ScenarioError, UnitError
 from cosim.base.names import unknown

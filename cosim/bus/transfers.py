@@ -7,12 +7,13 @@ begins when the sender passes it on, or when the one before has arrived.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cosim.base.copies import replace
 from cosim.bus.arbitration import rank
 from cosim.bus.fragments import flow_controls
 from cosim.bus.frames import BusEvent, BusFrame

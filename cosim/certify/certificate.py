@@ -14,12 +14,13 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass
 from fractions import Fraction
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
+from cosim.base.copies import asdict, replace
 from cosim.base.errors import ScenarioError
 from cosim.base.names import listed
 from cosim.certify.checker import lyapunov_holds, small_gain_holds

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Literal
 
+from cosim.base.copies import replace
 from cosim.base.errors import RunError
 from cosim.certify.certificate import Certificate
 from cosim.certify.model import CutLoop

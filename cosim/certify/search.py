@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 
 import numpy as np
 
+from cosim.base.copies import replace
 from cosim.base.extras import require
 from cosim.certify import lyapunov, peak_gain, small_gain
 from cosim.certify.certificate import (

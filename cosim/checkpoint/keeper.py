@@ -6,7 +6,7 @@ import json
 import shutil
 import sys
 from collections.abc import Mapping
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, final
 
@@ -113,7 +113,7 @@ class CheckpointKeeper:
             "tick": engine.tick, "time": engine.plan.time(engine.tick), "given": self._given,
             "facts": json.loads(json_data(self._facts)), "resumed": self._number,
             "wall": self.before + self._running(), "columns": len(rows.rest),
-            "written": rows.written, "interval": astuple(self._interval),
+            "written": rows.written, "interval": (self._interval.time, self._interval.simulated),
         }  # fmt: skip
         blobs = {**state.save(engine), "rest": rows.rest.tobytes()}
         self.size = archive.write(self._folder, Checkpoint(facts, blobs))

@@ -21,10 +21,11 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
 from math import isfinite
 from typing import Any, Literal
 
+from cosim.base.convert import Struct
+from cosim.base.copies import replace
 from cosim.base.names import NAMES, counted, listed
 
 Severity = Literal["error", "warning", "note"]
@@ -33,8 +34,7 @@ Severity = Literal["error", "warning", "note"]
 SEVERITIES: tuple[Severity, ...] = ("error", "warning", "note")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Finding:
+class Finding(Struct, frozen=True, kw_only=True):
     """A finding of a rule about `where` (components, links, or a table of the scenario).
 
     `number` in `unit` is the value that was checked; `reason` gives its meaning and the limit;

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
 
+from cosim.base.convert import Struct
 from cosim.engine.memory_run import Change, changed
 from cosim.linear.loop import OperatingPoint, operating_point
 from cosim.predict.facts import DynamicFeedback
@@ -20,8 +20,7 @@ PRESSED = 0.02
 Starts = Mapping[str, Mapping[str, Sequence[float]]]
 
 
-@dataclass(frozen=True, slots=True)
-class RestState:
+class RestState(Struct, frozen=True):
     """Robots at rest: the plan that starts so, and its operating point there."""
 
     plan: Plan

@@ -8,11 +8,11 @@ what makes it go away: the component alone, the robots without links, the shorte
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from math import inf, isfinite, log, nan
 
 import numpy as np
 
+from cosim.base.convert import Struct
 from cosim.base.errors import CosimError
 from cosim.base.names import listed
 from cosim.checks import Finding, Severity
@@ -43,8 +43,7 @@ DRAWN, PERIODS, UNSURE = (100.0, 400.0), 80_000, 0.05
 EDGE = 0.05
 
 
-@dataclass(frozen=True, slots=True)
-class LoopDelays:
+class LoopDelays(Struct, frozen=True):
     """Constant delays that stand for those of the links, in base steps, one for each link.
 
     Equal to each other where all delays are constant. A step of `h` s; `held`: the mean time, s,
@@ -67,8 +66,7 @@ class LoopDelays:
         return [round((factor * age - held) / self.h) for age, held in ages]
 
 
-@dataclass(frozen=True, slots=True)
-class RestingLoop:
+class RestingLoop(Struct, frozen=True):
     """The loop where robots rest: `where` in words; `speed` (rad/s) that is left there."""
 
     where: str
@@ -81,8 +79,7 @@ class RestingLoop:
         return max(GROWTH, FEIGNED * self.speed)
 
 
-@dataclass(frozen=True, slots=True)
-class ComputedLoops:
+class ComputedLoops(Struct, frozen=True):
     """The nominal run, and the loop of the linearized `plan`.
 
     `resting`: where the run ends, and where it starts if that is at rest at another place;
@@ -356,8 +353,7 @@ def _drawn(found: ComputedLoops, at: RestingLoop) -> float:
     return growth
 
 
-@dataclass(frozen=True, slots=True)
-class GrowingPole:
+class GrowingPole(Struct, frozen=True):
     """The fastest growing pole: `rate` 1/s, `frequency` Hz (nan: not computed), its `state`."""
 
     rate: float

@@ -7,11 +7,11 @@ the network that the seed of the scenario draws.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from math import inf, lcm
 
 import numpy as np
 
+from cosim.base.convert import Struct
 from cosim.base.errors import RunError
 from cosim.engine.engine import Engine
 from cosim.linear.loop import OperatingPoint
@@ -32,8 +32,7 @@ GROWS, LONG = 1.1, 4.9
 DECAYS, SWINGS = 0.95, 8
 
 
-@dataclass(frozen=True, slots=True)
-class NominalRun:
+class NominalRun(Struct, frozen=True):
     """A run up to `time` (s); `failed` is the reason why it stopped early, or "".
 
     `t` (n,) s; `signals`: of the arms and laws that are known, or of all plants, (n, m) each;

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from cosim.base.convert import Struct
 from cosim.cli.linearize import LinearOptions, linearize
 from cosim.cli.options import Json, Png, Quiet, Set, Verify, finite, write_json
 
@@ -18,8 +18,7 @@ if TYPE_CHECKING:
     from cosim.analysis.quantity import Quantity
 
 
-@dataclass(frozen=True, slots=True)
-class TestedPortOptions:
+class TestedPortOptions(Struct, frozen=True):
     """The port, the tests that are applied to it, and the figures."""
 
     port: Annotated[

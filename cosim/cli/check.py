@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from cosim.base.convert import Struct
 from cosim.base.parts import part
 from cosim.cli.options import Json, Set, finite, write_json
 
@@ -23,8 +23,7 @@ if TYPE_CHECKING:
 MARK = "check: "
 
 
-@dataclass(frozen=True, slots=True)
-class LayoutOptions:
+class LayoutOptions(Struct, frozen=True):
     """The bus of the messages of a .dbc file."""
 
     bitrate: Annotated[
@@ -41,8 +40,7 @@ class LayoutOptions:
     ] = False
 
 
-@dataclass(frozen=True, slots=True)
-class CertifyOptions:
+class CertifyOptions(Struct, frozen=True):
     """Certificates."""
 
     certify: Annotated[

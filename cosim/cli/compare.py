@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from cosim.base.convert import Struct, field
 from cosim.cli.options import (
     PROCESSORS,
     Folders,
@@ -28,8 +28,7 @@ if TYPE_CHECKING:
     from cosim.study.parts import StudyPart
 
 
-@dataclass(frozen=True, slots=True)
-class Selection:
+class Selection(Struct, frozen=True):
     """The names that are compared, where they are defined, and changes of the scenario."""
 
     controllers: Annotated[
@@ -61,8 +60,7 @@ class Selection:
         return self.controllers, self.operators, self.links
 
 
-@dataclass(frozen=True, slots=True)
-class ComparisonOptions:
+class ComparisonOptions(Struct, frozen=True):
     """The folder of a comparison, and what is made of its runs."""
 
     out: Annotated[

@@ -46,8 +46,7 @@ def delays(
 
 def _data() -> list[dict[str, Any]]:
     """Every preset and frozen trace with its figures, delays in s."""
-    from dataclasses import asdict
-
+    from cosim.base.copies import asdict
     from cosim.links.frozen import TRACES
     from cosim.links.presets import PRESETS
 

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from cosim.base.convert import Struct, field
 from cosim.base.parts import part
 from cosim.cli.options import Set
 
@@ -21,8 +21,7 @@ _FIRMWARE = (
 )
 
 
-@dataclass(frozen=True, slots=True)
-class RunFileOptions:
+class RunFileOptions(Struct, frozen=True):
     """A run as a file of data."""
 
     to: Annotated[
@@ -38,8 +37,7 @@ class RunFileOptions:
     ] = field(default_factory=list)
 
 
-@dataclass(frozen=True, slots=True)
-class SystemOptions:
+class SystemOptions(Struct, frozen=True):
     """A scenario for tools that simulate."""
 
     ssp: Annotated[Path | None, typer.Option(help="SSP 1.0 file to write.")] = None
@@ -52,8 +50,7 @@ class SystemOptions:
     ] = "annotation"
 
 
-@dataclass(frozen=True, slots=True)
-class NodeFmuOptions:
+class NodeFmuOptions(Struct, frozen=True):
     """The nodes of a deployment as network FMUs."""
 
     deploy: Annotated[
@@ -86,8 +83,7 @@ class NodeFmuOptions:
     ] = False
 
 
-@dataclass(frozen=True, slots=True)
-class FirmwareOptions:
+class FirmwareOptions(Struct, frozen=True):
     """A node of a deployment as firmware."""
 
     firmware: Annotated[

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from cosim.base.convert import Struct, field
 from cosim.cli.options import (
     PROCESSORS,
     Folders,
@@ -27,8 +27,7 @@ if TYPE_CHECKING:
 _EVERY = 10.0
 
 
-@dataclass(frozen=True, slots=True)
-class FalsifyOptions:
+class FalsifyOptions(Struct, frozen=True):
     """Options of the search: its length, its workers, its folder."""
 
     set_: Annotated[

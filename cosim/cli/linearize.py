@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from cosim.base.convert import Struct
 from cosim.cli.options import finite, write_json
 
 if TYPE_CHECKING:
@@ -20,8 +20,7 @@ _MOST = 24
 _AT_ONE = 1e-9
 
 
-@dataclass(frozen=True, slots=True)
-class LinearOptions:
+class LinearOptions(Struct, frozen=True):
     """The linear model of a scenario."""
 
     linear: Annotated[

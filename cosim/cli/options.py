@@ -1,6 +1,6 @@
 """Options that several commands share, each with one name and one meaning; what they write.
 
-A parameter of a command that is a dataclass stands for its fields. A field is declared like a
+A parameter of a command that is a struct stands for its fields. A field is declared like a
 parameter, ``Annotated[TYPE, typer.Option(...)] = DEFAULT``; a list is
 ``field(default_factory=list)``. So commands share options, and hand them on as one value.
 """
@@ -10,8 +10,7 @@ from __future__ import annotations
 import json
 import os
 import sys
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import MISSING, Field, dataclass, field, fields, is_dataclass
+from collections.abc import Callable, Mapping
 from functools import wraps
 from inspect import Parameter, Signature, signature
 from math import isfinite
@@ -20,6 +19,8 @@ from typing import TYPE_CHECKING, Annotated, Any, TextIO, TypeVar, get_type_hint
 
 import typer
 
+from cosim.base.convert import NODEFAULT, FieldInfo, Struct, field, fields
+from cosim.base.copies import field_names
 from cosim.base.extras import require
 from cosim.base.toml import EXPECTED, is_usable_number
 
@@ -111,8 +112,7 @@ Folders = Annotated[
 ]
 
 
-@dataclass(frozen=True, slots=True)
-class PartOptions:
+class PartOptions(Struct, frozen=True):
     """The part of many runs that this call makes, or parts that are put together."""
 
     part: Annotated[
@@ -140,8 +140,7 @@ class PartOptions:
         return StudyPart.read(self.part) if self.part else None
 
 
-@dataclass(frozen=True, slots=True)
-class RunSettings:
+class RunSettings(Struct, frozen=True):
     """Changes of the scenario of a run."""
 
     set_: Annotated[
@@ -180,8 +179,7 @@ class RunSettings:
         return [*self.set_, *found, *signals]
 
 
-@dataclass(frozen=True, slots=True)
-class ResultOptions:
+class ResultOptions(Struct, frozen=True):
     """The result of a command: as a file, and as text."""
 
     json: Json = None
@@ -198,8 +196,7 @@ class ResultOptions:
             write_json(self.json, command, data)
 
 
-@dataclass(frozen=True, slots=True)
-class OutputOptions:
+class OutputOptions(Struct, frozen=True):
     """The files and the text of a run."""
 
     out: Annotated[
@@ -296,12 +293,12 @@ def _plain(data: Any) -> Any:
 def flat(function: Callable[..., None]) -> Callable[..., None]:
     """The command `function` as a library for commands wants it: a parameter for each option."""
     hints = get_type_hints(function, include_extras=True)
-    groups = {name: kind for name, kind in hints.items() if is_dataclass(kind)}
+    groups = {name: fields(kind) for name, kind in hints.items() if field_names(kind)}
     parameters = [
         one
         for p in signature(function).parameters.values()
         for one in (
-            _options(groups[p.name])
+            map(_option, groups[p.name])
             if p.name in groups
             else [p.replace(kind=Parameter.KEYWORD_ONLY, annotation=hints[p.name])]
         )
@@ -309,30 +306,25 @@ def flat(function: Callable[..., None]) -> Callable[..., None]:
 
     @wraps(function)
     def called(**given: Any) -> None:
-        made = {name: _value(kind, given) for name, kind in groups.items()}
+        made = {name: hints[name](**_values(group, given)) for name, group in groups.items()}
         function(**given, **made)
 
     vars(called).update(__signature__=Signature(parameters), __annotations__={})
     return called
 
 
-def _options(kind: Any) -> Iterator[Parameter]:
-    """The parameters of a group, in the order of its fields."""
-    hints = get_type_hints(kind, include_extras=True)
-    for f in fields(kind):
-        yield Parameter(
-            f.name, Parameter.KEYWORD_ONLY, default=_default(f), annotation=hints[f.name]
-        )
+def _option(f: FieldInfo) -> Parameter:
+    """The parameter of a field of a group."""
+    default = None if _is_made(f) else Parameter.empty if f.default is NODEFAULT else f.default
+    return Parameter(f.name, Parameter.KEYWORD_ONLY, default=default, annotation=f.type)
 
 
-def _default(f: Field[Any]) -> Any:
-    if f.default_factory is not MISSING:
-        return None
-    return Parameter.empty if f.default is MISSING else f.default
+def _is_made(f: FieldInfo) -> bool:
+    """Whether each group has a value of its own if none is given, such as a list."""
+    return f.default_factory is not NODEFAULT
 
 
-def _value(kind: Any, given: dict[str, Any]) -> Any:
-    """The group made of what is `given` for its fields, which is taken out."""
-    values: Mapping[str, Any] = {f.name: given.pop(f.name) for f in fields(kind)}
-    lists = {f.name for f in fields(kind) if f.default_factory is not MISSING}
-    return kind(**{k: v for k, v in values.items() if v is not None or k not in lists})
+def _values(group: tuple[FieldInfo, ...], given: dict[str, Any]) -> dict[str, Any]:
+    """The values of a group among those `given`, from which they are taken out."""
+    values = {f.name: given.pop(f.name) for f in group}
+    return {f.name: values[f.name] for f in group if not _is_made(f) or values[f.name] is not None}

@@ -5,13 +5,14 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass
 from itertools import groupby
 from pathlib import Path
 from typing import Annotated, Any, Protocol, cast
 
 import typer
 
+from cosim.base.convert import Struct
+from cosim.base.copies import asdict
 from cosim.base.parts import part
 from cosim.cli.options import Json, write_json
 
@@ -42,8 +43,7 @@ class Reproduction(Protocol):
         """Write ``report.html`` into `folder`; `repeat`: the command."""
 
 
-@dataclass(frozen=True, slots=True)
-class ReproductionOptions:
+class ReproductionOptions(Struct, frozen=True):
     """The runs of a reproduction."""
 
     jobs: Annotated[int, typer.Option(min=1, help="Number of processes.")] = os.cpu_count() or 1

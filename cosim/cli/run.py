@@ -6,12 +6,12 @@ import os
 import shlex
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from cosim.base.copies import replace
 from cosim.base.parts import part
 from cosim.base.units import time_text
 from cosim.cli.options import OutputOptions, RunSettings, wall_seconds, write_json
@@ -26,8 +26,7 @@ if TYPE_CHECKING:
     from cosim.schedule.plan import Plan
 
 
-@dataclass(frozen=True, slots=True)
-class RunOptions(OutputOptions):
+class RunOptions(OutputOptions, frozen=True):
     """The data that a run reads and writes, and its way to run."""
 
     table: Annotated[

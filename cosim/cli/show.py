@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from cosim.base.convert import Struct
 from cosim.base.names import extent
 from cosim.cli.options import Json, Set, Strict, Verify, drawn, finite, write_json
 
@@ -30,8 +30,7 @@ SECTIONS = {
 }
 
 
-@dataclass(frozen=True, slots=True)
-class BusAccountOptions:
+class BusAccountOptions(Struct, frozen=True):
     """The account of a simulated bus in an interval."""
 
     bus: Annotated[

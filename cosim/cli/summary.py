@@ -6,11 +6,11 @@ import shlex
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import replace
 from pathlib import Path
 from threading import Timer
 from typing import TYPE_CHECKING, Any
 
+from cosim.base.copies import replace
 from cosim.base.errors import ScenarioError
 from cosim.base.units import time_text
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from cosim.base.convert import Struct
 from cosim.cli.options import (
     PROCESSORS,
     Folders,
@@ -31,8 +31,7 @@ if TYPE_CHECKING:
 _EVERY = 10.0
 
 
-@dataclass(frozen=True, slots=True)
-class SweepOptions:
+class SweepOptions(Struct, frozen=True):
     """The runs that are made now, their workers, and what is made of the table."""
 
     out: Annotated[

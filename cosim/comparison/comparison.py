@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from itertools import product
 from pathlib import Path
 
+from cosim.base.copies import replace
 from cosim.base.processes import processes
 from cosim.comparison.documents import Base, Case, scenario
 from cosim.comparison.kept import KeptResults, OutcomeRow, run_task

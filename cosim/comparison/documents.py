@@ -10,11 +10,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from copy import deepcopy
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from cosim.base import toml
+from cosim.base.copies import replace
 from cosim.base.errors import CosimError, ScenarioError
 from cosim.base.toml import change
 from cosim.comparison.variants import (

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from base64 import b64decode, b64encode
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
 from types import TracebackType
@@ -17,6 +17,7 @@ from typing import Any, TypeVar, final
 import msgspec
 import numpy as np
 
+from cosim.base.copies import replace
 from cosim.base.errors import RunError
 from cosim.comparison.measure import CaseOutcome, Task, failed_case, run_case
 from cosim.comparison.port_columns import PortOutcome, PortTask, run_port

@@ -19,13 +19,13 @@ go of, so these numbers depend on controller, links and seed, and not on the ope
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from math import nan
 from pathlib import Path
 
 from cosim.analysis.experiments import FORCE, Bench
 from cosim.analysis.force_tests import UNSTABLE
-from cosim.base.convert import replace as replace_struct
+from cosim.base.copies import replace
 from cosim.base.errors import CosimError, RunError, ScenarioError
 from cosim.base.names import unknown
 from cosim.comparison.documents import Case
@@ -170,4 +170,4 @@ def port_bench(spec: PortBench, arms: Mapping[str, str], path: Path) -> PortBenc
             f"found {list(spec.band)}; expected two frequencies in rad/s, the lower first",
             f"{place}.band",
         )
-    return replace_struct(spec, operator=arms[spec.operator], environment=arms[spec.environment])
+    return replace(spec, operator=arms[spec.operator], environment=arms[spec.environment])

@@ -7,8 +7,8 @@ has. Its name is ``NAME.margin``, as in the table of a sweep.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 
+from cosim.base.copies import replace
 from cosim.comparison.documents import Base
 from cosim.comparison.requirement_margin import RequirementMargin
 from cosim.comparison.variants import MetricColumn, Variants

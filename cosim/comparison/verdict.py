@@ -20,13 +20,14 @@ whose time constant is longer than about twice the run counts as moving.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from math import nan, sqrt
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cosim.base.copies import replace
 from cosim.base.errors import RunError
 from cosim.comparison.spec import Stability
 from cosim.record.piecewise import PairwiseSum, extent, pieces

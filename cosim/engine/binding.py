@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import ctypes as c
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
@@ -16,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim.base.component import NativeComponent
+from cosim.base.convert import Struct
 from cosim.base.errors import RunError
 from cosim.engine.arrays import (
     Numbers,
@@ -55,8 +55,7 @@ Vector = NDArray[np.float64]
 Views = dict[str, Vector]
 
 
-@dataclass(frozen=True, slots=True)
-class Termination:
+class Termination(Struct, frozen=True):
     """An FMU that ended the simulation at `time` (s)."""
 
     component: str

@@ -7,13 +7,13 @@ nothing is written. Forces are played from tables, in the same way as the weight
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.base.convert import replace as replace_struct
+from cosim.base.convert import Struct, field
+from cosim.base.copies import replace
 from cosim.base.errors import RunError, ScenarioError
 from cosim.engine.engine import Engine
 from cosim.scenario.connect import unknown
@@ -25,8 +25,7 @@ Array = NDArray[np.float64]
 _CHUNK, _TICKS = 1 << 18, 8192
 
 
-@dataclass(frozen=True, slots=True)
-class SignalTrace:
+class SignalTrace(Struct, frozen=True):
     """Samples recorded of some signals; `stopped`: the reason why it ended early, or "".
 
     `t` (n,) s; the rest is as for a run read back from its folder.
@@ -109,8 +108,7 @@ def trace(plan: Plan, signals: Sequence[str], every: int = 1) -> SignalTrace:
 # ---- plans that differ a little -----------------------------------------------------------------
 
 
-@dataclass(frozen=True, slots=True)
-class RepeatedValues:
+class RepeatedValues(Struct, frozen=True):
     """Values, (n,), one a hit of the receiver, again from the start after the last."""
 
     values: Array
@@ -135,8 +133,7 @@ class _Playing:
         return self._values[at]
 
 
-@dataclass(frozen=True, slots=True)
-class Change:
+class Change(Struct, frozen=True):
     """The changes of an experiment.
 
     `values`: parameters and start values by component; `forces`: values of an input, (n, m) for its
@@ -194,11 +191,11 @@ def _step(step: Step, given: Mapping[str, Sequence[float]]) -> Step:
             raise ScenarioError(unknown(name, [*parameters, *inputs], what))
         where, size = (values, parameters) if name in parameters else (start, inputs)
         where[name] = tuple(float(x) for x in np.broadcast_to(value, (size[name],)))
-    return replace_struct(step, values=values, start=start)
+    return replace(step, values=values, start=start)
 
 
 def _scalar(slot: Slot, i: int) -> Slot:
-    return replace_struct(slot, name=slot.scalars()[i], start=slot.start + i, shape=())
+    return replace(slot, name=slot.scalars()[i], start=slot.start + i, shape=())
 
 
 def _hits(target: Slot, taken: Sequence[Slot]) -> bool:

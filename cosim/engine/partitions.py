@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import ctypes as c
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cosim.base.copies import replace
 from cosim.engine.arrays import LINE, Numbers, Rows, ranges, rows_of, segments, stretches
 from cosim.native import enums, structs
 from cosim.native.enums import Code

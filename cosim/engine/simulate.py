@@ -6,7 +6,6 @@ import platform
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, Protocol
@@ -15,6 +14,8 @@ import numpy as np
 
 import cosim
 from cosim.base.clock import stopwatch
+from cosim.base.convert import Struct
+from cosim.base.copies import asdict, replace
 from cosim.base.errors import Interrupted, RunError, ScenarioError
 from cosim.base.interrupts import stop_on_signal
 from cosim.base.names import unknown
@@ -81,16 +82,17 @@ class Keeper(Protocol):
         """The wall time of earlier parts of the run, s."""
 
 
-@dataclass(frozen=True, slots=True)
-class Execution:
+class Execution(Struct, frozen=True):
     """The way to run: by how many `threads`, with the same results, and what keeps its state."""
 
     threads: int = 1
     keeper: Keeper | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class RunOutcome:
+_USUAL = Execution()
+
+
+class RunOutcome(Struct, frozen=True):
     """The outcome of a run: `wall` s for `seconds` s of simulated time, recorded in `folder`.
 
     `shared`: whether threads shared its ticks.
@@ -165,7 +167,7 @@ def simulate(
     *,
     force: bool = False,
     further: Mapping[str, Any] | None = None,
-    execution: Execution = Execution(),
+    execution: Execution = _USUAL,
 ) -> RunOutcome:
     """Run a scenario from start to stop, recording into `folder` (see :func:`claim_folder`).
 

@@ -7,11 +7,11 @@ candidate to the next only the tables of links change, as long as the axes have 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from cosim.base.convert import replace as replace_struct
+from cosim.base.copies import replace
 from cosim.base.errors import CosimError, RunError, ScenarioError
 from cosim.base.toml import as_toml, changed
 from cosim.falsify import judge
@@ -99,7 +99,7 @@ def with_paths(plan: Plan, problem: Problem, candidate: Candidate) -> Plan:
             old = links[i].table
             assert isinstance(old, DrawnTable)
             table = DrawnTable(old.name, old.grid, law, old.rule, old.seed)
-            links[i] = replace_struct(links[i], table=table)
+            links[i] = replace(links[i], table=table)
     return replace(plan, links=tuple(links))
 
 

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Generator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from cosim.base.copies import replace
 from cosim.base.errors import ScenarioError
 from cosim.base.names import unknown
 from cosim.base.processes import Opened

@@ -10,8 +10,8 @@ is that of one call, also if a part is missing or was made with another number o
 from __future__ import annotations
 
 from collections.abc import Generator
-from dataclasses import replace
 
+from cosim.base.copies import replace
 from cosim.falsify.families import Space
 from cosim.falsify.judge import CandidateOutcome
 from cosim.falsify.paths import Candidate

@@ -5,11 +5,11 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from copy import deepcopy
-from dataclasses import replace
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
+from cosim.base.copies import replace
 from cosim.base.errors import CosimError, ScenarioError
 from cosim.base.toml import change, changed
 from cosim.falsify import judge, spec

@@ -8,11 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 from typing import Any, Generic, TypeVar, final
 
+from cosim.base.copies import asdict
 from cosim.base.errors import RunError
 from cosim.base.processes import NOTHING_YET, Opened, Pool, spread
 from cosim.falsify.evaluation import Problem, run_candidates

@@ -10,11 +10,12 @@ shortened and rounded. What is left also has to fail if every delay is changed a
 from __future__ import annotations
 
 from collections.abc import Generator, Iterable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from math import ceil
 
 import numpy as np
 
+from cosim.base.copies import replace
 from cosim.base.random_numbers import generator
 from cosim.falsify.evaluation import Problem
 from cosim.falsify.judge import CandidateOutcome

@@ -6,11 +6,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.random import Generator
 
+from cosim.base.copies import replace
 from cosim.base.random_numbers import generator
 from cosim.falsify.evaluation import Problem
 from cosim.falsify.paths import Candidate, DelayPath, Piece

@@ -15,13 +15,14 @@ Source: G. A. F. Seber and C. J. Wild, Nonlinear Regression, Wiley 1989, Sec. 2.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import nan
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cosim.base.copies import replace
 from cosim.base.errors import CosimError, RunError, ScenarioError
 from cosim.fitting.errors import CorrelatedErrors, errors_of
 from cosim.fitting.varied import Varied, with_values

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cosim.base.component import Parameter
-from cosim.base.convert import replace
+from cosim.base.copies import replace
 from cosim.base.errors import ScenarioError
 from cosim.base.names import unknown
 from cosim.schedule.parts import Step

@@ -11,11 +11,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from copy import copy
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cosim.base.convert import Struct
 from cosim.base.errors import CosimError, RunError
 from cosim.fmi.components import begin_at, fmu_of, overwrite
 from cosim.fmi.failures import sentence
@@ -31,8 +31,7 @@ MOVES = 0.05
 AHEAD = 3
 
 
-@dataclass(frozen=True, slots=True)
-class StepDerivatives:
+class StepDerivatives(Struct, frozen=True):
     """x+ = `A` x + `B` u and y = `C` x + `D` u of one step; y are all outputs after the step.
 
     Shapes (n, n), (n, m), (p, n), (p, m), in the units of the states (`states`, n scalars in all),

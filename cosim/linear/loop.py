@@ -10,13 +10,14 @@ With links cut (:mod:`cosim.linear.opened`) what is held is an input, what is se
 from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Mapping, Sequence
-from dataclasses import dataclass, replace
 from math import lcm
 from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cosim.base.convert import Struct
+from cosim.base.copies import replace
 from cosim.base.errors import ScenarioError
 from cosim.engine.engine import Engine
 from cosim.engine.tables import LinkRows
@@ -34,8 +35,7 @@ _KNOWN = {Code.COPY, Code.SCALE, Code.PUSH, Code.PULL, Code.STEP, Code.RECORD, C
 MOST = 8000
 
 
-@dataclass(frozen=True, slots=True)
-class OperatingPoint:
+class OperatingPoint(Struct, frozen=True):
     """The point at which a plan is linearized: `tick`, the first of a period of `ticks` ticks.
 
     `signals`: rows of the signal vector, (ticks + 1, n_signals), before each tick and at the end;
@@ -84,8 +84,7 @@ def _held(plan: Plan, found: Sequence[LinkRows], begin: int) -> dict[str, list[i
     return tables
 
 
-@dataclass(frozen=True, slots=True)
-class CutLink:
+class CutLink(Struct, frozen=True):
     """A link that is cut: some inputs of a loop stand for what is held, some outputs for what is
     sent.
 
@@ -113,8 +112,7 @@ def _cut_links(plan: Plan, ticks: int) -> tuple[CutLink, ...]:
     return tuple(found)
 
 
-@dataclass(frozen=True, slots=True)
-class LinearLoop:
+class LinearLoop(Struct, frozen=True):
     """z+ = `F` z + `G` u and y = `H` z + `J` u over a period (s), in the units of the signals.
 
     `names` and `units` are those of z: first the `n_states` states of components, then held

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cosim.base.convert import Struct, field
 from cosim.linear.component import Matrix
 from cosim.linear.loop import LinearLoop
 from cosim.linear.pieces import pieces
@@ -20,8 +20,7 @@ COMBINED = 1e-8
 ROUGH = 1e-3
 
 
-@dataclass(frozen=True, slots=True)
-class Mode:
+class Mode(Struct, frozen=True):
     """An eigenvalue of A: `z`, per period, and `s` = ln(z)/period (1/s).
 
     `frequency` is abs(s)/2 pi (Hz), `damping` -Re(s)/abs(s); `state` takes the greatest part in it.
@@ -34,8 +33,7 @@ class Mode:
     state: str
 
 
-@dataclass(frozen=True, slots=True)
-class LinearModel:
+class LinearModel(Struct, frozen=True):
     """x[k+1] = `A` x[k] + `B` u[k] and y[k] = `C` x[k] + `D` u[k], deviations from a run at `time`.
 
     `period` (s) from k to k+1; u is held for a period. A (n, n), B (n, m), C (p, n), D (p, m); the

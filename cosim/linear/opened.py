@@ -14,12 +14,12 @@ circle is that of A there, less the turns of the determinant about 0 along the c
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cosim.base.convert import Struct
 from cosim.base.errors import RunError
 from cosim.linear.component import Matrix, StepDerivatives
 from cosim.linear.determinants import Determinants
@@ -48,8 +48,7 @@ _HUGE = 1e60
 _SMALL = 0.3
 
 
-@dataclass(frozen=True, slots=True)
-class OpenLoop:
+class OpenLoop(Struct, frozen=True):
     """A sampled loop near an operating point at `time` (s), its links cut, over a period of `ticks`
     base steps of `h` (s).
 
@@ -314,8 +313,7 @@ def _steps(log: Complex) -> Complex:
     return np.asarray(step.real + 1j * turn)
 
 
-@dataclass(frozen=True, slots=True)
-class Differences:
+class Differences(Struct, frozen=True):
     """x[k+1] = `A` x[k] + `B` w[k], v[k] = `C` x[k] + `D` w[k] without the neutral directions.
 
     v is the increase of what is sent from one period to the next, w what a receiver holds less what

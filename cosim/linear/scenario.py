@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from cosim.base.convert import replace as replace_struct
+from cosim.base.copies import replace
 from cosim.base.errors import ScenarioError
 from cosim.fmi.components import fmu_of, observable
 from cosim.linear.loop import linear_loop, operating_point
@@ -77,8 +76,8 @@ def observed(scenario: Scenario, plan: Plan | None = None) -> Plan:
     inside = tuple(f"{s.name}.{v}" for s in plan.components for v in _locals(s))
     if not inside:
         return plan
-    record = replace_struct(scenario.run.record, signals=inside)
-    return assemble(replace_struct(scenario, run=replace_struct(scenario.run, record=record)))
+    record = replace(scenario.run.record, signals=inside)
+    return assemble(replace(scenario, run=replace(scenario.run, record=record)))
 
 
 def _locals(step: Step) -> list[str]:

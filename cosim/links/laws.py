@@ -16,7 +16,6 @@ is our own construction.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from fractions import Fraction
 from functools import lru_cache
 from math import isfinite
@@ -26,6 +25,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from cosim.base.convert import Struct
 from cosim.base.errors import ScenarioError
 from cosim.links.keys import Keyed, Seconds
 
@@ -173,8 +173,7 @@ class Uniform(Formula, frozen=True, tag="uniform"):
         return hold_delays(draw, self.hold, period)
 
 
-@dataclass(frozen=True, slots=True)
-class Sum:
+class Sum(Struct, frozen=True):
     """T(t) = Σ_j T_j(t) of independent laws, none of which loses packets."""
 
     parts: tuple[Law, ...]

@@ -20,7 +20,7 @@ from math import ceil, exp
 
 import numpy as np
 
-from cosim.base.convert import replace
+from cosim.base.copies import replace
 from cosim.base.errors import ScenarioError
 from cosim.base.random_numbers import generator
 from cosim.links.distributions import Gamma, Hyperexponential, Lognormal, Normal

@@ -12,7 +12,6 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
 from io import FileIO
 from pathlib import Path
 from typing import Any
@@ -20,6 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from cosim.base.convert import Struct
 from cosim.base.errors import RunError, ScenarioError
 from cosim.base.files import Closing
 from cosim.links.laws import IntArray
@@ -42,8 +42,7 @@ def load_table(path: str | Path) -> tuple[dict[str, Any], NDArray[np.int32]]:
     return facts, np.concatenate(groups) if groups else np.empty(0, np.int32)
 
 
-@dataclass(frozen=True, slots=True)
-class StoredTable:
+class StoredTable(Struct, frozen=True):
     """A table in a file, to be replayed: law and semantics are what they were. See `open_table`.
 
     Its facts are those of its rows: `history` and `minimum_delay_ticks` were counted in them.

@@ -8,7 +8,6 @@ ages of the samples that rows hold, their repetitions and steps back in time.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
@@ -177,8 +176,7 @@ AGES = np.dtype(structs.AgesStruct)
 PERCENTS = (5, 50, 95, 99, 100)
 
 
-@dataclass(frozen=True, slots=True)
-class LinkStatistics:
+class LinkStatistics(Struct, frozen=True):
     """Ages in s (nan where nothing was ever held), shares in percent.
 
     The age of row r is (n_r·r - n_s·j)·h; percentiles are ages that occurred (the smallest that

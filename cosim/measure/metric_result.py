@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
 from math import isnan
 
 import numpy as np
 
+from cosim.base.convert import Struct, field
 from cosim.record.signals import Array
 
 #: Columns of the labels of a summary.
 LABELS = 22
 
 
-@dataclass(frozen=True, slots=True)
-class MetricResult:
+class MetricResult(Struct, frozen=True):
     """The result of a metric: `value` in `unit`, and further results as text and as numbers.
 
     `parts`, by name, are in `unit`, in s if the name ends in ``_s``, in Hz (``_hz``), or pure

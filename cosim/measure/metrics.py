@@ -24,7 +24,6 @@ that is not finite) is NaN with a sentence; a metric that makes no sense raises 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from functools import reduce
 from itertools import pairwise
 from math import inf, isfinite, nan, sqrt
@@ -32,6 +31,7 @@ from typing import TYPE_CHECKING, Literal, TypeAlias, cast, final, get_args
 
 import numpy as np
 
+from cosim.base.convert import Struct
 from cosim.base.errors import ScenarioError
 from cosim.base.names import listed
 from cosim.base.units import time_text
@@ -57,8 +57,7 @@ _NEEDS = {
 _TAKES = {**_NEEDS, "error": ("target", "within")}
 
 
-@dataclass(frozen=True, slots=True)
-class Error:
+class Error(Struct, frozen=True):
     """The distance of signals from a target: E(t) = max over `of` of ‖x(t) - target(t)‖.
 
     `target`: a number per entry, a signal, or a signal for each of `of`. `norm`: the largest entry
@@ -143,8 +142,7 @@ class Error:
         return targets
 
 
-@dataclass(frozen=True, slots=True)
-class Measure:
+class Measure(Struct, frozen=True):
     """A number of the stacked signals `of` by themselves; `kind` as in the table above.
 
     `window`: s, of ``tail_mean`` and ``vibration``.

@@ -7,13 +7,14 @@ them (``sync.settle_s``). All of them have one result, :class:`Robustness`, wher
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from math import inf, isfinite, nan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from cosim.base.copies import replace
 from cosim.base.errors import CosimError, ScenarioError
 from cosim.base.names import unknown
 from cosim.base.units import parse, time_text

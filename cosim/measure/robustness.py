@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
 from math import inf, isfinite, nan
 from typing import Any, Literal
 
+from cosim.base.convert import Struct
 from cosim.base.units import time_text
 from cosim.measure.metric_result import with_unit
 
 Verdict = Literal["passed", "failed", "inconclusive"]
 
 
-@dataclass(frozen=True, slots=True)
-class Robustness:
+class Robustness(Struct, frozen=True):
     """The robustness of a requirement on a run.
 
     `value`: the margin in `unit`, negative where it is violated; -inf for a run that diverged or

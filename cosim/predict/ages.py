@@ -7,11 +7,11 @@ robots whose links are alike have the same numbers then.
 from __future__ import annotations
 
 from collections.abc import Hashable
-from dataclasses import dataclass
 from math import gcd, inf, isinf, nan
 
 import numpy as np
 
+from cosim.base.convert import Struct
 from cosim.base.errors import ScenarioError
 from cosim.links.laws import Constant, Law
 from cosim.links.semantics import (
@@ -31,8 +31,7 @@ LOOKS = 8000
 QUANTILES = 48
 
 
-@dataclass(frozen=True, slots=True)
-class Age:
+class Age(Struct, frozen=True):
     """Age of the held sample, s: `mean`, and `bound` (inf: unbounded).
 
     `spread`: differences from the mean, s, equally likely; () if the age is constant or jumps by a

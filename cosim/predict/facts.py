@@ -193,8 +193,7 @@ class DynamicFeedback:
         return (0.0,) * len(self.K) if self.lambda_c else self.K
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SpringDamper:
+class SpringDamper(Struct, frozen=True, kw_only=True):
     """A coupling by a spring with the delayed position of another robot, and damping to the ground.
 
     `feedback`: total gain of the own velocity, N.m.s/rad, of which `ground` is to the ground;

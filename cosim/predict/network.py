@@ -21,11 +21,12 @@ Source: own construction, the linearisation of the paper's (42)-(45), (61) and (
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from cosim.base.convert import Struct
+from cosim.base.copies import replace
 from cosim.predict.ages import Age
 from cosim.predict.facts import Arm, Array, DynamicFeedback, Vector
 from cosim.predict.system import AnalyzedSystem
@@ -39,8 +40,7 @@ STEP = 1e-4
 DENSE = 30
 
 
-@dataclass(frozen=True, slots=True)
-class Couplings:
+class Couplings(Struct, frozen=True):
     """The edges of a network, from robot `senders[k]` to robot `receivers[k]`, (edges,).
 
     `strength`: lambda w, 1/s; `kinds`: which of the `ages` what the receiver holds has.
@@ -66,8 +66,7 @@ class Couplings:
         return np.asarray(self.strength * late[..., self.kinds])
 
 
-@dataclass(frozen=True, slots=True)
-class RobotNetwork:
+class RobotNetwork(Struct, frozen=True):
     """The robots that communicate; the `port` is at the one that the operator holds.
 
     `outside` (n,): lambda w of rows from unknown senders, which count as standing still, 1/s;
@@ -164,8 +163,7 @@ class RobotNetwork:
         return np.asarray(column(one, other, edges.receivers, edges.senders, self.port)[:, 0, 0])
 
 
-@dataclass(frozen=True, slots=True)
-class Linear:
+class Linear(Struct, frozen=True):
     """The robots of `net` in one posture: `M`, `M_hat`, kg.m2, `K`, N.m.s/rad, (n, m, m) each.
 
     `friction`: the viscous friction of the joints, (n, m) N.m.s/rad; `weight`: dg/dq of gravity

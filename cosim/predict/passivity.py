@@ -20,11 +20,12 @@ Source: own construction from the linearised network.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
 from math import pi
 
 import numpy as np
 
+from cosim.base.convert import Struct
+from cosim.base.copies import replace
 from cosim.predict import closed_form as closed
 from cosim.predict.facts import Array, Vector
 from cosim.predict.network import Complex, RobotNetwork
@@ -37,8 +38,7 @@ ROUNDING = 1e-9
 HALVINGS, DIGITS = 12, 3
 
 
-@dataclass(frozen=True, slots=True)
-class PassiveRange:
+class PassiveRange(Struct, frozen=True):
     """The lambda_M, 1/s, from `least` to `limit` with which a port is passive, theta known."""
 
     least: float
@@ -91,8 +91,7 @@ def _edge(response: _Response, inside: float, outside: float) -> float:
     return round(inside, DIGITS)
 
 
-@dataclass(frozen=True, slots=True)
-class _Response:
+class _Response(Struct, frozen=True):
     """D (m, m) and X (k, m, m) at the frequencies `p` (k,), see the module."""
 
     p: Complex

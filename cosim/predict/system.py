@@ -8,11 +8,13 @@ output, is the source of the row, also through other components.
 from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Iterable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from math import nan
 from typing import Any, TypeVar
 
+from cosim.base.convert import Struct
+from cosim.base.copies import replace
 from cosim.predict.ages import LOOKS, Age, age, kind_of
 from cosim.predict.facts import (
     Arm,
@@ -35,8 +37,7 @@ T = TypeVar("T")
 F = TypeVar("F", Arm, DynamicFeedback, SpringDamper, Hand, Servo, ServoCommand)
 
 
-@dataclass(frozen=True, slots=True)
-class Edge:
+class Edge(Struct, frozen=True):
     """Row `row` of the input of the law `receiver`; `sender`: a law, "" if it is unknown.
 
     `weight`: mean over time, that of the mean graph if graphs switch; `recurrent`: whether it is
@@ -52,8 +53,7 @@ class Edge:
     fed: bool = True
 
 
-@dataclass(frozen=True, slots=True)
-class CommandPath:
+class CommandPath(Struct, frozen=True):
     """The path by which a law moves an arm that takes no torque: through the component `servo`.
 
     `by`: the component whose output is the servo's command, the law itself or one that turns its

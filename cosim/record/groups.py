@@ -20,7 +20,6 @@ import ctypes as c
 import os
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -28,6 +27,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from cosim.base.convert import Struct
 from cosim.native.shared import library
 from cosim.native.structs import RecordingStruct
 from cosim.record.live import Column, Live, Rows
@@ -69,8 +69,7 @@ def batch(values: NDArray[np.float64], fields: Any) -> Any:
     return pa.RecordBatch.from_arrays([arrow(column) for column in values], schema=fields)
 
 
-@dataclass(frozen=True, slots=True)
-class RecordedRows:
+class RecordedRows(Struct, frozen=True):
     """A recording at one moment: `written` rows are in full row groups of its file; `rest`
     (columns + 1, k): those after them, row 0 is t.
     """

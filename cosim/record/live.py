@@ -15,13 +15,14 @@ import mmap
 import os
 import sys
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any, Self, final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cosim.base.convert import Struct, field
+from cosim.base.copies import field_names
 from cosim.base.errors import ScenarioError
 
 Rows = NDArray[np.float64]
@@ -32,8 +33,7 @@ _AT_HAND, _ZEROS = 1 << 24, memoryview(bytes(1 << 20))
 _COLUMNS = ("columns", "everything")
 
 
-@dataclass(frozen=True, slots=True)
-class Column:
+class Column(Struct, frozen=True):
     """A recorded scalar: its name (``master.q[0]``), unit and index in the signal vector."""
 
     name: str
@@ -41,8 +41,7 @@ class Column:
     index: int
 
 
-@dataclass(frozen=True, slots=True)
-class RecordLayout:
+class RecordLayout(Struct, frozen=True):
     """The recorded columns, and the sizes of the arrays that hold them.
 
     `columns`: those of the trajectories; `everything`: those of ``last.parquet``; `h`: base step,
@@ -65,7 +64,7 @@ class RecordLayout:
 
     def text(self) -> bytes:
         """The layout as JSON; a column is a list of three, which is quicker than an object."""
-        said = {field.name: getattr(self, field.name) for field in fields(self)}
+        said = {name: getattr(self, name) for name in field_names(self)}
         lists = {key: [(c.name, c.unit, c.index) for c in said[key]] for key in _COLUMNS}
         return json.dumps({**said, **lists, "metadata": dict(self.metadata)}).encode()
 

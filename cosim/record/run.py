@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from itertools import islice
 from math import inf
 from pathlib import Path
@@ -14,6 +13,7 @@ from warnings import warn
 import numpy as np
 from numpy.typing import NDArray
 
+from cosim.base.convert import Struct
 from cosim.base.errors import CutShort, ScenarioError
 from cosim.base.files import written_aside
 from cosim.record.folder import METADATA, TRAJECTORIES, is_unfinished, read_metadata, reason
@@ -291,8 +291,7 @@ class Run:
         return path
 
 
-@dataclass(frozen=True, slots=True)
-class RunPiece:
+class RunPiece(Struct, frozen=True):
     """Some rows of a run: `t` (n,), s, and the columns that were asked for, (n,) each."""
 
     run: Run

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cosim.base.convert import Struct
 from cosim.base.errors import CosimError, ScenarioError
 from cosim.base.units import parse
 
@@ -45,8 +45,7 @@ def only_unit(units: Mapping[str, str], place: str = "") -> str:
     return units[first]
 
 
-@dataclass(frozen=True, slots=True)
-class Stack:
+class Stack(Struct, frozen=True):
     """Signals side by side: `t` (n,) s, `x` (n, m) in `unit`, `names` (m,) of the columns."""
 
     t: Array

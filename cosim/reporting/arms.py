@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -13,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cosim.base.component import Drawing, SharedBase
+from cosim.base.copies import replace
 from cosim.base.errors import CosimError
 from cosim.base.names import counted
 from cosim.record import Run

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
 from math import inf, isfinite
 
+from cosim.base.copies import replace
 from cosim.base.units import engineering
 from cosim.measure.metric_result import MetricResult
 from cosim.measure.metrics import Error, Measure, Metric

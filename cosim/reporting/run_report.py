@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import replace
 from heapq import nsmallest
 from itertools import islice
 from math import inf, isfinite, nan
@@ -12,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from cosim.base.copies import replace
 from cosim.base.errors import CosimError
 from cosim.base.names import counted, listed, signal_of
 from cosim.base.units import engineering, engineering_range, prefixed, readable

@@ -9,12 +9,13 @@ from __future__ import annotations
 
 import ctypes as c
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cosim.base.copies import replace
 from cosim.base.errors import ScenarioError
 from cosim.bus.frames import EVENT, FRAME, REQUEST, BusEvent
 from cosim.bus.settings import FrameEncoding

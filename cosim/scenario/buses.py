@@ -10,13 +10,14 @@ what is computed here, with random data, is then an estimate.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cosim.base.copies import replace
 from cosim.base.errors import CosimError, ScenarioError
 from cosim.bus.accounting import BusHistory
 from cosim.bus.frames import BusEvent

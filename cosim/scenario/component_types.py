@@ -8,12 +8,12 @@ for a sort, and not for each of ten thousand components.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from itertools import accumulate
 from typing import Any
 
 from cosim.base.component import Component, Parameter, Port
 from cosim.base.convert import numbers
+from cosim.base.copies import replace
 from cosim.base.errors import FmuError, ScenarioError
 from cosim.base.names import signal_of, unknown
 from cosim.fmi.components import discrete_inputs, fmu_of, sloped_inputs

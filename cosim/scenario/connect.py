@@ -13,7 +13,7 @@ from functools import lru_cache
 from math import prod
 from typing import TYPE_CHECKING, Any, Literal
 
-from cosim.base.convert import numbers
+from cosim.base.convert import Struct, numbers
 from cosim.base.errors import ScenarioError, UnitError
 from cosim.base.names import unknown as unknown
 from cosim.base.units import Unit, conversion, unit_text
@@ -259,8 +259,7 @@ def _fit_entries(
 # ---- edge weights ---------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, slots=True)
-class EdgeWeight:
+class EdgeWeight(Struct, frozen=True):
     """The weight of an edge (i, j), i receives from j, at the receiver's hits."""
 
     topology: Topology

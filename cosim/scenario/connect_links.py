@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Hashable, Mapping, Sequence
-from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from cosim.base.convert import numbers
+from cosim.base.convert import Struct, numbers
+from cosim.base.copies import replace
 from cosim.base.errors import CosimError, ScenarioError
 from cosim.base.names import unknown
 from cosim.fmi.components import is_text
@@ -24,8 +24,7 @@ if TYPE_CHECKING:
 Simulated = dict[str, "BusDelays"]
 
 
-@dataclass(frozen=True, slots=True)
-class _TableSources:
+class _TableSources(Struct, frozen=True):
     """The sources of the tables of links: delays on buses by the place of the link, tables of the
     links before by what they have in common, and the folder of the scenario.
     """

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from cosim.base.convert import replace
+from cosim.base.copies import replace
 from cosim.base.errors import CosimError, ScenarioError
 from cosim.links.semantics import Grid
 from cosim.links.spec import QUEUE_KEYS, link_table

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import Any
 
-from cosim.base.convert import replace as replace_struct
+from cosim.base.copies import replace
 from cosim.links.table import DrawnTable
 from cosim.scenario.spec import has_many
 from cosim.schedule.plan import Plan
@@ -25,7 +24,7 @@ def can_reseed(document: Mapping[str, Any], plan: Plan) -> bool:
 def reseeded(plan: Plan, seed: int) -> Plan:
     """The plan of the same scenario with this seed. Raises ScenarioError."""
     links = tuple(
-        replace_struct(link, table=link.table.of(link.table.name, seed))
+        replace(link, table=link.table.of(link.table.name, seed))
         if isinstance(link.table, DrawnTable)
         else link
         for link in plan.links

@@ -16,6 +16,7 @@ import msgspec
 
 from cosim.base import toml
 from cosim.base.convert import Number, Value, convert, convert_array, convert_each, number
+from cosim.base.copies import replace
 from cosim.base.errors import ScenarioError
 from cosim.base.python import without_collections
 from cosim.formulas.spec import RequirementSpec
@@ -147,7 +148,7 @@ class ComponentSpec(
 
     def replaced(self, **fields: Any) -> ComponentSpec:
         """The same with other values of `fields`."""
-        return msgspec.structs.replace(self, **fields)
+        return replace(self, **fields)
 
 
 _likeness = attrgetter(*(
@@ -190,7 +191,7 @@ class LinkSpec(
 
     def delayed(self, delay: dict[str, Any]) -> LinkSpec:
         """The same with another delay law."""
-        return msgspec.structs.replace(self, delay=delay)
+        return replace(self, delay=delay)
 
 
 class EventSpec(
@@ -384,7 +385,6 @@ def has_many(document: Mapping[str, Any]) -> bool:
 
 def logging(scenario: Scenario) -> Scenario:
     """The same with every FMU's logging switched on."""
-    replace = msgspec.structs.replace
     components = {k: replace(spec, log=True) for k, spec in scenario.components.items()}
     return replace(scenario, components=components)
 

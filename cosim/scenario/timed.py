@@ -15,7 +15,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.base.convert import number, replace
+from cosim.base.convert import number
+from cosim.base.copies import replace
 from cosim.base.errors import ScenarioError, UnitError
 from cosim.base.units import conversion
 from cosim.record.recording import Recording

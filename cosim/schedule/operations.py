@@ -6,7 +6,8 @@ from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, TypeVar
 
-from cosim.base.convert import Struct, replace
+from cosim.base.convert import Struct
+from cosim.base.copies import replace
 from cosim.native.enums import Code
 from cosim.schedule.parts import Gate, Link, Player, Step, Wire
 

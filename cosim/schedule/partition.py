@@ -7,12 +7,13 @@ look-ahead of conservative parallel simulation (Chandy and Misra 1979; Fujimoto 
 from __future__ import annotations
 
 from collections.abc import Collection
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
+from cosim.base.copies import replace
 from cosim.native.enums import Code
 from cosim.schedule.plan import Plan
 

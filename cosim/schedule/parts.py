@@ -6,7 +6,6 @@ Those of which a plan has very many are structs (:mod:`cosim.base.convert`).
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from math import prod
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -114,16 +113,14 @@ class ValueSource(Protocol):
         """The facts that are written down with a run."""
 
 
-@dataclass(frozen=True, slots=True)
-class Player:
+class Player(Struct, frozen=True):
     """A table of values that feeds a scalar input: the weight of an edge over time."""
 
     target: Slot
     source: ValueSource
 
 
-@dataclass(frozen=True, slots=True)
-class Gate:
+class Gate(Struct, frozen=True):
     """A place where signals of the plan leave, or others enter, at the hits of `component`.
 
     Out: once its outputs of t_k are there; in: before it reads its inputs. What happens there is a

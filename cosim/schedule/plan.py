@@ -9,11 +9,11 @@ from __future__ import annotations
 
 from bisect import bisect_left, bisect_right
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
+from cosim.base.convert import Struct
 from cosim.base.errors import PlanError
 from cosim.schedule.operations import Connections, Line, Operation, compile_operations
 from cosim.schedule.order import CycleError, sequence, topological
@@ -25,8 +25,7 @@ if TYPE_CHECKING:
 Feeder = Wire | Link | Player
 
 
-@dataclass(frozen=True)
-class Plan:
+class Plan(Struct, frozen=True, dict=True):
     """Everything the engine needs.
 
     `order`: the sampled components, as they compute at t_k; `later`: the others, as they step over

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
+from cosim.base.copies import replace
 from cosim.base.errors import ScenarioError
 from cosim.base.units import BASE, Unit
 from cosim.ssp.connections import MapEntries

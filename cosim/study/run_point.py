@@ -7,7 +7,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from math import isfinite, isinf, nan
 from pathlib import Path
 from typing import Any
@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from cosim.base.clock import stopwatch
+from cosim.base.copies import replace
 from cosim.base.errors import CosimError, RunError, ScenarioError
 from cosim.base.names import unknown
 from cosim.base.toml import changed, parts

@@ -14,13 +14,13 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import fields
 from pathlib import Path
 from types import TracebackType
 from typing import Any, final
 
 import numpy as np
 
+from cosim.base.copies import field_names
 from cosim.base.errors import RunError, ScenarioError
 from cosim.base.files import write_file
 from cosim.record.folder import reason
@@ -126,7 +126,7 @@ class Store:
 
     def append(self, row: StudyRow) -> None:
         """Store a row immediately. Raises RunError with the path."""
-        self._journal.append({f.name: getattr(row, f.name) for f in fields(row)})
+        self._journal.append({name: getattr(row, name) for name in field_names(row)})
         self.done.add(row.run)
         (self.failed.add if row.reason else self.failed.discard)(row.run)
         if len(self._journal.rows) >= PART_ROWS:

@@ -27,9 +27,10 @@ parameter identification", IEEE Robotics and Automation Letters 3(1), 2018.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass
 from typing import final
 
+from cosim.base.copies import asdict, field_names
 from cosim.base.errors import FmuError, ScenarioError
 from fmus.arms.joints import Joints
 from fmus.build.reference import Values
@@ -66,7 +67,7 @@ class Table:
 
 def of_values(x: Values) -> Table:
     """The table among the values `x` of a model, which have the names, shapes and units of it."""
-    return Table(**{field.name: x[field.name] for field in fields(Table)})
+    return Table(**{name: x[name] for name in field_names(Table)})
 
 
 def variables(arm: Joints) -> tuple[Variable, ...]:

@@ -15,8 +15,8 @@ interpreted as damping in vibroimpact", J. Applied Mechanics 42(2), 1975.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 
+from cosim.base.copies import replace
 from fmus.arms.joints import DAMPING, RATE, STIFFNESS, TORQUE, Joints
 from fmus.build.reference import Values
 from fmus.model import Model, Terminal, Variable

@@ -6,9 +6,10 @@ A model whose law treats every joint alike takes the number of joints as a size,
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import final
 
+from cosim.base.copies import replace
 from cosim.base.errors import FmuError
 from fmus.model import Causality, Model, Terminal, Variable
 

@@ -8,13 +8,14 @@ becomes the z axis of its frame.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import final
 
 import numpy as np
 
 from cosim.base.convert import numbers
+from cosim.base.copies import replace
 from cosim.base.errors import ScenarioError
 from fmus.arms.body import Placement, RigidBody
 from fmus.arms.chain import MOST, Table, skew

@@ -17,9 +17,10 @@ of robot manipulators", Int. J. Robotics Research 6(3), 1987; each law gives the
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple, final
 
+from cosim.base.copies import replace
 from cosim.base.errors import FmuError
 from fmus.arms import chain, serial_arm
 from fmus.arms.dynamics import regressor

@@ -12,12 +12,12 @@ import json
 import re
 import uuid
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import asdict, replace
 from functools import lru_cache
 from itertools import product
 from math import inf
 from pathlib import Path
 
+from cosim.base.copies import asdict, replace
 from cosim.base.errors import FmuError
 from fmus.model import Model, Variable
 

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 
+from cosim.base.copies import replace
 from cosim.base.errors import FmuError
 from fmus.build.source import sources, token
 from fmus.firmware.names import linked_names, renamed

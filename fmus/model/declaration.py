@@ -8,12 +8,13 @@ value references its variables.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from inspect import signature
 from math import inf, isfinite, prod
 from typing import Literal
 
 from cosim.base.component import Kind, Parameter, Port
+from cosim.base.copies import replace
 from cosim.base.errors import FmuError
 
 Causality = Literal["structuralParameter", "parameter", "input", "output", "local"]

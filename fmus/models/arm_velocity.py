@@ -37,8 +37,7 @@ to its gains: H. Wang, W. Ren, C. C. Cheah, Y. Xie, S. Lyu, arXiv 1603.05557.
 
 from __future__ import annotations
 
-from dataclasses import replace
-
+from cosim.base.copies import replace
 from cosim.base.errors import ScenarioError
 from fmus.arms import chain, serial_arm
 from fmus.arms.adaptive_variables import ADAPTED, coupling_gains, network_inputs

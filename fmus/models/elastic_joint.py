@@ -29,8 +29,8 @@ Inputs are held over the step.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 
+from cosim.base.copies import replace
 from cosim.base.errors import ScenarioError
 from fmus.arms.joints import DAMPING, RATE, STIFFNESS, TORQUE, Joints
 from fmus.arms.stiff import steps_in

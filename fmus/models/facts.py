@@ -8,11 +8,11 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
 
+from cosim.base.copies import replace
 from cosim.predict.facts import (
     GRAVITY,
     Arm,

@@ -30,8 +30,7 @@ is not the law of arXiv 2106.12470.
 
 from __future__ import annotations
 
-from dataclasses import replace
-
+from cosim.base.copies import replace
 from cosim.base.errors import ScenarioError
 from fmus.arms.adaptive_variables import coupling_gains, network_inputs
 from fmus.arms.joints import RATE, TORQUE, Joints, rate

@@ -8,10 +8,10 @@ extremes over them are close to those of the workspace, but no bounds.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from functools import lru_cache
 from math import inf, pi
 
+from cosim.base.copies import replace
 from cosim.predict.facts import (
     GRAVITY,
     Arm,

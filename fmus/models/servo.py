@@ -28,8 +28,7 @@ Source: own construction; interpolation and limits as of the modes "cyclic synch
 
 from __future__ import annotations
 
-from dataclasses import replace
-
+from cosim.base.copies import replace
 from fmus.arms.joints import DAMPING, RATE, STIFFNESS, Joints
 from fmus.build.reference import Values, derive
 from fmus.model import Model, Terminal, Variable

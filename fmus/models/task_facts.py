@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
+from cosim.base.copies import replace
 from cosim.predict.facts import DynamicFeedback, TipContact, TipTask, Values
 from fmus.arms import task_space
 from fmus.model.numeric import Array, np

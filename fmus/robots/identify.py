@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 
+from cosim.base.copies import asdict
 from cosim.cli.options import Json, Quiet, write_json
 
 if TYPE_CHECKING:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import copy
 import sys
-from dataclasses import replace
 from math import inf
 
 import numpy as np
@@ -12,6 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from cosim.base.copies import replace
 from cosim.base.errors import ScenarioError
 from cosim.checks import laws
 from cosim.loading.files import load

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 
@@ -18,6 +17,7 @@ from cosim.analysis.contacts import by_grip
 from cosim.analysis.experiments import stiffest
 from cosim.analysis.force_tests import by_push, sweep
 from cosim.analysis.quantity import quantity, with_error
+from cosim.base.copies import replace
 from cosim.predict.closed_form import manipulability_bound
 from cosim.predict.frequency import MultiSine, PortGain, degree
 from cosim.predict.network import network as network_around

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from cosim.analysis.contacts import margin
+from cosim.base.copies import replace
 from cosim.predict.ages import Age
 from cosim.predict.network import RobotNetwork
 from cosim.predict.passivity import passive_range, worst_posture

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +12,7 @@ from cosim.analysis.analysis import analyse
 from cosim.analysis.analyzed_port import find_port, of_scenario
 from cosim.analysis.experiments import Bench
 from cosim.analysis.force_tests import by_push, sweep
+from cosim.base.copies import replace
 from cosim.checks import Finding
 from cosim.checks.preflight import check
 from cosim.engine.memory_run import trace

@@ -9,7 +9,6 @@ import json
 import shutil
 import sys
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +21,7 @@ from bridge.ping.page import PingNotes, write_ping_page
 from bridge.records.records import Lagged
 from bridge.results.outcome import reopen
 from bridge.results.page import describe
+from cosim.base.copies import replace
 from cosim.certify.page import Mark
 from cosim.certify.page import write as write_region
 from cosim.certify.region import Region

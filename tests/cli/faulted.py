@@ -10,12 +10,13 @@ import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from random import Random
 from shutil import copytree, rmtree
 from typing import Any
 
+from cosim.base.copies import replace
 from tests.bridge.zenoh.rehearsed import sockets
 from tests.cli.command import CONFIG, ROOT
 

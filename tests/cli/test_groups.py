@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
 from typing import Annotated
 
 import pytest
 import typer
 from typer.testing import CliRunner
 
+from cosim.base.convert import Struct, field
 from cosim.cli.options import flat
 from tests.cli.command import CONFIG, Command
 
 
-@dataclass(frozen=True, slots=True)
-class Colours:
+class Colours(Struct, frozen=True):
     """Options of one meaning."""
 
     name: Annotated[str, typer.Option("--name")]
@@ -22,8 +21,7 @@ class Colours:
     deep: Annotated[bool, typer.Option("--deep")] = False
 
 
-@dataclass(frozen=True, slots=True)
-class More(Colours):
+class More(Colours, frozen=True):
     """The same and one more."""
 
     kinds: Annotated[list[str], typer.Option("--kind")] = field(default_factory=lambda: ["oil"])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +17,7 @@ from bridge.native.vendor import VendorFault
 from bridge.records.node_lives import Life
 from bridge.results import verdict
 from bridge.results.verdict import Word
+from cosim.base.copies import replace
 from tests.bridge.deployments import named
 from tests.drive_faults import __main__ as campaign
 from tests.drive_faults import lives, waits

@@ -13,7 +13,7 @@ import re
 import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from types import SimpleNamespace
@@ -28,6 +28,7 @@ from bridge.faults.script import DriveFault
 from bridge.native.frame import Flags, Frame, Ring, frame_dtype
 from bridge.native.safety import LifeState
 from cosim.base.clock import monotonic_ns
+from cosim.base.copies import replace
 from cosim.cli.show import aligned
 from tests.bridge.deployments import named
 from tests.bridge.node.motors import Motors

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from itertools import pairwise
 from math import log2
 
@@ -10,6 +9,7 @@ import numpy as np
 import pytest
 
 from cosim.base.component import Component
+from cosim.base.copies import replace
 from cosim.base.errors import FmuError, RunError, ScenarioError
 from fmus.arms import chain
 from fmus.models import arm, planar2r

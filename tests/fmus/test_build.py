@@ -9,7 +9,6 @@ import sys
 import threading
 import time
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree
 from zipfile import ZipFile
@@ -17,6 +16,7 @@ from zipfile import ZipFile
 import numpy as np
 import pytest
 
+from cosim.base.copies import replace
 from cosim.base.errors import CosimError, FmuError
 from fmus.build import archive as building
 from fmus.build import kernel as kernels

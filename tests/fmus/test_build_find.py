@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 from zipfile import ZipFile
 
 import pytest
 
+from cosim.base.copies import replace
 from cosim.base.errors import FmuError
 from fmus.build import archive as building
 from fmus.build import kernel as kernels

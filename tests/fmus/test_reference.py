@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import subprocess
 import sys
-from dataclasses import replace
 from types import ModuleType
 
 import numpy as np
 import pytest
 
+from cosim.base.copies import replace
 from cosim.base.errors import RunError, ScenarioError
 from fmus.build.reference import Reference, Values, derive
 from fmus.model import Model, Variable

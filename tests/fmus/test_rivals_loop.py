@@ -6,13 +6,12 @@ are those of an independent simulation, with delays of another generator where t
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from cosim.base.copies import replace
 from tests.fmus.bilateral import PAIRS, BilateralSide, Pair
 from tests.fmus.pairs import (
     CONSTANT,

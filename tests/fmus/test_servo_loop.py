@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from cosim.base.component import Component
+from cosim.base.copies import replace
 from fmus.arms import chain
 from fmus.arms.chain import Table
 from fmus.arms.dynamics import inertia

@@ -9,7 +9,7 @@ import subprocess
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Self
 
@@ -24,6 +24,7 @@ from bridge.rehearsal.supervisor import Rehearsal, RehearsalRecord
 from bridge.relay.network import RelayNetwork
 from bridge.replay.diff import RunDifference, compare_runs
 from bridge.results.offline import run_offline
+from cosim.base.copies import replace
 from tests.bridge.zenoh.rehearsed import CONFIGS, Rehearsed, collect, prepared, together
 
 ARMS = ("master", "slave")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +11,7 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
+from cosim.base.copies import replace
 from cosim.base.errors import RunError, ScenarioError
 from cosim.cli.options import flat
 from cosim.cli.reproduce import reproduce

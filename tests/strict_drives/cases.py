@@ -8,9 +8,10 @@ import re
 import subprocess
 import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
+from cosim.base.copies import replace
 from tests.strict_drives.judged import DriveLog, read
 from tests.vcan.rehearsals import environment
 

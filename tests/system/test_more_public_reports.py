@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import io
 import json
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +18,7 @@ import cosim
 from bridge.can.messages import BusMessage
 from bridge.ping.watch import PingAlarm, PingWatch
 from bridge.preflight.bus_checks import check_buses
+from cosim.base.copies import replace
 from cosim.bus.frames import BusEvent, BusFrame
 from cosim.bus.settings import BusNodeSettings
 from cosim.bus.simulation import SimulatedBus

@@ -6,11 +6,11 @@ shipped profiles, and so are the ages that nodes accept; nodes feed drives at a 
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
+from cosim.base.copies import replace
 from tests.strict_drives.cases import CASES, CONTROLLERS, GUEST, relaxed, run, slow
 from tests.strict_drives.judged import misdeeds
 

@@ -7,7 +7,6 @@ import shlex
 import sys
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
-from dataclasses import dataclass, field, replace
 from pathlib import Path
 from textwrap import indent
 from typing import TYPE_CHECKING, Annotated, Any
@@ -15,6 +14,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from bridge.ping.predicted import PredictionOptions
+from cosim.base.convert import Struct, field
+from cosim.base.copies import replace
 from cosim.cli.options import finite, write_json
 
 if TYPE_CHECKING:
@@ -29,8 +30,7 @@ if TYPE_CHECKING:
 PATHS = ("udp", "zenoh", "can")
 
 
-@dataclass(frozen=True, slots=True)
-class LineOptions:
+class LineOptions(Struct, frozen=True):
     """The options of both ends of a path: Zenoh's configuration, and CAN's bus."""
 
     config: Annotated[
@@ -44,8 +44,7 @@ class LineOptions:
     ] = None
 
 
-@dataclass(frozen=True, slots=True)
-class EndOptions(LineOptions):
+class EndOptions(LineOptions, frozen=True):
     """The options of our end of a path, with UDP's service, and the frames of a drive on CAN."""
 
     tos: Annotated[
@@ -59,8 +58,7 @@ class EndOptions(LineOptions):
     ] = ""
 
 
-@dataclass(frozen=True, slots=True)
-class OpenedPath:
+class OpenedPath(Struct, frozen=True):
     """A path that is about to be opened: `name`, how to open and to read it, payload in bytes.
 
     `below`: lines of its own, of the result.
@@ -73,8 +71,7 @@ class OpenedPath:
     below: Callable[[PathResult], list[str]] = lambda _: []
 
 
-@dataclass(frozen=True, slots=True)
-class WatchOptions:
+class WatchOptions(Struct, frozen=True):
     """Windows of `every` s with `alarms` (``p99 > 20 ms``); 0: no windows."""
 
     every: Annotated[
@@ -97,8 +94,7 @@ class WatchOptions:
     ] = field(default_factory=list)
 
 
-@dataclass(frozen=True, slots=True)
-class PathRequest:
+class PathRequest(Struct, frozen=True):
     """A path and how to measure it: `kind` and `where`, questions a second, bytes, s (0: until
     Ctrl-C), the folder for traces and report.
 
@@ -130,8 +126,7 @@ class PathRequest:
         return PingPlan(round(1e9 / self.rate), count)
 
 
-@dataclass(frozen=True, slots=True)
-class PathOutcome:
+class PathOutcome(Struct, frozen=True):
     """The outcome of a measurement: `data` for JSON, and the alarms that sounded."""
 
     data: dict[str, Any]

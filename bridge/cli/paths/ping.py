@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -11,14 +10,15 @@ import typer
 from bridge.cli.options import PingDeployment
 from bridge.cli.paths.path import EndOptions, PathRequest, WatchOptions
 from bridge.ping.predicted import PredictionOptions
+from cosim.base.convert import Struct
+from cosim.base.copies import replace
 from cosim.cli.options import Json, finite
 
 if TYPE_CHECKING:
     from bridge.ping.zenoh import PingedNodes
 
 
-@dataclass(frozen=True, slots=True)
-class QuestionOptions:
+class QuestionOptions(Struct, frozen=True):
     """The questions of a measurement, and what is written of it."""
 
     rate: Annotated[
@@ -45,8 +45,7 @@ class QuestionOptions:
     deploy: PingDeployment = "zenoh"
 
 
-@dataclass(frozen=True, slots=True)
-class ListeningOptions:
+class ListeningOptions(Struct, frozen=True):
     """The traffic that is listened to."""
 
     id_: Annotated[

@@ -6,7 +6,7 @@ import multiprocessing
 import sys
 from collections.abc import Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, wait
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass
 from multiprocessing.synchronize import Event
 from pathlib import Path
 from typing import Any
@@ -19,6 +19,7 @@ from bridge.ping.figures import PathResult, evaluate
 from bridge.ping.measure import measure
 from bridge.ping.ramp import HEADING, RampStep, ramp
 from cosim.base.clock import monotonic_ns
+from cosim.base.copies import asdict, replace
 from cosim.base.errors import CosimError, RunError
 from cosim.base.interrupts import acknowledge, act_on_signal
 from cosim.base.processes import leave_signals_to_parent

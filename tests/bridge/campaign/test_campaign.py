@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import subprocess
-from dataclasses import replace
 from types import SimpleNamespace
 from zlib import crc32
 
@@ -21,6 +20,7 @@ from bridge.records.node_lives import ByLife, Life
 from bridge.replay.replay import ReplayReport
 from bridge.results.findings import Evidence, Place, Sign
 from bridge.wiring.wiring import heard_dtype, row_dtype
+from cosim.base.copies import replace
 from cosim.base.errors import ScenarioError
 from cosim.study.run_point import StudyRow
 from cosim.study.runner import Observer

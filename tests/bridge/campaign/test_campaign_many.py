@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import subprocess
 from collections import Counter
-from dataclasses import replace
 from itertools import permutations
 
 import pytest
@@ -18,6 +17,7 @@ from bridge.campaign.table import failures
 from bridge.deployment.system import load_system
 from bridge.faults.load import SPECS, build
 from bridge.rehearsal import hosts
+from cosim.base.copies import replace
 from cosim.base.errors import ScenarioError
 from cosim.study.runner import Observer
 from tests.bridge.rehearsing import COSIM, ROOT, SCENARIO, environment

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import subprocess
-from dataclasses import replace
 from types import SimpleNamespace
 
 import msgspec
@@ -19,6 +18,7 @@ from bridge.records.node_lives import Life
 from bridge.records.records import Missed, Refused
 from bridge.rehearsal import hosts, injector
 from bridge.relay import namespaces
+from cosim.base.copies import replace
 from cosim.base.errors import RunError, ScenarioError
 from cosim.loading.files import read_document
 from cosim.record import seal, verify

@@ -6,7 +6,6 @@ import importlib.util
 import io
 import logging
 import re
-from dataclasses import replace
 
 import cantools
 import numpy as np
@@ -17,6 +16,7 @@ from bridge.can.codec import Codec
 from bridge.can.layout import LayoutError
 from bridge.native.frame import Flags
 from bridge.native.message import Decoded, E2EProfile
+from cosim.base.copies import replace
 from tests.bridge.can.layouts import CONFIGS, LINKS, layout, layouts
 
 NODES = range(1, 9)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from math import nan
 from pathlib import Path
 
@@ -19,6 +18,7 @@ from bridge.preflight.bus_checks import (
     SignalRange,
     check_buses,
 )
+from cosim.base.copies import replace
 from cosim.checks import Finding
 
 CONFIGS = Path(__file__).parents[3] / "configs" / "can"

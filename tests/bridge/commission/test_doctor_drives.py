@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
+from cosim.base.copies import replace
 from tests.strict_drives.cases import CASES, Case, Ended, doctor, relaxed
 
 pytestmark = pytest.mark.slow

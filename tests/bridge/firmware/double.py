@@ -11,7 +11,6 @@ import json
 import os
 import stat
 import sys
-from dataclasses import replace
 from pathlib import Path
 
 from bridge.deployment.system import load_system
@@ -23,6 +22,7 @@ from bridge.native.frame import Frame
 from bridge.replay.twin import memory_buses
 from bridge.wiring.beginning import begin_active
 from bridge.wiring.wiring import WiredNode
+from cosim.base.copies import replace
 
 ROOT = Path(__file__).resolve().parents[3]
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import typer
@@ -24,6 +23,7 @@ from bridge.zenoh.node_channel import open_bus
 from bridge.zenoh.options import ZenohOptions, options_of
 from bridge.zenoh.session import configure, open_session
 from cosim.base.clock import monotonic_ns, sleep
+from cosim.base.copies import replace
 from cosim.cli.options import flat
 from tests.bridge.listening import ARMS, beat, encoded, followed, loaded, reached
 from tests.bridge.ping.test_paths import answering

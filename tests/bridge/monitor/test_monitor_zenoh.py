@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -23,6 +22,7 @@ from bridge.zenoh.channel import ZenohAttachment
 from bridge.zenoh.node_channel import open_bus, traffic_of
 from bridge.zenoh.options import options_of
 from cosim.base.clock import monotonic_ns
+from cosim.base.copies import replace
 from cosim.base.errors import ScenarioError
 from cosim.cli.options import flat
 from tests.bridge.listening import ARMS, beat, encoded, followed, loaded, reached

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import ctypes as c
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import pytest
 
@@ -13,6 +13,7 @@ from bridge.native.node import WALL, functions
 from bridge.native.pace import now
 from bridge.native.safety import Status
 from cosim.base.clock import realtime_offset_ns
+from cosim.base.copies import replace
 from tests.bridge.deployments import named
 from tests.bridge.slots import Slots
 

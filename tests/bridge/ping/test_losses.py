@@ -1,7 +1,7 @@
 """Losses each way of paths whose truth is known: deaths, duplicates, restarts, strangers."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 import pytest
@@ -13,6 +13,7 @@ from bridge.ping.figures import PathResult, evaluate
 from bridge.ping.measure import PacketCodec, PingResponder
 from bridge.ping.packet import PingPacket, decode
 from bridge.ping.report import text, values
+from cosim.base.copies import replace
 from cosim.links.losses import GilbertElliott, Independent
 
 PERIOD, DELAY = 5_000_000, 2_000_000

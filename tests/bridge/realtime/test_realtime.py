@@ -9,7 +9,6 @@ import os
 import subprocess
 import sys
 from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +24,7 @@ from bridge.realtime.requests import (
     warm_up,
     warm_up_warning,
 )
+from cosim.base.copies import replace
 from cosim.base.errors import CosimError
 from tests.garbage import freeze, unfreeze
 

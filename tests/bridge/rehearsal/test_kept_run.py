@@ -7,7 +7,6 @@ import os
 import re
 import signal
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from pathlib import Path
 from random import Random
 
@@ -24,6 +23,7 @@ from bridge.rehearsal.replacement import ReplacingRun
 from bridge.rehearsal.settings import Settings
 from bridge.rehearsal.supervisor import NODES, Rehearsal
 from bridge.replay import replay
+from cosim.base.copies import replace
 from cosim.base.errors import CosimError, Interrupted, ScenarioError
 from cosim.cli.commands import app
 from tests.bridge.deployments import CONFIGS, run_twin

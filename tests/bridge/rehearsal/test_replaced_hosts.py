@@ -8,7 +8,6 @@ import shlex
 import signal
 import stat
 import sys
-from dataclasses import replace
 from pathlib import Path
 from random import Random
 
@@ -20,6 +19,7 @@ from bridge.rehearsal.kept_run import KeptRun
 from bridge.rehearsal.remote import RemoteHosts, on_hosts
 from bridge.rehearsal.replacement import ReplacingRun
 from bridge.rehearsal.settings import Settings
+from cosim.base.copies import replace
 from cosim.base.errors import Interrupted, RunError
 from tests.bridge.rehearsal.test_remote import (
     DEPLOYMENT,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -24,6 +23,7 @@ from bridge.results.detection_links import RecordedNetwork
 from bridge.results.findings import Sign
 from bridge.results.symptoms import SIGNS, FinishedRun
 from bridge.wiring.wiring import row_dtype
+from cosim.base.copies import replace
 from cosim.base.errors import ScenarioError
 from tests.bridge.faulty import BOTH, SCENARIO, report, script, shown
 from tests.bridge.rehearsing import ROOT

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from itertools import accumulate
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from cosim.base.copies import replace
 from cosim.bus.arbitration import rank
 from cosim.bus.response import NO_ERRORS, Errors, FrameStream, responses
 from cosim.bus.timing import TimingError, worst

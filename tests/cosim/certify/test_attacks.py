@@ -6,7 +6,6 @@ What is certified is broken by none; what a wrong proof certifies is broken by s
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import replace
 from fractions import Fraction
 from itertools import product
 from typing import Any
@@ -14,6 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from cosim.base.copies import replace
 from cosim.base.errors import ScenarioError
 from cosim.certify import certificate, checker, lyapunov, nominal, search
 from cosim.certify.certificate import Certificate, verify

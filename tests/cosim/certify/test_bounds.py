@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from cosim.base.copies import replace
 from cosim.certify.model import LinkBounds
 from cosim.certify.nominal import Centre, squared_epsilon, squared_gain, squared_gamma
 

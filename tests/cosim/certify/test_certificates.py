@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
-from dataclasses import replace
 from fractions import Fraction
 from hashlib import sha256
 from pathlib import Path
@@ -15,6 +14,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from cosim.base.copies import replace
 from cosim.base.errors import ScenarioError
 from cosim.certify.certificate import Certificate, certificate, read, verify
 from cosim.certify.model import CutLoop, LinkBounds

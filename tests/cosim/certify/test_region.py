@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import re
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from cosim.base.copies import replace
 from cosim.base.errors import ScenarioError
 from cosim.certify import region as certified
 from cosim.certify.model import CutLoop, LinkBounds

@@ -6,7 +6,6 @@ import csv
 import io
 import json
 import re
-from dataclasses import replace
 from math import inf
 from pathlib import Path
 
@@ -14,6 +13,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from cosim.base.copies import replace
 from cosim.base.errors import RunError, ScenarioError
 from cosim.comparison import page, report
 from cosim.comparison.comparison import Comparison

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import io
-from dataclasses import replace
 from hashlib import sha256
 from itertools import pairwise
 from pathlib import Path
@@ -12,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from cosim.base.copies import replace
 from cosim.base.errors import ScenarioError
 from cosim.cli.delays import figures_of_preset, figures_of_trace
 from cosim.links.frozen import ROWS, TRACES, frozen, write_traces

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import tracemalloc
-from dataclasses import astuple
 from itertools import pairwise
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from msgspec.structs import astuple
 
 from cosim.links.laws import Uniform
 from cosim.links.semantics import Grid, PacketSemantics, PlayoutSemantics, SignalSemantics

@@ -5,13 +5,13 @@ from __future__ import annotations
 import re
 import subprocess
 import sys
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from PIL import Image
 
+from cosim.base.copies import replace
 from cosim.base.errors import RunError, ScenarioError
 from cosim.cli.report import report
 from cosim.record import Column, Recorder, Run

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from functools import cache
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from cosim.base.copies import replace
 from cosim.fmi import component
 from cosim.loading.files import read_document
 from cosim.study import batch, memory

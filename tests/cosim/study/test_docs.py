@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import re
-from dataclasses import replace
 from pathlib import Path
 
 import msgspec
 import pytest
 
+from cosim.base.copies import replace
 from cosim.study import figures, spec
 from cosim.study.design import count, points
 from cosim.study.execute import check

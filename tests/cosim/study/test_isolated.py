@@ -5,11 +5,11 @@ from __future__ import annotations
 import gc
 import threading
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
+from cosim.base.copies import replace
 from cosim.fmi import FmuComponent, FmuOptions
 from cosim.fmi.isolation import remote
 from cosim.native.structs import MailboxStruct

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from math import inf, isnan
 from pathlib import Path
 
@@ -11,6 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from cosim.base.copies import replace
 from cosim.base.errors import CosimError, ScenarioError
 from cosim.engine.simulate import columns, simulate
 from cosim.measure.declared_metrics import metrics

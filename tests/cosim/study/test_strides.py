@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
+from cosim.base.copies import replace
 from cosim.engine import batch
 from cosim.scenario.assemble import assemble
 from cosim.scenario.spec import build

@@ -10,13 +10,13 @@ import math
 import os
 import shutil
 import subprocess
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from elftools.elf.elffile import ELFFile
 
+from cosim.base.copies import replace
 from fmus.build.archive import shipped_models
 from fmus.build.toolchain import compile_shared
 from fmus.firmware import folder, measure

@@ -7,31 +7,32 @@ full, a machine went down or somebody changed a file, is unpacked again.
 
 from __future__ import annotations
 
-import getpass
 import hashlib
 import os
 import shutil
 import stat
 import struct
 import sys
-import tempfile
-import zipfile
 import zlib
 from collections import Counter
 from contextlib import suppress
 from functools import lru_cache
 from pathlib import Path, PurePosixPath
+from typing import TYPE_CHECKING
 
 from cosim.base.files import regular
+
+if TYPE_CHECKING:  # imported when an archive is unpacked
+    import zipfile
 
 #: Bytes an archive may unpack to, and its description may have; entries it may have.
 LARGEST, LARGEST_DESCRIPTION, MOST_ENTRIES = 8 << 30, 256 << 20, 100_000
 #: The file with the SHA-256 of each file of an unpacked archive, as ``sha256sum`` writes it.
 SUMS = ".sums"
-_METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
-#: What the standard library raises for archives that are damaged, on purpose or not.
+#: What the standard library raises besides zipfile.BadZipFile for archives that are damaged, on
+#: purpose or not.
 _BROKEN = (
-    zipfile.BadZipFile, zlib.error, struct.error, EOFError, OSError, ValueError, LookupError,
+    zlib.error, struct.error, EOFError, OSError, ValueError, LookupError,
     RuntimeError, OverflowError, MemoryError, AssertionError,
 )  # fmt: skip
 
@@ -140,7 +141,10 @@ def _writable(usual: Path, place: str) -> Path:
         usual.mkdir(parents=True, exist_ok=True)
         if os.access(usual, os.W_OK | os.X_OK):
             return usual
-    user = getpass.getuser() if sys.platform == "win32" else os.getuid()
+    import tempfile
+    from getpass import getuser
+
+    user = getuser() if sys.platform == "win32" else os.getuid()
     own = Path(tempfile.gettempdir()) / f"cosim-{user}"
     with suppress(OSError):
         own.mkdir(mode=0o700, exist_ok=True)
@@ -150,6 +154,8 @@ def _writable(usual: Path, place: str) -> Path:
 
 
 def _extract(path: Path, what: str, description: str, folder: Path) -> None:
+    import tempfile
+
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
         scratch = Path(tempfile.mkdtemp(dir=folder.parent))
@@ -168,12 +174,14 @@ def _extract(path: Path, what: str, description: str, folder: Path) -> None:
 
 def _fill(path: Path, what: str, description: str, folder: Path) -> None:
     """Unpack an archive into a new folder. Raises ArchiveError."""
+    import zipfile
+
     try:
         with zipfile.ZipFile(path) as archive:
             _check(archive, what, description, shutil.disk_usage(folder).free)
             archive.extractall(folder)
         _seal(folder)
-    except _BROKEN as error:
+    except (zipfile.BadZipFile, *_BROKEN) as error:
         said = " ".join(str(error).split()) or type(error).__name__
         raise ArchiveError(f"not a readable {what} (ZIP archive): {said}") from error
 
@@ -195,7 +203,9 @@ def _replace(scratch: Path, folder: Path) -> None:
         return
     if is_whole(folder):
         return  # another process was faster
-    aside = Path(tempfile.mkdtemp(dir=folder.parent))
+    from tempfile import mkdtemp
+
+    aside = Path(mkdtemp(dir=folder.parent))
     try:
         folder.rename(aside / "damaged")
         scratch.rename(folder)
@@ -227,6 +237,8 @@ def _check(archive: zipfile.ZipFile, what: str, description: str, free: int) -> 
 
 
 def _check_entry(entry: zipfile.ZipInfo, count: int) -> None:
+    from zipfile import ZIP_DEFLATED, ZIP_STORED
+
     name = entry.filename
     inside = PurePosixPath(name.replace("\\", "/"))
     if inside.is_absolute() or ".." in inside.parts or ":" in (inside.parts or ("",))[0]:
@@ -235,7 +247,7 @@ def _check_entry(entry: zipfile.ZipInfo, count: int) -> None:
         raise ArchiveError(f"has {count} different entries with the name {name!r}; expected one")
     if entry.flag_bits & 1:
         raise ArchiveError(f"entry {name!r} is encrypted; expected entries without encryption")
-    if entry.compress_type not in _METHODS:
+    if entry.compress_type not in (ZIP_STORED, ZIP_DEFLATED):
         raise ArchiveError(
             f"entry {name!r} is compressed by method {entry.compress_type}; expected deflate (8)"
         )

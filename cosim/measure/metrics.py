@@ -38,6 +38,7 @@ from cosim.base.units import time_text
 from cosim.measure.metric_result import MetricResult as MetricResult
 from cosim.measure.metric_result import length, times, with_unit
 from cosim.record.piecewise import NotFinite, PairwiseSum, Stacked, Trapezoids
+from cosim.record.run import Run
 from cosim.record.signals import Array, Signals, Stack
 
 if TYPE_CHECKING:
@@ -178,7 +179,14 @@ Metric: TypeAlias = "Error | Measure | PhaseError | PortEnergy"
 
 def evaluate(metrics: Iterable[Metric], signals: Signals) -> tuple[MetricResult, ...]:
     """Result of each metric, in order. Raises ScenarioError for one that makes no sense."""
-    return tuple(metric.evaluate(signals) for metric in metrics)
+    return tuple(result_of(metric, signals) for metric in metrics)
+
+
+def result_of(metric: Metric, signals: Signals) -> MetricResult:
+    """Result of a metric, computed once for each :class:`Run`. Raises ScenarioError."""
+    if isinstance(signals, Run):
+        return signals.once(metric, lambda: metric.evaluate(signals))
+    return metric.evaluate(signals)
 
 
 def metric(

@@ -26,7 +26,7 @@ from cosim.formulas.trace import RecordedTrace, Robust
 from cosim.measure import declared_metrics
 from cosim.measure.declared_metrics import Preview
 from cosim.measure.metric_result import MetricResult, with_unit
-from cosim.measure.metrics import Metric
+from cosim.measure.metrics import Metric, result_of
 from cosim.measure.robustness import Robustness, Verdict, stopped, undecided
 from cosim.record import Run, seal, write_metadata
 from cosim.record.folder import METADATA, read_metadata
@@ -138,7 +138,7 @@ class Requirement:
         if covered < end:
             return self._undecided(f"the run ended at {time_text(covered)} of {time_text(end)}")
         known = {result.name: result for result in measured}
-        results = [known.get(m.name) or m.evaluate(signals) for m in self.metrics]
+        results = [known.get(m.name) or result_of(m, signals) for m in self.metrics]
         numbers = {name: (nan, "1") for name in self.names}  # of a metric without a number
         numbers |= {name: found for r in results for name, found in r.numbers.items()}
         found = ", ".join(_told(name, *numbers[name]) for name in self.names)

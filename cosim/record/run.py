@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from itertools import islice
 from math import inf
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 from warnings import warn
 
 import numpy as np
@@ -20,6 +20,7 @@ from cosim.record.folder import METADATA, TRAJECTORIES, is_unfinished, read_meta
 from cosim.record.groups import numpy
 
 Array = NDArray[np.float64]
+T = TypeVar("T")
 
 #: Bytes of the columns that are read together with one that is asked for.
 AHEAD = 1 << 20
@@ -41,6 +42,7 @@ class Run:
         self._file = file
         schema = file.schema_arrow
         self._cache: dict[str, Array] = {}
+        self._computed: dict[Hashable, Any] = {}
         self.units: Mapping[str, str] = {
             field.name: _text((field.metadata or {}).get(b"unit", b"1"), path) for field in schema
         }
@@ -173,6 +175,13 @@ class Run:
         except (OSError, ValueError) as error:
             raise ScenarioError(f"cannot be read: {reason(error)}", str(self.path)) from error
         return {name: numpy(table.column(name), np.float64) for name in names}
+
+    def once(self, of: Hashable, compute: Callable[[], T]) -> T:
+        """What `compute` makes of the trajectories, computed at the first request for `of`."""
+        if of not in self._computed:
+            self._computed[of] = compute()
+        found: T = self._computed[of]
+        return found
 
     @property
     def is_long(self) -> bool:

@@ -7,13 +7,13 @@ them (``sync.settle_s``). All of them have one result, :class:`Robustness`, wher
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
 from math import inf, isfinite, nan
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from cosim.base.convert import Struct
 from cosim.base.copies import replace
 from cosim.base.errors import CosimError, ScenarioError
 from cosim.base.names import unknown
@@ -46,8 +46,7 @@ _CALLED = {("always", True): "closest", ("always", False): "worst"}
 _CALLED |= {("eventually", True): "best", ("eventually", False): "closest"}
 
 
-@dataclass(frozen=True, slots=True)
-class Requirement:
+class Requirement(Struct, frozen=True):
     """A requirement, ready to be evaluated any number of times.
 
     `signals`: names of the signals it reads; `metrics`: of those that it is about, empty for one
@@ -63,7 +62,7 @@ class Requirement:
     names: tuple[str, ...]
     word: str = ""
     metrics: tuple[Metric, ...] = ()
-    terms: tuple[Term, ...] = field(default=(), repr=False)
+    terms: tuple[Term, ...] = ()
 
     @property
     def signals(self) -> tuple[str, ...]:

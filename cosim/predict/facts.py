@@ -17,7 +17,6 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
 from importlib.util import find_spec
 from math import inf
 from typing import Literal, TypeAlias, get_args
@@ -53,8 +52,7 @@ class Spring(Struct, frozen=True, kw_only=True):
         return any(self.stiffness) or any(self.damping)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Arm:
+class Arm(Struct, frozen=True, kw_only=True, eq=False):
     """A robot, M(q) ddq + C dq + g + damping dq = tau + tau_ext + tau_h - tau_e.
 
     `inertia(parameters, q)` is M, (m, m), kg.m2, for any parameters, `parameters` those that are
@@ -84,8 +82,8 @@ class Arm:
     wall: Spring
     damping: Vector = ()
     weight: Callable[[Sequence[float], Sequence[float]], Array] | None = None
-    workspace: Array | None = field(default=None, compare=False)
-    postures: Array | None = field(default=None, compare=False)
+    workspace: Array | None = None
+    postures: Array | None = None
     h_max: float = 1.0
     lower: Vector = ()
     upper: Vector = ()
@@ -143,8 +141,7 @@ class TipTask(Struct, frozen=True, kw_only=True):
         return self.has(c) and (row >= len(self.listens) or self.listens[row][c] > 0)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class DynamicFeedback:
+class DynamicFeedback(Struct, frozen=True, kw_only=True):
     """The law of the paper, one robot and its neighbours j, eqs (29)-(32), (42)-(45), (76)-(81)::
 
         dz  = -alpha dq + lambda_M s - lambda Σ_j w_j (xi - xi_j),   s = dq - z,   xi = dq + alpha q
@@ -177,7 +174,7 @@ class DynamicFeedback:
     regressor: float = 0.0
     tau_max: Vector = (inf,)
     age_max: float = inf
-    task: TipTask | None = field(default=None, compare=False)
+    task: TipTask | None = None
     torque: str = "tau"
     received: str = ""
     weights: str = ""

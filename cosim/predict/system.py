@@ -8,12 +8,11 @@ output, is the source of the row, also through other components.
 from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Iterable, Mapping
-from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from math import nan
 from typing import Any, TypeVar
 
-from cosim.base.convert import Struct
+from cosim.base.convert import Struct, field
 from cosim.base.copies import replace
 from cosim.predict.ages import LOOKS, Age, age, kind_of
 from cosim.predict.facts import (
@@ -71,8 +70,7 @@ class CommandPath(Struct, frozen=True):
         return self.by == self.law
 
 
-@dataclass(frozen=True)
-class AnalyzedSystem:
+class AnalyzedSystem(Struct, frozen=True, dict=True):
     """A plan with the facts of its components, by component; `silent`: why facts are missing."""
 
     scenario: Scenario
@@ -82,9 +80,6 @@ class AnalyzedSystem:
     edges: tuple[Edge, ...] = ()
     controls: Mapping[str, str] = field(default_factory=dict)  # law or controller by its arm
     commands: Mapping[str, CommandPath] = field(default_factory=dict)  # by arm without torques
-    _computed: dict[tuple[str, Hashable], Any] = field(
-        default_factory=dict, init=False, repr=False, compare=False
-    )
 
     def once(self, what: str, of: Hashable, compute: Callable[[], T]) -> T:
         """The result of `compute` for an arm or another key, computed at the first request."""
@@ -113,6 +108,10 @@ class AnalyzedSystem:
     def arm_of(self, controller: str) -> str | None:
         """The arm that a component controls."""
         return self._arms_by_controller.get(controller)
+
+    @cached_property
+    def _computed(self) -> dict[tuple[str, Hashable], Any]:
+        return {}
 
     @cached_property
     def _arms_by_controller(self) -> Mapping[str, str]:

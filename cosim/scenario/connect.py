@@ -8,8 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Hashable, Mapping, Sequence
-from dataclasses import dataclass, field
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from math import prod
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -32,8 +31,7 @@ _ENDPOINT = re.compile(r"([A-Za-z_]\w*)\.(.+?)(?:\[(\d+(?:,\d+)*)\])?$")
 Causality = Literal["input", "output"]
 
 
-@dataclass(frozen=True, slots=True)
-class ScenarioComponents:
+class ScenarioComponents(Struct, frozen=True, dict=True):
     """The components of a scenario by name, its base step `h` and `start` (s), and its `ticks`."""
 
     scenario: Scenario
@@ -42,18 +40,20 @@ class ScenarioComponents:
     ticks: int
     sorts: Mapping[str, Sort]  # by the name of the component
     start: float = 0.0
-    slots: Mapping[Causality, Mapping[str, Slot]] = field(init=False)  # by component.port
-    fits: dict[Hashable, tuple[float, float]] = field(
-        init=False, default_factory=dict
-    )  # found so far
 
-    def __post_init__(self) -> None:
+    @cached_property
+    def slots(self) -> Mapping[Causality, Mapping[str, Slot]]:
+        """The slots of inputs and outputs, by ``component.port``."""
         steps = self.steps.values()
-        found: dict[Causality, dict[str, Slot]] = {
+        return {
             "input": {s.name: s for step in steps for s in step.inputs},
             "output": {s.name: s for step in steps for s in step.outputs},
         }
-        object.__setattr__(self, "slots", found)
+
+    @cached_property
+    def fits(self) -> dict[Hashable, tuple[float, float]]:
+        """Factors and offsets between units, found so far."""
+        return {}
 
     def endpoint(self, text: str, causality: Causality, place: str) -> Slot:
         """The slot an endpoint names. Raises ScenarioError at `place`."""

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from math import isfinite, isnan
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
+from cosim.base.convert import Struct, field
 from cosim.base.errors import FmuError
 from cosim.base.units import BASE, Unit
 from cosim.fmi.file.archive import unpack
@@ -24,12 +24,10 @@ from cosim.fmi.file.ports import VariableGroup, groups
 from cosim.fmi.file.variables import NUMERIC, FmuVariable, variables2, variables3
 
 
-@dataclass(frozen=True)
-class Description:
+class Description(Struct, frozen=True, dict=True):
     """The model description of an FMU, which all its instances share.
 
-    `ignored`: sentences about what was found in it and is not used. `derived`: what was computed of
-    it, by what it depends on.
+    `ignored`: sentences about what was found in it and is not used.
     """
 
     fmi: str
@@ -53,12 +51,16 @@ class Description:
     states: ContinuousStates | None = None  # of model exchange, else None
     dependencies: tuple[Dependencies, Dependencies] = ({}, {})  # in a run, and at its start
     ignored: tuple[str, ...] = ()
-    derived: dict[Any, Any] = field(default_factory=dict, repr=False, compare=False)
 
     @property
     def scheduled(self) -> bool:
         """True if it is run by scheduled execution: its clocks activate its partitions."""
         return self.interface == "ScheduledExecution"
+
+    @cached_property
+    def derived(self) -> dict[Any, Any]:
+        """Values computed from it so far, by what they depend on."""
+        return {}
 
     @cached_property
     def groups(self) -> Mapping[str, VariableGroup]:

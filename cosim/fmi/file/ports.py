@@ -7,18 +7,18 @@ from __future__ import annotations
 import re
 from collections import defaultdict
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from functools import cached_property
 from itertools import product
 from math import prod
 
+from cosim.base.convert import Struct
 from cosim.fmi.file.variables import TEXTS, FmuVariable
 
 _INDEXED = re.compile(r"(.+)\[(\d+(?:,\d+)*)\]$")
 REAL = ("Real", "Float64")
 
 
-@dataclass(frozen=True, slots=True)
-class VariableGroup:
+class VariableGroup(Struct, frozen=True, dict=True):
     """Variables that make up one signal, row-major: one array, or scalars of one array.
 
     `base`: the index of the first scalar along each axis, by the FMU's own names.
@@ -28,15 +28,16 @@ class VariableGroup:
     shape: tuple[int, ...]
     variables: tuple[FmuVariable, ...]
     base: int = 0
-    #: Number of scalars.
-    size: int = field(init=False, compare=False, repr=False)
-    #: Value references, in order.
-    references: tuple[int, ...] = field(init=False, compare=False, repr=False)
 
-    def __post_init__(self) -> None:
-        """Compute what is asked for again and again."""
-        object.__setattr__(self, "size", prod(self.shape))
-        object.__setattr__(self, "references", tuple(v.reference for v in self.variables))
+    @cached_property
+    def size(self) -> int:
+        """Number of scalars."""
+        return prod(self.shape)
+
+    @cached_property
+    def references(self) -> tuple[int, ...]:
+        """Value references, in order."""
+        return tuple(v.reference for v in self.variables)
 
     @property
     def first(self) -> FmuVariable:

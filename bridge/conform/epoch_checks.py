@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 from bridge.conform.cast import EpochFields, copy_of
 from bridge.conform.checks import (
     BrokenRuleError,
@@ -20,6 +18,7 @@ from bridge.conform.stage import ParticipantStage
 from bridge.native.enums import EPOCH_LEAD_NS, NMT_START, LifeState
 from bridge.native.frame import Frame
 from cosim.base.clock import monotonic_ns, sleep
+from cosim.base.copies import replace
 
 #: s from an EPOCH that may be rejected to its t = 0.
 AHEAD = 0.7

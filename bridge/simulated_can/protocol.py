@@ -153,14 +153,14 @@ class CallSocket:
         self._socket.close()
 
     def _more(self, got: bytes) -> bytes:
-        """What has come so far, and what comes next. Raises OSError at the end."""
+        """The bytes so far, and the next ones. Raises OSError at the end of the connection."""
         part = self._look(_READ)
         if not part:
             raise ConnectionResetError
         return got + part if got else part
 
     def _look(self, most: int) -> bytes:
-        """What comes next, which another processor may soon send: look for it before this sleeps.
+        """The next bytes, for which it looks before it sleeps, as another processor may send them.
 
         A processor that sleeps takes longer to wake than most answers take to come. Looks that were
         in vain are not repeated for a while, twice as long each time.

@@ -71,8 +71,8 @@ class ThreadCalls:
 
     def answer(self) -> bool:
         """Answer the next call; False if there is none, or the client is gone."""
-        call = self._calls.receive_call()
-        if call is None:
+        call = self._calls.receive()
+        if not isinstance(call, list) or not call:
             return False
         try:
             answer = self._take(*call)

@@ -8,7 +8,7 @@ from typing import final
 
 from bridge.simulated_can.node import WireNode
 from cosim.bus.frames import BusFrame
-from cosim.bus.simulation import bits_on_bus
+from cosim.bus.simulation import BitCounter
 from cosim.bus.timing import BusTiming
 
 HISTORY_S = 10
@@ -30,6 +30,7 @@ class BusyTime:
     def __init__(self, timing: BusTiming) -> None:
         self._bit_ps = round(1e12 / timing.bitrate)
         self._data_bit_ps = round(1e12 / (timing.data_bitrate or timing.bitrate))
+        self._count = BitCounter().bits
         self.free_ps = 0
         self._sent: dict[WireNode, tuple[int, BusFrame]] = {}
         self._troubled = False
@@ -64,7 +65,8 @@ class BusyTime:
         """A frame was sent, or has failed; returns the frames of all that sent."""
         attempted = [frame for _, frame in self._sent.values()]
         self._sent.clear()
-        self._troubled |= failed
+        if failed:
+            self._troubled = True
         after = _AFTER_ERROR if self._troubled else _INTERMISSION
         self.free_ps = time_ps + after * self._bit_ps
         return attempted
@@ -80,7 +82,7 @@ class BusyTime:
 
     def length_ps(self, frame: BusFrame) -> int:
         """The time from the start of frame to the end of its last bit, ps."""
-        nominal, data = bits_on_bus(frame)
+        nominal, data = self._count(frame)
         return (nominal - _INTERMISSION) * self._bit_ps + data * self._data_bit_ps
 
     def forget(self, now_ps: int) -> None:

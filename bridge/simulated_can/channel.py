@@ -159,7 +159,8 @@ class Channel:
         Raises ChannelOperationError: no room, or bus-off.
         """
         with self.lock.held:
-            self._catch_up()
+            if not self._firing:
+                self.pace.catch_up(self._paced)
             if port.node.state == ControllerState.OFF:
                 raise ChannelOperationError(f"channel {self.name!r}: found the node bus-off")
             if not self._room(port) and not (
@@ -341,7 +342,8 @@ class Channel:
             own = kind == _SENT
             if own or kind == _RECEIVED:
                 if frame and (not own or port.options.receive_own_messages):
-                    _keep(port, port.form.of_frame(frame, own, self.stamp(time_ps), self.name))
+                    stamp = self.pace.epoch + time_ps / 1e12
+                    _keep(port, port.form.of_frame(frame, own, stamp, self.name))
             elif kind in _CHANGES or port.options.bus_errors:
                 report = error_message(kind, code, role, bit, (node.tec, node.rec))
                 if report:

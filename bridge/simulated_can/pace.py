@@ -188,21 +188,20 @@ class SimulatedPace:
         self, channel: Paced, ready: Callable[[], bool], timeout: float | None, quit_ps: int | None
     ) -> bool:
         """`timeout` is in seconds of the channel; of the wall clock while a thread is away."""
-        thread, now_ns = _who(), monotonic_ns()
-        self._seen[thread] = now_ns
+        thread = _who()
+        self._seen[thread] = now_ns = monotonic_ns()
         if ready():
             return True
         if timeout is not None and timeout <= 0:
             return False
-        end_ns = until_ps = None
-        if timeout is not None:
-            end_ns, until_ps = now_ns + int(timeout * 1e9), channel.now_ps + round(timeout * 1e12)
-        if quit_ps is not None:
-            end_ns = now_ns + (quit_ps - channel.now_ps) // 1000
-            until_ps = quit_ps if until_ps is None else min(until_ps, quit_ps)
+        until_ps = None if timeout is None else channel.now_ps + round(timeout * 1e12)
+        until_ps = earlier(quit_ps, until_ps)
         if len(self._seen) == 1 and _move_alone(channel, ready, until_ps):
             self._seen[thread] = monotonic_ns()
             return ready()
+        end_ns = None if timeout is None else now_ns + int(timeout * 1e9)
+        if quit_ps is not None:
+            end_ns = now_ns + (quit_ps - channel.now_ps) // 1000
         waiter = _Waiter(ready, until_ps, end_ns, quit_ps is not None)
         self._waiters[thread] = waiter
         try:
@@ -261,7 +260,7 @@ def _move_alone(channel: Paced, ready: Callable[[], bool], until_ps: int | None)
         if target is None:
             return False
         channel.advance(target)
-        if ready() or _reached(channel, until_ps):
+        if target == until_ps or ready():
             return True
 
 

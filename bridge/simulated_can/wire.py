@@ -272,9 +272,11 @@ class CanWire:
             found.append((time_ps, node, kind, code, role, bit, sent))
         for request in over:  # only now: a frame is received after it was sent
             self._requests.pop(request, None)
-            self._numbers.pop(request, None)
+            if self._numbers:
+                self._numbers.pop(request, None)
         self._busy.forget(self.now_ps)
-        self._retire()
+        if self._leaving:
+            self._retire()
         return found
 
     def _change(self, node: WireNode, kind: int, code: int, request: int, time_ps: int) -> None:

@@ -44,12 +44,19 @@ _REQUEST = struct.Struct("<qiiIBBH64s")
 _FD_ON_CLASSIC = "found an FD frame on a classic bus, expected one with fd"
 
 
-def bits_on_bus(frame: BusFrame) -> tuple[int, int]:
-    """Bits at the nominal and at the data bit rate, as ``cosim.bus.timing.frame_bits``; by C."""
-    found = BitsStruct()
-    row = _FRAME.pack(frame.identifier, frame.flags, frame.length, 0, frame.data)
-    library().bus_frame_bits(row, c.byref(found))
-    return found.nominal, found.data
+class BitCounter:
+    """Counts the bits of frames, as ``cosim.bus.timing.frame_bits``; by C, for one thread."""
+
+    def __init__(self) -> None:
+        self._found = BitsStruct()
+        self._there, self._count = c.byref(self._found), library().bus_frame_bits
+
+    def bits(self, frame: BusFrame) -> tuple[int, int]:
+        """Bits at the nominal and at the data bit rate."""
+        kind, data = frame.format, frame.data
+        length = frame.dlc if kind.remote else len(data)
+        self._count(_FRAME.pack(frame.identifier, kind.flags, length, 0, data), self._there)
+        return self._found.nominal, self._found.data
 
 
 class BusNodeState(NamedTuple):
@@ -122,10 +129,11 @@ class SimulatedBus:
         arbitration at that time. Raises BusSimulationError for a time in the past, for more future
         requests than the node's inbox holds, and for an FD frame on a classic bus.
         """
-        if frame.format.fd and not self.timing.fd:
+        kind, data = frame.format, frame.data
+        if kind.fd and not self.timing.fd:
             raise BusSimulationError(_FD_ON_CLASSIC)
-        content = (frame.identifier, frame.flags, frame.length, 0, frame.data)
-        row = _REQUEST.pack(at_ps, node, 0, *content)
+        length = frame.dlc if kind.remote else len(data)
+        row = _REQUEST.pack(at_ps, node, 0, frame.identifier, kind.flags, length, 0, data)
         if not self._c.bus_request(self._bus, row, 1):
             raise BusSimulationError(self._refused(np.frombuffer(row, REQUEST)[0]))
         self._requests += 1

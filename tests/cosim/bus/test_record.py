@@ -8,7 +8,7 @@ import pytest
 from cosim.bus.described import BusSimulationError
 from cosim.bus.frames import BusEvent, BusFrame
 from cosim.bus.settings import BusNodeSettings, Interruption, LineLevel, QueueKind
-from cosim.bus.simulation import SimulatedBus, bits_on_bus
+from cosim.bus.simulation import BitCounter, SimulatedBus
 from cosim.bus.timing import BusTiming, FrameFormat, frame_bits
 
 BIT = 2_000_000
@@ -70,7 +70,7 @@ def test_events_as_tuples_are_those_of_the_array_with_their_frames():
 def test_the_bits_of_a_frame_are_those_of_the_analysis():
     for frame in (BusFrame(0x123, b"abc"), BusFrame(5, bytes(64), FrameFormat(fd=True, brs=True))):
         bits = frame_bits(frame.identifier, frame.data, frame.format, frame.dlc)
-        assert bits_on_bus(frame) == (bits.nominal, bits.data)
+        assert BitCounter().bits(frame) == (bits.nominal, bits.data)
 
 
 @pytest.mark.parametrize("queue", [QueueKind.FIFO, QueueKind.SORTED])

@@ -42,7 +42,7 @@ _MOST = 1 << 24
 """Bytes of a call; more is no call."""
 _READ = 4096
 """Bytes that are read at once."""
-_LOOKS = 100
+_LOOKS = 40
 """Times that a connection looks for an answer before it sleeps, about 1 us each."""
 _LONGEST_PAUSE = 256
 """Receptions for which it does not look after it has looked in vain, at most."""
@@ -163,7 +163,7 @@ class CallSocket:
         """The next bytes, for which it looks before it sleeps, as another processor may send them.
 
         A processor that sleeps takes longer to wake than most answers take to come. Looks that were
-        in vain are not repeated for a while, twice as long each time.
+        in vain are not repeated for a while, four times as long each time.
         """
         receive = self._socket.recv
         if self._pause:
@@ -174,9 +174,9 @@ class CallSocket:
                 found = receive(most, socket.MSG_DONTWAIT)
             except BlockingIOError:
                 continue
-            self._vain = 1
+            self._vain = max(self._vain // 2, 1)
             return found
-        self._vain = self._pause = min(2 * self._vain, _LONGEST_PAUSE)
+        self._vain = self._pause = min(4 * self._vain, _LONGEST_PAUSE)
         return receive(most)
 
 

@@ -3,8 +3,10 @@
 One thread sends a message of 8 bytes on one bus object and receives it on another. Measured is the
 processor time (user and system) of a message, of all processes that take part, and the wall time;
 the paths take turns. `virtual` and `udp_multicast` are interfaces of python-can, without a bus: no
-arbitration, no lengths of frames, no errors. The two round trips of 32 bytes between two processes
-by a bare Unix socket are the least that a served bus can cost, whose calls are answered one by one.
+arbitration, no lengths of frames, no errors. A round trip of 32 bytes between two processes by a
+bare Unix socket is what a call of a served bus costs at least that sleeps until it is answered; two
+of them are a message whose sending is answered, too. They are measured where the kernel lets the
+processes run, and with a processor for each.
 
 For `udp_multicast` the program moves into a network namespace of its own, which takes the rights of
 root; without them its row is missing. A row for vcan0 comes where that interface exists, for
@@ -15,6 +17,7 @@ from __future__ import annotations
 
 import ctypes
 import multiprocessing
+import os
 import socket
 import statistics
 import subprocess
@@ -66,6 +69,12 @@ def echo(pipe: Connection, place: str) -> None:
             pipe.send(time.process_time_ns() - begin)
 
 
+def echo_apart(pipe: Connection, place: str) -> None:
+    """The same on the last processor, which :func:`round_trips` leaves to it with `apart`."""
+    os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
+    echo(pipe, place)
+
+
 @contextmanager
 def beside(
     target: Callable[[Connection, str], None], place: str
@@ -102,20 +111,29 @@ def exchanged(messages: int, others: Callable[[], int], **options: object) -> Co
     return used / messages / 1e3, walls[messages // 10 :]
 
 
-def round_trips(pipe: Connection, place: str, messages: int) -> Cost:
-    """The cost of two round trips of 32 bytes with the process of `echo`."""
+def round_trips(
+    pipe: Connection, place: str, trips: int, messages: int, apart: bool = False
+) -> Cost:
+    """The cost of round trips of 32 bytes with the process of `echo`, so many for each message.
+
+    `apart`: on the first processor.
+    """
     said, walls = bytes(32), []
+    allowed = os.sched_getaffinity(0)
+    if apart:
+        os.sched_setaffinity(0, {min(allowed)})
     pipe.send(True)
     with socket.socket(socket.AF_UNIX) as connection:
         connection.connect(place)
         used = time.process_time_ns()
         for _ in range(messages):
             begin = time.perf_counter_ns()
-            for _ in range(2):
+            for _ in range(trips):
                 connection.sendall(said)
                 connection.recv(4096)
             walls.append((time.perf_counter_ns() - begin) / 1e3)
         used = time.process_time_ns() - used
+    os.sched_setaffinity(0, allowed)
     return (used + int(pipe.recv())) / messages / 1e3, walls
 
 
@@ -155,7 +173,14 @@ def _paths(stack: ExitStack, folder: Path) -> dict[str, Callable[..., Cost]]:
         "cosim, one process, wall clock": partial(exchanged, others=int, **local | {"speed": 1.0}),
     }
     pipe, place = stack.enter_context(beside(echo, str(folder / "echo")))
-    paths["two bare round trips, both processes"] = partial(round_trips, pipe, place)
+    paths["a bare round trip, both processes"] = partial(round_trips, pipe, place, 1)
+    paths["two bare round trips, both processes"] = partial(round_trips, pipe, place, 2)
+    if len(os.sched_getaffinity(0)) > 1:
+        pipe, place = stack.enter_context(beside(echo_apart, str(folder / "apart")))
+        for trips, name in ((1, "a bare round trip"), (2, "two bare round trips")):
+            paths[f"{name}, a processor each"] = partial(
+                round_trips, pipe, place, trips, apart=True
+            )
     for name, wanted in (("Unix socket", str(folder / "bus")), ("TCP", "127.0.0.1:0")):
         pipe, place = stack.enter_context(beside(serve, wanted))
         options: dict[str, Any] = {"interface": "cosim", "channel": f"bench@{place}"}

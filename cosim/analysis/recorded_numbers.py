@@ -12,7 +12,8 @@ from cosim.analysis.quantity import Quantity, absent, quantity
 from cosim.analysis.recorded_port import PortRows, RecordedPort
 from cosim.base.units import time_text
 from cosim.measure.energy import effort
-from cosim.measure.felt_impedance import FITTED, fit_impedance, is_operator
+from cosim.measure.felt_impedance import fit_impedance, is_operator
+from cosim.measure.least_squares import Blocks, RunningLine
 from cosim.measure.manipulability import Curve, growth
 from cosim.measure.metric_result import with_unit
 from cosim.predict.closed_form import manipulability_bound, poles, quasi_static_poles
@@ -20,6 +21,9 @@ from cosim.predict.facts import Array, Hand
 from cosim.predict.finite_gain import network_gain
 from cosim.predict.network import Complex, RobotNetwork
 from cosim.record.piecewise import Repeated, RunningIntegral
+
+#: Rows of which the greatest error is kept.
+ROWS = 1 << 16
 
 
 def numbers(
@@ -220,8 +224,7 @@ def approach(error: Curve, rows: int) -> tuple[float, float, float]:
     From where it is last above 1e-2 of its start to where it is last above 1e-5 of it, and its
     uncertainty (1/s): two standard deviations of the mean rate of its three thirds, as the envelope
     of an error that swings has steps; last, how long that is (s). NaN if the error is not smaller
-    than that at the end, or there are fewer than ten rows in between. `rows`: how many there are;
-    of more than FITTED between the two, every second one counts, or every third one, and so on.
+    than that at the end, or there are fewer than ten rows in between. `rows`: how many there are.
     """
     start, first, last, at = nan, 0, 0, 0
     for _, e in error:
@@ -234,27 +237,35 @@ def approach(error: Curve, rows: int) -> tuple[float, float, float]:
         at += len(e)
     if not start > 0 or last >= rows or last - first < 10:
         return nan, nan, nan
-    t, envelope = _envelope(error, first, last)
-    ends = np.linspace(0, len(t), 4).astype(int)
-    whole, *parts = (
-        float(np.polyfit(t[a:b], np.log(envelope[a:b]), 1)[0])
-        for a, b in ((0, len(t)), *pairwise(ends))
-    )
-    uncertain = 2 * float(np.std(parts, ddof=1)) / sqrt(len(parts))
-    return whole, uncertain, float(t[-1] - t[0])
+    ends = np.linspace(first, last, 4).astype(int).tolist()
+    parts = [(RunningLine(), a, b) for a, b in ((first, last), *pairwise(ends))]
+    began, ended = inf, -inf
+    for row, t, envelope in _envelope(error):
+        for line, a, b in parts:
+            inside = slice(max(a - row, 0), max(b - row, 0))
+            line.add(t[inside], np.log(envelope[inside]))
+        fitted = t[max(first - row, 0) : max(last - row, 0)]
+        began, ended = float(fitted.min(initial=began)), float(fitted.max(initial=ended))
+    whole, *thirds = (line.slope for line, _, _ in parts)
+    uncertain = 2 * float(np.std(thirds, ddof=1)) / sqrt(len(thirds))
+    return whole, uncertain, ended - began
 
 
-def _envelope(error: Curve, first: int, last: int) -> tuple[Array, Array]:
-    """Times, s, and the greatest error from then on, (n,) each, from row `first` to before `last`.
+def _envelope(error: Curve) -> Iterator[tuple[int, Array, Array]]:
+    """Rows in blocks: the number of the first, times, s, and the greatest error from then on, (n,).
 
-    At most FITTED rows, as far from each other as they have to be.
+    The greatest error of each block is kept.
     """
-    every = -(-(last - first) // FITTED)
-    times, greatest, at = list[Array](), np.zeros(-(-(last - first) // every)), 0
-    for t, e in error:
-        rows = np.arange(max(first, at), at + len(t))
-        place = np.minimum((rows - first) // every, len(greatest) - 1)
-        np.maximum.at(greatest, place, e[rows - at])
-        times.append(t[rows - at][((rows - first) % every == 0) & (rows < last)])
-        at += len(t)
-    return np.concatenate(times), np.maximum.accumulate(greatest[::-1])[::-1]
+    greatest = np.array([e.max() for _, e in _in_blocks(error)] + [0.0])
+    later = np.maximum.accumulate(greatest[::-1])[::-1]
+    for k, (t, e) in enumerate(_in_blocks(error)):
+        envelope = np.maximum.accumulate(np.append(e, later[k + 1])[::-1])[::-1]
+        yield k * ROWS, t, envelope[:-1]
+
+
+def _in_blocks(curve: Curve) -> Iterator[tuple[Array, ...]]:
+    """Rows in blocks of ROWS."""
+    blocks = Blocks(ROWS)
+    for piece in curve:
+        yield from blocks.add(*piece)
+    yield from blocks.rest()

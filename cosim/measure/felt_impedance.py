@@ -6,24 +6,23 @@ The fit is least squares, for each joint over each window of a run. It finds any
 force and motion: if a spring and damper of the operator computed the force from the motion, the fit
 finds the operator (D, S < 0, no residual) instead of the robot. :func:`is_operator` detects this.
 
-Source: own construction (linear least squares).
+Source: own construction (linear least squares, :mod:`cosim.measure.least_squares`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
 
+from cosim.measure.least_squares import RunningFactor
 from cosim.predict.facts import Array
 
 #: A window in which the smallest direction of motion is less than this share of the largest tells
 #: nothing: motions do not differ enough.
 CONDITION = 1e-4
-#: Rows of a window that are fitted at once.
-FITTED = 1 << 17
 #: Times (n,), s, and force, response and velocity (n, m) of rows, in pieces.
 Moved: TypeAlias = tuple[Array, Array, Array, Array]
 
@@ -46,52 +45,29 @@ def fit_impedance(
 ) -> tuple[FeltImpedance, ...]:
     """Fit each joint over windows of `window` s that determine it.
 
-    `span`: the times of the first and the last row, s. Of a window with more than FITTED rows every
-    second one is fitted, or every third one, and so on.
+    `span`: the times of the first and the last row, s.
     """
     starts = [span[0] + k * window for k in range(int((span[1] - span[0]) / window + 1e-9))]
-    counts, step = _looked(rows, starts, window)
-    every = [-(-count // FITTED) or 1 for count in counts]
-    parts: list[list[tuple[Array, ...]]] = [[] for _ in starts]
-    seen, found, done = [0] * len(starts), list[FeltImpedance](), 0
-    for t, *values in _accelerated(rows, step):
-        for k in range(done, len(starts)):
-            if starts[k] > t[-1]:
-                break
-            inside = np.flatnonzero((t >= starts[k]) & (t <= starts[k] + window))
-            kept = inside[-seen[k] % every[k] :: every[k]]
-            seen[k] += len(inside)
-            parts[k].append(tuple(x[kept] for x in values))
-            if t[-1] > starts[k] + window:
-                found += _window(parts[k], starts[k], window)
-                parts[k], done = [], k + 1
-    for k in range(done, len(starts)):
-        found += _window(parts[k], starts[k], window)
-    return tuple(found)
+    factors: dict[float, RunningFactor] = {}
+    for t, *values in _accelerated(rows):
+        for start in starts:
+            first = int(np.searchsorted(t, start))
+            last = int(np.searchsorted(t, start + window, side="right"))
+            if first < last:
+                x = np.stack([each[first:last] for each in values], axis=2)
+                factors.setdefault(start, RunningFactor(*x.shape[1:])).add(x)
+    return tuple(
+        FeltImpedance(j, start, start + window, *fitted)
+        for start, factor in factors.items()
+        for j, S in enumerate(factor.centred)
+        if (fitted := _fit(S, factor.count)) is not None
+    )
 
 
-def _looked(
-    rows: Iterable[Moved], starts: Sequence[float], window: float
-) -> tuple[list[int], float | None]:
-    """The number of rows in each window, and the time between rows if it is always the same."""
-    counts, step, same, before = [0] * len(starts), None, True, np.empty(0)
-    for t, *_ in rows:
-        steps = np.diff(np.concatenate((before, t)))
-        if len(steps):
-            step = float(steps[0]) if step is None else step
-            same = same and bool((steps == step).all())
-        before = t[-1:].copy()
-        counts = [
-            count + int(((t >= start) & (t <= start + window)).sum())
-            for count, start in zip(counts, starts, strict=True)
-        ]
-    return counts, step if same else None
+def _accelerated(rows: Iterable[Moved]) -> Iterator[tuple[Array, ...]]:
+    """Times (n,), s, acceleration, velocity, response and force (n, m) of the same rows.
 
-
-def _accelerated(rows: Iterable[Moved], step: float | None) -> Iterator[tuple[Array, ...]]:
-    """The same rows with the derivative of the velocity, as :func:`numpy.gradient` has it.
-
-    `step`: between all rows, s, or None if it differs.
+    The acceleration is the derivative of the velocity as of :func:`numpy.gradient`.
     """
     held: tuple[Array, ...] = ()  # the last two rows
     begin = 0
@@ -101,55 +77,41 @@ def _accelerated(rows: Iterable[Moved], step: float | None) -> Iterator[tuple[Ar
         )
         if len(t) > 1:
             ready, begin = slice(begin, -1), 1
-            ddq = _gradient(t, rate, step)
-            yield t[ready], force[ready], response[ready], rate[ready], ddq[ready]
+            yield t[ready], _gradient(t, rate)[ready], rate[ready], response[ready], force[ready]
         held = t[-2:], force[-2:], response[-2:], rate[-2:]
     if held:
         t, force, response, rate = held
-        yield t[-1:], force[-1:], response[-1:], rate[-1:], _gradient(t, rate, step)[-1:]
+        yield t[-1:], _gradient(t, rate)[-1:], rate[-1:], response[-1:], force[-1:]
 
 
-def _gradient(t: Array, x: Array, step: float | None) -> Array:
+def _gradient(t: Array, x: Array) -> Array:
     """The derivative of `x` (n, m) at times `t` (n,), s, of second order, at the ends of first."""
     found = np.zeros_like(x)
     if len(t) < 2:
         return found
-    dt = np.diff(t)[:, None] if step is None else np.full((len(t) - 1, 1), step)
-    if step is None:
-        a, b = dt[:-1], dt[1:]
-        found[1:-1] = -b / (a * (a + b)) * x[:-2] + (b - a) / (a * b) * x[1:-1]
-        found[1:-1] += a / (b * (a + b)) * x[2:]
-    else:
-        found[1:-1] = (x[2:] - x[:-2]) / (2.0 * step)
+    dt = np.diff(t)[:, None]
+    a, b = dt[:-1], dt[1:]
+    found[1:-1] = -b / (a * (a + b)) * x[:-2] + (b - a) / (a * b) * x[1:-1]
+    found[1:-1] += a / (b * (a + b)) * x[2:]
     found[0], found[-1] = (x[1] - x[0]) / dt[0], (x[-1] - x[-2]) / dt[-1]
     return found
 
 
-def _window(
-    parts: Sequence[tuple[Array, ...]], start: float, window: float
-) -> Iterator[FeltImpedance]:
-    """The impedance of each joint that the rows of a window determine."""
-    if not parts:
-        return
-    force, response, rate, ddq = (np.concatenate(x) for x in zip(*parts, strict=True))
-    for j in range(force.shape[1]):
-        fitted = _fit(np.column_stack([ddq[:, j], rate[:, j], response[:, j]]), force[:, j])
-        if fitted is not None:
-            yield FeltImpedance(j, start, start + window, *fitted)
+def _fit(S: Array, count: int) -> tuple[float, float, float, float] | None:
+    """(I, D, S, residual), or None where the motion does not tell them apart.
 
-
-def _fit(X: Array, f: Array) -> tuple[float, float, float, float] | None:
-    """(I, D, S, residual), or None where the motion does not tell them apart."""
-    X, f = X - X.mean(axis=0), f - f.mean()
-    scale = np.sqrt((X**2).mean(axis=0))
-    size = float(np.sqrt((f**2).mean()))
-    if len(f) < 12 or not (scale > 0).all() or size <= 1e-12:
+    `S` (4, 4): the factor of `count` rows of ddq, dq, q and f, less their means.
+    """
+    X, f = S[:, :3], S[:, 3]
+    scale = np.sqrt((X**2).sum(axis=0) / count)
+    size = float(np.sqrt((f**2).sum() / count))
+    if count < 12 or not (scale > 0).all() or size <= 1e-12:
         return None
     U, sigma, Vt = np.linalg.svd(X / scale, full_matrices=False)
     if sigma[-1] < CONDITION * sigma[0]:
         return None
     coefficients = (Vt.T @ ((U.T @ f) / sigma)) / scale
-    residual = float(np.sqrt(((f - X @ coefficients) ** 2).mean())) / size
+    residual = float(np.sqrt(((f - X @ coefficients) ** 2).sum() / count)) / size
     inertia, damping, stiffness = (float(x) for x in coefficients)
     return inertia, damping, stiffness, residual
 

@@ -24,8 +24,8 @@ T = TypeVar("T")
 
 #: Bytes of the columns that are read together with one that is asked for.
 AHEAD = 1 << 20
-#: Values of a run that is read as a whole, and of a piece of one with more.
-WHOLE, PIECE = 1 << 22, 1 << 20
+#: Values that are read at once, 8 MB: of a whole run, or of a piece of one with more.
+PIECE = 1 << 20
 
 _ENTRY = re.compile(r"(.+?)((?:\[[\d, ]+\])+)$")  # master.q[0], m.xi_in[1,0], m.xi_in[1][0]
 
@@ -186,7 +186,7 @@ class Run:
     @property
     def is_long(self) -> bool:
         """True if the run is read in pieces."""
-        return len(self) * len(self.units) > WHOLE
+        return len(self) * len(self.units) > PIECE
 
     @property
     def span(self) -> tuple[float, float]:

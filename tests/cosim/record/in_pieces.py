@@ -22,5 +22,4 @@ def recorded(folder: Path, name: str, stop: str) -> Path:
 
 def read_in_pieces(monkeypatch: pytest.MonkeyPatch, values: int = 1) -> None:
     """Let every run be read in pieces of about so many values."""
-    monkeypatch.setattr(run, "WHOLE", 0)
     monkeypatch.setattr(run, "PIECE", values)

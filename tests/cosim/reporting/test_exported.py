@@ -97,7 +97,6 @@ def test_files_do_not_depend_on_pieces(
     in_groups = tmp_path / "trajectories.parquet"
     pq.write_table(pq.read_table(run.path), in_groups, row_group_size=100)
     (tmp_path / "run.json").write_bytes((run.path.parent / "run.json").read_bytes())
-    monkeypatch.setattr(reading, "WHOLE", 0)
     monkeypatch.setattr(reading, "PIECE", 1)
     monkeypatch.setattr(exported, "ROWS", 64)
     found = export_run(Run.open(tmp_path), tmp_path / f"b{suffix}")

@@ -6,7 +6,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import product
-from pathlib import Path
 
 from cosim.base.copies import replace
 from cosim.base.processes import processes
@@ -67,12 +66,12 @@ def compare(
     kept = kept or KeptResults()
     made = tasks(base, variants, chosen, seeds, kept)
     perform(made, kept, jobs, observer)
-    tables, found = Tables(), dict[Case, CaseOutcome]()
+    tables, found = Tables(kept), dict[Case, CaseOutcome]()
     for name, task in made.items():
         if isinstance(task, Task):
             outcome = kept.case(name, task)
             tables.add(outcome.case, outcome.tables)
-            found[outcome.case] = outcome.without_tables()
+            found[outcome.case] = outcome
         else:
             _add(found, task, kept.port(name))
     return Comparison(base, variants, chosen, tuple(seeds), tuple(found.values()), tables)
@@ -87,7 +86,7 @@ def tasks(
 ) -> dict[str, Task | PortTask]:
     """All tasks of a comparison by the names of their results: runs, then tests of the port."""
     made: dict[str, Task | PortTask] = {
-        kept.name(task): task for task in _tasks(base, variants, cases(chosen, seeds), kept.runs)
+        kept.name(task): task for task in _tasks(base, variants, cases(chosen, seeds), kept)
     }
     return made | {kept.name(task): task for task in _port_tasks(base, variants, chosen, seeds)}
 
@@ -102,7 +101,7 @@ def perform(
 
 
 def _tasks(
-    base: Base, variants: Variants, every: Sequence[Case], runs: Path | None
+    base: Base, variants: Variants, every: Sequence[Case], kept: KeptResults
 ) -> Iterator[Task]:
     of_runs = [c for c in variants.columns if not isinstance(c.metric, PortMeasure)]
     for case in every:
@@ -112,7 +111,8 @@ def _tasks(
             tuple(c for c in of_runs if c.applies(variants.operators[case.operator])),
             variants.stability,
             variants.picture,
-            None if runs is None else runs / case.name,
+            kept.tables,
+            None if kept.runs is None else kept.runs / case.name,
         )
 
 

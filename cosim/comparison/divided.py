@@ -48,7 +48,7 @@ def merged(listed: Listed, same: str, folders: Sequence[Path]) -> KeptResults:
     kept = KeptResults(None, same)
     made = listed(kept)
     rows, parts = take_journals(folders, _facts(made))
-    kept.take(rows)
+    kept.take(rows, folders)
     if left := len(made.keys() - kept.done):
         raise RunError(missing_runs(left, missing(parts)))
     return kept

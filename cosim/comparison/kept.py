@@ -7,12 +7,15 @@ is measured, the FMUs and versions. So a changed scenario is another result, and
 from __future__ import annotations
 
 from base64 import b64decode, b64encode
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
+from shutil import rmtree
+from tempfile import mkdtemp
 from types import TracebackType
 from typing import Any, TypeVar, final
+from weakref import finalize
 
 import msgspec
 import numpy as np
@@ -21,6 +24,7 @@ from cosim.base.copies import replace
 from cosim.base.errors import RunError
 from cosim.comparison.measure import CaseOutcome, Task, failed_case, run_case
 from cosim.comparison.port_columns import PortOutcome, PortTask, run_port
+from cosim.comparison.same_links import KEPT, RecordedTable
 from cosim.record.folder import reason
 from cosim.study.store import JOURNAL, Record, ResultJournal
 
@@ -53,14 +57,21 @@ def run_task(named: tuple[str, Task | PortTask]) -> OutcomeRow:
 class KeptResults:
     """Outcomes in the journal of a folder; a context manager.
 
-    `folder`: None keeps them in memory only; `same`: what all of them follow from besides their
-    tasks; `runs`: where run folders stay, None: nowhere. Raises RunError with the path.
+    `folder`: None keeps them in memory only, and their tables in files that are deleted with it;
+    `same`: what all of them follow from besides their tasks; `runs`: where run folders stay, None:
+    nowhere; `tables`: where the tables of links stay. Raises RunError with the path.
     """
 
     def __init__(
         self, folder: Path | None = None, same: str = "", runs: Path | None = None
     ) -> None:
         self.runs, self._same, self._journal = runs, same, None
+        if folder is None:
+            self.tables = Path(mkdtemp(prefix="cosim-tables-"))
+            finalize(self, rmtree, self.tables, ignore_errors=True)
+        else:
+            self.tables = folder / KEPT
+        self._folders = [self.tables]
         self._rows: dict[str, OutcomeRow] = {}
         self._taken: dict[str, Record] = {}
         try:
@@ -83,8 +94,9 @@ class KeptResults:
         if self._journal is not None:
             self._journal.close()
 
-    def take(self, rows: Mapping[str, Record]) -> None:
-        """Take rows of the journals of other folders, in memory."""
+    def take(self, rows: Mapping[str, Record], folders: Sequence[Path]) -> None:
+        """Take rows of the journals of other folders, in memory; their tables stay there."""
+        self._folders += [folder / KEPT for folder in folders]
         self._taken.update(rows)
         self.done |= rows.keys()
 
@@ -96,10 +108,23 @@ class KeptResults:
             self._journal.append({"run": row.run, "result": _packed(row.outcome)})
 
     def case(self, name: str, task: Task) -> CaseOutcome:
-        """The outcome of a case."""
+        """The outcome of a case. Raises RunError if a table that it recorded is not there."""
         row = self._row(name, CaseOutcome)
         found = row.outcome
-        return found if isinstance(found, CaseOutcome) else failed_case(task.case, row.died)
+        if not isinstance(found, CaseOutcome):
+            return failed_case(task.case, row.died)
+        return replace(found, tables=tuple(replace(x, path=self._at(x)) for x in found.tables))
+
+    def _at(self, table: RecordedTable) -> Path:
+        """The file of a table; folders may have been moved or copied since it was recorded."""
+        for folder in self._folders:
+            if (path := folder / table.path.name).is_file():
+                return path
+        folders = ", ".join(map(str, self._folders))
+        raise RunError(
+            f"no {table.path.name}, the table of {table.channel}, in {folders}; expected all files"
+            " of the folder, or begin again with --force"
+        )
 
     def port(self, name: str) -> PortOutcome:
         """The outcome of a test of a port."""
@@ -113,21 +138,22 @@ class KeptResults:
     def name(self, task: Task | PortTask) -> str:
         """The name of a task's outcome."""
         if isinstance(task, Task):
-            task = replace(task, folder=None)
+            task = replace(task, folder=None, tables=Path())
         return sha256(f"{self._same} {task!r}".encode()).hexdigest()[:16]
 
 
 def _packed(result: CaseOutcome | PortOutcome) -> str:
-    return b64encode(msgspec.msgpack.encode(result, enc_hook=_array_as_data)).decode()
+    return b64encode(msgspec.msgpack.encode(result, enc_hook=_as_data)).decode()
 
 
 def _unpacked(text: str, kind: type[R]) -> R:
-    return msgspec.msgpack.decode(b64decode(text), type=kind, dec_hook=_data_as_array)
+    return msgspec.msgpack.decode(b64decode(text), type=kind, dec_hook=_from_data)
 
 
-def _array_as_data(array: Any) -> Any:
-    return array.dtype.str, array.tobytes()
+def _as_data(what: Any) -> Any:
+    """An array or a path as plain data."""
+    return what.name if isinstance(what, Path) else (what.dtype.str, what.tobytes())
 
 
-def _data_as_array(kind: type, data: Any) -> Any:
-    return np.frombuffer(data[1], dtype=data[0])
+def _from_data(kind: type, data: Any) -> Any:
+    return Path(data) if kind is Path else np.frombuffer(data[1], dtype=data[0])

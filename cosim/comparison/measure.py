@@ -8,7 +8,6 @@ from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field
 from math import nan
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,12 +17,11 @@ from cosim.base.errors import FmuError, PlanError, RunError, ScenarioError
 from cosim.comparison.aligned import AlignedError
 from cosim.comparison.documents import Case
 from cosim.comparison.requirement_margin import RequirementMargin
+from cosim.comparison.same_links import RecordedTable, keep
 from cosim.comparison.spec import Picture, PortMeasure, Stability
 from cosim.comparison.variants import MetricColumn
 from cosim.comparison.verdict import RunVerdict, judge
 from cosim.engine.simulate import simulate
-from cosim.links.semantics import Grid
-from cosim.links.storage import load_table
 from cosim.measure.metrics import Metric, MetricResult
 from cosim.record import Run
 from cosim.record.digest import digest
@@ -39,47 +37,18 @@ _CANNOT = (ScenarioError, FmuError, PlanError, RunError)
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """A case to run; `folder`: where its run folder is kept, None: it is not kept."""
+    """A case to run; `folder`: where its run folder is kept, None: it is not kept.
+
+    `tables`: the folder of the tables that its links recorded.
+    """
 
     case: Case
     scenario: Scenario
     columns: tuple[MetricColumn, ...]
     stability: Stability
     picture: Picture
+    tables: Path
     folder: Path | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class RecordedTable:
-    """The table that links of one channel and grid recorded: its facts, and a row a look, (n,)."""
-
-    channel: str
-    facts: Mapping[str, Any]
-    rows: NDArray[np.int32]
-
-    @property
-    def grid(self) -> Grid:
-        """The times at which samples were sent and looked at."""
-        sender, receiver = self.facts["sender_period"], self.facts["receiver_period"]
-        return Grid(int(sender), int(receiver), float(self.facts["h"]))
-
-    @property
-    def mean_age(self) -> float:
-        """Mean age of what the receiver had, s, over its looks from the first sample on; or NaN."""
-        looks = np.flatnonzero(self.rows >= 0)
-        if not len(looks):
-            return nan
-        ticks = self.grid.n_r * looks - self.grid.n_s * self.rows[looks].astype(np.int64)
-        return float(ticks.mean()) * self.grid.h
-
-    def agrees(self, other: RecordedTable) -> bool:
-        """True if both are of one channel, and hold the same as far as both go."""
-        n = min(len(self.rows), len(other.rows))
-        return (
-            self.channel == other.channel
-            and self.grid == other.grid
-            and np.array_equal(self.rows[:n], other.rows[:n])
-        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,10 +76,6 @@ class CaseOutcome:
     curves: tuple[Curve, ...] = ()
     remark: str = ""
     digest: str = ""
-
-    def without_tables(self) -> CaseOutcome:
-        """The same, but for its tables."""
-        return replace(self, tables=())
 
 
 def failed_case(case: Case, reason: str) -> CaseOutcome:
@@ -144,7 +109,7 @@ def _folder(folder: Path | None) -> AbstractContextManager[str | Path]:
 
 def _measured(task: Task, run: Run, failure: RunError | None) -> CaseOutcome:
     verdict = judge(run, task.stability, failure)
-    numbers, tables = {}, _tables(run)
+    numbers, tables = {}, _tables(run, task.tables)
     if verdict.ended:
         numbers = {
             c.name: _number(_evaluated(c.metric, run, tables), c.part)
@@ -183,12 +148,11 @@ def _curves(run: Run, picture: Picture) -> tuple[Curve, ...]:
     return tuple(found)
 
 
-def _tables(run: Run) -> tuple[RecordedTable, ...]:
+def _tables(run: Run, folder: Path) -> tuple[RecordedTable, ...]:
     """The recorded tables: one for all links of a channel, where these agree, as they should."""
     found: list[RecordedTable] = []
     for path in run.link_tables.values():
-        facts, rows = load_table(path)
-        table = RecordedTable(str(facts["name"]), facts, rows)
+        table = keep(path, folder)
         if not any(table.agrees(other) for other in found):
             found.append(table)
     return tuple(found)

@@ -17,6 +17,7 @@ import json
 from collections.abc import Iterator, Sequence
 from itertools import groupby
 from pathlib import Path
+from shutil import rmtree
 from typing import Any
 
 from cosim.base.errors import ScenarioError
@@ -25,13 +26,14 @@ from cosim.base.markdown import markdown_row
 from cosim.comparison.comparison import Comparison
 from cosim.comparison.page import PAGE
 from cosim.comparison.rows import ComparisonRow, columns, header, notes, rows, runs_as_data
+from cosim.comparison.same_links import KEPT
 from cosim.comparison.variants import Controller
 from cosim.engine.simulate import versions
 from cosim.record.folder import SUMS, reason
 from cosim.study.store import JOURNAL, STATE
 
 RESULT, FIGURE, RUNS = "table.json", "comparison.png", "runs"
-_OWN = {RESULT, "table.md", "table.csv", FIGURE, PAGE, "links", RUNS, SUMS, JOURNAL, STATE}
+_OWN = {RESULT, "table.md", "table.csv", FIGURE, PAGE, "links", RUNS, SUMS, JOURNAL, STATE, KEPT}
 
 
 def text(comparison: Comparison) -> list[str]:
@@ -156,6 +158,8 @@ def claim(folder: Path, *, force: bool = False, resume: bool = False) -> None:
     old += [folder / name for name in (FIGURE, PAGE, SUMS)]
     for path in (*old, *(() if resume else (folder / JOURNAL, folder / STATE))):
         path.unlink(missing_ok=True)
+    if not resume:
+        rmtree(folder / KEPT, ignore_errors=True)
 
 
 def write(comparison: Comparison, folder: Path, command: str) -> Iterator[Path]:
@@ -174,4 +178,5 @@ def write(comparison: Comparison, folder: Path, command: str) -> Iterator[Path]:
         yield path
     comparison.tables.save(folder / "links")
     (folder / JOURNAL).unlink(missing_ok=True)  # of results that are in the table now
+    rmtree(folder / KEPT, ignore_errors=True)
     yield folder / "links"

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from cosim.base.component import Parameter, Port
 from cosim.base.errors import ScenarioError
 from cosim.comparison.comparison import Comparison, compare
 from cosim.comparison.documents import Base, check, read_base
+from cosim.comparison.same_links import RecordedTable, keep
 from cosim.comparison.variants import Variants
 from cosim.comparison.variants_file import read
+from cosim.links.storage import TableWriter
 
 ROOT = Path(__file__).resolve().parents[3]
 CONFIG = ROOT / "configs" / "teleoperation.toml"
@@ -122,3 +125,10 @@ def loaded(path: Path, settings: Sequence[str] = ()) -> tuple[Variants, Base]:
     """A variants file, and CONFIG changed by it."""
     variants = read(path).with_columns(())
     return variants, read_base(CONFIG, variants, settings)
+
+
+def stored(folder: Path, facts: Mapping[str, Any], rows: Sequence[int]) -> RecordedTable:
+    """The table of a link that held these samples."""
+    with TableWriter(folder / "table.parquet", facts) as writer:
+        writer.write(rows)
+    return keep(folder / "table.parquet", folder / "kept")

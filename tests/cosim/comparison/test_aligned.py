@@ -13,9 +13,8 @@ from numpy.typing import NDArray
 
 from cosim.base.errors import ScenarioError
 from cosim.comparison.aligned import AlignedError
-from cosim.comparison.measure import RecordedTable
 from cosim.comparison.variants_file import read
-from tests.cosim.comparison.parts import SMALL, compared, written
+from tests.cosim.comparison.parts import SMALL, compared, stored, written
 
 Array = NDArray[np.float64]
 COLUMNS = """
@@ -75,12 +74,11 @@ def test_a_link_without_a_delay_within_the_run_has_no_number(delay: float) -> No
     assert parts["delay_s"] == pytest.approx(delay, nan_ok=True)
 
 
-def test_the_delay_is_the_mean_age_of_what_the_receiver_had() -> None:
+def test_the_delay_is_the_mean_age_of_what_the_receiver_had(tmp_path: Path) -> None:
     """Looks every 2 ticks of 0.1 s at samples of every tick: ages 2, 2 and 5 ticks."""
-    facts = {"sender_period": 1, "receiver_period": 2, "h": 0.1}
-    rows = np.array([-1, 0, 2, 1], np.int32)
-    assert RecordedTable("a->b", facts, rows).mean_age == pytest.approx(0.3)
-    assert isnan(RecordedTable("a->b", facts, rows[:1]).mean_age)
+    facts = {"name": "a->b", "sender_period": 1, "receiver_period": 2, "h": 0.1}
+    assert stored(tmp_path, facts, [-1, 0, 2, 1]).mean_age == pytest.approx(0.3)
+    assert isnan(stored(tmp_path, facts, [-1]).mean_age)
 
 
 def test_controllers_that_send_no_position_have_it_too(tmp_path: Path) -> None:

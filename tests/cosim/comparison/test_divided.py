@@ -69,6 +69,19 @@ def test_a_part_that_was_killed_is_made_again(
     assert Path("merged/table.csv").read_bytes() == Path("whole/table.csv").read_bytes()
 
 
+def test_a_folder_without_its_tables_is_named(
+    cosim: Command, tmp_path: Path, compared: tuple[str | Path, ...]
+) -> None:
+    assert cosim(*compared, "--part", "1/1").code == 0
+    (folder,) = parts(tmp_path)
+    folder = folder.rename(tmp_path / "moved")
+    assert cosim(*compared, "--merge", folder, "--out", "merged").code == 0
+    for path in (folder / "tables").iterdir():
+        path.unlink()
+    said = cosim.refused(*compared, "--merge", folder, "--out", "out", code=1)
+    assert "moved/tables; expected all files of the folder" in said and ".parquet" in said
+
+
 def test_missing_parts_and_those_of_another_comparison_are_named(
     cosim: Command, tmp_path: Path, compared: tuple[str | Path, ...]
 ) -> None:

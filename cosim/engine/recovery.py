@@ -47,5 +47,5 @@ def repair(folder: Path, why: str = "cut short") -> str:
         write_metadata(folder, {**facts, "status": RECOVERED, "error": facts.get("error") or why})
     if not (folder / TRAJECTORIES).exists():
         return "nothing was recorded"
-    t = Run.open(folder).t
-    return f"recorded until t = {t[-1]:.6g} s" if t.size else "nothing was recorded"
+    run = Run.open(folder)
+    return f"recorded until t = {run.span[1]:.6g} s" if len(run) else "nothing was recorded"

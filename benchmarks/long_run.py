@@ -6,6 +6,10 @@ A mass that is pushed less and less is recorded at every tick, in three signals.
 Each command is a process of its own, of which the peak of resident memory and the wall time are
 measured. The recording of 1e8 rows takes some 3 GB, and an exported file up to 6 GB, beside the
 current folder; they are deleted afterwards.
+
+On request also `compare` (two controllers, `rows` looks of each link, each hundredth row recorded)
+and, of a rehearsal in lock-step with `rows` slots of two nodes (832 bytes of journals a slot),
+`rehearse`, `replay` and `offline` (`replay --offline`).
 """
 
 from __future__ import annotations
@@ -58,7 +62,8 @@ formula = "always (push.f >= 0.01 N implies eventually within 100 s push.f <= 0.
 [[figures.motion.panels]]
 y = ["mass.x", "mass.dx"]
 """
-#: Words of each command; `run` is the first, and `other` a second run.
+TWO_ARMS = str(Path(__file__).resolve().parents[1] / "configs" / "teleoperation.toml")
+#: Words of each command.
 CALLS = {
     "run": ["run", "{scenario}", "--out", "{run}", "--no-live"],
     "report": ["report", "{run}"],
@@ -70,7 +75,16 @@ CALLS = {
     "csv": ["export", "{run}", "--to", "{folder}/run.csv"],
     "parquet": ["export", "{run}", "--to", "{folder}/copy.parquet"],
     "mcap": ["export", "{run}", "--to", "{folder}/run.mcap"],
-}
+    "compare": ["compare", TWO_ARMS, "--controllers", "pd,p+d", "--operators", "light", "--links",
+                "paper", "--jobs", "1", "--no-plot", "--set", "run.step=5 ms", "--set",
+                "run.stop={looks_s} s", "--set", "run.record.every=100", "--out", "{folder}/table"],
+    "rehearse": ["rehearse", TWO_ARMS, "--deploy", "zenoh", "--clock", "lockstep", "--no-plot",
+                 "--set", "run.stop={slots_s} s", "--out", "{folder}/nodes"],
+    "replay": ["replay", "{folder}/nodes"],
+    "offline": ["replay", "{folder}/nodes", "--offline"],
+}  # fmt: skip
+#: What has to be there before a command; `run` before all others.
+BEFORE = {"run": [], "compare": [], "rehearse": [], "replay": ["rehearse"], "offline": ["rehearse"]}
 
 
 def measured(words: list[str]) -> dict[str, Any]:
@@ -114,8 +128,10 @@ def rows(count: int, commands: list[str]) -> list[dict[str, Any]]:
     with TemporaryDirectory(prefix="long-run-", dir=Path.cwd()) as folder:
         scenario = Path(folder) / "long.toml"
         scenario.write_text(SCENARIO.format(stop=(count - 1) / 1000), encoding="utf-8")
-        names = {"scenario": str(scenario), "run": f"{folder}/run", "folder": folder}
-        for command in dict.fromkeys(["run", *commands]):
+        names = {"scenario": str(scenario), "run": f"{folder}/run", "folder": folder,
+                 "looks_s": f"{count * 0.005:g}", "slots_s": f"{count * 0.001:g}"}  # fmt: skip
+        wanted = [x for command in commands for x in (*BEFORE.get(command, ["run"]), command)]
+        for command in dict.fromkeys(wanted):
             row = measured([word.format(**names) for word in CALLS[command]])
             for kind in ("run.csv", "copy.parquet", "run.mcap", "run.mat"):
                 (Path(folder) / kind).unlink(missing_ok=True)
@@ -129,7 +145,8 @@ def main() -> None:
     """Measure and print a table."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--rows", type=float, nargs="+", default=[1e6, 1e7, 1e8])
-    parser.add_argument("--commands", nargs="+", choices=sorted(CALLS), default=list(CALLS))
+    parser.add_argument("--commands", nargs="+", choices=sorted(CALLS),
+                        default=[x for x in CALLS if x not in BEFORE or x == "run"])  # fmt: skip
     parser.add_argument("--json", type=Path)
     given = parser.parse_args()
     found = [row for count in given.rows for row in rows(int(count), given.commands)]

@@ -31,7 +31,7 @@ class Blocks:
         self._size, self._held, self._count = size, list[tuple[Array, ...]](), 0
 
     def add(self, *columns: Array) -> Iterator[tuple[Array, ...]]:
-        """Take the next rows, (n, …) each, and give the blocks that they complete."""
+        """Take the next rows, (n, k) each, and give the blocks that they complete."""
         start, rows = 0, len(columns[0])
         while self._count + rows - start >= self._size:
             end = start + self._size - self._count
@@ -43,7 +43,7 @@ class Blocks:
             self._count += rows - start
 
     def rest(self) -> Iterator[tuple[Array, ...]]:
-        """The last block, (n, …) each with n < `size`, if there is one."""
+        """The last block, (n, k) each with n < `size`, if there is one."""
         if self._held:
             yield self._joined()
 

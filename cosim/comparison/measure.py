@@ -12,7 +12,6 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from cosim.base.copies import replace
 from cosim.base.errors import FmuError, PlanError, RunError, ScenarioError
 from cosim.comparison.aligned import AlignedError
 from cosim.comparison.documents import Case

@@ -320,7 +320,7 @@ def _option(f: FieldInfo) -> Parameter:
 
 
 def _is_made(f: FieldInfo) -> bool:
-    """Whether each group has a value of its own if none is given, such as a list."""
+    """True if each group has a value of its own if none is given, such as a list."""
     return f.default_factory is not NODEFAULT
 
 

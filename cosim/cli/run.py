@@ -354,7 +354,6 @@ def _finish(
     from cosim.measure.joint_limits import beyond
     from cosim.measure.metric_result import summary_line
     from cosim.record import seal
-    from cosim.record.digest import digest
     from cosim.record.folder import CSV
 
     folder = result.path.parent
@@ -372,6 +371,8 @@ def _finish(
         options.say(summary_line(what, str(path)))
     seal(folder)
     if options.json is not None:
+        from cosim.record.digest import digest
+
         found = {**as_data(loaded, result, outcome, judged), "digest": digest(result)}
         write_json(options.json, "run", found)
     options.say(summary_line("run folder", str(folder)))

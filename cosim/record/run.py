@@ -177,7 +177,7 @@ class Run:
         return {name: numpy(table.column(name), np.float64) for name in names}
 
     def once(self, of: Hashable, compute: Callable[[], T]) -> T:
-        """What `compute` makes of the trajectories, computed at the first request for `of`."""
+        """The result of `compute` from the trajectories, computed at the first request for `of`."""
         if of not in self._computed:
             self._computed[of] = compute()
         found: T = self._computed[of]

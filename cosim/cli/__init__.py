@@ -24,10 +24,10 @@ def main() -> None:
     gc.set_threshold(_COLLECTED)
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from cosim.base.streams import open_standard_streams
-    from cosim.cli.supervise import supervised
+    from cosim.cli.supervise import end, supervised
 
     open_standard_streams()
-    sys.exit(supervised(_command))
+    end(supervised(_command))
 
 
 def _written(text: str) -> int:

@@ -124,6 +124,7 @@ def test_a_command_has_one_thread_of_linear_algebra_unless_the_environment_says_
         "cosim.cli.supervise.supervised",
         lambda _: found.append((os.environ["OPENBLAS_NUM_THREADS"], gc.get_threshold()[0])) or 0,
     )
+    monkeypatch.setattr("cosim.cli.supervise.end", sys.exit)
     thresholds = gc.get_threshold()
     gc.set_threshold(700)
     try:

@@ -36,12 +36,16 @@ TAKES = 0.02
 
 
 @pytest.fixture
-def address(tmp_path: Path) -> Iterator[str]:
-    found = f"bench@{tmp_path}/bench.sock"
+def server(tmp_path: Path) -> Iterator[BusServer]:
     channel = Channel("bench", channel_options("bench", bitrate=1e6, speed="simulated"))
-    server = BusServer(channel, listen(parse_address(found)))
+    found = BusServer(channel, listen(parse_address(f"bench@{tmp_path}/bench.sock")))
     yield found
-    server.close()
+    found.close()
+
+
+@pytest.fixture
+def address(tmp_path: Path, server: BusServer) -> str:
+    return f"bench@{tmp_path}/bench.sock"
 
 
 @pytest.fixture
@@ -217,7 +221,8 @@ def test_in_bus_time_each_message_waits_for_its_answer() -> None:
     server.close()
 
 
-def test_a_child_that_is_forked_has_connections_of_its_own(address: str) -> None:
+def test_a_child_that_is_forked_has_connections_of_its_own(address: str, server: BusServer) -> None:
+    """Else the server would take its calls for those of its parent's thread."""
     code = f"""
 import can, os
 def opened(): return can.Bus(interface="cosim", channel={address!r})
@@ -235,6 +240,7 @@ print(a.recv(1.0).arbitration_id)
         [sys.executable, "-c", code], cwd=ROOT, check=True, text=True, capture_output=True
     )
     assert done.stdout.split() == ["0", str(0x10)], done.stderr
+    assert len(server._threads._known) == 2
 
 
 class Silent:

@@ -243,6 +243,31 @@ print(a.recv(1.0).arbitration_id)
     assert len(server._threads._known) == 2
 
 
+@pytest.mark.slow
+def test_ten_runs_of_two_processes_on_two_buses_give_the_same_bytes() -> None:
+    found = set()
+    program = Path(__file__).with_name("programs") / "two_buses.py"
+    for _ in range(10):
+        with served_buses({"x": BusTiming(500e3), "y": BusTiming(250e3)}, simulated=True) as names:
+            started = [
+                subprocess.Popen(
+                    [sys.executable, program, str(number), *names.values()],
+                    stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, cwd=ROOT,
+                )
+                for number in (1, 2)
+            ]  # fmt: skip
+            for process in started:
+                assert process.stdout is not None
+                assert process.stdout.readline() == "there\n"
+            for process in started:
+                assert process.stdin is not None
+                process.stdin.write("go\n")
+                process.stdin.flush()
+            found.add(tuple(process.communicate(timeout=100)[0] for process in started))
+    assert len(found) == 1
+    assert all(said.count("\n") > 50 for said in found.pop())
+
+
 class Silent:
     """A socket on which nothing has come when one looks, and then an empty list."""
 

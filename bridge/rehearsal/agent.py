@@ -15,8 +15,6 @@ nothing behind.
 
 from __future__ import annotations
 
-import base64
-import hashlib
 import json
 import os
 import select
@@ -24,120 +22,32 @@ import selectors
 import signal
 import subprocess
 import sys
-import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, Self, final
+from typing import Any, final
 
 from bridge.deployment.system import System, load_system
 from bridge.node import checkpoints
-from bridge.node.control import listen_to
 from bridge.node.handle import NodeStart
-from bridge.node.run import done, run_started
 from bridge.realtime.host_clock import host_clock
 from bridge.records.node_lives import Life
+from bridge.rehearsal.file_parts import packed, unpacked, write_part
+from bridge.rehearsal.forked_life import ForkedLife, ending, live
+from bridge.rehearsal.host_task import BEAT, HostTask, digest_of
+from bridge.rehearsal.router_config import client_config, router_config
 from cosim.base.clock import sleep, stopwatch
-from cosim.base.copies import asdict, replace
 from cosim.base.errors import CosimError
 from cosim.base.interrupts import die_with
 from cosim.base.python import add_working_directory, python_call
 from cosim.checkpoint.archive import LATEST
 
 _READ = 1 << 16
-#: s between two signs of life, both ways.
-BEAT = 0.5
 #: s that nodes which were told to quit may take, and between two looks at them.
 ENDING, LOOK = 3.0, 0.02
 #: s without a connection to all routers after which certificates are looked at, again and again.
 REFUSED = 3.0
-
-
-@dataclass(frozen=True, slots=True)
-class HostTask:
-    """The task of a host: `settings` are those of the run and this host's own.
-
-    `folder`: for its journals; "": its own, and they are sent at the end. `listen`, `connect`:
-    endpoints of its Zenoh router; `router`: its configuration file, "": the usual one; `client`:
-    the endpoint of it for the nodes; `buses`: those of Zenoh. `silence`: a connection without a
-    line for so long is given up, s. `name`: of the host; `others`: how many other hosts there are;
-    `keys`: folder of certificates for TLS between routers, "": none.
-    """
-
-    scenario: str
-    deployment: str
-    settings: tuple[str, ...]
-    folder: str
-    listen: tuple[str, ...]
-    connect: tuple[str, ...]
-    client: str
-    buses: tuple[str, ...]
-    silence: float
-    name: str
-    others: int
-    router: str = ""
-    keys: str = ""
-    insecure: bool = False
-
-    def text(self) -> str:
-        """The task as JSON."""
-        return json.dumps(asdict(self))
-
-    @classmethod
-    def parse(cls, text: str) -> Self:
-        """The task that :meth:`text` wrote."""
-        said = json.loads(text)
-        found: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in said.items()}
-        return cls(**found)
-
-
-def digest_of(scenario: Path, deployment: Path) -> str:
-    """A digest of both files. Raises OSError."""
-    found = hashlib.sha256()
-    for path in (scenario, deployment):
-        found.update(hashlib.sha256(path.read_bytes()).digest())
-    return found.hexdigest()
-
-
-#: Configuration of a node behind the router of its host: a busy host stops it for seconds.
-CLIENT: Mapping[str, Any] = {
-    "mode": "client",
-    "scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": False}, "delay": 50},
-    "transport": {
-        "unicast": {"open_timeout": 20000, "accept_timeout": 20000},
-        "link": {"tx": {"lease": 30000, "keep_alive": 4, "queue": {"size": {"real_time": 16}}}},
-    },
-}
-
-
-#: TLS between routers: each has a certificate of one authority, and so must the other.
-_TLS: Mapping[str, Any] = {
-    "root_ca_certificate": "{keys}/ca.pem",
-    "enable_mtls": True,
-    "verify_name_on_connect": True,
-    "listen_certificate": "{keys}/{node}.pem",
-    "listen_private_key": "{keys}/{node}.key",
-    "connect_certificate": "{keys}/{node}.pem",
-    "connect_private_key": "{keys}/{node}.key",
-}
-
-
-def router_config(silence: float, *, tls: bool) -> Mapping[str, Any]:
-    """The same for the router: it accepts all its nodes at once.
-
-    `silence`: after so long without a sign of another router the connection is lost, s.
-    """
-    tx = {**CLIENT["transport"]["link"]["tx"], "lease": round(silence * 1e3)}
-    return {
-        **CLIENT,
-        "mode": "router",
-        "transport": {
-            "unicast": {"open_timeout": 20000, "accept_timeout": 20000, "accept_pending": 10000},
-            "link": {"tx": tx, **({"tls": _TLS} if tls else {})},
-        },
-    }
 
 
 @final
@@ -148,7 +58,7 @@ class Agent:
         self.task, self.scratch = task, folder
         self.nodes = Path(task.folder) if task.folder else folder / "nodes"
         self._select = selectors.DefaultSelector()
-        self._lives: dict[str, _Life] = {}
+        self._lives: dict[str, ForkedLife] = {}
         self._router: subprocess.Popen[bytes] | None = None
         self._system: System | None = None
         self._rest = self._router_rest = b""
@@ -232,7 +142,7 @@ class Agent:
 
     def _settings(self) -> list[str]:
         path = self.scratch / "client.json5"
-        path.write_text(json.dumps(CLIENT), encoding="utf-8")
+        path.write_text(json.dumps(client_config(self.task.silence)), encoding="utf-8")
         found = list(self.task.settings)
         for bus in self.task.buses:
             at = f"deploy.buses.{bus}"
@@ -319,7 +229,7 @@ class Agent:
         os.close(events[1])
         name = str(start.life)
         errors = self.nodes / start.life.file("err")
-        life = self._lives[name] = _Life(name, pid, commands[1], events[0], errors)
+        life = self._lives[name] = ForkedLife(name, pid, commands[1], events[0], errors)
         self._select.register(events[0], selectors.EVENT_READ, life)
         self.say("node", life=name, pid=pid)
 
@@ -333,7 +243,7 @@ class Agent:
             os.closerange(3, 3 + max(_descriptors(), default=0))
             die_with(parent)
             lines = os.fdopen(0, "r", encoding="utf-8", closefd=False)
-            code = _life(start, self.nodes, self._system, lines)
+            code = live(start, self.nodes, self._system, lines)
         except BaseException as error:
             os.write(2, f"{type(error).__name__}: {error}\n".encode())
         return code
@@ -345,7 +255,7 @@ class Agent:
         write_part(folder / name, said["at"], unpacked(said["data"]))
         self._sent[name] = said["rows"]
 
-    def _send_state(self, life: _Life, rows: Mapping[str, int]) -> None:
+    def _send_state(self, life: ForkedLife, rows: Mapping[str, int]) -> None:
         """Send the state that a life has saved, and the rows of its journals until then."""
         for name, count in rows.items():
             parts = checkpoints.journal_parts(self.nodes / name, self._sent.get(name, 0), count)
@@ -355,7 +265,7 @@ class Agent:
         path = checkpoints.place(self.nodes, Life.parse(life.name)) / LATEST
         self.say("state", life=life.name, data=packed(path.read_bytes()))
 
-    def _heard(self, life: _Life) -> None:
+    def _heard(self, life: ForkedLife) -> None:
         for event in life.read():
             if event.get("event") == "saved" and not self.task.folder:
                 self._send_state(life, event["rows"])
@@ -386,107 +296,8 @@ class Agent:
         self.say("collected")
 
 
-def packed(data: bytes) -> str:
-    """Bytes as a text for a line."""
-    return base64.b64encode(zlib.compress(data, 1)).decode()
-
-
-def unpacked(text: str) -> bytes:
-    """The bytes of which :func:`packed` made a text."""
-    return zlib.decompress(base64.b64decode(text))
-
-
-def write_part(path: Path, at: int, data: bytes, zeros: int = 0) -> None:
-    """Write a part of a file, or so many bytes of `zeros`; the file is made where it is missing.
-
-    Raises OSError.
-    """
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with path.open("r+b" if path.exists() else "wb") as file:
-        file.seek(at)
-        file.write(data)
-        if zeros:
-            file.truncate(at + zeros)
-
-
 def _descriptors() -> list[int]:
     return [int(name) for name in os.listdir("/proc/self/fd")]
-
-
-def _life(start: NodeStart, folder: Path, system: System | None, lines: Any) -> int:
-    def say(event: Mapping[str, Any]) -> None:
-        with suppress(BrokenPipeError):
-            os.write(1, (json.dumps(event) + "\n").encode())
-
-    try:
-        report = run_started(replace(start, folder=folder), say, listen_to(lines), system)
-    except CosimError as error:
-        say({"event": "failed", "error": str(error), "exit_code": error.exit_code})
-        return error.exit_code
-    say(done(report))
-    return 0
-
-
-@final
-class _Life:
-    """One life of a node as the process from which it was copied sees it."""
-
-    def __init__(self, name: str, pid: int, commands: int, events: int, errors: Path) -> None:
-        self.name, self.pid, self.events = name, pid, events
-        self._commands, self._errors, self._rest = commands, errors, b""
-        self.code: int | None = None
-
-    def tell(self, line: bytes) -> None:
-        with suppress(BrokenPipeError, OSError):
-            os.write(self._commands, line)
-
-    def kill(self, number: int) -> None:
-        if self.code is None:
-            os.kill(self.pid, number)
-
-    def is_stopped(self) -> bool:
-        """True if a signal has stopped it (SIGSTOP, a debugger), and it has not been continued."""
-        if self.code is not None or not Path(f"/proc/{self.pid}/stat").exists():
-            return False
-        return Path(f"/proc/{self.pid}/stat").read_text().rpartition(")")[2].split()[0] in "Tt"
-
-    def read(self) -> Sequence[Mapping[str, Any]]:
-        """Its new events; at their end its code is known."""
-        data = os.read(self.events, _READ)
-        if not data:
-            self.reap()
-        *lines, self._rest = (self._rest + data).split(b"\n")
-        found = []
-        for line in lines:
-            with suppress(ValueError):  # a component may print something
-                found.append(json.loads(line))
-        return found
-
-    def reap(self, options: int = 0) -> None:
-        """Wait for its end; with WNOHANG only note it."""
-        if self.code is None:
-            pid, status = os.waitpid(self.pid, options)
-            self.code = os.waitstatus_to_exitcode(status) if pid else None
-
-    def has_ended(self) -> bool:
-        """True if it runs no more."""
-        self.reap(os.WNOHANG)
-        return self.code is not None
-
-    def close(self) -> None:
-        for descriptor in (self._commands, self.events):
-            os.close(descriptor)
-
-    def last_error(self) -> str:
-        text = ""
-        with suppress(OSError):
-            text = self._errors.read_text("utf-8", "replace").strip()
-        return text.splitlines()[-1] if text else ""
-
-
-def ending(code: int) -> str:
-    """The end of a process in words."""
-    return f"killed by {signal.Signals(-code).name}" if code < 0 else f"exit code {code}"
 
 
 def main() -> int:

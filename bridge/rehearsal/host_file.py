@@ -23,7 +23,7 @@ from typing import Annotated, Any, Literal, Self, final
 import msgspec
 
 from bridge.deployment.system import System
-from bridge.rehearsal.agent import HostTask
+from bridge.rehearsal.host_task import HostTask
 from bridge.rehearsal.hosts import Hosts
 from bridge.relay import namespaces
 from bridge.zenoh.options import is_loopback
@@ -236,7 +236,8 @@ class Site:
             own = ["--nodes=1", "--ntasks=1", f"--nodelist={host.to}", "--unbuffered"]
             return HostCall(("srun", *own, *folder, *host.options, *words))
         there = f"cd {shlex.quote(host.folder)} && " if host.folder else ""
-        own = ["-T", "-o", "BatchMode=yes", "-o", "ServerAliveInterval=5"]
+        alive = f"ServerAliveCountMax={3 + int(self._file.silence / 5.0)}"  # longer than `silence`
+        own = ["-T", "-o", "BatchMode=yes", "-o", "ServerAliveInterval=5", "-o", alive]
         return HostCall(("ssh", *own, *host.options, host.to, f"{there}exec {shlex.join(words)}"))
 
     def _inside(self, name: str) -> AbstractContextManager[None]:

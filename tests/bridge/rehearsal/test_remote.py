@@ -10,12 +10,16 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import zenoh
 
 from bridge.deployment.system import load_system
 from bridge.node.checkpoints import PART
 from bridge.rehearsal import host_file
-from bridge.rehearsal.agent import Agent, HostTask
-from bridge.rehearsal.remote import HostConnection, RemoteHosts, on_hosts
+from bridge.rehearsal.agent import Agent
+from bridge.rehearsal.host_connection import HostConnection
+from bridge.rehearsal.host_task import HostTask
+from bridge.rehearsal.remote import RemoteHosts, on_hosts
+from bridge.rehearsal.router_config import client_config, router_config
 from bridge.rehearsal.settings import Settings
 from bridge.rehearsal.supervisor import NODES, Rehearsal
 from bridge.replay import replay, twin
@@ -194,6 +198,24 @@ def test_files_come_over_a_connection_and_rows_that_were_not_written_do_not(
     assert connection.collected
     assert {path.name: path.read_bytes() for path in here.iterdir()} == files
     assert len(json.dumps(lines)) < 4 * 1.4 * len(rows)
+
+
+@pytest.mark.parametrize("silence", [2.0, 10.0, 60.0])
+def test_no_layer_gives_a_connection_up_before_silence(silence: float, tmp_path: Path) -> None:
+    """Neither ssh nor Zenoh, also for samples that wait for the network."""
+    path = tmp_path / "hosts.toml"
+    text = f'silence = "{silence} s"\ninsecure = true\n[hosts.a]\naddress = "192.0.2.1"\n'
+    path.write_text(f'{text}[hosts.b]\nstart = "ssh"\nto = "192.0.2.2"\n')
+    words = host_file.Site(host_file.load(path), tmp_path / "packets").call("b").words
+    options = dict(word.split("=") for word in words if word.startswith("ServerAlive"))
+    assert int(options["ServerAliveInterval"]) * int(options["ServerAliveCountMax"]) > silence
+    at = "transport/link/tx"
+    for config in (client_config(silence), router_config(silence, tls=False)):
+        read = zenoh.Config.from_json5(json.dumps(config))
+        wait = read.get_json(f"{at}/queue/congestion_control/block/wait_before_close")
+        assert int(wait) >= silence * 1e6
+        assert int(read.get_json(f"{at}/lease")) >= silence * 1e3
+    assert int(read.get_json(f"{at}/lease")) == silence * 1e3  # routers notice it then
 
 
 BAD: list[tuple[str, str]] = [

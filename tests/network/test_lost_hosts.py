@@ -275,19 +275,19 @@ def test_an_outage_that_heals_is_survived_to_the_bit_or_named(
     hosts: Fleet, outage: float, silence: float, options: Sequence[str], tmp_path: Path
 ) -> None:
     """TCP sends again up to as long after an outage as it lasted."""
-    stop, patience = 3.0, "--set=deploy.patience=300"
+    stop, patience = 3.0, "--set=deploy.patience=600"
     run = Run(hosts, tmp_path, stop, [patience, *options], silence)
     host = list(hosts.hosts)[-1]
     run.running()
     if options:
-        until(lambda: len(list(run.folder.glob("**/previous"))) == 6, 300.0, run.said)
+        until(lambda: len(list(run.folder.glob("**/previous"))) == 6, 500.0, run.said)
     link = ["ip", "-n", hosts.hosts[host], "link", "set", "eth0"]
     subprocess.run([*link, "down"], check=True)
     try:
         time.sleep(outage)
     finally:
         subprocess.run([*link, "up"], check=True)
-    code, said = run.ended(250.0)  # less than `patience`: no node waits in vain
+    code, said = run.ended(550.0)  # less than `patience`: no node waits in vain
     assert "Traceback" not in said, said
     if code and not options and outage > silence / 3:
         assert re.search(rf"host {host}: (its Zenoh router lost|nothing came|the conn)", said), said

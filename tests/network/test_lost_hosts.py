@@ -23,7 +23,7 @@ from tests.network.wired import sshd, wired
 from tests.system.runs import ROOT
 from tests.system.slurm_cluster import needed, running_slurm
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(1800)]
 
 #: Runs with a kill at the start, of each way to start hosts.
 KILLS = int(os.environ.get("KILLS", "3"))

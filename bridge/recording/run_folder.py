@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -72,13 +72,13 @@ def write_trajectories(system: System, rows: Mapping[Life, Rows], folder: Path) 
     """
     plan, scenario = system.plan, system.scenario
     parts = [
-        (_join_lives(rows, name, node.ticks), *places(system, node))
+        (_JoinedLives(rows, name, node.ticks), *places(system, node))
         for name, node in system.nodes.items()
         if lives_of(rows, name)
     ]
     known = {int(i) for _, whole, _ in parts for i in whole}
     recorded = [c for c in columns(plan, scenario.run.record.signals) if c.index in known]
-    ticks = min(plan.ticks, max(int(joined[0][-1]) for joined, _, _ in parts) + 1)
+    ticks = min(plan.ticks, max(int(joined.at[-1]) for joined, _, _ in parts) + 1)
     with Recorder(
         folder,
         recorded,
@@ -91,20 +91,33 @@ def write_trajectories(system: System, rows: Mapping[Life, Rows], folder: Path) 
             n = min(CHUNK, ticks - first)
             buffer = recorder.buffer()
             buffer[:n] = 0.0
-            for (at, signals), whole, own in parts:
-                index = np.searchsorted(at, np.arange(first, first + n), side="right") - 1
-                buffer[:n, whole] = signals[np.maximum(index, 0)][:, own]
+            for joined, whole, own in parts:
+                buffer[:n, whole] = joined.signals(first, n)[:, own]
             recorder.submit(buffer, first, n)
     return ticks
 
 
-def _join_lives(
-    rows: Mapping[Life, Rows], node: str, ticks: int
-) -> tuple[IntArray, NDArray[np.float64]]:
-    """(base ticks, signals) of all lives of a node, whose slots are `ticks` base ticks long."""
-    lives = [rows[life] for life in lives_of(rows, node)]
-    at = ticks * np.concatenate([life["slot"] for life in lives])
-    return at, np.concatenate([life["signals"] for life in lives])
+@final
+class _JoinedLives:
+    """The signals of all lives of a node, whose slots are `ticks` base ticks long.
+
+    `at` (slots,): the base tick of each row.
+    """
+
+    def __init__(self, rows: Mapping[Life, Rows], node: str, ticks: int) -> None:
+        self._lives = [rows[life] for life in lives_of(rows, node)]
+        self.at: IntArray = ticks * np.concatenate([life["slot"] for life in self._lives])
+
+    def signals(self, first: int, n: int) -> NDArray[np.float64]:
+        """The signals (n, signals) at `n` base ticks: those of the last slot that has begun."""
+        places = np.searchsorted(self.at, np.arange(first, first + n), side="right") - 1
+        places, begin = np.maximum(places, 0), 0
+        found = []
+        for life in self._lives:
+            mine = places[(places >= begin) & (places < begin + len(life))] - begin
+            found.append(life["signals"][mine])
+            begin += len(life)
+        return np.concatenate(found)
 
 
 def places(system: System, node: NodePlan) -> tuple[IntArray, IntArray]:

@@ -19,7 +19,7 @@ import signal
 import sys
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import contextmanager
 from enum import Enum
 from types import FrameType
 from typing import final
@@ -175,23 +175,8 @@ def _noted(*free: object) -> Iterator[bool]:
             _received[0].over.set()
 
 
-@final
-class _Within:
-    """A block of :func:`stop_on_signal` within another one, whose end acts on the signal."""
-
-    __slots__ = ("_stop", "_stops")
-
-    def __init__(self, stops: list[Callable[[], None]], stop: Callable[[], None]) -> None:
-        self._stops, self._stop = stops, stop
-
-    def __enter__(self) -> None:
-        self._stops.append(self._stop)
-
-    def __exit__(self, *_: object) -> None:
-        self._stops.pop()
-
-
-def stop_on_signal(stop: Callable[[], None]) -> AbstractContextManager[None]:
+@contextmanager
+def stop_on_signal(stop: Callable[[], None]) -> Iterator[None]:
     """Turn the first ending signal in the block into `stop()`, and KeyboardInterrupt at its end.
 
     Nothing is interrupted in the block before a second signal, which raises KeyboardInterrupt
@@ -199,16 +184,6 @@ def stop_on_signal(stop: Callable[[], None]) -> AbstractContextManager[None]:
     to SIGINT if Python's own handler is installed, and to SIGTERM and SIGHUP inside of
     :func:`signals_as_interrupt`; only in the main thread.
     """
-    stops = _received[0].stops
-    if not stops or threading.current_thread() is not threading.main_thread():
-        return _outermost(stop)
-    if _signal.getsignal(signal.SIGINT) is not _note:  # other code has taken it
-        return _outermost(stop)
-    return _Within(stops, stop)
-
-
-@contextmanager
-def _outermost(stop: Callable[[], None]) -> Iterator[None]:
     with _noted(signal.default_int_handler) as noted:
         if not noted:
             yield
@@ -221,6 +196,16 @@ def _outermost(stop: Callable[[], None]) -> Iterator[None]:
         finally:
             stops.pop()
         act_on_signal()
+
+
+def stops_on_signal(stop: Callable[[], None]) -> bool:
+    """True within :func:`stop_on_signal` of `stop`, if nothing else has taken Ctrl-C meanwhile.
+
+    Another such block would add nothing, and costs ten times as much.
+    """
+    if stop not in _received[0].stops or _signal.getsignal(signal.SIGINT) is not _note:
+        return False
+    return threading.current_thread() is threading.main_thread()
 
 
 @contextmanager

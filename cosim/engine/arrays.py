@@ -34,6 +34,13 @@ def rows_of(array: c.Array[Any]) -> Rows:
     return np.frombuffer(memoryview(array), kind) if len(array) else np.empty(0, kind)
 
 
+def address_of(array: NDArray[np.float64]) -> int:
+    """The address of numbers (n,) or (rows, n) of any unit, which NumPy gives slowly."""
+    if not array.size:  # it has no buffer
+        return array.ctypes.data
+    return c.addressof(c.c_char.from_buffer(array.data))
+
+
 def in_lines(size: int) -> NDArray[np.float64]:
     """`size` zeros without a unit, (size,), which begin with a line of the cache."""
     room = np.zeros(size + LINE // 8)

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import ctypes as c
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import nullcontext
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,9 +15,9 @@ import numpy as np
 from cosim.base.component import NativeComponent
 from cosim.base.errors import RunError
 from cosim.base.files import return_to, working_folder
-from cosim.base.interrupts import stop_on_signal
+from cosim.base.interrupts import stop_on_signal, stops_on_signal
 from cosim.base.python import without_collections
-from cosim.engine.arrays import in_lines, rows_of
+from cosim.engine.arrays import address_of, in_lines, rows_of
 from cosim.engine.binding import Binding, Termination, Vector, Views, part
 from cosim.engine.initialization import initialize
 from cosim.engine.tables import NEVER, DrawnRows, LinkRows, RowTables, filled_rows
@@ -191,9 +190,12 @@ class Engine:
         if self.ended is not None:
             ticks = 0
         self.record_into(record, recorded)
-        with stop_on_signal(self.stop):
+        if stops_on_signal(self.stop):
             result = self._run(self.tick + ticks)
-        error = self.finish(result)
+        else:
+            with stop_on_signal(self.stop):
+                result = self._run(self.tick + ticks)
+        error = None if result is EngineResult.OK else self.finish(result)
         if error is not None or self.tick >= self.plan.ticks:
             return_to(self._place)
         if error is not None:
@@ -203,7 +205,7 @@ class Engine:
     def record_into(self, record: Vector | None, recorded: int = 0) -> None:
         """Let the next rows go to `record` (rows, columns) from its start on; see :meth:`run`."""
         self._state.row = 0  # before anything can interrupt: `rows` is then about this run
-        self._state.record = None if record is None else record.ctypes.data
+        self._state.record = None if record is None else address_of(record)
         self._state.recorded = recorded or None
 
     def finish(self, result: int) -> BaseException | None:
@@ -215,13 +217,20 @@ class Engine:
 
     def _run(self, end: int) -> EngineResult:
         """Run up to the tick `end`, as far as tables reach at a time."""
+        state, team = c.byref(self._state), self._team
         while True:
-            ticks = self._next_tables(end - self.tick)
-            with self._team if self._team and self._team.window else nullcontext():
-                result = self._library.engine_run(c.byref(self._state), ticks)
-            self._keep_filled_tables()
+            ticks = end - self.tick
+            if self._drawn.end < end:
+                ticks = self._next_tables(ticks)
+            if team and team.window:
+                with team:
+                    result = self._library.engine_run(state, ticks)
+            else:
+                result = self._library.engine_run(state, ticks)
+            if self._drawn.filled:
+                self._keep_filled_tables()
             if result or self.tick >= end:
-                return EngineResult(result)
+                return EngineResult(result) if result else EngineResult.OK
 
     @property
     def shares(self) -> bool:
@@ -293,7 +302,7 @@ class Engine:
 
     def _keep_filled_tables(self) -> None:
         """Keep the rows that the run has filled in, as far as it came."""
-        if self._drawn.filled and self._keep_tables:
+        if self._keep_tables:
             self._keep_tables(filled_rows(self._drawn, [x.row for x in self._bound.links]))
 
     def _error(self, result: EngineResult) -> BaseException:

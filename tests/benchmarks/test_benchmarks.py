@@ -13,9 +13,11 @@ from typing import Any
 import pytest
 
 from benchmarks import macro_steps
+from benchmarks.models import vdp
 from benchmarks.peers import Absent, imported
 from benchmarks.race import Contestant, race
-from fmus.models import decaying_push
+from tests.cosim.engine import test_plain_steps
+from tests.cosim.fmi.exporter import VARIABLE, export
 
 FOLDER = Path(__file__).parents[2] / "benchmarks"
 CASES = ["ring1", "ring2", "ring12", "wide4", "teleoperation"]
@@ -138,11 +140,15 @@ def test_tables_drawn_before_the_run_are_those_drawn_in_it(
 
 @pytest.mark.slow
 def test_fmus_of_others_are_called_alike_by_the_engine_and_the_bare_loop(tmp_path: Path) -> None:
-    fmu = decaying_push.fmu("2.0")
-    found, text = run("foreign.py", tmp_path, str(fmu))
-    cases = [f"{fmu.stem}, {n}" for n in (1, 4)]
+    events = export(test_plain_steps.events(f'{VARIABLE} hasEventMode="true"'), tmp_path / "x.fmu")
+    fmus = [vdp.fmu("2.0"), events]
+    found, text = run("foreign.py", tmp_path, *map(str, fmus))
+    cases = [f"{fmu.stem}, {n}" for fmu in fmus for n in (1, 4)]
     assert [r["case"] for r in found["cases"]] == [n for n in CASES for _ in range(2)] + cases
-    assert all(row["same"] for r in found["cases"] for row in r["rows"])
+    rows = [row for r in found["cases"] for row in r["rows"]]
+    ignoring = [row for row in rows if "ignoring" in row["runner"]]
+    assert len(ignoring) == 4 and not any(row["same"] for row in ignoring)
+    assert all(row["same"] for row in rows if row not in ignoring)
     assert all(r["title"] in text for r in found["cases"])
 
 

@@ -15,6 +15,7 @@ FOLDER = ROOT / "tests" / "cosim"
 TESTS = (
     FOLDER / "engine" / "test_engine.py",
     FOLDER / "engine" / "test_many_signals.py",
+    FOLDER / "engine" / "test_plain_steps.py",
     FOLDER / "engine" / "test_threads.py",
     FOLDER / "algorithms" / "test_adaptive.py",
     FOLDER / "algorithms" / "test_extrapolation.py",

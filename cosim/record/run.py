@@ -43,6 +43,7 @@ class Run:
         schema = file.schema_arrow
         self._cache: dict[str, Array] = {}
         self._computed: dict[Hashable, Any] = {}
+        self._kept: dict[str, Array] = {}  # of a long run, in the order of their last use
         self.units: Mapping[str, str] = {
             field.name: _text((field.metadata or {}).get(b"unit", b"1"), path) for field in schema
         }
@@ -147,9 +148,31 @@ class Run:
             self._load(["t", *names])
             yield self
             return
+        if (1 + len(names)) * len(self) <= PIECE:
+            piece = self._recent(names)
+            if len(piece.t) and since <= piece.t[-1]:
+                yield piece
+            return
         together = list(self._together(PIECE // (1 + len(names))))
         for groups in reversed(together) if backwards else together:
             yield from self._piece(groups, names, since)
+
+    def _recent(self, names: Sequence[str]) -> RunPiece:
+        """All rows of columns that fit into a piece, read-only.
+
+        As many of the columns that were used last are kept. Raises ScenarioError.
+        """
+        wanted = dict.fromkeys(("t", *names))
+        missing = [name for name in wanted if name not in self._kept]
+        if missing:
+            self._kept |= self._read([*range(self._file.num_row_groups)], missing)
+        columns = {name: self._kept.pop(name) for name in wanted}
+        for values in columns.values():
+            values.flags.writeable = False
+        self._kept |= columns
+        for name in [*self._kept][: -(PIECE // max(1, len(self)))]:
+            del self._kept[name]
+        return RunPiece(self, columns["t"], columns)
 
     def _together(self, most: int) -> Iterator[list[int]]:
         """Row groups that are read together: those that follow each other, with `most` rows."""
@@ -193,6 +216,9 @@ class Run:
         """Times of the first and the last row, s; there must be one."""
         if not self.is_long:
             return float(self.t[0]), float(self.t[-1])
+        if len(self) <= PIECE:
+            t = self._recent(()).t
+            return float(t[0]), float(t[-1])
         last = self._file.num_row_groups - 1
         return float(self._read([0], ["t"])["t"][0]), float(self._read([last], ["t"])["t"][-1])
 

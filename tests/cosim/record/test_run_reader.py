@@ -135,6 +135,31 @@ def test_columns_are_read_together_as_long_as_they_are_small(
     assert sorted(name for names in asked for name in names if name != "t") == sorted(NAMES)
 
 
+def test_a_long_run_keeps_the_columns_used_last_that_fit_into_a_piece(
+    run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("cosim.record.run.PIECE", 4 * len(run))  # of 11 columns
+    read: list[str] = []
+    reads = run._file.read_row_groups
+
+    def noted(groups: Any, columns: list[str], **more: Any) -> Any:
+        read.extend(columns)
+        return reads(groups, columns=columns, **more)
+
+    run._file = SimpleNamespace(
+        metadata=run._file.metadata, num_row_groups=1, read_row_groups=noted
+    )
+    for name, first in (("m.q", 0.0), ("m.q", 0.0), ("m.w", 7.0), ("m.q_d", 6.0), ("m.q", 0.0)):
+        [piece] = run.pieces([name])
+        assert piece.array(name)[0, 0] == first and piece.t.tolist() == [0.0, 0.1, 0.2]
+        assert not piece.t.flags.writeable
+    assert run.span == (0.0, 0.2)
+    q = ["m.q[0]", "m.q[2]", "m.q[10]"]
+    assert read == ["t", *q, "m.w", "m.q_d[0]", *q[:2]]
+    assert [len(x.t) for x in run.pieces(["m.w", "m.q"])] == [3]  # of more than a piece has
+    assert not [*run.pieces(["m.w"], 0.3)] and len([*run.pieces(["t"], 0.2)]) == 1
+
+
 def test_csv_reads_back_exactly(tmp_path: Path) -> None:
     rows = np.random.default_rng(1).normal(size=(50, 10)) * 10.0 ** np.arange(-20, 20, 4)
     run = write(tmp_path, rows)

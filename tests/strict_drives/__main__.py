@@ -155,7 +155,8 @@ def main(words: Sequence[str] | None = None) -> int:
     signal.signal(signal.SIGTERM, lambda *_: stopped.append(1))
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the terminal's Ctrl-C is for others
     with contextlib.suppress(OSError, AttributeError):
-        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(40))
+        # The drives of the other bus come in turn, also while the frames of this one never end.
+        os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(40))
 
     def ended() -> bool:
         return bool(stopped) or bool(select.select([sys.stdin], [], [], 0)[0])

@@ -90,8 +90,11 @@ def _heard() -> None:
         signal.signal(number, signal.SIG_DFL)
 
 
-def finished(*arguments: str | Path, cwd: Path) -> Done:
-    """The same, waited for."""
+def finished(*arguments: str | Path, cwd: Path, seconds: float = 120.0) -> Done:
+    """The same, waited for; it is killed after so many seconds."""
     process = started(*arguments, cwd=cwd)
-    out, err = process.communicate(timeout=120)
+    try:
+        out, err = process.communicate(timeout=seconds)
+    finally:
+        process.kill()  # nothing, where it has ended
     return Done.of(process.returncode, out, err)

@@ -60,16 +60,21 @@ def test_a_program_that_ends_breaks_the_first_rule(command, tmp_path):
     assert "verdict: failed" in done.out
 
 
+def slow(test):
+    """A test that judges by all rules, which a busy machine does for minutes."""
+    return pytest.mark.slow(pytest.mark.timeout(900)(test))
+
+
 def judged(path, *arguments):
     """Rules that failed; a slow machine is no reason to fail."""
-    done = finished("conform", "--json", path, *arguments, cwd=ROOT)
+    done = finished("conform", "--json", path, *arguments, cwd=ROOT, seconds=800.0)
     found = json.loads(path.read_text())
     failed = [f"{r['rule']}: {r['came']}" for r in found["rules"] if r["verdict"] == "failed"]
     assert not failed and done.code in (0, 3), done.out
     return {r["rule"]: r["verdict"] for r in found["rules"]}
 
 
-@pytest.mark.slow
+@slow
 @pytest.mark.parametrize(
     ("node", "buses"), [("master_control", ("left", "right")), ("master", ("left",))]
 )
@@ -99,7 +104,7 @@ def over_zenoh():
             "--set", f"deploy.buses.net.options.listen={{ {listen} }}")  # fmt: skip
 
 
-@pytest.mark.slow
+@slow
 def test_our_own_node_over_zenoh(tmp_path):
     same = over_zenoh()
     found = judged(
@@ -115,7 +120,7 @@ BOARDS = {
 }
 
 
-@pytest.mark.slow
+@slow
 @pytest.mark.parametrize("target", BOARDS)
 def test_firmware(target, tmp_path):
     for program in ("make", *BOARDS[target]):
@@ -138,7 +143,7 @@ def test_firmware(target, tmp_path):
     assert found["C-16"] == "not applicable" and found["C-50"] != "not applicable"
 
 
-@pytest.mark.slow
+@slow
 @pytest.mark.parametrize(("language", "compiler"), [("c++", "c++"), ("rust", "rustc")])
 def test_participants_in_other_languages(language, compiler, tmp_path):
     if shutil.which(compiler) is None:
@@ -154,7 +159,7 @@ def test_participants_in_other_languages(language, compiler, tmp_path):
     assert found["C-50"] != "not applicable"
 
 
-@pytest.mark.slow
+@slow
 @pytest.mark.parametrize(
     ("node", "ends"), [("master_control", ("{left}", "{right}")), ("master", ("{left}",))]
 )
@@ -169,7 +174,7 @@ def test_a_participant_in_python_on_simulated_buses(node, ends, tmp_path):
     assert found["C-50"] != "not applicable"
 
 
-@pytest.mark.slow
+@slow
 def test_a_participant_in_python_over_zenoh(tmp_path):
     same, folder = over_zenoh(), tmp_path / "participant"
     system = load_system(TELEOPERATION, "zenoh", [x for x in same[2:] if x != "--set"])

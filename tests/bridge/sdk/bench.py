@@ -122,10 +122,16 @@ class Bench:
         self.hear(bus, 2, _codec(epoch).encode(said, 0x80))
 
     def host(self, bus: str, host: int, identity: int) -> None:
-        """A HOST arrives, the frame before an EPOCH of a host with this number."""
+        """A HOST arrives, a frame before an EPOCH of a host with this number."""
+        self._before(bus, before(host, 0, [identity, 0, 0, 0])[0])
+
+    def date(self, bus: str, host: int, apart: int) -> None:
+        """A DATE arrives, a frame before an EPOCH; it is `apart` (ns) from ours."""
+        self._before(bus, before(host, DATE + self.now + apart, [0, 0, 0, 0])[1])
+
+    def _before(self, bus: str, said: list[float]) -> None:
         epoch = self.system.services[bus].epoch
         assert epoch is not None
-        said = before(host, 0, [identity, 0, 0, 0])[0]
         self.hear(bus, 2, _codec(epoch).encode(said, 0x80))
 
     def nmt(self, bus: str, command: int, node: int = 0) -> None:

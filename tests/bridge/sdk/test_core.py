@@ -247,7 +247,24 @@ def test_the_frame_host_before_an_epoch_tells_hosts_apart(
     alive(bench, 1100 * MS - ago * MS)
     bench.host("right", number, identity)
     alive(bench, 1100 * MS)
-    for t in range(bench.now, 1500 * MS, 5 * MS):  # of a run that is on for 0.3 s
+    assert joined(bench) == joins
+
+
+@pytest.mark.parametrize("apart", [0, 700_000 * MS])
+@pytest.mark.parametrize("named", [False, True])
+def test_a_date_before_a_host_frame_belongs_to_another_epoch(
+    bench: Bench, apart: int, named: bool
+) -> None:
+    alive(bench, 1100 * MS)
+    bench.date("right", 77, apart)
+    if named:
+        bench.host("right", 77, IDENTITY)
+    assert joined(bench) == (named or apart == 0)
+
+
+def joined(bench: Bench) -> bool:
+    """True if it joins a run that is on for 0.3 s, when its EPOCH comes."""
+    for t in range(bench.now, 1500 * MS, 5 * MS):
         bench.run(t)
         j = (t - 800 * MS) // (5 * MS)
         bench.beat("slave", ACTIVE, j)
@@ -255,7 +272,7 @@ def test_the_frame_host_before_an_epoch_tells_hosts_apart(
         bench.sample("LINK_2", STATE, j)
         if t == 1105 * MS:
             bench.epoch("right", 800 * MS)
-    assert bool(bench.steps) == joins
+    return bool(bench.steps)
 
 
 def test_it_tells_a_waiting_peer_which_run_is_on(bench: Bench) -> None:

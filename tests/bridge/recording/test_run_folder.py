@@ -54,8 +54,9 @@ def test_the_greatest_difference_of_all_blocks(block: int, monkeypatch: pytest.M
     recorded, found = rows(range(20)), rows(range(18))
     assert replay._greatest(recorded, recorded[:18]) == 0.0
     found[:] = recorded[:18]
-    found["sent"][17, 1] -= 5.0
+    found["signals"][2, 1] -= 5.0
+    found["sent"][17, 1] -= 1.0
     found["signals"][3, 0] = np.nan
     recorded["sent"][19] = 100.0  # the other has no such row
-    expected = abs(recorded["sent"][17, 1] - found["sent"][17, 1])
+    expected = abs(recorded["signals"][2, 1] - found["signals"][2, 1])
     assert replay._greatest(recorded, found) == expected

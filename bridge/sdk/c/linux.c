@@ -149,9 +149,10 @@ int linux_end(const participant_t *p)
 /* ---- CAN buses ---- */
 
 typedef struct {
-    int in, out;   /* descriptors; of SocketCAN the same */
-    int simulated; /* 1: a bus that another process simulates */
-    size_t got;    /* bytes of its answer so far */
+    int in, out;          /* descriptors; of SocketCAN the same */
+    int simulated;        /* 1: a bus that another process simulates */
+    uint32_t token, sent; /* its number there; messages that were sent to it */
+    size_t got;           /* bytes of its answer so far */
     uint8_t answer[16384];
 } channel_t;
 
@@ -295,8 +296,10 @@ static int connect_to(const char *host, const char *port)
 static void ask(const channel_t *c)
 {
     call_t call = {{0}, 0};
-    put(&call, 0x93);
+    put(&call, 0x95);
     put_text(&call, "receive");
+    put_number(&call, 0xCE, c->token, 4);
+    put(&call, 0);    /* after no message of ours */
     put(&call, 0xC0); /* as long as it takes */
     put(&call, 64);
     send_call(c->in, &call);
@@ -326,15 +329,16 @@ static int open_simulated(channel_t *c, const char *address)
     const uint8_t *said = keeps < 0 ? 0 : answer_to(c, keeps, &call);
     if (!said) return -1;
     read_head(&said);
-    const uint64_t token = read_number(&said);
+    const size_t server = read_head(&said);
+    said += server; /* its name */
+    c->token = (uint32_t)read_number(&said);
     for (int i = 0; i < 2; i++) {
         const int fd = connect_to(at, port);
         char thread[64];
         snprintf(thread, sizeof thread, "participant %d %d", (int)getpid(), i);
         call.n = 0;
-        put(&call, 0x93);
+        put(&call, 0x92);
         put_text(&call, "join");
-        put_number(&call, 0xCE, token, 4);
         put_text(&call, thread);
         if (fd < 0 || !answer_to(c, fd, &call)) return -1;
         *(i ? &c->out : &c->in) = fd;
@@ -347,8 +351,10 @@ static void send_simulated(channel_t *c, const frame_t *frame)
 {
     channel_t of_call;
     call_t call = {{0}, 0};
-    put(&call, 0x93);
+    put(&call, 0x95);
     put_text(&call, "send");
+    put_number(&call, 0xCE, c->token, 4);
+    put_number(&call, 0xCE, c->sent++, 4); /* behind so many */
     put(&call, 0x95);
     put_number(&call, 0xCE, frame->id, 4);
     put(&call, (uint8_t)((frame->flags & FRAME_EXTENDED ? 1 : 0) | (frame->flags & FRAME_FD ? 8 : 0) |

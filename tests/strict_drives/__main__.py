@@ -128,6 +128,7 @@ def serve(
         now = time.time()
         look = often if now - heard < QUIET else SELDOM
         m = bus.recv(0 if due and due[0][0] <= now else look)
+        untold = [drive for drive in drives.values() if drive.told is None]
         if m is None:
             for drive in drives.values():
                 drive.inject(now)
@@ -147,6 +148,9 @@ def serve(
         due.sort(key=lambda entry: entry[:2])
         while due and due[0][0] <= time.time():
             bus.send(due.pop(0)[2])
+        for drive in untold:  # frames that came while this process stood still had been sent before
+            if drive.told is not None:
+                drive.told = max(drive.told, time.time())
 
 
 def main(words: Sequence[str] | None = None) -> int:

@@ -102,9 +102,17 @@ def _driving(
     """Each life that has driven something: its ACTIVE slots (slots,), and the torques sent then."""
     for report in reports:
         rows = rows_of[report.life]
-        active = rows[rows["state"] == LifeState.ACTIVE]
+        active = _active(rows)
         if len(active) and (sent := list(_sent(system, report.life.node, active))):
             yield report, active, sent
+
+
+def _active(rows: Rows) -> Rows:
+    """The ACTIVE slots (slots,), without a copy of journals if they follow each other."""
+    found = np.flatnonzero(rows["state"] == LifeState.ACTIVE)
+    if found.size and found[-1] - found[0] == found.size - 1:
+        return rows[found[0] : found[-1] + 1]
+    return rows[found]
 
 
 def _silence(system: System, node: str, rows: Rows, one: JointTorque) -> float:

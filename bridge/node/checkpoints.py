@@ -19,6 +19,7 @@ from bridge.node.control import Control, Say
 from bridge.node.lockstep import Lockstep
 from bridge.records.node_lives import Life
 from cosim.base.errors import RunError, ScenarioError
+from cosim.base.queues import take
 from cosim.checkpoint import archive
 from cosim.checkpoint.archive import LATEST, PREVIOUS, Checkpoint
 from cosim.record.folder import CHECKPOINTS, reason
@@ -129,7 +130,7 @@ class NodeCheckpoints:
                 told = struct.until_ns
                 self._say({"event": "reached", "t_ns": told})
             try:
-                until, number = self._control.steps.get(timeout=LOOK)
+                until, number = take(self._control.steps, LOOK)
             except queue.Empty:
                 continue
             if number >= 0:

@@ -8,6 +8,7 @@ from typing import final
 
 from bridge.ping.exchanges import Arrival
 from cosim.base.clock import monotonic_ns
+from cosim.base.queues import take
 
 
 @final
@@ -29,7 +30,7 @@ class QueuedPath:
     def receive(self, until_ns: int) -> Sequence[Arrival]:
         """The first arrivals, at the latest at `until_ns`; `wake_ns`: its time in the queue."""
         try:
-            first = self._queue.get(timeout=max(0.0, (until_ns - monotonic_ns()) * 1e-9))
+            first = take(self._queue, (until_ns - monotonic_ns()) * 1e-9)
         except queue.Empty:
             return []
         return [first._replace(wake_ns=max(0, monotonic_ns() - first.t_ns))]

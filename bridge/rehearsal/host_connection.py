@@ -26,6 +26,7 @@ from bridge.rehearsal.host_file import HostCall
 from bridge.rehearsal.host_task import BEAT, HostTask, digest_of
 from cosim.base.clock import sleep, stopwatch
 from cosim.base.errors import RunError
+from cosim.base.queues import take
 from cosim.checkpoint import archive
 
 #: s between two looks.
@@ -88,7 +89,7 @@ class HostConnection:
         with suppress(OSError, ValueError), self._popen.stdin as to:
             while not self._gone:
                 try:
-                    line = self._lines.get(timeout=BEAT)
+                    line = take(self._lines, BEAT)
                 except queue.Empty:
                     line = json.dumps({"beat": True})
                 if not line:

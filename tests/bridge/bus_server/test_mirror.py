@@ -11,6 +11,7 @@ import pytest
 from bridge.bus_server import mirror
 from bridge.simulated_can.channel import Channel
 from bridge.simulated_can.options import PortOptions, channel_options
+from cosim.base.queues import take
 from tests.bridge.bench import until
 from tests.bridge.simulated_can.benches import message
 
@@ -30,7 +31,7 @@ class Interface:
         if self.broken:
             raise can.CanOperationError("Network is down", 100)
         try:
-            return self.inbox.get(timeout=min(timeout, 0.01))
+            return take(self.inbox, min(timeout, 0.01))
         except queue.Empty:
             return None
 

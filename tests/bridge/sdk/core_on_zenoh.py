@@ -77,7 +77,7 @@ class Core:
     def __init__(self, path: str, session: zenoh.Session, name: str) -> None:
         self.lib, self.session, self.name = declared(path), session, name
         self.p = c.create_string_buffer(self.lib.participant_size())
-        self.came: queue.SimpleQueue[Frame] = queue.SimpleQueue()
+        self.came: queue.Queue[Frame] = queue.Queue()
         self.publishers: dict[bytes, zenoh.Publisher] = {}
         self.kept = (Send(self.send), Step(self.step))
         table = c.byref(c.c_char.in_dll(self.lib, "TABLE"))

@@ -20,7 +20,7 @@ _DISTURBANCES: dict[str, Any] = {
     kind.__name__: kind for kind in (ErrorRate, Interruption, ScriptedError)
 }
 _PATIENCE = 1.0
-"""How long, in wall time, a call waits for messages that were sent before it, s."""
+"""The longest wait of a call, in wall time, for messages that were sent before it, s."""
 
 
 @final

@@ -49,7 +49,7 @@ def four(folder: Path, text: str, bad: int) -> Plan:
 def test_a_value_that_is_not_finite_ends_the_run_at_its_step(
     tmp_path: Path, kind: UnitKind, bad: int
 ) -> None:
-    """Those before it have made the step, those behind it have not."""
+    """FMUs before it have made the step, FMUs behind it have not."""
     p = four(tmp_path, FORMS[kind], bad)
     rows = np.full((p.ticks, p.n_signals), np.nan)
     with Engine(p) as engine:
@@ -142,7 +142,7 @@ HERE = "tests.cosim.engine.test_plain_steps"
 
 @pytest.mark.parametrize("n", [1, 2, 3, 4, 5, 6, 7, 8, 9, 13, 31, 32, 33, 40])
 def test_each_of_many_numbers_is_moved_and_tested(monkeypatch: pytest.MonkeyPatch, n: int) -> None:
-    """What is moved and tested in blocks, which overlap, or by a call if there are more than 32."""
+    """Numbers are moved and tested in blocks that overlap; more than 32 are copied by a call."""
     monkeypatch.setattr(Numbers, "outputs", (Port("y", (n,)),))
     monkeypatch.setattr(Sink, "outputs", ())
     monkeypatch.setattr(Sink, "inputs", (Port("u", (n,)),))

@@ -34,7 +34,7 @@ from bridge.node.handle import NodeStart
 from bridge.realtime.host_clock import host_clock
 from bridge.records.node_lives import Life
 from bridge.rehearsal.file_parts import packed, unpacked, write_part
-from bridge.rehearsal.forked_life import ForkedLife, ending, live
+from bridge.rehearsal.forked_life import READ, ForkedLife, ending, live
 from bridge.rehearsal.host_task import BEAT, HostTask, digest_of
 from bridge.rehearsal.router_config import client_config, router_config
 from cosim.base.clock import sleep, stopwatch
@@ -43,7 +43,6 @@ from cosim.base.interrupts import die_with
 from cosim.base.python import add_working_directory, python_call
 from cosim.checkpoint.archive import LATEST
 
-_READ = 1 << 16
 #: s that nodes which were told to quit may take, and between two looks at them.
 ENDING, LOOK = 3.0, 0.02
 #: s without a connection to all routers after which certificates are looked at, again and again.
@@ -183,7 +182,7 @@ class Agent:
     def _heard_of_router(self) -> None:
         """Pass on which routers it is connected to. Raises CosimError at its end."""
         assert self._router is not None and self._router.stdout is not None
-        data = os.read(self._router.stdout.fileno(), _READ)
+        data = os.read(self._router.stdout.fileno(), READ)
         if not data:
             raise CosimError(self._router_text())
         *lines, self._router_rest = (self._router_rest + data).split(b"\n")
@@ -195,7 +194,7 @@ class Agent:
     # ---- lines -------------------------------------------------------------------------------
 
     def _commands(self) -> None:
-        data = os.read(sys.stdin.fileno(), _READ)
+        data = os.read(sys.stdin.fileno(), READ)
         if not data:
             self._over = True
         self._heard_last = stopwatch()

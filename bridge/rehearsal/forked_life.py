@@ -17,7 +17,8 @@ from bridge.node.run import done, run_started
 from cosim.base.copies import replace
 from cosim.base.errors import CosimError
 
-_READ = 1 << 16
+#: Bytes of a pipe that are read at once.
+READ = 1 << 16
 
 
 @final
@@ -47,7 +48,7 @@ class ForkedLife:
 
     def read(self) -> Sequence[Mapping[str, Any]]:
         """Its new events; at their end its code is known."""
-        data = os.read(self.events, _READ)
+        data = os.read(self.events, READ)
         if not data:
             self.reap()
         *lines, self._rest = (self._rest + data).split(b"\n")

@@ -89,15 +89,13 @@ def test_what_died_is_replaced_and_the_run_is_the_twin(
     times, said = sorted(random.uniform(1.5, 3.8) for _ in range(1 + seed % 2)), list[str]()
 
     def progress(t: float, end: float) -> None:
-        if not times or t < times[0]:
+        host = hosts_of(running).connections.get("h1")
+        lives = [life for life in host.lives.values() if life.code is None] if host else []
+        if not times or t < times[0] or host is None or not lives:  # not (any more) there
             return
         times.pop(0)
-        host = hosts_of(running).connections.get("h1")
-        if host is None:
-            return
         if what == "dead":
             (tmp_path / "dead").touch()
-        lives = [life for life in host.lives.values() if life.code is None]
         pid = {"node": lives[0].pid, "router": host.router}.get(what, host.pid)
         os.kill(pid, signal.SIGKILL)
 

@@ -33,7 +33,7 @@ from bridge.simulated_can.protocol import (
     unpack_frame,
     unpack_message,
 )
-from bridge.simulated_can.thread_connection import connection_to, end_connections
+from bridge.simulated_can.thread_connection import connection_to, end_connections, settle
 from cosim.base.copies import asdict
 from cosim.bus.frames import ControllerState
 from cosim.bus.settings import Disturbance
@@ -50,7 +50,8 @@ class RemoteChannel:
 
     Each thread has a connection of its own to the server, so that one can send while another waits.
     A message for which the transmit queue has room is posted: sending it does not wait for the
-    server. The server takes it before all later calls for this bus, whatever their thread.
+    server. The server takes it before all later calls of this process, whatever their thread and
+    bus.
 
     Raises ChannelOptionError if no server answers at its address or the server has other options.
     """
@@ -135,12 +136,12 @@ class RemoteChannel:
         connection = connection_to(self._address, self._server, self._token)
         with self._sending:
             before, self._sent = self._sent, self._sent + 1
-        if before >= self._most:
+        if before >= self._most or not connection.known:
             self._value(connection.ask("send", self._token, before, packed, timeout))
             return
         refused = None
         try:
-            refused = connection.post(self._token, before, packed)
+            refused = connection.post(self._token, before, packed, self._address)
         except OSError:
             self._value(None)
         if refused:
@@ -174,6 +175,7 @@ class RemoteChannel:
 
     def leave(self) -> None:
         """Leave the bus; what was queued is still sent."""
+        settle(self._server, self._token)
         with suppress(OSError):  # the server was first
             self._main.send(["leave", self._sent])
         self._main.close()

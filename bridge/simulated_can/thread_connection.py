@@ -7,53 +7,91 @@ import socket
 import sys
 import threading
 from contextlib import suppress
+from itertools import count
 from threading import get_ident
-from typing import Any, final
+from typing import Any, NamedTuple, final
 from weakref import WeakSet
 
+from bridge.simulated_can.options import ChannelOptionError
 from bridge.simulated_can.protocol import BusAddress, CallSocket, connect
+
+
+class Posts(NamedTuple):
+    """The messages to a bus that its server may not have taken yet."""
+
+    number: int
+    """That of the last one."""
+    carrier: int
+    """The number of the connection that carried it."""
+    address: BusAddress
 
 
 @final
 class ThreadConnection:
     """The connection of one thread to one server, for all buses there that the thread uses.
 
-    So the server takes the calls of a thread in their order, also those that it does not answer.
+    A server takes the calls of a connection in their order, also those that it does not answer.
+    What the threads of this process have posted on other connections is taken before a call is
+    sent, so calls of threads that wait for each other keep their order, too.
     """
 
     def __init__(self, server: str, calls: CallSocket) -> None:
         self.server, self.calls = server, calls
         self.buses: set[int] = set()
-        self._bus = 0
+        self.known = False
+        """The server has answered a call: the time of its buses waits for this thread."""
+        self._number = next(_numbers)
 
-    def ask(self, *call: object) -> Any:
-        """The answer to a call; None if the server is gone."""
-        refused = _here.settle(self) if _here.posted is not None else None
-        if refused:
-            return refused
-        try:
-            self.calls.send(call)
-            return self.calls.receive()
-        except OSError:
-            return None
+    def ask(self, method: str, bus: int, after: int, *arguments: object) -> Any:
+        """The answer to a call behind so many messages of its bus; None if the server is gone.
 
-    def post(self, bus: int, after: int, packed: list[Any]) -> Any:
-        """Send a message without an answer; returns the error of an earlier one at another server.
+        If a message was refused that another connection carried, that is the answer.
+        """
+        refused = self._settle_others(bus) if _posted else None
+        self.known = True
+        return refused or self.exchange(method, bus, after, *arguments)
+
+    def post(self, bus: int, after: int, packed: list[Any], address: BusAddress) -> Any:
+        """Send a message without an answer; returns the error of an earlier one.
 
         Raises OSError if the server is gone.
         """
-        if _here.posted is not self:
-            refused = _here.settle(self)
-            if refused:
-                return refused
-            _here.posted = self
-        self._bus = bus
-        self.calls.send(["post", bus, after, packed])
+        refused = self._settle_others(bus) if _posted else None
+        if not refused:
+            self.calls.send(("post", bus, after, packed))
+            _posted[self.server, bus] = Posts(after + 1, self._number, address)
+        return refused
+
+    def exchange(self, method: str, bus: int, after: int, *arguments: object) -> Any:
+        """The same as `ask`, whatever is on its way on other connections."""
+        try:
+            self.calls.send((method, bus, after, *arguments))
+            answer = self.calls.receive()
+        except OSError:
+            return None
+        if _posted:
+            self._forget((self.server, bus), after)
+        return answer
+
+    def _settle_others(self, bus: int) -> Any:
+        """Wait until servers have taken what other connections carried to other buses.
+
+        The calls of one bus are numbered, which is enough. Returns the error of a message.
+        """
+        own = (self.server, bus)
+        for place, posts in tuple(_posted.items()):
+            if posts.carrier != self._number and place != own:
+                refused = settle(*place)
+                if refused:
+                    return refused
         return None
 
-    def settle(self) -> Any:
-        """Wait until the server has taken the messages that were posted."""
-        return self.ask("settle", self._bus, 0)
+    def _forget(self, called: tuple[str, int], after: int) -> None:
+        """A server has taken so many messages to a bus, and all that this connection carried."""
+        with _lock:
+            for place, posts in tuple(_posted.items()):
+                if posts.carrier == self._number or (place == called and posts.number <= after):
+                    del _posted[place]
 
 
 class _Here(threading.local):
@@ -61,19 +99,20 @@ class _Here(threading.local):
 
     def __init__(self) -> None:
         self.open: dict[str, ThreadConnection] = {}
-        self.posted: ThreadConnection | None = None
-        """The one with messages that the server may not have taken yet."""
 
-    def settle(self, calling: ThreadConnection) -> Any:
-        """Wait until the server has taken them if the next call goes to another.
 
-        Returns the error of one of them, or None.
-        """
-        posted, self.posted = self.posted, None
-        if posted is None or posted is calling:
-            return None
-        found = posted.settle()
-        return found if found is not None and found[0] == "error" else None
+def settle(server: str, bus: int) -> Any:
+    """Wait until a server has taken what was posted to a bus; returns the error of a message."""
+    posts = _posted.get((server, bus))
+    if posts is None:
+        return None
+    answer = None
+    with suppress(ChannelOptionError):  # the server is gone
+        answer = connection_to(posts.address, server, bus).exchange("settle", bus, posts.number)
+    if answer is None:
+        _posted.pop((server, bus), None)
+        return None
+    return answer if answer[0] == "error" else None
 
 
 def connection_to(address: BusAddress, server: str, bus: int) -> ThreadConnection:
@@ -108,15 +147,18 @@ def end_connections(server: str, bus: int) -> None:
 
 def _renew() -> None:
     """Forget connections; those of a parent process are not for its child."""
-    global _lock, _here, _process, _connections
-    _lock, _here, _connections = threading.Lock(), _Here(), WeakSet()
+    global _lock, _here, _process, _connections, _posted
+    _lock, _here, _connections, _posted = threading.Lock(), _Here(), WeakSet(), {}
     _process = f"{socket.gethostname()} {os.getpid()} {id(object())}"
 
 
 _lock: threading.Lock
 _here: _Here
 _connections: WeakSet[ThreadConnection]
+_posted: dict[tuple[str, int], Posts]
+"""By server and bus."""
 _process: str
+_numbers = count()
 _renew()
 if sys.platform != "win32":
     os.register_at_fork(after_in_child=_renew)

@@ -95,6 +95,114 @@ def test_messages_of_a_bus_keep_their_order_though_threads_take_turns(
     assert posted
 
 
+def test_what_a_thread_that_ended_has_posted_is_sent_before_later_calls_for_other_buses(
+    address: str, posted: list[int]
+) -> None:
+    """The server still has most of the messages to take when the thread ends."""
+
+    def several() -> None:
+        for i in range(9):
+            a.send(message(i))
+
+    with CosimBus(address) as a, CosimBus(address) as b:
+        in_thread(several)
+        assert len(posted) < 4
+        assert [m.arbitration_id for m in everything(b, MILLISECOND)] == list(range(9))
+        in_thread(several)
+        b.send(message(9))
+        assert [m.arbitration_id for m in everything(b, MILLISECOND)] == list(range(9))
+        assert [m.arbitration_id for m in everything(a, MILLISECOND)] == [9]
+
+
+def test_what_a_thread_posts_while_another_waits_is_sent_before_the_next_call(
+    address: str, posted: list[int]
+) -> None:
+    def several() -> None:
+        for i in range(9):
+            a.send(message(i))
+
+    with CosimBus(address) as a, CosimBus(address) as b:
+        thread = threading.Thread(target=several, daemon=True)
+        threading.Timer(0.2, thread.start).start()
+        first = b.recv(None)
+        thread.join(20)
+        assert first is not None
+        assert len(posted) < 4
+        got = [first, *everything(b, MILLISECOND)]
+        assert [m.arbitration_id for m in got] == list(range(9))
+
+
+def test_what_a_thread_has_posted_to_a_bus_that_it_closed_is_sent_before_later_calls(
+    address: str, posted: list[int]
+) -> None:
+    def several() -> None:
+        for i in range(9):
+            a.send(message(i))
+        a.shutdown()
+
+    with CosimBus(address) as a, CosimBus(address) as b:
+        in_thread(several)
+        assert len(posted) == 8
+        time.sleep(0.1)  # the server has let the node go
+        assert [m.arbitration_id for m in everything(b, MILLISECOND)] == list(range(9))
+
+
+def test_messages_that_are_taken_cost_later_calls_nothing(
+    address: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Only the last message of the thread that ended, and the last one at all, were open."""
+    asked: list[str] = []
+    call = RemotePort.call
+    monkeypatch.setattr(
+        RemotePort, "call", lambda port, *said: (asked.append(said[0]), call(port, *said))[-1]
+    )
+    with CosimBus(address) as a, CosimBus(address) as b:
+        in_thread(lambda: (a.send(message(1)), a.send(message(2))))
+        for _ in range(9):
+            b.recv(0)
+            a.send(message(3))
+        in_thread(lambda: b.recv(0))
+        said = [method for method in asked if method != "filter"]
+        assert said == ["send", "settle", *["receive"] * 9, "settle", "receive"]
+
+
+def test_threads_that_post_to_two_buses_at_once_lose_nothing() -> None:
+    buses = {"x": BusTiming(1e6), "y": BusTiming(1e6)}
+    with served_buses(buses, simulated=True) as names, ExitStack() as stack:
+        x, y, *others = (stack.enter_context(CosimBus(names[name])) for name in "xyxy")
+
+        def several(bus: CosimBus) -> None:
+            for i in range(300):
+                bus.send(message(i), timeout=1)
+
+        threads = [threading.Thread(target=several, args=(bus,), daemon=True) for bus in (x, y)]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join(20)
+        for other in others:
+            assert [m.arbitration_id for m in everything(other)] == list(range(300))
+
+
+def test_time_waits_for_a_thread_that_has_only_sent(address: str, posted: list[int]) -> None:
+    """Its first message is answered, so the server knows the thread from then on."""
+    with CosimBus(address) as a, CosimBus(address):
+        thread = threading.Thread(target=lambda: a.send(message(1)), daemon=True)
+        thread.start()
+        thread.join(20)
+    assert posted == []
+
+
+def test_threads_that_post_to_two_servers_wait_for_each_other(posted: list[int]) -> None:
+    buses = {"x": BusTiming(1e6), "y": BusTiming(1e6)}
+    with served_buses(buses, simulated=True) as names, ExitStack() as stack:
+        x, y, z = (stack.enter_context(CosimBus(names[name])) for name in ("x", "y", "y"))
+        in_thread(lambda: (x.send(message(1)), x.send(message(2))))
+        in_thread(lambda: (y.send(message(3)), y.send(message(4))))
+        assert [m.arbitration_id for m in everything(z, MILLISECOND)] == [3, 4]
+    assert posted == [2, 2]
+
+
 def test_another_thread_drops_what_was_posted(address: str, posted: list[int]) -> None:
     with CosimBus(address) as a, CosimBus(address) as b:
         a.send(message(1))

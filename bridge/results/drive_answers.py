@@ -82,13 +82,15 @@ def silent_ends(
 ) -> Iterator[str]:
     """A sentence for each drive that told nothing at the end of a run: it may have been off.
 
-    It is one only if the drive was silent for longer than ever before. `rows_of`: the rows (slots,)
-    of each life.
+    It is one only if the drive was silent for longer than ever before, and did not tell that it was
+    on while its node stopped. `rows_of`: the rows (slots,) of each life.
     """
     finished = [r for r in reports if r.end is LifeEnd.FINISHED]  # others say why they stopped
     for report, active, sent in _driving(system, rows_of, finished):
+        rows = rows_of[report.life]
+        stopping = rows[np.flatnonzero(rows["state"] == LifeState.ACTIVE)[-1] + 1 :]
         for one in sent:
-            silence = _silence(system, report.life.node, active, one)
+            silence = _silence(system, report.life.node, active, stopping, one)
             if silence:
                 yield (
                     f"{report.life}: {one.name} may have been off at the end: nothing came from it"
@@ -115,23 +117,31 @@ def _active(rows: Rows) -> Rows:
     return rows[found]
 
 
-def _silence(system: System, node: str, rows: Rows, one: JointTorque) -> float:
-    """The silence of a drive at the end of these rows, s; 0: it was as long before, or is ours."""
+def _silence(system: System, node: str, active: Rows, stopping: Rows, one: JointTorque) -> float:
+    """The silence of a drive at the end of its ACTIVE slots (slots,), s.
+
+    0: it was as long before, the drive told in the slots after them (slots,) that it was on, or it
+    is of our own protocol.
+    """
     d, plan = system.deployment, system.nodes[node]
     command = d.messages[one.message]
-    ages = [
-        rows["inlets"]["age_ns"][:, k]
+    told = [
+        k
         for k, inlet in enumerate(plan.inlets)
         if (spec := d.messages[inlet.message]).profile
         and (spec.bus, spec.drive) == (command.bus, command.drive)
     ]
-    if one.bit is None or not ages:
+    if one.bit is None or not told:
         return 0.0
-    age = np.min(ages, axis=0)  # of what it told last
-    told = np.flatnonzero(np.diff(age) <= 0)  # something new came in the slot after
-    before = age[: told[-1] + 1] if told.size else age
-    longer = age[-1] - before.max(initial=0) > LONGER * plan.h * 1e9
-    return float(age[-1] * 1e-9) if longer else 0.0
+    age, later = (rows["inlets"]["age_ns"][:, told].min(axis=1) for rows in (active, stopping))
+    news = np.flatnonzero(np.diff(np.append(age, later)) <= 0) + 1  # slots with something new
+    during, after = news[news < len(age)], news[news >= len(age)] - len(age)
+    before = age[: during[-1]] if during.size else age
+    if age[-1] - before.max(initial=0) <= LONGER * plan.h * 1e9:
+        return 0.0
+    if after.size and _is_on(stopping, one.bit)[after[0]]:
+        return 0.0
+    return float(age[-1] * 1e-9)
 
 
 def _said(
@@ -202,18 +212,24 @@ def _limits(system: System, node: str) -> dict[tuple[str, int], float]:
 
 def _off(life: Life, rows: Rows, sent: list[JointTorque], h: float) -> Iterator[str]:
     """Drives that were not enabled in slots in which their node was ACTIVE."""
-    if "serving" not in (rows.dtype.names or ()):
-        return  # of an earlier version
     for one in sent:
         if one.bit is None:
             continue
-        on = rows["serving"] >> np.uint64(one.bit) & np.uint64(1) != 0
+        on = _is_on(rows, one.bit)
         if not on.all():
             at = np.flatnonzero(~on)
             yield (
                 f"{life}: {one.name} was not enabled in {len(at)} of {len(on)} slots, first at "
                 f"t = {int(rows['slot'][at[0]]) * h:.3f} s"
             )
+
+
+def _is_on(rows: Rows, bit: int) -> NDArray[np.bool_]:
+    """True if a drive was enabled in each slot (slots,), as in journals that do not tell."""
+    if "serving" not in (rows.dtype.names or ()):
+        return np.ones(len(rows), bool)  # of an earlier version
+    on: NDArray[np.bool_] = rows["serving"] >> np.uint64(bit) & np.uint64(1) != 0
+    return on
 
 
 # ---- what drives report ---------------------------------------------------------------------

@@ -167,6 +167,20 @@ def test_a_drive_that_was_silent_at_the_end_is_named(
     ] * named
 
 
+@pytest.mark.parametrize(("on", "named"), [(True, False), (False, True)])
+def test_a_drive_that_tells_that_it_is_on_while_its_node_stops_is_not_named(
+    changed: Changed, on: bool, named: bool
+) -> None:
+    """As behind a machine that stood still just before the end."""
+    inlets = [k for k, i in enumerate(changed.plan.inlets) if i.message == "slave_state_1"]
+    age = changed.own["inlets"]["age_ns"]
+    age[-30:-10, inlets] = age[-31, inlets] + 5_000_000 * np.arange(1, 21)[:, None]
+    changed.own["state"][-10:] = LifeState.STOPPING
+    if not on:
+        changed.own["serving"][-10:] &= ~np.uint64(1)
+    assert len(changed.said) == named
+
+
 @pytest.mark.parametrize(
     ("gain", "expected"), [(1.0, ""), (0.0, "follows nothing"), (-1.0, "turns the wrong way")]
 )

@@ -40,7 +40,6 @@ class RemotePort:
         self._methods: dict[str, Callable[..., Any]] = {
             "time": lambda: channel.time(port),
             "status": lambda: list(channel.state(port)),
-            "settle": lambda: None,
             "lost": lambda: port.lost,
             "load": channel.load,
             "sleep": channel.sleep,

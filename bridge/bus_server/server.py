@@ -74,8 +74,9 @@ class BusServer:
         token, thread = found
         try:
             if token:
-                with attended(self._attention, connection):
-                    self._leave(token, calls.receive_call())
+                while token in self._ports:
+                    with attended(self._attention, connection):
+                        self._hear(token, calls)
             else:
                 self._answer_all(connection, calls, thread)
         finally:
@@ -104,6 +105,19 @@ class BusServer:
         with suppress(OSError):  # its end is found next
             calls.send(["ok", opened if token else None])
         return token, "" if token else str(first[1])
+
+    def _hear(self, token: int, calls: CallSocket) -> None:
+        """Take a call of the connection that opened a bus: its end, or ``["settle", messages]``.
+
+        The latter is answered when so many messages to the bus have been taken.
+        """
+        call = calls.receive_call()
+        if call is None or call[0] != "settle" or not isinstance(call[-1], int):
+            self._leave(token, call)
+            return
+        self._ports[token].reach(call[-1])
+        with suppress(OSError):  # its end is found next
+            calls.send(["ok", None])
 
     def _leave(self, token: int, said: list[Any] | None) -> None:
         """Let the node of a bus leave that a client has closed; None: the client is gone."""

@@ -33,7 +33,12 @@ from bridge.simulated_can.protocol import (
     unpack_frame,
     unpack_message,
 )
-from bridge.simulated_can.thread_connection import connection_to, end_connections, settle
+from bridge.simulated_can.thread_connection import (
+    BusConnection,
+    connection_to,
+    end_connections,
+    settle,
+)
 from cosim.base.copies import asdict
 from cosim.bus.frames import ControllerState
 from cosim.bus.settings import Disturbance
@@ -59,13 +64,14 @@ class RemoteChannel:
     def __init__(self, channel: str, options: ChannelOptions, port: PortOptions) -> None:
         self._address = parse_address(channel)
         self.name = channel
-        self._main = CallSocket(connect(self._address))
+        calls = CallSocket(connect(self._address))
         said = {k: v for k, v in asdict(options).items() if k != "timing" and v is not None}
         if options.timing is not None:
             said["bitrate"] = options.timing.bitrate
         with suppress(OSError):  # then there is no answer
-            self._main.send(["open", self._address.channel, said, asdict(port)])
-        opened = self._value(self._main.receive())
+            calls.send(["open", self._address.channel, said, asdict(port)])
+        opened = self._value(calls.receive())
+        self._opened = BusConnection(calls)
         self._server, self._token, bitrate, data_bitrate, fd = opened
         self.timing = BusTiming(bitrate, data_bitrate, fd=fd)
         self._inbox: deque[can.Message] = deque()
@@ -139,13 +145,10 @@ class RemoteChannel:
         if before >= self._most or not connection.known:
             self._value(connection.ask("send", self._token, before, packed, timeout))
             return
-        refused = None
         try:
-            refused = connection.post(self._token, before, packed, self._address)
+            connection.post(self._token, before, packed, self._opened)
         except OSError:
             self._value(None)
-        if refused:
-            self._value(refused)
 
     def receive(self, wanted: Wanted | None, timeout: float | None) -> can.Message | None:
         """The oldest message, waiting up to `timeout` (s; None: for ever)."""
@@ -176,9 +179,7 @@ class RemoteChannel:
     def leave(self) -> None:
         """Leave the bus; what was queued is still sent."""
         settle(self._server, self._token)
-        with suppress(OSError):  # the server was first
-            self._main.send(["leave", self._sent])
-        self._main.close()
+        self._opened.leave(self._sent)
         end_connections(self._server, self._token)
 
 

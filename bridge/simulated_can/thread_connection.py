@@ -1,4 +1,4 @@
-"""The connections of this process to servers of buses: one for each thread and server."""
+"""The connections of this process to servers of buses: one a bus, and one a thread and server."""
 
 from __future__ import annotations
 
@@ -12,8 +12,28 @@ from threading import get_ident
 from typing import Any, NamedTuple, final
 from weakref import WeakSet
 
-from bridge.simulated_can.options import ChannelOptionError
 from bridge.simulated_can.protocol import BusAddress, CallSocket, connect
+
+
+@final
+class BusConnection:
+    """The connection that keeps a bus open; simulated time does not wait for it."""
+
+    def __init__(self, calls: CallSocket) -> None:
+        self._calls, self._lock = calls, threading.Lock()
+
+    def settle(self, messages: int) -> None:
+        """Wait until the server has taken so many messages to the bus, or is gone."""
+        with self._lock, suppress(OSError):
+            self._calls.send(["settle", messages])
+            self._calls.receive()
+
+    def leave(self, messages: int) -> None:
+        """Leave the bus behind so many messages."""
+        with self._lock:
+            with suppress(OSError):  # the server was first
+                self._calls.send(["leave", messages])
+            self._calls.close()
 
 
 class Posts(NamedTuple):
@@ -23,7 +43,7 @@ class Posts(NamedTuple):
     """That of the last one."""
     carrier: int
     """The number of the connection that carried it."""
-    address: BusAddress
+    bus: BusConnection
 
 
 @final
@@ -43,27 +63,10 @@ class ThreadConnection:
         self._number = next(_numbers)
 
     def ask(self, method: str, bus: int, after: int, *arguments: object) -> Any:
-        """The answer to a call behind so many messages of its bus; None if the server is gone.
-
-        If a message was refused that another connection carried, that is the answer.
-        """
-        refused = self._settle_others(bus) if _posted else None
+        """The answer to a call behind so many messages of its bus; None if the server is gone."""
+        if _posted:
+            self._settle_others(bus)
         self.known = True
-        return refused or self.exchange(method, bus, after, *arguments)
-
-    def post(self, bus: int, after: int, packed: list[Any], address: BusAddress) -> Any:
-        """Send a message without an answer; returns the error of an earlier one.
-
-        Raises OSError if the server is gone.
-        """
-        refused = self._settle_others(bus) if _posted else None
-        if not refused:
-            self.calls.send(("post", bus, after, packed))
-            _posted[self.server, bus] = Posts(after + 1, self._number, address)
-        return refused
-
-    def exchange(self, method: str, bus: int, after: int, *arguments: object) -> Any:
-        """The same as `ask`, whatever is on its way on other connections."""
         try:
             self.calls.send((method, bus, after, *arguments))
             answer = self.calls.receive()
@@ -73,18 +76,22 @@ class ThreadConnection:
             self._forget((self.server, bus), after)
         return answer
 
-    def _settle_others(self, bus: int) -> Any:
+    def post(self, bus: int, after: int, packed: list[Any], opened: BusConnection) -> None:
+        """Send a message without an answer. Raises OSError if the server is gone."""
+        if _posted:
+            self._settle_others(bus)
+        self.calls.send(("post", bus, after, packed))
+        _posted[self.server, bus] = Posts(after + 1, self._number, opened)
+
+    def _settle_others(self, bus: int) -> None:
         """Wait until servers have taken what other connections carried to other buses.
 
-        The calls of one bus are numbered, which is enough. Returns the error of a message.
+        The calls of one bus are numbered, which is enough.
         """
         own = (self.server, bus)
         for place, posts in tuple(_posted.items()):
             if posts.carrier != self._number and place != own:
-                refused = settle(*place)
-                if refused:
-                    return refused
-        return None
+                settle(*place)
 
     def _forget(self, called: tuple[str, int], after: int) -> None:
         """A server has taken so many messages to a bus, and all that this connection carried."""
@@ -94,25 +101,22 @@ class ThreadConnection:
                     del _posted[place]
 
 
+def settle(server: str, bus: int) -> None:
+    """Wait until a server has taken what was posted to a bus."""
+    posts = _posted.get((server, bus))
+    if posts is None:
+        return
+    posts.bus.settle(posts.number)
+    with _lock:
+        if _posted.get((server, bus)) is posts:
+            del _posted[server, bus]
+
+
 class _Here(threading.local):
     """The connections of this thread, by the name of the server."""
 
     def __init__(self) -> None:
         self.open: dict[str, ThreadConnection] = {}
-
-
-def settle(server: str, bus: int) -> Any:
-    """Wait until a server has taken what was posted to a bus; returns the error of a message."""
-    posts = _posted.get((server, bus))
-    if posts is None:
-        return None
-    answer = None
-    with suppress(ChannelOptionError):  # the server is gone
-        answer = connection_to(posts.address, server, bus).exchange("settle", bus, posts.number)
-    if answer is None:
-        _posted.pop((server, bus), None)
-        return None
-    return answer if answer[0] == "error" else None
 
 
 def connection_to(address: BusAddress, server: str, bus: int) -> ThreadConnection:

@@ -25,6 +25,7 @@ from bridge.simulated_can.bus import CosimBus
 from bridge.simulated_can.channel import Channel
 from bridge.simulated_can.options import ChannelOperationError, channel_options
 from bridge.simulated_can.protocol import CallSocket, parse_address
+from bridge.simulated_can.thread_connection import BusConnection
 from cosim.bus.settings import ScriptedError
 from cosim.bus.timing import BusTiming
 from tests.bridge.simulated_can.benches import everything, message
@@ -150,11 +151,11 @@ def test_what_a_thread_has_posted_to_a_bus_that_it_closed_is_sent_before_later_c
 def test_messages_that_are_taken_cost_later_calls_nothing(
     address: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Only the last message of the thread that ended, and the last one at all, were open."""
-    asked: list[str] = []
-    call = RemotePort.call
+    """Another thread asks for the last ones that are not known to be taken, and only for those."""
+    asked: list[int] = []
+    settle = BusConnection.settle
     monkeypatch.setattr(
-        RemotePort, "call", lambda port, *said: (asked.append(said[0]), call(port, *said))[-1]
+        BusConnection, "settle", lambda bus, n: (asked.append(n), settle(bus, n))[-1]
     )
     with CosimBus(address) as a, CosimBus(address) as b:
         in_thread(lambda: (a.send(message(1)), a.send(message(2))))
@@ -162,8 +163,13 @@ def test_messages_that_are_taken_cost_later_calls_nothing(
             b.recv(0)
             a.send(message(3))
         in_thread(lambda: b.recv(0))
-        said = [method for method in asked if method != "filter"]
-        assert said == ["send", "settle", *["receive"] * 9, "settle", "receive"]
+        assert asked == [2, 11]
+        a.send(message(3))
+        b.recv(0)
+        in_thread(lambda: (b.recv(0), a.send(message(4))))
+        a.recv(0)
+        b.recv(0)
+    assert asked == [2, 11]
 
 
 def test_threads_that_post_to_two_buses_at_once_lose_nothing() -> None:
@@ -182,6 +188,34 @@ def test_threads_that_post_to_two_buses_at_once_lose_nothing() -> None:
             thread.join(20)
         for other in others:
             assert [m.arbitration_id for m in everything(other)] == list(range(300))
+
+
+def test_time_does_not_wait_for_a_thread_that_has_left_its_bus_and_waited_for_messages_of_others(
+    posted: list[int],
+) -> None:
+    """Its wait for messages of another bus did not make it a participant there."""
+    buses = {"x": BusTiming(1e6), "y": BusTiming(1e6)}
+    left, over = threading.Event(), threading.Event()
+    with served_buses(buses, simulated=True) as names, CosimBus(names["x"]) as x:
+
+        def other() -> None:
+            with CosimBus(names["y"]) as y:
+                y.recv(0)
+            left.set()
+            over.wait(20)
+
+        def own() -> None:
+            x.send(message(1))
+            x.send(message(2))
+            thread.start()
+            left.wait(20)
+            x.sleep(1.0)
+
+        thread = threading.Thread(target=other, daemon=True)
+        in_thread(own)
+        over.set()
+        thread.join(20)
+    assert posted == [2]
 
 
 def test_time_waits_for_a_thread_that_has_only_sent(address: str, posted: list[int]) -> None:

@@ -31,6 +31,9 @@ MEMORY, FILES = 12, 16
 GARBAGE = 8
 #: Packages whose functions may cache; one with fewer results than MANY may hold a loaded library.
 OURS, MANY = ("bridge", "cosim", "fmus", "tests"), 6
+#: Caches that stay: a library stays loaded anyway, and the calls of a start that are kept with a
+#: description have the addresses of its functions, whose names are there.
+KEPT = {("cosim.fmi.library", "_loaded")}
 
 
 #: Settings of glibc: what is larger than 128 KiB is memory of its own, which goes when it is freed,
@@ -81,8 +84,10 @@ class Tidier:
 
 def forget(module: ModuleType, least: int = 1) -> None:
     """Clear what functions of a module have cached, where there are at least so many results."""
-    for value in list(vars(module).values()):
+    for name, value in list(vars(module).items()):
         if getattr(value, "__module__", "") != module.__name__ or not hasattr(value, "cache_clear"):
+            continue
+        if (module.__name__, name) in KEPT:
             continue
         if value.cache_info().currsize >= least:
             value.cache_clear()

@@ -8,6 +8,7 @@ import os
 import signal
 import subprocess
 import sys
+import tomllib
 import weakref
 from collections.abc import Callable
 from pathlib import Path
@@ -16,7 +17,10 @@ from types import ModuleType
 import pytest
 
 from bridge.realtime.requests import Realtime, enter
+from cosim.live.keys import movable
+from cosim.loading.files import load
 from tests import garbage
+from tests.bridge.deployments import TELEOPERATION
 from tests.children import FAILED, fork
 
 TESTS = Path(__file__).resolve().parents[1]
@@ -112,6 +116,15 @@ def test_many_results_of_helpers_go_where_a_process_has_grown(monkeypatch) -> No
     assert tidier.after(*files)
     assert (results(helper), results(library)) == (0, 1)
     assert not tidier.after(*files)
+
+
+def test_the_names_of_functions_stay_whose_addresses_do() -> None:
+    """Else a report was not live after the tests of many FMUs: the calls of its start were kept."""
+    recorded = load(TELEOPERATION).run.record.signals
+    document = tomllib.loads(TELEOPERATION.read_text("utf-8"))
+    for _ in range(2):
+        assert movable(document, TELEOPERATION, recorded).keys
+        garbage.forget(sys.modules["cosim.fmi.library"])
 
 
 class Left:

@@ -113,7 +113,8 @@ class CheckpointKeeper:
             "tick": engine.tick, "time": engine.plan.time(engine.tick), "given": self._given,
             "facts": json.loads(json_data(self._facts)), "resumed": self._number,
             "wall": self.before + self._running(), "columns": len(rows.rest),
-            "written": rows.written, "interval": (self._interval.time, self._interval.simulated),
+            "written": rows.written, "group": rows.group,
+            "interval": (self._interval.time, self._interval.simulated),
         }  # fmt: skip
         blobs = {**state.save(engine), "rest": rows.rest.tobytes()}
         self.size = archive.write(self._folder, Checkpoint(facts, blobs))

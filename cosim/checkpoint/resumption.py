@@ -27,7 +27,6 @@ from cosim.record.folder import (
     read_metadata,
     reason,
 )
-from cosim.record.groups import group_rows
 from cosim.record.live import Rows
 from cosim.record.pages import groups
 from cosim.schedule.plan import Plan
@@ -139,7 +138,7 @@ class Resumption:
     def groups(self) -> Iterator[Rows]:
         """The full row groups before the checkpoint, (columns + 1, rows). Raises ScenarioError."""
         columns = self.found.facts["columns"]
-        rows = group_rows(columns - 1)
+        rows = self.found.facts["group"]
         return groups(self._rows, columns, rows, self.found.facts["written"] // rows)
 
 

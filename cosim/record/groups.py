@@ -41,14 +41,24 @@ SETTINGS: Mapping[str, Any] = {
 }
 #: Values in a row group, at most (4 MiB), and the limits of its rows.
 _GROUP_VALUES, _GROUP_LEAST, _GROUP_MOST = 1 << 19, 1 << 10, 1 << 16
+#: The row groups of a long recording are larger, up to so many values (64 MiB) and rows, so that
+#: there are not many: a column of a row group takes 2 KB of memory in who writes or reads the file.
+_MANY, _LARGE_VALUES, _LARGE_MOST = 256, 1 << 23, 1 << 17
 _BUFFER = 1 << 20  # bytes on their way to the file
 _TYPES = {np.dtype(np.float64): "float64", np.dtype(np.int32): "int32"}
 
 
-def group_rows(n_columns: int) -> int:
-    """Rows in a full row group of `n_columns` signals: a power of two near 4 MiB."""
+def group_rows(n_columns: int, expected: int = 0) -> int:
+    """Rows in a full row group of `n_columns` signals: a power of two near 4 MiB.
+
+    It is up to 16 times as much where so many rows are `expected` that there would be very many.
+    """
     fit = _GROUP_VALUES // (n_columns + 1)
-    return max(_GROUP_LEAST, min(_GROUP_MOST, 1 << (max(fit, 1).bit_length() - 1)))
+    rows = max(_GROUP_LEAST, min(_GROUP_MOST, 1 << (max(fit, 1).bit_length() - 1)))
+    largest = min(_LARGE_MOST, _LARGE_VALUES // (n_columns + 1))
+    while _MANY * rows < expected and 2 * rows <= largest:
+        rows *= 2
+    return rows
 
 
 def schema(columns: Sequence[Column], h: float, every: int, metadata: Mapping[str, str]) -> Any:
@@ -70,11 +80,12 @@ def batch(values: NDArray[np.float64], fields: Any) -> Any:
 
 
 class RecordedRows(Struct, frozen=True):
-    """A recording at one moment: `written` rows are in full row groups of its file; `rest`
-    (columns + 1, k): those after them, row 0 is t.
+    """A recording at one moment: `written` rows are in full row groups of its file, of `group` rows
+    each; `rest` (columns + 1, k): those after them, row 0 is t.
     """
 
     written: int
+    group: int
     rest: Rows
 
 
@@ -82,7 +93,7 @@ class GroupWriter:
     """One Parquet file: ``t`` and the columns, every `every`-th tick and the last one.
 
     `sparse`: other rows than these are not filled in, and the last one only where that is said.
-    `start`: the time of tick 0, s.
+    `start`: the time of tick 0, s; `group`: rows of a row group, 0: as usual.
 
     Boundaries of row groups depend on the number of rows only, so the same rows give the same
     bytes however they were cut into chunks. Not thread-safe; errors of the file pass through.
@@ -99,13 +110,14 @@ class GroupWriter:
         live: Live | None = None,
         sparse: bool = False,
         start: float = 0.0,
+        group: int = 0,
     ) -> None:
         import pyarrow as pa
         import pyarrow.parquet as pq
 
         self._every, self._sparse = every, sparse
         self._index = np.array([column.index for column in columns], dtype=np.int64)
-        self._rows = group_rows(len(columns))
+        self._rows = group or group_rows(len(columns))
         self._counts = np.zeros(2, np.int64)  # rows written, rows in the group
         self._group = np.empty((len(columns) + 1, self._rows)) if live is None else live.group
         if live is not None:
@@ -126,7 +138,7 @@ class GroupWriter:
         with open(self._path, "rb") as file:
             os.fsync(file.fileno())
         written, filled = (int(n) for n in self._counts)
-        return RecordedRows(written, self._group[:, :filled].copy())
+        return RecordedRows(written, self._rows, self._group[:, :filled].copy())
 
     def take(self, groups: Iterable[Rows], rest: Rows) -> None:
         """Begin with rows of an earlier recording: full row groups (columns + 1, rows), and the

@@ -6,12 +6,14 @@ import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
+import pyarrow.parquet as pq
 import pytest
 
 from cosim.checkpoint import CheckpointInterval, CheckpointKeeper, Resumption
 from cosim.engine import simulate as simulation
 from cosim.engine.simulate import Execution, simulate
 from cosim.loading.files import load
+from cosim.record import groups
 from cosim.scenario.spec import Scenario
 from tests.bridge.zenoh.rehearsed import CONFIGS
 from tests.cosim.checkpoint.cuts import built, contents, kept, resumed, same_after_cuts
@@ -36,6 +38,17 @@ CASES = {
 def test_configs(tmp_path: Path, name: str) -> None:
     file, *settings = CASES[name]
     same_after_cuts(tmp_path, lambda: load(CONFIGS / file, settings))
+
+
+def test_the_larger_row_groups_of_a_long_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for limit, rows in (("_GROUP_LEAST", 8), ("_GROUP_MOST", 64), ("_MANY", 8)):
+        monkeypatch.setattr(groups, limit, rows)
+    file, *settings = CASES["teleoperation"]
+    same_after_cuts(tmp_path, lambda: load(CONFIGS / file, settings))
+    found = pq.ParquetFile(tmp_path / "whole" / "trajectories.parquet").metadata
+    assert found.row_group(0).num_rows == 512
 
 
 @pytest.mark.parametrize("threads", [1, 2])

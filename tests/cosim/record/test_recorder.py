@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import shutil
 import threading
 from collections.abc import Iterator
 from pathlib import Path
@@ -147,6 +148,42 @@ def test_columns_are_taken_from_any_places(
     assert table["t"].to_pylist() == (0.1 + ticks * H).tolist()
     for column in columns:
         assert table[column.name].to_pylist() == rows[ticks - 5, column.index].tolist()
+
+
+@pytest.mark.parametrize(("expected", "size"), [(0, 8), (16, 8), (17, 16), (64, 32), (10**6, 32)])
+def test_row_groups_of_a_long_recording_are_larger(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, expected: int, size: int
+) -> None:
+    """At most two of them here, and at most 128 values in one; those of a recovery, too."""
+    for name, value in (("_MANY", 2), ("_LARGE_VALUES", 128)):
+        monkeypatch.setattr(groups, name, value)
+    rows = signals(50)
+    recorder = Recorder(tmp_path / "run", COLUMNS, h=H, n_signals=SIGNALS, expected=expected)
+    buffer = recorder.buffer()
+    buffer[:50] = rows
+    recorder.submit(buffer, 0, 50)
+    recorder.settle()
+    with pytest.warns(CutShort):
+        recovered = Run.open(shutil.copytree(tmp_path / "run", tmp_path / "killed"))
+    recorder.close()
+    sizes = [size] * (50 // size) + [50 % size]
+    for run in (recovered, Run.open(tmp_path / "run")):
+        found = run._file.metadata
+        assert [found.row_group(i).num_rows for i in range(found.num_row_groups)] == sizes
+        assert np.array_equal(run.array("a.q"), rows[:, [2, 0]])
+
+
+@pytest.mark.parametrize(
+    ("columns", "expected", "rows"),
+    [(43, 60_001, 1 << 13), (43, 10**6, 1 << 13), (43, 10**7, 1 << 16), (43, 10**8, 1 << 17),
+     (3, 10**8, 1 << 17), (3000, 10**8, 1 << 11), (10**5, 10**8, 1 << 10), (0, 10**8, 1 << 17)],
+)  # fmt: skip
+def test_sizes_of_row_groups(columns: int, expected: int, rows: int) -> None:
+    """At most 64 MiB, and at most 800 of them, where that is possible."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(groups, "_GROUP_LEAST", 1 << 10)
+        patch.setattr(groups, "_GROUP_MOST", 1 << 16)
+        assert groups.group_rows(columns, expected) == rows
 
 
 def test_flight_recorder_is_saved_with_any_columns(tmp_path: Path) -> None:

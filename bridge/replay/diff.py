@@ -278,8 +278,26 @@ def _differences(
     steps: Mapping[str, float],
     tolerance: float | None,
 ) -> Iterator[SignalDifference]:
-    """The difference in each signal; `steps`: of their quantization, `period`: of the bounds, s."""
+    """The difference in each signal; `steps`: of their quantization, `period`: of the bounds, s.
+
+    So many signals are compared at once as are read in no more than a piece.
+    """
     within = rows_within(common.rows, common.last - common.first, period)
+    most = min(a.columns_at_once, b.columns_at_once)
+    for at in range(0, len(names), most):
+        yield from _compared(a, b, common, names[at : at + most], within, steps, tolerance)
+
+
+def _compared(
+    a: Run,
+    b: Run,
+    common: CommonTime,
+    names: Sequence[str],
+    within: int,
+    steps: Mapping[str, float],
+    tolerance: float | None,
+) -> Iterator[SignalDifference]:
+    """The difference in each of some signals; `within`: the rows of a period of the bounds."""
     apart = {name: _Apart(common.rows, within) for name in names}
     for t, x, y in together(a, b, common, names):
         for name, one in apart.items():

@@ -95,8 +95,9 @@ class GroupWriter:
     `sparse`: other rows than these are not filled in, and the last one only where that is said.
     `start`: the time of tick 0, s; `group`: rows of a row group, 0: as usual.
 
-    Boundaries of row groups depend on the number of rows only, so the same rows give the same
-    bytes however they were cut into chunks. Not thread-safe; errors of the file pass through.
+    Boundaries of row groups depend on the number of rows and on `group` only, so the same rows give
+    the same bytes however they were cut into chunks. Not thread-safe; errors of the file pass
+    through.
     """
 
     def __init__(

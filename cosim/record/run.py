@@ -207,6 +207,13 @@ class Run:
         return found
 
     @property
+    def columns_at_once(self) -> int:
+        """Columns, one at least, of which a row group is no more than a piece, with its times."""
+        metadata = self._file.metadata
+        rows = metadata.row_group(0).num_rows if metadata.num_row_groups else 0
+        return max(1, PIECE // max(1, rows) - 1)
+
+    @property
     def is_long(self) -> bool:
         """True if the run is read in pieces."""
         return len(self) * len(self.units) > PIECE

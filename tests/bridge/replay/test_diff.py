@@ -14,6 +14,7 @@ from typer.testing import CliRunner
 
 from bridge.cli.diff import diff, lines
 from bridge.replay import aligned
+from bridge.replay import diff as comparing
 from bridge.replay.aligned import Changes, rows_within
 from bridge.replay.diff import compare_runs
 from bridge.replay.page import write_diff_page, write_junit
@@ -174,7 +175,12 @@ def test_a_comparison_does_not_depend_on_pieces(tmp_path, monkeypatch, values, e
     expected = compare_runs(a, b)
     read_in_pieces(monkeypatch, values)
     monkeypatch.setattr(aligned, "VALUES", values)
+    read = []
+    monkeypatch.setattr(
+        comparing, "together", lambda *x: [read.append(x[3]), aligned.together(*x)][1]
+    )
     assert compare_runs(a, b) == expected
+    assert max(map(len, read)) == (1 if values == 1 else 3)
     monkeypatch.undo()
     rows = np.unique([*range(0, 5000, every), 4999])  # the last one is always there
     n = rows_within(len(rows), 499.9, 0.1 * every)

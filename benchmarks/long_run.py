@@ -7,9 +7,10 @@ Each command is a process of its own, of which the peak of resident memory and t
 measured. The recording of 1e8 rows takes some 3 GB, and an exported file up to 6 GB, beside the
 current folder; they are deleted afterwards.
 
-On request also `compare` (two controllers, `rows` looks of each link, each hundredth row recorded)
-and, of a rehearsal in lock-step with `rows` slots of two nodes (832 bytes of journals a slot),
-`rehearse`, `replay` and `offline` (`replay --offline`).
+On request also `arms`, a run of two arms with 42 signals in a row (8.7 GB for 1e8 rows), with
+`arms-report`, `arms-show`, `arms-diff` and `arms-parquet`; `compare` (two controllers, `rows` looks
+of each link, each hundredth row recorded); and, of a rehearsal in lock-step with `rows` slots of
+two nodes (832 bytes of journals a slot), `rehearse`, `replay` and `offline` (`replay --offline`).
 """
 
 from __future__ import annotations
@@ -78,6 +79,11 @@ CALLS = {
     "compare": ["compare", TWO_ARMS, "--controllers", "pd,p+d", "--operators", "light", "--links",
                 "paper", "--jobs", "1", "--no-plot", "--set", "run.step=5 ms", "--set",
                 "run.stop={looks_s} s", "--set", "run.record.every=100", "--out", "{folder}/table"],
+    "arms": ["run", TWO_ARMS, "--no-plot", "--set", "run.stop={count_s} s", "--out", "{arms}"],
+    "arms-report": ["report", "{arms}"],
+    "arms-show": ["show", "{arms}"],
+    "arms-diff": ["diff", "{arms}", "{arms}"],
+    "arms-parquet": ["export", "{arms}", "--to", "{folder}/copy.parquet"],
     "rehearse": ["rehearse", TWO_ARMS, "--deploy", "zenoh", "--clock", "lockstep", "--no-plot",
                  "--set", "run.stop={slots_s} s", "--out", "{folder}/nodes"],
     "replay": ["replay", "{folder}/nodes"],
@@ -85,6 +91,7 @@ CALLS = {
 }  # fmt: skip
 #: What has to be there before a command; `run` before all others.
 BEFORE = {"run": [], "compare": [], "rehearse": [], "replay": ["rehearse"], "offline": ["rehearse"]}
+BEFORE |= {name: ["arms"] if "-" in name else [] for name in CALLS if name.startswith("arms")}
 
 
 def measured(words: list[str]) -> dict[str, Any]:
@@ -129,6 +136,7 @@ def rows(count: int, commands: list[str]) -> list[dict[str, Any]]:
         scenario = Path(folder) / "long.toml"
         scenario.write_text(SCENARIO.format(stop=(count - 1) / 1000), encoding="utf-8")
         names = {"scenario": str(scenario), "run": f"{folder}/run", "folder": folder,
+                 "arms": f"{folder}/arms", "count_s": f"{(count - 1) * 0.001:.15g}",
                  "looks_s": f"{count * 0.005:g}", "slots_s": f"{count * 0.001:g}"}  # fmt: skip
         wanted = [x for command in commands for x in (*BEFORE.get(command, ["run"]), command)]
         for command in dict.fromkeys(wanted):

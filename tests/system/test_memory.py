@@ -114,9 +114,13 @@ def test_an_interrupted_recording_is_read_in_little_memory(tmp_path: Path) -> No
 def test_a_long_recording_is_read_in_little_memory(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """10^7 rows, which take 240 MB as whole columns, and more in sums over them."""
+    """10^7 rows, which take 240 MB as whole columns, and more in sums over them.
+
+    With 42 signals each, their row groups alone would take 50 MB in whoever reads them.
+    """
     monkeypatch.chdir(tmp_path)
     commands = ["run", "report", "png", "show", "diff", "analyze", "mat", "csv", "parquet"]
+    commands += ["arms", "arms-report", "arms-show", "arms-diff", "arms-parquet"]
     for row in rows(10_000_000, commands):
         assert row["exit"] == 0
         assert 30 < row["mb"] < GOAL, row

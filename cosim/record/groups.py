@@ -42,7 +42,7 @@ SETTINGS: Mapping[str, Any] = {
 #: Values in a row group, at most (4 MiB), and the limits of its rows.
 _GROUP_VALUES, _GROUP_LEAST, _GROUP_MOST = 1 << 19, 1 << 10, 1 << 16
 #: The row groups of a long recording are larger, up to so many values (64 MiB) and rows, so that
-#: there are not many: a column of a row group takes 2 KB of memory in who writes or reads the file.
+#: there are not many: a column of a row group takes 2 KB of memory in whoever writes or reads it.
 _MANY, _LARGE_VALUES, _LARGE_MOST = 256, 1 << 23, 1 << 17
 _BUFFER = 1 << 20  # bytes on their way to the file
 _TYPES = {np.dtype(np.float64): "float64", np.dtype(np.int32): "int32"}

@@ -192,12 +192,17 @@ class Run:
         yield RunPiece(self, columns["t"], columns)
 
     def _read(self, groups: list[int], names: list[str]) -> dict[str, Array]:
-        """Columns of row groups. Raises ScenarioError."""
-        try:
-            table = self._file.read_row_groups(groups, columns=names, use_threads=False)
-        except (OSError, ValueError) as error:
-            raise ScenarioError(f"cannot be read: {reason(error)}", str(self.path)) from error
-        return {name: numpy(table.column(name), np.float64) for name in names}
+        """Columns of row groups, read a piece at a time. Raises ScenarioError."""
+        rows = sum(self._file.metadata.row_group(group).num_rows for group in groups)
+        most, found = max(1, PIECE // max(1, rows)), dict[str, Array]()
+        for at in range(0, len(names), most):
+            some = names[at : at + most]
+            try:
+                table = self._file.read_row_groups(groups, columns=some, use_threads=False)
+            except (OSError, ValueError) as error:
+                raise ScenarioError(f"cannot be read: {reason(error)}", str(self.path)) from error
+            found |= {name: numpy(table.column(name), np.float64) for name in some}
+        return found
 
     def once(self, of: Hashable, compute: Callable[[], T]) -> T:
         """The result of `compute` from the trajectories, computed at the first request for `of`."""

@@ -86,7 +86,7 @@ def write_trajectories(system: System, rows: Mapping[Life, Rows], folder: Path) 
         every=scenario.run.record.every,
         rows_per_chunk=CHUNK,
         n_signals=plan.n_signals,
-        expected=ticks // scenario.run.record.every,
+        ticks=ticks,
     ) as recorder:
         for first in range(0, ticks, CHUNK):
             n = min(CHUNK, ticks - first)

@@ -234,7 +234,7 @@ def simulate(
         recorder = Recorder(
             folder, recorded, h=plan.h, start=plan.start, every=scenario.run.record.every,
             rows_per_chunk=rows, n_signals=width, everything=everything, sparse=taken is not None,
-            expected=plan.ticks // scenario.run.record.every,
+            ticks=plan.ticks,
         )  # fmt: skip
         stack.enter_context(recorder)
         watch = stopwatch()

@@ -93,10 +93,10 @@ class GroupWriter:
     """One Parquet file: ``t`` and the columns, every `every`-th tick and the last one.
 
     `sparse`: other rows than these are not filled in, and the last one only where that is said.
-    `start`: the time of tick 0, s; `group`: rows of a row group, 0: as usual.
+    `start`: the time of tick 0, s; `live`: has the row group that is filled, of its size.
 
-    Boundaries of row groups depend on the number of rows and on `group` only, so the same rows give
-    the same bytes however they were cut into chunks. Not thread-safe; errors of the file pass
+    Boundaries of row groups depend on the number of rows and on that size only, so the same rows
+    give the same bytes however they were cut into chunks. Not thread-safe; errors of the file pass
     through.
     """
 
@@ -111,18 +111,17 @@ class GroupWriter:
         live: Live | None = None,
         sparse: bool = False,
         start: float = 0.0,
-        group: int = 0,
     ) -> None:
         import pyarrow as pa
         import pyarrow.parquet as pq
 
         self._every, self._sparse = every, sparse
         self._index = np.array([column.index for column in columns], dtype=np.int64)
-        self._rows = group or group_rows(len(columns))
-        self._counts = np.zeros(2, np.int64)  # rows written, rows in the group
-        self._group = np.empty((len(columns) + 1, self._rows)) if live is None else live.group
-        if live is not None:
-            self._counts = live.counts
+        n = len(columns)
+        self._group = np.empty((n + 1, group_rows(n))) if live is None else live.group
+        self._rows = self._group.shape[1]
+        # rows written, rows in the group
+        self._counts = np.zeros(2, np.int64) if live is None else live.counts
         self._columns = RecordingStruct(
             columns=self._group.ctypes.data, room=self._rows, n_columns=len(columns),
             index=self._index.ctypes.data, every=every, h=h, start=start,

@@ -46,8 +46,8 @@ class Recorder(Closing):
     the process was killed (:mod:`cosim.record.recover`).
 
     `columns`: what is recorded, in this order. `h`: base step, s. `start`: the time of tick 0, s.
-    `every`: ticks k with k mod every = 0 are kept, and the last one. `expected`: about how many
-    these are, by which row groups have their size; 0: not known. `rows_per_chunk`: rows (ticks) of
+    `every`: ticks k with k mod every = 0 are kept, and the last one. `ticks`: how many are expected
+    in all, by which row groups have their size; 0: not known. `rows_per_chunk`: rows (ticks) of
     a buffer. `keep`: ticks the flight recorder reaches back, at least, if chunks are handed in full
     or a row short of it; the buffers (three or more) are at least as many as that takes.
     `sparse`: only rows that are kept are filled in, and the flight recorder has no others.
@@ -73,7 +73,7 @@ class Recorder(Closing):
         metadata: Mapping[str, str] | None = None,
         everything: Sequence[Column] = (),
         sparse: bool = False,
-        expected: int = 0,
+        ticks: int = 0,
     ) -> None:
         _check(columns, h, n_signals, rows_per_chunk, every, keep)
         self.path = Path(folder) / TRAJECTORIES
@@ -94,8 +94,8 @@ class Recorder(Closing):
         )
         layout = RecordLayout(
             self._columns, h, every, n_signals, rows_per_chunk, self._buffers,
-            group_rows(len(columns), expected), metadata or {}, tuple(everything), self._sparse,
-            start,
+            group_rows(len(columns), ticks // every), metadata or {}, tuple(everything),
+            self._sparse, start,
         )  # fmt: skip
         self._live, self._writer = self._create(layout)
         self._chunks = list(self._live.chunks)
@@ -122,7 +122,6 @@ class Recorder(Closing):
             writer = GroupWriter(
                 folder / PART, layout.columns, h=layout.h, every=layout.every,
                 metadata=layout.metadata, live=live, sparse=layout.sparse, start=layout.start,
-                group=layout.group,
             )  # fmt: skip
         except OSError as error:
             live.release()

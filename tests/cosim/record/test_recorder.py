@@ -150,15 +150,15 @@ def test_columns_are_taken_from_any_places(
         assert table[column.name].to_pylist() == rows[ticks - 5, column.index].tolist()
 
 
-@pytest.mark.parametrize(("expected", "size"), [(0, 8), (16, 8), (17, 16), (64, 32), (10**6, 32)])
+@pytest.mark.parametrize(("ticks", "size"), [(0, 8), (16, 8), (17, 16), (64, 32), (10**6, 32)])
 def test_row_groups_of_a_long_recording_are_larger(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, expected: int, size: int
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ticks: int, size: int
 ) -> None:
     """At most two of them here, and at most 128 values in one; those of a recovery, too."""
     for name, value in (("_MANY", 2), ("_LARGE_VALUES", 128)):
         monkeypatch.setattr(groups, name, value)
     rows = signals(50)
-    recorder = Recorder(tmp_path / "run", COLUMNS, h=H, n_signals=SIGNALS, expected=expected)
+    recorder = Recorder(tmp_path / "run", COLUMNS, h=H, n_signals=SIGNALS, ticks=ticks)
     buffer = recorder.buffer()
     buffer[:50] = rows
     recorder.submit(buffer, 0, 50)

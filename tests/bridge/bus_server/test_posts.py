@@ -72,6 +72,12 @@ def in_thread(action: Callable[[], object]) -> None:
     assert not thread.is_alive()
 
 
+def several(bus: CosimBus, count: int = 9, timeout: float | None = None) -> None:
+    """Send messages with the identifiers from 0 on."""
+    for i in range(count):
+        bus.send(message(i), timeout)
+
+
 def test_only_a_message_without_room_waits_for_the_server(address: str, posted: list[int]) -> None:
     with CosimBus(address, tx_queue_size=4) as a, CosimBus(address) as b:
         for i in range(4):
@@ -100,16 +106,11 @@ def test_what_a_thread_that_ended_has_posted_is_sent_before_later_calls_for_othe
     address: str, posted: list[int]
 ) -> None:
     """The server still has most of the messages to take when the thread ends."""
-
-    def several() -> None:
-        for i in range(9):
-            a.send(message(i))
-
     with CosimBus(address) as a, CosimBus(address) as b:
-        in_thread(several)
+        in_thread(lambda: several(a))
         assert len(posted) < 4
         assert [m.arbitration_id for m in everything(b, MILLISECOND)] == list(range(9))
-        in_thread(several)
+        in_thread(lambda: several(a))
         b.send(message(9))
         assert [m.arbitration_id for m in everything(b, MILLISECOND)] == list(range(9))
         assert [m.arbitration_id for m in everything(a, MILLISECOND)] == [9]
@@ -118,12 +119,8 @@ def test_what_a_thread_that_ended_has_posted_is_sent_before_later_calls_for_othe
 def test_what_a_thread_posts_while_another_waits_is_sent_before_the_next_call(
     address: str, posted: list[int]
 ) -> None:
-    def several() -> None:
-        for i in range(9):
-            a.send(message(i))
-
     with CosimBus(address) as a, CosimBus(address) as b:
-        thread = threading.Thread(target=several, daemon=True)
+        thread = threading.Thread(target=several, args=(a,), daemon=True)
         threading.Timer(0.2, thread.start).start()
         first = b.recv(None)
         thread.join(20)
@@ -136,13 +133,8 @@ def test_what_a_thread_posts_while_another_waits_is_sent_before_the_next_call(
 def test_what_a_thread_has_posted_to_a_bus_that_it_closed_is_sent_before_later_calls(
     address: str, posted: list[int]
 ) -> None:
-    def several() -> None:
-        for i in range(9):
-            a.send(message(i))
-        a.shutdown()
-
     with CosimBus(address) as a, CosimBus(address) as b:
-        in_thread(several)
+        in_thread(lambda: (several(a), a.shutdown()))
         assert len(posted) == 8
         time.sleep(0.1)  # the server has let the node go
         assert [m.arbitration_id for m in everything(b, MILLISECOND)] == list(range(9))
@@ -176,12 +168,9 @@ def test_threads_that_post_to_two_buses_at_once_lose_nothing() -> None:
     buses = {"x": BusTiming(1e6), "y": BusTiming(1e6)}
     with served_buses(buses, simulated=True) as names, ExitStack() as stack:
         x, y, *others = (stack.enter_context(CosimBus(names[name])) for name in "xyxy")
-
-        def several(bus: CosimBus) -> None:
-            for i in range(300):
-                bus.send(message(i), timeout=1)
-
-        threads = [threading.Thread(target=several, args=(bus,), daemon=True) for bus in (x, y)]
+        threads = [
+            threading.Thread(target=several, args=(bus, 300, 1.0), daemon=True) for bus in (x, y)
+        ]
         for thread in threads:
             thread.start()
         for thread in threads:

@@ -171,7 +171,7 @@ def test_a_drive_that_was_silent_at_the_end_is_named(
 def test_a_drive_that_tells_that_it_is_on_while_its_node_stops_is_not_named(
     changed: Changed, on: bool, named: bool
 ) -> None:
-    """As behind a machine that stood still just before the end."""
+    """The machine stood still just before the end, and the drive could not tell anything."""
     inlets = [k for k, i in enumerate(changed.plan.inlets) if i.message == "slave_state_1"]
     age = changed.own["inlets"]["age_ns"]
     age[-30:-10, inlets] = age[-31, inlets] + 5_000_000 * np.arange(1, 21)[:, None]

@@ -90,8 +90,11 @@ CALLS = {
     "offline": ["replay", "{folder}/nodes", "--offline"],
 }  # fmt: skip
 #: What has to be there before a command; `run` before all others.
-BEFORE = {"run": [], "compare": [], "rehearse": [], "replay": ["rehearse"], "offline": ["rehearse"]}
-BEFORE |= {name: ["arms"] if "-" in name else [] for name in CALLS if name.startswith("arms")}
+BEFORE = {
+    "run": [], "compare": [], "arms": [], "rehearse": [],
+    "arms-report": ["arms"], "arms-show": ["arms"], "arms-diff": ["arms"], "arms-parquet": ["arms"],
+    "replay": ["rehearse"], "offline": ["rehearse"],
+}  # fmt: skip
 
 
 def measured(words: list[str]) -> dict[str, Any]:

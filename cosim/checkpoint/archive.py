@@ -18,7 +18,7 @@ from cosim.base.errors import RunError, ScenarioError
 from cosim.record.folder import reason
 
 LATEST, PREVIOUS = "latest", "previous"
-_MAGIC = b"cosim checkpoint 1\n"
+_MAGIC = b"cosim checkpoint 2\n"
 _PART = "latest.part"
 
 
